@@ -123,7 +123,7 @@ def known(repeats):
             one, _, flown = subset_simulation.estimate(
                 limit, d, lambda what: generator(seed, what), FLIGHTS
             )
-            return one.known, one.interval, flown, subset_simulation.remarks(one)
+            return one.known, one.interval, flown, subset_simulation.estimate_warnings(one)
 
         tell(name, repeat, repeats)
     for coefficient in (0.0, 0.8):

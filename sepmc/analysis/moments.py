@@ -45,7 +45,7 @@ class Group(NamedTuple):
         return cls(n, *ends, infinite, x.size, scale, mean, powers)
 
 
-class Groups(list[Group]):
+class GroupList(list[Group]):
     """Groups of the values of one outcome, for `Moments` to take one after the other."""
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:

@@ -23,12 +23,12 @@ from sepmc.analysis.variance_indices import (
     ESTIMATORS,
     PATTERNED,
     PLAN,
-    by_few_cases,
-    groups_of,
-    independent,
-    of_groups,
-    of_order,
-    of_values,
+    few_cases_warning,
+    grouped_index,
+    independent_rows,
+    ordered_index,
+    saltelli_groups,
+    saltelli_indices,
 )
 from sepmc.scene.model import SALTELLI
 
@@ -69,7 +69,7 @@ def input_sensitivities(
     indices : whether to compute indices, which take longest
     correlated : inputs that are known to vary together, group by group
     within : how far values may be apart by numerical error, if it is known that none are further
-        (`sepmc.analysis.constant_outcomes.reach`)
+        (`sepmc.analysis.constant_outcomes.max_spread`)
 
     Returns
     -------
@@ -109,7 +109,7 @@ def input_sensitivities(
     table = pd.DataFrame(np.nan, index=pd.Index(names, name="input"), columns=list(COLUMNS))
     known, outcomes = x[varied][:, there], y[there]
     if sampler == SALTELLI:
-        apart = independent(cases, len(inputs), sampler)
+        apart = independent_rows(cases, len(inputs), sampler)
         known, outcomes = x[varied][:, there & apart], y[there & apart]
         if not len(outcomes) or outcomes.min() == outcomes.max():
             raise ValueError(f"{outcome}: does not vary in cases that do not repeat each other")
@@ -128,7 +128,7 @@ def input_sensitivities(
         said = PATTERNED.format(what="run.plan" if sampler == PLAN else "what the cases give")
     elif indices and valid.first == BY_ROWS:
         _by_rows(table, known, outcomes, few)
-    if table["first"].notna().any() and (unsure := by_few_cases(known[few], outcomes)):
+    if table["first"].notna().any() and (unsure := few_cases_warning(known[few], outcomes)):
         table[_ENDS] = np.nan
         said = unsure
     table.attrs["said"] = said if indices else ""
@@ -196,7 +196,7 @@ def _tails(x: np.ndarray, y: np.ndarray, of_few: bool) -> tuple[float, float, fl
 
 def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, few: np.ndarray) -> None:
     """First-order indices from independent cases, of inputs of ``few`` values (d,) or many."""
-    estimators = [of_values if of_few else of_order for of_few in few]
+    estimators = [grouped_index if of_few else ordered_index for of_few in few]
     found = np.array([of(row, y) for of, row in zip(estimators, x, strict=True)])
     _put(table, "first", *found.T)
 
@@ -207,10 +207,10 @@ def _by_saltelli(
     """First-order and total indices from whole groups of a Saltelli design. Returns what is to be
     said of it."""
     try:
-        groups = groups_of(numbers, x, y)
+        groups = saltelli_groups(numbers, x, y)
     except ValueError as error:
         return f"first-order and total indices are not given: {error}"
-    first, total = of_groups(groups)
+    first, total = saltelli_indices(groups)
     _put(table, "first", *first[:, varied])
     _put(table, "total", *total[:, varied])
     left = groups.left_out

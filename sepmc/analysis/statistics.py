@@ -448,7 +448,7 @@ def render_summary(
         to two.
     """
     parts = [_counts_line(counts, width)]
-    for lines in (render_proportions(stats), constant_outcomes.lines(stats, units)):
+    for lines in (render_proportions(stats), constant_outcomes.render_constants(stats, units)):
         parts += ["\n".join(f"  {line}" for line in lines)] if lines else []
     stats = stats[~_are_shares(stats)]
     varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
@@ -460,7 +460,7 @@ def render_summary(
             "the two outermost values."
         )
         parts.append(fill(said, width))
-    stats = constant_outcomes.settled(stats)
+    stats = constant_outcomes.with_constant_values(stats)
     compared = (
         stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)]
         if "ref_mean" in stats
@@ -506,7 +506,7 @@ def column_groups(
     stats: pd.DataFrame, units: Mapping[str, str] | None
 ) -> list[tuple[str, dict[str, list[str]]]]:
     """The main table of `statistics` in text: columns as (heading, {column: cells})."""
-    stats = constant_outcomes.settled(stats)
+    stats = constant_outcomes.with_constant_values(stats)
 
     def column(name: str) -> list[str]:
         return [

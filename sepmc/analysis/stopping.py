@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.constant_outcomes import known_value
+from sepmc.analysis.constant_outcomes import round_to_error
 from sepmc.analysis.proportions import CONFIDENCE, binomial_interval
 from sepmc.analysis.rare_values import Occurrence, RareValue, undersampled
 from sepmc.analysis.statistics import PERCENTILES, student_half_width
@@ -99,12 +99,12 @@ class StoppingRule:
     ) -> InterimEstimate:
         """What the cases of a ``summary`` show, if there are at most so many ``looks`` at growing
         numbers of them, and rare values occurred as ``found``. Values of a constant outcome lie
-        ``within`` so much of each other (`sepmc.analysis.constant_outcomes.reach`): its intervals
-        are those of its numerical error."""
+        ``within`` so much of each other (`sepmc.analysis.constant_outcomes.max_spread`): its
+        intervals are those of its numerical error."""
         value, low, high = self.known(summary, 1.0 - (1.0 - CONFIDENCE) / looks)
         if within > 0.0:
             error = 0.5 * within
-            value = 0.0 if self.statistic == "sigma" else known_value(value, error)
+            value = 0.0 if self.statistic == "sigma" else round_to_error(value, error)
             low, high = value - error, value + error
         lack = self._lack(summary, found, within) if self.is_moment else ""
         return InterimEstimate(value, low, high, not lack and self.is_met(value, low, high), lack)

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.accumulator_state import Arrays
-from sepmc.analysis.moments import Groups, Moments
+from sepmc.analysis.moments import GroupList, Moments
 from sepmc.analysis.proportions import CONFIDENCE
 from sepmc.analysis.quantile_sketch import QuantileSketch
 from sepmc.analysis.requirements import (
@@ -140,7 +140,7 @@ class PartialStatistics:
     later."""
 
     def __init__(self, stream: "StreamingStatistics"):
-        self.groups = {name: Groups() for name in stream.moments}
+        self.groups = {name: GroupList() for name in stream.moments}
         self.sketches = {name: sketch.apart() for name, sketch in stream.sketches.items()}
         self.margins = {name: sketch.apart() for name, sketch in stream.margins.items()}
         audits = {name: worst.apart() for name, worst in stream.audits.items()}

@@ -70,7 +70,7 @@ class Result:
         from html import escape  # noqa: PLC0415
 
         columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
-        table = constant_outcomes.settled(self.statistics())[columns]
+        table = constant_outcomes.with_constant_values(self.statistics())[columns]
         return f"<p>{escape(repr(self))}</p>{table.to_html()}"
 
     @property
@@ -147,7 +147,7 @@ class Result:
         if outcome not in self.outcomes:
             raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
         design, correlated = self.campaign.design, self.campaign.correlated
-        within = constant_outcomes.reach(self.statistics(), outcome)
+        within = constant_outcomes.max_spread(self.statistics(), outcome)
         return sensitivity.input_sensitivities(
             self._rows(), self._inputs, outcome, design, indices, correlated, within
         )

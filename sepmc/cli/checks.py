@@ -213,7 +213,7 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
     with plain_errors(False):
         loaded = load_campaign(file, settings)
         from sepmc.campaign.label import of_settings
-        from sepmc.report.drawing import drawing
+        from sepmc.report.draw_vehicle import draw_vehicle
         from sepmc.scene.messages import InputError
 
         path = out or Path(f"{loaded.name}.png")
@@ -225,7 +225,7 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
         title = f"{loaded.name}: {said}" if said else loaded.name
         title += of_settings(loaded.settings)
         try:
-            click.echo(f"wrote {drawing(loaded.scene, loaded.file.dispersions, title, path)}")
+            click.echo(f"wrote {draw_vehicle(loaded.scene, loaded.file.dispersions, title, path)}")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 

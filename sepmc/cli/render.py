@@ -263,7 +263,7 @@ def tell_results(
     audit failed or the accuracy asked was not met, 1 if it is to ``check`` requirements and one is
     not passed, or else 0."""
     from sepmc.analysis import requirements
-    from sepmc.analysis.constant_outcomes import flat
+    from sepmc.analysis.constant_outcomes import collapse_constant
     from sepmc.analysis.statistics import render_audit, render_summary
     from sepmc.analysis.stored_statistics import histogram_table
     from sepmc.campaign.store import manifests, shards
@@ -306,7 +306,7 @@ def tell_results(
     written = [folder / "statistics.csv", folder / "statistics.json"]
     if manifest.get("stats_only"):  # no rows to count them of again
         bins = histogram_table(
-            {n: flat(summary.histogram(n), table, n) for n in map(str, table.index)}
+            {n: collapse_constant(summary.histogram(n), table, n) for n in map(str, table.index)}
         )
         written.append(shards.write_histograms(folder, bins))
     if plots:

@@ -47,7 +47,7 @@ from sepmc.cli.render import (
 from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.compare_figures import overlay_figure
-from sepmc.report.drawing import drawing
+from sepmc.report.draw_vehicle import draw_vehicle
 from sepmc.report.figures import run_figures
 from sepmc.report.sensitivity_figures import scatter_figure, tornado_figure
 from sepmc.scene.limits import CAMPAIGN_BYTES, content
@@ -113,7 +113,7 @@ def find_drivers(
                 name,
                 loaded.design,
                 correlated=loaded.correlated,
-                within=constant_outcomes.reach(table, name),
+                within=constant_outcomes.max_spread(table, name),
             )
         except ValueError as error:
             click.echo(f"warning: {error}", err=True)
@@ -267,7 +267,7 @@ def tell_comparison(
     tables = [_statistics(*each) for each in zip(places, runs, summaries, strict=True)]
     recorded = [manifests.read_manifest(folder) for folder in places]
     told_of = [manifest.get("accuracy") or {} for manifest in recorded]
-    found = compare.differences(_but_cases(runs[0].file.tree), _but_cases(runs[1].file.tree))
+    found = compare.tree_differences(_but_cases(runs[0].file.tree), _but_cases(runs[1].file.tree))
     flown = [str(manifest.get("numbers") or f"0:{manifest['cases']}") for manifest in recorded]
     found += [f"cases: {' -> '.join(flown)}"] if flown[0] != flown[1] else []
     lines = "\n".join("  " + line for line in found or ["nothing"])
@@ -298,11 +298,11 @@ def tell_comparison(
         if (draws[0] != draws[1] and name not in given)
         or laws_of[0].get(name) != laws_of[1].get(name)
     ]
-    sizes = {name: constant_outcomes.comparable(tables[0], tables[1], name) for name in outcomes}
+    sizes = {name: constant_outcomes.joint_error(tables[0], tables[1], name) for name in outcomes}
     table = compare.compare(rows[0], rows[1], inputs, outcomes, redrawn, sizes)
     telling = _common(telling_outcomes(runs[0], tables[0]), outcomes)[:_TOLD]
-    click.echo(compare.text(table.loc[telling], screen_width()))
-    if said := compare.dependent([run.scene.run.sampler for run in runs]):
+    click.echo(compare.render_comparison(table.loc[telling], screen_width()))
+    if said := compare.dependence_warning([run.scene.run.sampler for run in runs]):
         folded(said)
     if out is None:
         return
@@ -313,7 +313,7 @@ def tell_comparison(
     for name in telling:
         both = [column(cases, name)[ok_rows(cases)] for cases in rows]
         one, two = (
-            np.full(len(x), constant_outcomes.settled_value(t, name))
+            np.full(len(x), constant_outcomes.constant_value(t, name))
             if constant_outcomes.is_constant(t, name)
             else x
             for t, x in zip(tables, (x[np.isfinite(x)] for x in both), strict=True)
@@ -376,7 +376,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
     summary = summary_of(folder, loaded)
     table, manifest = _statistics(folder, loaded, summary), manifests.read_manifest(folder)
     accuracy = manifest.get("accuracy") or {}
-    vehicle = drawing(loaded.scene, loaded.file.dispersions, loaded.name, into / "vehicle.svg")
+    vehicle = draw_vehicle(loaded.scene, loaded.file.dispersions, loaded.name, into / "vehicle.svg")
     outcomes = draw_figures(
         folder,
         loaded,
@@ -392,7 +392,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
 
 def _found(
     folder: Path, loaded: Campaign, replays: bool, into: Path, say: Callable[[str], None]
-) -> tuple[page.Report, Driven]:
+) -> tuple[page.ReportContent, Driven]:
     """What the report of a run tells, with its worst cases flown again and drawn into a folder, and
     what drives its outcomes."""
     summary, manifest = summary_of(folder, loaded), manifests.read_manifest(folder)
@@ -406,7 +406,7 @@ def _found(
     sentences = {status.label: status.sentence for status in Status}
     every = render_summary(table, summary.counts, units, source, _ACROSS)
     last = manifest["sessions"][-1]
-    report = page.Report(
+    report = page.ReportContent(
         name=loaded.name,
         title=loaded.file.title,
         facts=f"{loaded.name}, {manifest['cases']:,} cases, seed {manifest['seed']}, sampler "
@@ -442,7 +442,7 @@ def _found(
 
 def _worst(
     loaded: Campaign, verdicts: list[Any], seed: int, into: Path, say: Callable[[str], None]
-) -> list[page.Replay]:
+) -> list[page.CaseReplay]:
     """The worst cases of the requirements, flown again and drawn into a folder."""
     told = [v for v in verdicts if v.worst_case is not None and v.metric != VIOLATION]
     # what fails goes first, then what is violated, of each the cases that have the outcome
@@ -473,5 +473,5 @@ def _worst(
             required=clearance_bounds(loaded),
             marks=marks_of(history.attrs),
         )
-        found.append(page.Replay(title.rstrip(), figures))
+        found.append(page.CaseReplay(title.rstrip(), figures))
     return found

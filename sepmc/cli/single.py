@@ -91,7 +91,7 @@ def tell_single(
         from sepmc.report import animation
 
         path = folder / f"film.{film}"
-        animation.film(history, case.scene, f"{loaded.name}, {about}", path)
+        animation.animate(history, case.scene, f"{loaded.name}, {about}", path)
         written.append(path)
     manifests.note(folder, written)
     say(f"wrote {folder}")

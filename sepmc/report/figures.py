@@ -26,11 +26,11 @@ from sepmc.report.style import (
     REFERENCE,
     REQUIRED,
     VERMILION,
-    entitle,
-    in_words,
-    made,
+    make_axes,
+    make_folder,
     save,
-    sheet,
+    set_title,
+    to_words,
 )
 
 BANDS = (
@@ -145,10 +145,10 @@ def band_figures(
 ) -> list[Path]:
     """Draw separation over time as bands over the cases; see `campaign_figures`. Failed cases are
     the caller's to leave out. ``about``: what stands in titles; ``suffix``: of the files."""
-    folder, labels, written = made(folder), labels or {}, []
+    folder, labels, written = make_folder(folder), labels or {}, []
     for name, joint, words, unit in _curves(histories):
         if histories[name].notna().any():
-            label = f"{labels.get(name, in_words(joint) + words)} ({units.get(name, unit)})"
+            label = f"{labels.get(name, to_words(joint) + words)} ({units.get(name, unit)})"
             file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}{suffix}"
             written.append(_bands(histories, name, label, folder / file, about))
     return written
@@ -169,10 +169,10 @@ def histogram_figures(
     """Draw histograms of outcomes side by side, and each ``alone`` too; see `campaign_figures`. An
     outcome without values (None) is left out. Bounds that are ``required`` of an outcome are
     marked. ``about``: what stands in titles; ``suffix``: of the files."""
-    folder, reference, labels = made(folder), reference or {}, labels or {}
+    folder, reference, labels = make_folder(folder), reference or {}, labels or {}
     required, written = required or {}, []
     values = {name: found for name, found in histograms.items() if found}
-    words_of = {name: labels.get(name, in_words(name, units.get(name, ""))) for name in values}
+    words_of = {name: labels.get(name, to_words(name, units.get(name, ""))) for name in values}
     ordered = sorted(values, key=lambda name: name not in required)  # what is required comes first
     chosen = [name for name in ordered if name in reference or name in required]
     overview = (chosen if reference else []) or ordered[:OVERVIEW]
@@ -201,14 +201,14 @@ def _histograms(
     """Draw a figure of histograms, each given by the arguments of `_histogram`; returns its
     path."""
     columns = min(3, len(panels)) if side_by_side else 1
-    figure, axes = sheet(
+    figure, axes = make_axes(
         -(-len(panels) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4)
     )
     for ax, panel in zip(axes, panels, strict=False):
         _histogram(ax, *panel)
     for ax in axes[len(panels) :]:
         ax.remove()
-    entitle(figure, about)
+    set_title(figure, about)
     source = panels[0][4]
     order = (*_LEGEND, f"{source} mean", f"{source} min and max", REQUIRED)
     return save(figure, path, order)
@@ -263,7 +263,7 @@ def run_figures(
         ``angles.png``, ``axial_acceleration.png``, ``separation.png``, ``clearances.png``,
         ``pin_loads.png``; those without data are left out.
     """
-    folder, written = made(folder), []
+    folder, written = make_folder(folder), []
 
     def page(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
         if only is not None and file not in only:
@@ -290,14 +290,14 @@ def run_figures(
         return [(f"{stem}_{axis}_{unit}", f"${symbol}_{axis}$") for axis in "xyz"]
 
     def of_bodies(quantity: str, label: str) -> Panel:
-        return Panel(label, [(f"{body}_{quantity}", in_words(body)) for body in bodies], BY_BODY)
+        return Panel(label, [(f"{body}_{quantity}", to_words(body)) for body in bodies], BY_BODY)
 
     for body in bodies:
         for kind, unit, shown, symbol in (("force", "N", "N", "F"), ("moment", "N_m", "N m", "M")):
             stems = {joint: f"{joint}_{kind}_on_{body}" for joint in joints}
             panels = [
                 Panel(
-                    f"{kind} at {in_words(j)} ({shown})",
+                    f"{kind} at {to_words(j)} ({shown})",
                     components(stem, unit, symbol),
                     BY_COMPONENT,
                 )
@@ -305,12 +305,12 @@ def run_figures(
             ]
             page(
                 f"{kind}_on_{body}",
-                f"Constraint {kind} on {in_words(body)}, in the axes of the joint's first body",
+                f"Constraint {kind} on {to_words(body)}, in the axes of the joint's first body",
                 panels,
             )
     rates = [
         Panel(
-            f"{in_words(body)} (deg/s)",
+            f"{to_words(body)} (deg/s)",
             components(f"{body}_omega", "deg_s", r"\omega"),
             BY_COMPONENT,
             quantity="rate",
@@ -334,7 +334,7 @@ def run_figures(
     )
     by_quantity: dict[str, list[tuple[str, str]]] = {}
     for name, joint, words, unit in _curves(history):
-        by_quantity.setdefault(f"{words} ({unit})", []).append((name, in_words(joint).strip()))
+        by_quantity.setdefault(f"{words} ({unit})", []).append((name, to_words(joint).strip()))
     curves = [
         Panel(label, lines, BY_JOINT if len(lines) > 1 else ((BLUE, "-"),))
         for label, lines in by_quantity.items()
@@ -345,7 +345,7 @@ def run_figures(
         "Distances of outlines",
         [
             Panel(
-                f"{in_words(name.removesuffix(_GAP))} (mm)",
+                f"{to_words(name.removesuffix(_GAP))} (mm)",
                 [(name, _OWN)],
                 ((BLUE, "-"),),
                 small_counts=True,
@@ -360,7 +360,7 @@ def run_figures(
         "Lateral loads of pins",
         [
             Panel(
-                f"{in_words(joint)}, {end} (N)",
+                f"{to_words(joint)}, {end} (N)",
                 [
                     (name, f"pin {name.removeprefix(joint).removesuffix(rest)[len('_pin') :]}")
                     for name in map(str, history.columns)
@@ -380,7 +380,7 @@ def run_figures(
 def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: str) -> Path:
     """Envelope, percentile bands, median and a few single cases of a quantity over time."""
     curves = percentile_curves(histories, column).dropna(how="all")
-    figure, (ax,) = sheet(1, 1, (6.4, 4.4))
+    figure, (ax,) = make_axes(1, 1, (6.4, 4.4))
     for low, high, tint, text in BANDS:
         ax.fill_between(
             curves.index, curves[low], curves[high], color=tint, linewidth=0, label=text
@@ -401,7 +401,7 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: 
     title = label[: label.rfind(" (")]
     cases = f"{len(numbers):,} cases"  # fewer than the campaign has, where some failed
     told = "" if f" {cases}" in about else f" of {cases}"
-    entitle(figure, f"{title[:1].upper()}{title[1:]}{told}\n{about}")
+    set_title(figure, f"{title[:1].upper()}{title[1:]}{told}\n{about}")
     return save(figure, path)
 
 
@@ -524,7 +524,7 @@ def _time_page(
 ) -> Path:
     """Panels over one time axis, with the phases and the ``marks``; another case ``behind``."""
     rows = -(-len(panels) // columns)
-    figure, axes = sheet(
+    figure, axes = make_axes(
         rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8)
     )
     phases = _phases(history)
@@ -575,7 +575,7 @@ def _time_page(
         ax.remove()
     for quantity in {panel.quantity for panel in panels if panel.quantity}:
         _share_scale([a for a, p in zip(axes, panels, strict=False) if p.quantity == quantity])
-    entitle(figure, title)
+    set_title(figure, title)
     return save(figure, path)
 
 
@@ -589,7 +589,7 @@ def _mark(ax: Axes, marks: Mapping[str, float]) -> None:
     marks near each other share a style and an entry."""
     begin, end = ax.get_xlim()
     groups: list[list[tuple[float, str]]] = []
-    for time, name in sorted((time, in_words(name)) for name, time in marks.items()):
+    for time, name in sorted((time, to_words(name)) for name, time in marks.items()):
         if not begin < time < end:
             continue
         if groups and time - groups[-1][-1][0] < _NEAR * (end - begin):
@@ -662,7 +662,7 @@ def _name_phases(ax: Axes, phases: Iterable[tuple[str, float, float]], inches: f
     )
     for name, start, end in phases:
         ax.annotate(
-            in_words(name), ((start + end) / 2, 1.0), (0, 3), xycoords=ax.get_xaxis_transform(),
+            to_words(name), ((start + end) / 2, 1.0), (0, 3), xycoords=ax.get_xaxis_transform(),
             textcoords="offset points", fontsize=8,
             ha="left" if slant else "center", va="bottom", rotation=35 if slant else 0,
             rotation_mode="anchor", color="#555555",

@@ -27,7 +27,7 @@ _STYLES = {PASS: "pass", FAIL: "fail"}
 
 
 @dataclass
-class Replay:
+class CaseReplay:
     """A case that is shown over time, in SVG files."""
 
     title: str
@@ -35,7 +35,7 @@ class Replay:
 
 
 @dataclass
-class Report:
+class ReportContent:
     """What a report tells.
 
     ``name``, ``title`` : of the campaign; ``facts``: one line on cases, seed and date
@@ -68,11 +68,11 @@ class Report:
     campaign: str
     drivers: Sequence[str] = ()
     causes: Sequence[str] = ()
-    replays: Sequence[Replay] = field(default_factory=list)
+    replays: Sequence[CaseReplay] = field(default_factory=list)
 
 
 def write_report(
-    report: Report,
+    report: ReportContent,
     path: Path,
     vehicle: Sequence[Path],
     outcomes: Sequence[Path],

@@ -16,7 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from sepmc.analysis.constant_outcomes import reach
+from sepmc.analysis.constant_outcomes import max_spread
 from sepmc.analysis.quantile_sketch import EXACT_VALUES
 from sepmc.analysis.rare_values import Occurrence, occurrences, render_undersampled
 from sepmc.analysis.stopping import StoppingRule
@@ -434,7 +434,7 @@ class Chunks:
         if self.orders.stats_only:  # to be asked would end its grain of cases here
             summary = copy.deepcopy(summary)
         table = with_errors(self.campaign, self.accuracy.errors, summary.statistics())
-        within = reach(table, until.metric) if until.metric in table.index else 0.0
+        within = max_spread(table, until.metric) if until.metric in table.index else 0.0
         look = until.look(summary, looks, self.occurred, within)
         self._known = until.sentence(look, held, self.draws.numbers.count)
         self._stopped = [] if look.enough else [self._known]

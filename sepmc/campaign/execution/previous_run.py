@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sepmc.analysis.compare import differences
+from sepmc.analysis.compare import tree_differences
 from sepmc.campaign.case_selection import Numbers, named
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Definition
@@ -126,7 +126,7 @@ def _differences(campaign: Definition, folder: Path) -> str:
         other = Definition(read_campaign(str(folder), reader=read_input_table))
     except InputError:
         return f"What differs is not known, as its {folders.CAMPAIGN} cannot be read."
-    found = differences(other.file.tree, campaign.file.tree)
+    found = tree_differences(other.file.tree, campaign.file.tree)
     plans = [each.file.input_table for each in (other, campaign)]
     if all(plans) and other.inputs_digest != campaign.inputs_digest:
         found.append("rows of run.plan")

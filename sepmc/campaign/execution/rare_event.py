@@ -285,7 +285,7 @@ def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Sel
     """What a person should know of an estimate."""
     campaign, flight, tally, aim = flights.campaign, flights.flight, flights.tally, flights.aim
     told, fixed = accuracy(flight, tally), campaign.scene.solver.step is not None
-    found = subset_simulation.remarks(known)
+    found = subset_simulation.estimate_warnings(known)
     found += [said for one in values if (said := one.missed(campaign, all_of))]
     ended = flights.statuses[Status.OK.label]
     if flights.lacking or ended < flights.count:
@@ -303,7 +303,7 @@ def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Sel
         "audit failed"
         for name, cases in flights.beyond.items()
     ]
-    plain = subset_simulation.plain_cases(known.probability, known.interval)
+    plain = subset_simulation.equivalent_direct_cases(known.probability, known.interval)
     if len(known.levels) > 1 and plain < flights.count:
         found.append(
             f"this is not rare: {plain:.0f} cases of a plain campaign tell it as well as these "
