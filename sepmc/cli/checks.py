@@ -213,7 +213,7 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
     with plain_errors(False):
         loaded = load_campaign(file, settings)
         from sepmc.campaign.label import of_settings
-        from sepmc.report.draw_vehicle import draw_vehicle
+        from sepmc.report.drawing import draw_vehicle
         from sepmc.scene.messages import InputError
 
         path = out or Path(f"{loaded.name}.png")

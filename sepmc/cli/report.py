@@ -47,7 +47,7 @@ from sepmc.cli.render import (
 from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.compare_figures import overlay_figure
-from sepmc.report.draw_vehicle import draw_vehicle
+from sepmc.report.drawing import draw_vehicle
 from sepmc.report.figures import run_figures
 from sepmc.report.sensitivity_figures import scatter_figure, tornado_figure
 from sepmc.scene.limits import CAMPAIGN_BYTES, content

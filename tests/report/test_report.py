@@ -10,12 +10,12 @@ import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
 from oracles.random_scenes.interpreted import flown_plainly
-from sepmc.report.draw_vehicle import _nozzle, draw_vehicle
 
 import sepmc
 from sepmc.cli import app
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
 from sepmc.report import drawing as drawing_module
+from sepmc.report.drawing import _nozzle, draw_vehicle
 from sepmc.scene.read import shipped_campaigns
 
 EVERYTHING = Path(__file__).parents[1] / "data" / "everything.toml"
