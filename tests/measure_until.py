@@ -161,7 +161,7 @@ def stopped(problem, seed, most=CASES):
         rows = {name: np.concatenate([t[name] for t in tables]) for name in table}
         found = occurrences(values, counts.tolist())
         look = until.look(TableStatistics(rows, OUTCOMES, [], {}), len(every), found)
-        if look.enough:
+        if look.sufficient:
             break
     return numbers.end, look
 
@@ -172,7 +172,7 @@ def coverage(name, repeats=REPEATS):
     problem, seed = PROBLEMS[name], zlib.crc32(name.encode())
     ends = [stopped(problem, seed + repeat) for repeat in range(repeats)]
     held = [look.low <= problem.truth <= look.high for _, look in ends]
-    enough = [look.enough for _, look in ends]
+    enough = [look.sufficient for _, look in ends]
     return float(np.mean(held)), float(np.mean(enough)), float(np.mean([n for n, _ in ends]))
 
 

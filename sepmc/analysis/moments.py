@@ -75,9 +75,9 @@ class Moments:
         """Take a group of values without NaN, shape (n,), and the numbers of their cases,
         rising."""
         if x.size:
-            self.take(Group.of(x, numbers))
+            self.merge(Group.of(x, numbers))
 
-    def take(self, group: Group) -> None:
+    def merge(self, group: Group) -> None:
         """Take a group whose cases come next."""
         self.n += group.n
         if group.least < self.least or self.case_least < 0:
@@ -91,11 +91,11 @@ class Moments:
         if self._scale == 0.0:
             self._scale = group.scale
         share, (m2, m3, m4) = group.scale / self._scale, group.powers
-        self._merge(
+        self._combine(
             group.finite, group.mean / self._scale, m2 * share**2, m3 * share**3, m4 * share**4
         )
 
-    def _merge(self, n: int, mean: float, m2: float, m3: float, m4: float) -> None:
+    def _combine(self, n: int, mean: float, m2: float, m3: float, m4: float) -> None:
         """Equations (3.1) of Pebay for two groups."""
         a, both = self._count, self._count + n
         if a == 0:

@@ -65,15 +65,15 @@ class QuantileSketch:
             if self._filled == EXACT_VALUES:
                 self._count()
 
-    def apart(self) -> "QuantileSketch | ValueList":
-        """What counts other values for this one to `take`."""
+    def new_partial(self) -> "QuantileSketch | ValueList":
+        """What counts other values for this one to `merge`."""
         if self._grid is None:
             return ValueList()
         found = QuantileSketch()
         found._grid = self._grid.empty()
         return found
 
-    def take(self, others: "QuantileSketch | ValueList") -> None:
+    def merge(self, others: "QuantileSketch | ValueList") -> None:
         """Take values that `apart` counted, whose cases come next."""
         if isinstance(others, ValueList):
             for values in others:
@@ -83,7 +83,7 @@ class QuantileSketch:
         assert self._grid is not None
         assert others._grid is not None
         self._count()
-        self._grid.take(others._grid)
+        self._grid.merge(others._grid)
 
     def percentiles(self, percents: Sequence[float]) -> np.ndarray:
         """Sample percentiles, linear between order statistics as `numpy.percentile` has them; NaN
@@ -207,7 +207,7 @@ class _Grid:
         found.n, found.least, found.greatest = 0, np.inf, -np.inf
         return found
 
-    def take(self, other: "_Grid") -> None:
+    def merge(self, other: "_Grid") -> None:
         """Count the values of the same grid."""
         self.n += other.n
         self.counts += other.counts

@@ -34,7 +34,7 @@ class RareValue:
     """One value of a discrete distribution, or a pair of values of two that correlate.
 
     ``places`` are those of its parameters among all that are dispersed, ``values`` in the units of
-    their keys. ``enough`` is how often it is to occur: `MIN_OCCURRENCES`, or as often as a plan
+    their keys. ``min_count`` is how often it is to occur: `MIN_OCCURRENCES`, or as often as a plan
     holds it.
     """
 
@@ -42,12 +42,12 @@ class RareValue:
     places: tuple[int, ...]
     values: tuple[float, ...]
     probability: float
-    enough: int = MIN_OCCURRENCES
+    min_count: int = MIN_OCCURRENCES
 
     @property
     def cases(self) -> int:
         """Cases in which it is expected to occur often enough."""
-        return math.ceil(self.enough / self.probability)
+        return math.ceil(self.min_count / self.probability)
 
 
 class Occurrence(NamedTuple):
@@ -172,7 +172,7 @@ def occurrences(values: Sequence[RareValue], counts: Sequence[int]) -> list[Occu
 def undersampled(found: Sequence[Occurrence]) -> list[Occurrence]:
     """Of occurrences those that are too few to show what their value does, the most probable
     first."""
-    few = [one for one in found if one.times < one.of.enough]
+    few = [one for one in found if one.times < one.of.min_count]
     return sorted(few, key=lambda one: -one.of.probability)
 
 

@@ -104,7 +104,7 @@ class RequirementCounter:
         value, case = next(arrays).tolist()
         self.worst, self._near = (value, int(case)), next(arrays)
 
-    def take(self, others: "RequirementCounter") -> None:
+    def merge(self, others: "RequirementCounter") -> None:
         """Take cases that come next, which another tally of the same requirement counted."""
         self.cases += others.cases
         self.violations += others.violations

@@ -285,7 +285,7 @@ def status_counts(cases: Mapping[str, Any]) -> dict[str, int]:
     return {OK: counts.pop(OK, 0)} | counts
 
 
-class AuditBound:
+class AuditSummary:
     """The worst value of an audit column and the number of cases beyond its bound; NaN is worse
     than any number."""
 
@@ -305,8 +305,8 @@ class AuditBound:
         if not np.isnan(self.bound) and not x[at] <= self.bound:
             self.beyond += int(np.count_nonzero(~(x <= self.bound)))
 
-    def apart(self) -> "AuditBound":
-        """What counts other cases for this one to `take`."""
+    def new_partial(self) -> "AuditSummary":
+        """What counts other cases for this one to `merge`."""
         found = copy(self)
         found.worst, found.case, found.beyond, found._rank = np.nan, -1, 0, -np.inf
         return found
@@ -319,7 +319,7 @@ class AuditBound:
         """Hold what another one held."""
         set_scalars(self, next(arrays))
 
-    def take(self, others: "AuditBound") -> None:
+    def merge(self, others: "AuditSummary") -> None:
         """Take cases that come next, which others counted."""
         if others.case >= 0 and (self.case < 0 or others._rank > self._rank):
             self.worst, self.case, self._rank = others.worst, others.case, others._rank
@@ -339,13 +339,13 @@ def audit(
     """
     ok = ok_rows(cases)
     numbers = np.asarray(cases["case"])[ok]
-    found = {name: AuditBound(name, bounds) for name in columns if name in cases}
+    found = {name: AuditSummary(name, bounds) for name in columns if name in cases}
     for name, worst in found.items():
         worst.add(column(cases, name)[ok], numbers)
     return audit_table(found)
 
 
-def audit_table(found: Mapping[str, AuditBound]) -> pd.DataFrame:
+def audit_table(found: Mapping[str, AuditSummary]) -> pd.DataFrame:
     """The table of `audit`."""
     rows = {name: [w.worst, w.case, w.bound, w.beyond] for name, w in found.items()}
     return pd.DataFrame.from_dict(

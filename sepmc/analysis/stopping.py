@@ -42,13 +42,14 @@ class _Summary(Protocol):
 
 class InterimEstimate(NamedTuple):
     """What cases so far show of a statistic: its value, both ends of its interval, whether that is
-    narrow ``enough``, and a sentence on what the cases ``lack`` to state it, if anything."""
+    narrow ``sufficient``, and a sentence on what the cases ``shortfall`` to state it, if
+    anything."""
 
     value: float
     low: float
     high: float
-    enough: bool
-    lack: str
+    sufficient: bool
+    shortfall: str
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class StoppingRule:
         if self.is_moment and rarest is not None and rarest.cases > cases:
             raise InputError(
                 f"until: the {self.name} is not known before {rarest.name} (probability "
-                f"{rarest.probability:.3g}) occurred {rarest.enough} times, in about "
+                f"{rarest.probability:.3g}) occurred {rarest.min_count} times, in about "
                 f"{rarest.cases:,} cases; {cases:,} are asked for: give more "
                 f"{option('cases')}, or no {option('until')}"
             )
@@ -106,8 +107,10 @@ class StoppingRule:
             error = 0.5 * within
             value = 0.0 if self.statistic == "sigma" else round_to_error(value, error)
             low, high = value - error, value + error
-        lack = self._lack(summary, found, within) if self.is_moment else ""
-        return InterimEstimate(value, low, high, not lack and self.is_met(value, low, high), lack)
+        shortfall = self._shortfall(summary, found, within) if self.is_moment else ""
+        return InterimEstimate(
+            value, low, high, not shortfall and self.is_met(value, low, high), shortfall
+        )
 
     def known(
         self, summary: _Summary, confidence: float = CONFIDENCE
@@ -135,20 +138,24 @@ class StoppingRule:
     def sentence(self, look: InterimEstimate, flown: int, cases: int) -> str:
         """What a look at the ``flown`` of so many cases showed."""
         asked = f"{100 * self.tolerance:g} %" if self.relative else f"{self.tolerance:g}"
-        missed = f": NOT MET{'; ' if look.lack else ''}{look.lack}" if not look.enough else ""
+        missed = (
+            f": NOT MET{'; ' if look.shortfall else ''}{look.shortfall}"
+            if not look.sufficient
+            else ""
+        )
         return (
             f"after {flown} of {cases} cases the {self.name} is {look.value:.6g}, between "
             f"{look.low:.6g} and {look.high:.6g} (95 %); asked: no more than {asked} from "
             f"it{missed}"
         )
 
-    def _lack(self, summary: _Summary, found: Sequence[Occurrence], within: float) -> str:
+    def _shortfall(self, summary: _Summary, found: Sequence[Occurrence], within: float) -> str:
         """What cases lack to state a mean or a sigma; empty if nothing."""
         if few := undersampled(found):
             one = few[-1]  # the least probable
             return (
                 f"{one.of.name} (probability {one.of.probability:.3g}) occurred in {one.times} of "
-                f"{one.cases} cases, and should in {one.of.enough}"
+                f"{one.cases} cases, and should in {one.of.min_count}"
             )
         row = summary.statistics().loc[self.metric].astype(float).to_dict()
         n, sigma, error = round(row["n"]), row["sigma"], row["sigma_se"]

@@ -29,7 +29,7 @@ from sepmc.analysis.requirements import (
 )
 from sepmc.analysis.statistics import (
     PERCENTILES,
-    AuditBound,
+    AuditSummary,
     Histogram,
     audit_table,
     histogram_of,
@@ -64,7 +64,7 @@ class _BlockCounters:
         moments: Mapping[str, _Takes],
         sketches: Mapping[str, _Counts],
         margins: Mapping[str, _Counts],
-        audits: Mapping[str, AuditBound],
+        audits: Mapping[str, AuditSummary],
         requirements: Sequence[Requirement],
     ):
         self._moments, self._sketches, self._margins = moments, sketches, margins
@@ -103,15 +103,15 @@ class _BlockCounters:
         for worst, column in zip(self.audits.values(), columns[len(self._moments) :], strict=True):
             worst.add(column[ok], numbers)
 
-    def take(self, others: "_BlockCounters") -> None:
+    def merge(self, others: "_BlockCounters") -> None:
         """Take what does not depend on grains of cases that come next."""
         self.by_code += others.by_code
         for label, numbers in others.failed.items():
             self._name(label, np.array(numbers, dtype=np.int64))
         for own, tally in zip(self.tallies, others.tallies, strict=True):
-            own.take(tally)
+            own.merge(tally)
         for name, worst in self.audits.items():
-            worst.take(others.audits[name])
+            worst.merge(others.audits[name])
 
     def state(self) -> list[np.ndarray]:
         """What it holds besides what is given to it, for `restore`."""
@@ -141,9 +141,9 @@ class PartialStatistics:
 
     def __init__(self, stream: "StreamingStatistics"):
         self.groups = {name: GroupList() for name in stream.moments}
-        self.sketches = {name: sketch.apart() for name, sketch in stream.sketches.items()}
-        self.margins = {name: sketch.apart() for name, sketch in stream.margins.items()}
-        audits = {name: worst.apart() for name, worst in stream.audits.items()}
+        self.sketches = {name: sketch.new_partial() for name, sketch in stream.sketches.items()}
+        self.margins = {name: sketch.new_partial() for name, sketch in stream.margins.items()}
+        audits = {name: worst.new_partial() for name, worst in stream.audits.items()}
         requirements = [tally.requirement for tally in stream.tallies]
         self.counters = _BlockCounters(
             self.groups, self.sketches, self.margins, audits, requirements
@@ -179,7 +179,7 @@ class StreamingStatistics:
         self.margins = {
             item.name: QuantileSketch() for item in requirements if has_two_bounds(item)
         }
-        self.audits = {name: AuditBound(name, bounds) for name in audits}
+        self.audits = {name: AuditSummary(name, bounds) for name in audits}
         self._counters = _BlockCounters(
             self.moments, self.sketches, self.margins, self.audits, requirements
         )
@@ -191,21 +191,21 @@ class StreamingStatistics:
             0,
         )
 
-    def apart(self) -> PartialStatistics:
-        """What counts cases for this one to `take`."""
+    def new_partial(self) -> PartialStatistics:
+        """What counts cases for this one to `merge`."""
         return PartialStatistics(self)
 
-    def take(self, others: PartialStatistics) -> None:
+    def merge(self, others: PartialStatistics) -> None:
         """Take cases that come next, after whole grains, counted by what was made with `apart`."""
         assert self._filled == 0
         for name, moments in self.moments.items():
             for group in others.groups[name]:
-                moments.take(group)
+                moments.merge(group)
         for name, sketch in self.sketches.items():
-            sketch.take(others.sketches[name])
+            sketch.merge(others.sketches[name])
         for name, sketch in self.margins.items():
-            sketch.take(others.margins[name])
-        self._counters.take(others.counters)
+            sketch.merge(others.margins[name])
+        self._counters.merge(others.counters)
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
         """Take cases: their numbers and status codes, shape (n,), and columns, shape (k, n), each

@@ -41,13 +41,13 @@ NamedGenerator = Callable[[str], np.random.Generator]  # by the name of what it 
 
 @dataclass(frozen=True)
 class ChainStates:
-    """Cases that chains stand at: ``scores`` (n, d), ``margin`` (n,), what is ``told`` of them (n,
-    k), the ``number`` (n,) of the flight, the ``level`` (n,) it was flown for, and the place (n,)
-    of the first case, its ``origin``."""
+    """Cases that chains stand at: ``scores`` (n, d), ``margin`` (n,), what is ``records`` of them
+    (n, k), the ``number`` (n,) of the flight, the ``level`` (n,) it was flown for, and the place
+    (n,) of the first case, its ``origin``."""
 
     scores: np.ndarray
     margin: np.ndarray
-    told: np.ndarray
+    records: np.ndarray
     number: np.ndarray
     level: np.ndarray
     origin: np.ndarray
@@ -249,10 +249,10 @@ class _FlightCounter:
         self.limit, self.count = limit, 0
 
     def fly(self, scores: np.ndarray, level: int, origin: np.ndarray) -> ChainStates:
-        margin, told = self.limit(scores)
+        margin, records = self.limit(scores)
         number = np.arange(self.count, self.count + len(scores))
         self.count += len(scores)
-        return ChainStates(scores, margin, told, number, np.full(len(scores), level), origin)
+        return ChainStates(scores, margin, records, number, np.full(len(scores), level), origin)
 
 
 def _order(states: ChainStates, worst: float) -> np.ndarray:

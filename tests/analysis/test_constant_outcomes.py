@@ -206,11 +206,11 @@ def test_a_constant_is_known_as_soon_as_it_is_looked_at():
     look = StoppingRule("y_mm", "mean", 1e-3, relative=False, text="y_mm:0.001").look(
         summary, 4, [], within
     )
-    assert (look.value, look.enough, look.lack) == (0.0, True, "")
+    assert (look.value, look.sufficient, look.shortfall) == (0.0, True, "")
     assert (
         not StoppingRule("y_mm", "mean", 0.01, relative=True, text="y_mm:1%")
         .look(summary, 4, [], within)
-        .enough
+        .sufficient
     )
 
 

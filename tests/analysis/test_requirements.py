@@ -12,6 +12,7 @@ from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
 from sepmc.analysis import requirements
+from sepmc.analysis.proportions import binomial_interval
 from sepmc.analysis.requirements import FAIL, NONE, NOT_SHOWN, PASS, RequirementCounter
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.streaming import StreamingStatistics
@@ -319,7 +320,7 @@ def test_all_requirements_together():
     # 5, 6, 7 and 8 violate something; of 9 nothing is known
     assert (found.violations, found.missing, found.worst_case, found.worst) == (5, 1, 5, None)
     assert (found.verdict, found.error, found.nearest) == (PASS, None, None)
-    low, high = requirements.interval(4, 200)[0], requirements.interval(5, 200)[1]
+    low, high = binomial_interval(4, 200)[0], binomial_interval(5, 200)[1]
     assert (found.share_low, found.share_high) == (low, high)
     violates, known = requirements.violation_masks(ALL, table, [ALL, CLEAR, FAST, PARTS])
     assert np.flatnonzero(violates & known).tolist() == [5, 6, 7, 8]

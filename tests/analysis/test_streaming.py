@@ -200,11 +200,11 @@ def test_the_same_bits_by_many(begun):
     fences = [*range(begun, count, 2 * ACCUMULATION_BLOCK), count]
     kept = {}
     for first, end in reversed(list(pairwise(fences))):
-        apart = many.apart()
+        apart = many.new_partial()
         apart.add(numbers[first:end], codes[first:end], data[:, first:end])
         kept[first] = pickle.dumps(apart)
     for first in sorted(kept):
-        many.take(pickle.loads(kept[first]))
+        many.merge(pickle.loads(kept[first]))
     pd.testing.assert_frame_equal(many.statistics(), alone.statistics(), check_exact=True)
     pd.testing.assert_frame_equal(many.audit(), alone.audit(), check_exact=True)
     assert many.counts == alone.counts

@@ -92,7 +92,7 @@ def test_weights_add_up_to_the_estimate():
     violates = known.last.margin < 0.0
     assert_allclose(known.weight[violates].sum(), known.probability, rtol=1e-12)
     assert_allclose(known.weight.sum(), known.levels[-2].reached, rtol=1e-12)
-    assert_allclose(known.last.told[:, 0], known.last.scores[:, 0])
+    assert_allclose(known.last.records[:, 0], known.last.scores[:, 0])
     assert_allclose(known.last.margin, plane(1e-5, 4)(known.last.scores))
     mean = np.average(known.last.scores.sum(axis=1) / 2.0, weights=known.weight * violates)
     assert_allclose(mean, stats.norm.pdf(stats.norm.isf(1e-5)) / 1e-5, rtol=0.01)

@@ -211,7 +211,7 @@ class Chunks:
                 folders.call(self.folder),
                 self.flight.packed,
                 self.draws,
-                stream.apart() if stream else None,
+                stream.new_partial() if stream else None,
                 self.orders.keep,
             )
             ranges = self._ranges(left, crew.workers)
@@ -220,7 +220,7 @@ class Chunks:
                     if stream:
                         assert flown.apart is not None
                         self._sound = False
-                        stream.take(flown.apart)
+                        stream.merge(flown.apart)
                     self._receive(flown)
                     self._sound = True
                     self._save_at_times()
@@ -437,13 +437,13 @@ class Chunks:
         within = max_spread(table, until.metric) if until.metric in table.index else 0.0
         look = until.look(summary, looks, self.occurred, within)
         self._known = until.sentence(look, held, self.draws.numbers.count)
-        self._stopped = [] if look.enough else [self._known]
-        if look.enough:
+        self._stopped = [] if look.sufficient else [self._known]
+        if look.sufficient:
             self.wanted = self.held
             self.draws = Draws(self.draws.seed, Numbers.first(held), held)
             if self.orders.announce:
                 self.orders.announce(self._known)
-        return look.enough
+        return look.sufficient
 
     @property
     def occurred(self) -> list[Occurrence]:

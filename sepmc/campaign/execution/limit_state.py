@@ -8,7 +8,7 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.analysis.requirements import margins
-from sepmc.analysis.statistics import AuditBound
+from sepmc.analysis.statistics import AuditSummary
 from sepmc.analysis.subset_simulation import Estimate
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
@@ -130,7 +130,7 @@ class Flights:
         self.scales = np.array([column.scale for column in campaign.result_columns])
         names = [column.name for column in campaign.result_columns]
         self.audited = {
-            names.index(column.name): AuditBound(column.name, schema.AUDIT_BOUNDS)
+            names.index(column.name): AuditSummary(column.name, schema.AUDIT_BOUNDS)
             for column in schema.audit_columns()
         }
 
@@ -193,7 +193,9 @@ class Seldom:
         """The sentence that an estimate does not hold most of what such cases add to it; empty if
         it does, or that is little."""
         adds, last = self.probability * self.share, found.last
-        held = found.weight[(last.told[:, self.place] == self.value) & ~(last.margin >= 0.0)].sum()
+        held = found.weight[
+            (last.records[:, self.place] == self.value) & ~(last.margin >= 0.0)
+        ].sum()
         whole = found.probability + float(found.unknown.mean())
         if adds <= _MATTERS * whole or held > adds / 3.0:
             return ""

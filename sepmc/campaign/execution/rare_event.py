@@ -250,7 +250,7 @@ def _rows(campaign: Definition, found: Estimate) -> dict[str, np.ndarray]:
     weight = np.bincount(which, found.weight[used])
     order = np.argsort(found.last.margin[places], kind="stable")  # NaN last
     places, weight = places[order], weight[order]
-    told, inputs = found.last.told[places], len(campaign.input_columns)
+    told, inputs = found.last.records[places], len(campaign.input_columns)
     labels = np.array(LABELS, dtype=object)[told[:, inputs].astype(int)]
     names = [c.name for c in campaign.input_columns], [c.name for c in campaign.result_columns]
     return {
