@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.proportions import difference_interval, paired_interval
-from sepmc.analysis.statistics import WIDTH, aligned, column, ok_rows, rounded, student_half_width
+from sepmc.analysis.statistics import column, ok_rows, student_half_width
+from sepmc.analysis.statistics_text import WIDTH, aligned, rounded
 from sepmc.scene.model import SALTELLI
 from sepmc.schema import is_yes_or_no
 

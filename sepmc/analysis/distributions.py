@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.statistics import PERCENTILES, WIDTH, aligned, column, ok_rows, rounded
+from sepmc.analysis.statistics import PERCENTILES, column, ok_rows
+from sepmc.analysis.statistics_text import WIDTH, aligned, rounded
 
 MIN_CASES = 20  # cases from which anything is told
 LEVEL = 0.05  # below which a law is said not to fit

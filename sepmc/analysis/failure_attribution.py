@@ -17,7 +17,8 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.requirements import violation_masks
-from sepmc.analysis.statistics import WIDTH, column, ok_rows
+from sepmc.analysis.statistics import column, ok_rows
+from sepmc.analysis.statistics_text import WIDTH
 from sepmc.analysis.variance_indices import PATTERNS
 from sepmc.scene.model import Requirement
 

@@ -147,27 +147,6 @@ def required_cases(k: int, share: float, confidence: float) -> int:
     return high
 
 
-def design_value(values: np.ndarray, share: float, confidence: float, upper: bool = True) -> float:
-    """What a share of all cases does not exceed, with a confidence: an order statistic.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        An outcome, without NaN.
-    share, confidence : float
-        As of a requirement.
-    upper : bool
-        Whether large values are the bad ones; else what a share of all cases does not fall below.
-
-    Returns
-    -------
-    value : float
-        The (k + 1)-th worst of the values, k as `allowed_violations`; NaN if they are too few.
-    """
-    place = design_rank(len(values), share, confidence, upper)
-    return math.nan if place is None else float(order_statistics(values, np.array([place]))[0])
-
-
 def design_rank(
     count: int, share: float, confidence: float, upper: bool, missing: int = 0
 ) -> int | None:

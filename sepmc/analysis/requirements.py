@@ -27,7 +27,8 @@ from sepmc.analysis.proportions import (
     required_cases,
     upper_bound,
 )
-from sepmc.analysis.statistics import WIDTH, column, ok_rows, rounded
+from sepmc.analysis.statistics import column, ok_rows
+from sepmc.analysis.statistics_text import WIDTH, rounded
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import is_yes_or_no
 

@@ -16,7 +16,8 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.dependence import dependence
-from sepmc.analysis.statistics import TWO_SIDED, WIDTH, aligned, column, ok_rows, rounded
+from sepmc.analysis.statistics import TWO_SIDED, column, ok_rows
+from sepmc.analysis.statistics_text import WIDTH, aligned, rounded
 from sepmc.analysis.variance_indices import (
     BY_GROUPS,
     BY_ROWS,

@@ -109,7 +109,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
     with plain_errors(False):
         from sepmc.campaign.label import of_case
         from sepmc.campaign.store import manifests, shards
-        from sepmc.report.figures import run_figures
+        from sepmc.report.history_figures import run_figures
         from sepmc.report.style import PRINTED, resolution
 
         history, suffix = shards.read_history(folder), f".{ending}"

@@ -109,7 +109,7 @@ def speaker(quiet: bool) -> Callable[[str], None]:
 
 def screen_width() -> int:
     """Characters of a line of a table: of the terminal or of COLUMNS, or else of plain tables."""
-    from sepmc.analysis.statistics import WIDTH
+    from sepmc.analysis.statistics_text import WIDTH
 
     if not sys.stdout.isatty() and "COLUMNS" not in os.environ:
         return WIDTH
@@ -264,7 +264,7 @@ def tell_results(
     not passed, or else 0."""
     from sepmc.analysis import requirements
     from sepmc.analysis.constant_outcomes import collapse_constant
-    from sepmc.analysis.statistics import render_audit, render_summary
+    from sepmc.analysis.statistics_text import render_audit, render_summary
     from sepmc.analysis.stored_statistics import histogram_table
     from sepmc.campaign.store import manifests, shards
     from sepmc.schema import Status
@@ -358,7 +358,8 @@ def tell_given(
         filter_outcomes,
         matching_rows,
     )
-    from sepmc.analysis.statistics import ok_rows, render_summary
+    from sepmc.analysis.statistics import ok_rows
+    from sepmc.analysis.statistics_text import render_summary
     from sepmc.campaign.store import folders, manifests, shards
     from sepmc.scene.messages import InputError
 

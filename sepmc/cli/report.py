@@ -21,14 +21,8 @@ from sepmc.analysis import (
 )
 from sepmc.analysis.requirements import FAIL
 from sepmc.analysis.row_statistics import TableStatistics
-from sepmc.analysis.statistics import (
-    WIDTH,
-    column,
-    ok_rows,
-    render_audit,
-    render_proportions,
-    render_summary,
-)
+from sepmc.analysis.statistics import column, ok_rows
+from sepmc.analysis.statistics_text import WIDTH, render_audit, render_proportions, render_summary
 from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import OF_ITS_SIZE
@@ -48,7 +42,7 @@ from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.compare_figures import overlay_figure
 from sepmc.report.drawing import draw_vehicle
-from sepmc.report.figures import run_figures
+from sepmc.report.history_figures import run_figures
 from sepmc.report.sensitivity_figures import scatter_figure, tornado_figure
 from sepmc.scene.limits import CAMPAIGN_BYTES, content
 from sepmc.scene.messages import nearest, nobody

@@ -74,7 +74,7 @@ def tell_single(
     written: list[Path] = []
     if plots:
         from sepmc.campaign.label import of_case
-        from sepmc.report.figures import run_figures
+        from sepmc.report.history_figures import run_figures
 
         behind = None if run is None else loaded.simulate(None, every_s, say)
         written += run_figures(

@@ -21,7 +21,7 @@ from sepmc.analysis.requirements import (
     render_missing,
     requirement_sentence,
 )
-from sepmc.analysis.statistics import column_groups, rounded
+from sepmc.analysis.statistics_text import column_groups, rounded
 
 _STYLES = {PASS: "pass", FAIL: "fail"}
 

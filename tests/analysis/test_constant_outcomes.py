@@ -11,7 +11,8 @@ from oracles.random_scenes.interpreted import flown_plainly
 
 from sepmc.analysis import compare, constant_outcomes, distributions, sensitivity
 from sepmc.analysis.row_statistics import TableStatistics
-from sepmc.analysis.statistics import render_summary, statistics
+from sepmc.analysis.statistics import statistics
+from sepmc.analysis.statistics_text import render_summary
 from sepmc.analysis.stopping import StoppingRule
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.store import manifests, shards

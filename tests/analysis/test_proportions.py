@@ -11,7 +11,8 @@ from scipy.stats import binom
 from sepmc.analysis.proportions import (
     allowed_violations,
     binomial_interval,
-    design_value,
+    design_rank,
+    order_statistics,
     percentile_ranks,
     required_cases,
     upper_bound,
@@ -121,6 +122,11 @@ def test_places_of_percentiles_against_the_law(share):
         low, high = percentile_ranks(n, share)
         assert binom.cdf(low, n, share) <= 0.025 < binom.cdf(low + 1, n, share)
         assert binom.sf(high, n, share) <= 0.025 < binom.sf(high - 1, n, share)
+
+
+def design_value(values, probability, confidence, upper=True):
+    rank = design_rank(len(values), probability, confidence, upper)
+    return math.nan if rank is None else float(order_statistics(values, np.array([rank]))[0])
 
 
 def test_design_value():

@@ -12,12 +12,10 @@ from sepmc.analysis.statistics import (
     PERCENTILES,
     audit,
     percentile_curves,
-    render_audit,
-    render_summary,
-    rounded,
     statistics,
     status_counts,
 )
+from sepmc.analysis.statistics_text import render_audit, render_summary, rounded
 
 PERCENTS = list(PERCENTILES)
 

@@ -12,7 +12,7 @@ import sepmc
 from sepmc.campaign.store import ledger, manifests, shards
 from sepmc.cli.app import main
 from sepmc.cli.figures import marks_of
-from sepmc.report import animation, figures
+from sepmc.report import animation, history_figures
 from sepmc.report.animation import _Shot
 from sepmc.report.style import make_axes
 
@@ -205,6 +205,6 @@ def test_figures_mark_releases_and_events(pair, tmp_path):
     history = pair(_LETS_GO).simulate(step_s=0.05)
     _figure, (ax,) = make_axes(1, 1, (4.0, 3.0))
     ax.set_xlim(0.0, 0.5)
-    figures._mark(ax, marks_of(history.attrs))
+    history_figures._mark(ax, marks_of(history.attrs))
     _, names = ax.get_legend_handles_labels()
     assert names == ["release of pins (0.2 s)", "late (0.4 s)"]
