@@ -358,6 +358,7 @@ def tell_given(
         filter_outcomes,
         matching_rows,
     )
+    from sepmc.analysis.row_statistics import TableStatistics
     from sepmc.analysis.statistics import ok_rows
     from sepmc.analysis.statistics_text import render_summary
     from sepmc.campaign.store import folders, manifests, shards
