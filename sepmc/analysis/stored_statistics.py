@@ -1,4 +1,4 @@
-"""Statistics and histograms that a run left in files, where it kept no cases to count again."""
+"""Statistics and histograms read from the files of a run that stored no case rows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ _COLUMNS = ["outcome", "from", "to", "cases"]
 
 @dataclass(frozen=True)
 class StoredStatistics:
-    """A ``table`` of statistics by outcome, and the ``bins`` of histograms."""
+    """Stored statistics: a ``table`` with a row per outcome, and the ``bins`` of histograms."""
 
     table: pd.DataFrame
     bins: pd.DataFrame
@@ -21,12 +21,11 @@ class StoredStatistics:
     def statistics(
         self, reference: Mapping[str, Mapping[str, float]] | None = None
     ) -> pd.DataFrame:
-        """As `sepmc.analysis.streaming.StreamingStatistics.statistics`; the reference is in it as
-        it was told."""
+        """Return the stored table; it contains the reference that was given when it was written."""
         return self.table
 
     def histogram(self, name: str) -> Histogram | None:
-        """As `sepmc.analysis.streaming.StreamingStatistics.histogram`."""
+        """Return the histogram of an outcome, or None if it has no finite value."""
         row = np.asarray(self.table.loc[[name], ["n", "mean", "sigma", "min", "max"]], dtype=float)
         n, mean, sigma, low, high = row[0].tolist()
         if not n or not np.isfinite(mean):
@@ -38,10 +37,10 @@ class StoredStatistics:
 
 
 def histogram_table(histograms: Mapping[str, Histogram | None]) -> pd.DataFrame:
-    """Histograms as a table: a row for each bin."""
-    parts = [
+    """Return histograms as a table with a row per bin."""
+    tables = [
         pd.DataFrame({"outcome": name, "from": h.edges[:-1], "to": h.edges[1:], "cases": h.counts})
         for name, h in histograms.items()
         if h is not None and len(h.counts)
     ]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=_COLUMNS)
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=_COLUMNS)
