@@ -253,7 +253,9 @@ def test_causes_by_themselves_are_no_pairs():
     assert sorted(one.inputs for one in found) == [("fails",), ("thrust",)]
     told = causes_text("late", found, {"fails": "spring.aft.fails"})
     assert "spring.aft.fails tells" in told
-    assert f"most where spring.aft.fails = 1: {int(fails.sum())} of the " in " ".join(told.split())
+    assert f"mostly where spring.aft.fails = 1: {int(fails.sum())} of the " in " ".join(
+        told.split()
+    )
     by_name = {one.inputs[0]: one for one in found}
     assert by_name["thrust"].region[0][0] == thrust.min()
     assert by_name["thrust"].region[0][1] < 0.2
