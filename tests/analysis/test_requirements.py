@@ -121,7 +121,7 @@ def test_what_is_not_known_refutes_nothing():
     values[[40, 41, 42]] = 4.0
     assert verdict(values, statuses=statuses).verdict == FAIL
     lost = verdict(values, statuses=["unresolved"] * 50)
-    assert (lost.verdict, lost.why) == (NONE, "no case came to its end with this outcome")
+    assert (lost.verdict, lost.why) == (NONE, "no case finished with this outcome")
     assert (lost.worst, lost.worst_case) == (None, 0)
 
 
@@ -327,7 +327,7 @@ def test_all_requirements_together():
     assert np.flatnonzero(~known).tolist() == [9]
     text = " ".join(requirements.render_verdicts([found], {}).split())
     assert "clean: no other requirement is violated in 90 % of all cases" in text
-    assert "1 of them did not come to their end, or lack an outcome" in text
+    assert "1 of them did not finish or have no such outcome" in text
     for doubtful, said in ((5, PASS), (30, NONE)):  # of 200 cases 14 may violate
         near = speed.copy()
         near[100 : 100 + doubtful] = 1.0 + 1e-6

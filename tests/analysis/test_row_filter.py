@@ -146,4 +146,4 @@ def test_what_is_offered_has_its_unit(tmp_path):
     # what such cases lack stands once, not with each requirement
     assert full.count("more such cases") == 1
     assert "2 requirements not shown: " in full
-    assert "more cases, none of which violates it" not in full
+    assert "more cases without a violation" not in full

@@ -187,7 +187,7 @@ def test_missing_does_not_pass(run, expected):
         assert one["verdict"] != "pass"
         said = f"{expected[place]} of them have no such outcome"
         assert said in " ".join(told.output.split())
-    assert "did not come to their end" not in told.output
+    assert "did not finish" not in told.output
 
 
 def test_what_did_not_end_is_told_apart():
@@ -201,7 +201,7 @@ def test_what_did_not_end_is_told_apart():
     summary = TableStatistics(rows, ["x_mm"], [], {}, [item])
     (verdict,) = summary.verdicts({"x_mm": (0.0, 1.0)}, summary.audit())
     assert (verdict.violations, verdict.missing, verdict.lacking) == (3, 3, 2)
-    told = "2 of them have no such outcome, 1 of them did not come to their end"
+    told = "2 of them have no such outcome, 1 of them did not finish"
     assert render_missing(verdict) == told
 
 

@@ -44,8 +44,8 @@ def stopping(most):
 @pytest.fixture(autouse=True)
 def _plainly(monkeypatch):
     """Small first looks and pieces, and what is counted is written after each."""
-    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_OF_MOMENTS", 16)
-    monkeypatch.setattr("sepmc.analysis.stopping._FIRST", 16)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK_OF_MOMENTS", 16)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK", 16)
     for name, value in (("_SAVE_S", 0.0), ("_PART_S", 0.0), ("_FIRST", 8), ("_CALL_S", 1e-9)):
         monkeypatch.setattr(chunks, name, value)
     with flown_plainly():

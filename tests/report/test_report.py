@@ -97,7 +97,7 @@ def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
     violations = int((table["status"] == "never-released").sum())
     text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert f"case {first}, the first of {violations} that violate parts" in text
-    assert f"{violations} of them did not come to their end" in text
+    assert f"{violations} of them did not finish" in text
 
 
 def test_joint_loads_that_are_not_unique_are_noted(pair, tmp_path):
