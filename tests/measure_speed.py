@@ -20,7 +20,7 @@ from statistics import median
 import numpy as np
 
 from sepmc.bench.clock import rounds
-from sepmc.bench.study import drawn
+from sepmc.bench.study import sample_inputs
 from sepmc.campaign.campaign import Campaign, load
 from sepmc.campaign.execution.integration import by_name, integrate_once
 from sepmc.campaign.execution.step_selection import kernel_text, select_steps
@@ -131,7 +131,7 @@ def features(file, cases=2000):
     thread."""
     campaign = load(file, BARE)
     use_threads(1)
-    flight, inputs = select_steps(campaign), drawn(campaign, cases)
+    flight, inputs = select_steps(campaign), sample_inputs(campaign, cases)
     scenes = {"all": campaign}
     if campaign.scene.output.loads:
         scenes["loads"] = without(campaign, True, False)

@@ -105,7 +105,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
                 step_selection.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0)
             )
             return
-        from sepmc.analysis.requirements import sentence
+        from sepmc.analysis.requirements import requirement_sentence
         from sepmc.campaign.execution.diagnostics import file_notes, sampled
         from sepmc.campaign.execution.runner import implausible_note
         from sepmc.kernel.spec.describe import lines
@@ -154,7 +154,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         )
         click.echo(f"  required     {len(required) or 'nothing'}")
         for item in required:
-            click.echo("    " + sentence(item, units.get(item.metric, "")))
+            click.echo("    " + requirement_sentence(item, units.get(item.metric, "")))
         broken = drawn = 0
         for first, end in islice(numbers.pieces(_DRAWN), _TIMES):
             broken += loaded.implausible_inertias(loaded.sample(first, end - first, None, total))
@@ -215,7 +215,7 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
     with plain_errors(False):
         loaded = load_campaign(file, settings)
         from sepmc.campaign.label import of_settings
-        from sepmc.report.drawing import drawing
+        from sepmc.report.drawing import draw_vehicle
         from sepmc.scene.messages import InputError
 
         path = out or Path(f"{loaded.name}.png")
@@ -227,7 +227,7 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
         title = f"{loaded.name}: {said}" if said else loaded.name
         title += of_settings(loaded.settings)
         try:
-            click.echo(f"wrote {drawing(loaded.scene, loaded.file.dispersions, title, path)}")
+            click.echo(f"wrote {draw_vehicle(loaded.scene, loaded.file.dispersions, title, path)}")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 

@@ -109,11 +109,11 @@ def plot(folder: Path, every: bool, ending: str) -> None:
     with plain_errors(False):
         from sepmc.campaign.label import of_case
         from sepmc.campaign.store import manifests, shards
-        from sepmc.report.figures import run_figures
-        from sepmc.report.style import PRINTED, dots
+        from sepmc.report.history_figures import run_figures
+        from sepmc.report.style import PRINTED, resolution
 
         history, suffix = shards.read_history(folder), f".{ending}"
-        with dots(PRINTED):
+        with resolution(PRINTED):
             if history is not None:
                 told = manifests.read_manifest(folder)
                 about = of_case(told["campaign"], told["case"], told.get("settings", {}))

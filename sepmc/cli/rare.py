@@ -109,7 +109,7 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
 def text(found: "RareEventEstimate") -> str:
     """An estimate as the screen shows it: levels, the probability, what violating cases have in
     common."""
-    from sepmc.analysis.subset_simulation import plain_cases
+    from sepmc.analysis.subset_simulation import equivalent_direct_cases
 
     unit = "" if found.unit == "1" else f" {found.unit}"
     low, high = found.interval
@@ -136,7 +136,7 @@ def text(found: "RareEventEstimate") -> str:
         )
     if mean and len(found.levels) > 1:
         least, greatest = min(found.replicas), max(found.replicas)
-        plain = plain_cases(mean, found.interval)
+        plain = equivalent_direct_cases(mean, found.interval)
         lines.append(
             f"{len(found.replicas)} independent replicas: {least:.2e} to {greatest:.2e}"
             + (f"; plain cases for the same interval: {plain:.1e}" if plain > 0.0 else "")

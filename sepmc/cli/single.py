@@ -74,7 +74,7 @@ def tell_single(
     written: list[Path] = []
     if plots:
         from sepmc.campaign.label import of_case
-        from sepmc.report.figures import run_figures
+        from sepmc.report.history_figures import run_figures
 
         behind = None if run is None else loaded.simulate(None, every_s, say)
         written += run_figures(
@@ -91,7 +91,7 @@ def tell_single(
         from sepmc.report import animation
 
         path = folder / f"film.{film}"
-        animation.film(history, case.scene, f"{loaded.name}, {about}", path)
+        animation.animate(history, case.scene, f"{loaded.name}, {about}", path)
         written.append(path)
     manifests.record_derived(folder, written)
     say(f"wrote {folder}")

@@ -15,8 +15,8 @@ from measure_kills import same
 
 import sepmc
 from sepmc import cluster
-from sepmc.analysis.quantile_sketch import ROOM
-from sepmc.analysis.streaming import GRAIN
+from sepmc.analysis.quantile_sketch import EXACT_VALUES
+from sepmc.analysis.streaming import ACCUMULATION_BLOCK
 from sepmc.campaign.execution import runner
 from sepmc.campaign.execution.work_ranges import StaleWorkerError
 from sepmc.campaign.store import manifests, shards
@@ -60,7 +60,7 @@ def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
 
 def test_statistics_alone(campaign, workers, tmp_path):
     """After the cases that lay out their grids, and a last range that is no whole grain."""
-    cases = ROOM + 9 * GRAIN + 7
+    cases = EXACT_VALUES + 9 * ACCUMULATION_BLOCK + 7
     given = {"cases": cases, "stats_only": True}
     one = campaign.run(**given)
     other = campaign.run(**given, out=tmp_path / "run", crew=workers)
@@ -106,8 +106,12 @@ def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
 def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatch):
     """By one process, which ends within a grain, and by workers again."""
     monkeypatch.setattr(runner, "_SAVE_S", 0.0)
-    given = {"cases": ROOM + 12 * GRAIN + 7, "out": tmp_path / "run", "resume": True}
-    for most, by in ((ROOM + 1, workers), (2 * GRAIN + 99, None)):
+    given = {
+        "cases": EXACT_VALUES + 12 * ACCUMULATION_BLOCK + 7,
+        "out": tmp_path / "run",
+        "resume": True,
+    }
+    for most, by in ((EXACT_VALUES + 1, workers), (2 * ACCUMULATION_BLOCK + 99, None)):
 
         def progress(done, total, failures, most=most):
             if done >= most:
@@ -116,7 +120,7 @@ def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatc
         with pytest.raises(InterruptedError):
             campaign.run(**given, stats_only=True, crew=by, progress=progress)
     held = shards.accumulator_entry(tmp_path / "run").first
-    assert ROOM + GRAIN < held < given["cases"]
+    assert EXACT_VALUES + ACCUMULATION_BLOCK < held < given["cases"]
     result = campaign.run(**given, crew=workers)
     assert result.resumed == held
     whole = campaign.run(cases=given["cases"], stats_only=True)
