@@ -19,7 +19,7 @@ from sepmc.scene.dispersion import Dispersion
 from sepmc.wording import option
 
 # Times that a value is to be drawn before a mean or a sigma is believed: with fewer, intervals of a
-# mean that the value decides hold the true one too seldom (tests/measure_until.py).
+# mean that the value decides hold the true one too seldom (tests/measure/until.py).
 TIMES = 10
 _COMMON = 0.05  # probability from which on a value that was drawn at all shows in the intervals
 _ABOVE = 1.001  # times the probability of independent parameters, of a pair that is counted

@@ -4,7 +4,7 @@ A run looks after 256, 512, ... cases, for a mean or a sigma after 2,048, 4,096,
 states then holds with 95 % however often it looked before, as each of n looks states an interval of
 1 - 0.05 / n (Bonferroni). Intervals of shares and percentiles hold whatever the distribution is.
 That of a mean needs a sample that shows what decides it: every value that the file gives a
-probability, and a sigma that is known itself. Coverage on fifteen problems: tests/measure_until.py.
+probability, and a sigma that is known itself. Coverage on fifteen problems: tests/measure/until.py.
 """
 
 import math
