@@ -105,7 +105,7 @@ CACHE_FOLDER = cache_folder(sources_digest())
 
 
 @contextlib.contextmanager
-def one_at_a_time(what):
+def cache_lock(what):
     """Let one process at a time fill the cache with ``what`` it says: several at once can spoil it
     (numba #4807), and would each take as long."""
     path = CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{what}.lock"
@@ -113,7 +113,7 @@ def one_at_a_time(what):
         yield
 
 
-def compiling(program: str) -> dict[str, Any]:
+def compile_command(program: str) -> dict[str, Any]:
     """Command and environment of a process that only fills the cache, by a program text; it imports
     nothing from the working folder."""
     path = os.pathsep.join(each for each in sys.path if each)
@@ -237,17 +237,17 @@ long_formula = numba.njit(**_CALLED, **_WRAPPED)
 routine = numba.njit(**_CALLED, **_BARE)
 
 
-def keep_apart() -> None:
+def noinline() -> None:
     """First line of a large routine: its code then stands once, not copied to each of its calls,
     which took most of the time to compile."""
 
 
-@type_callable(keep_apart)
+@type_callable(noinline)
 def _type_of_mark(context):
     return lambda: numba.types.none
 
 
-@lower_builtin(keep_apart)
+@lower_builtin(noinline)
 def _mark_apart(context, builder, signature, arguments):
     """Mark the function that is being compiled as one that is called, never copied into its
     caller."""

@@ -13,19 +13,19 @@ EXTRA = "pip install '.[{}]' in the folder that sepmc was installed from"
 _CLIENTS = ("botocore", "aiobotocore", "aiohttp", "gcsfs", "google", "adlfs", "azure")
 
 
-class PlaceError(ValueError):
+class PathError(ValueError):
     """A name of a place that this installation cannot reach; its argument is the sentence."""
 
 
-def place(name: str | Path) -> Path:
-    """The path of a name. Raises PlaceError if it is none, or if what reaches such a place is not
+def as_path(name: str | Path) -> Path:
+    """The path of a name. Raises PathError if it is none, or if what reaches such a place is not
     installed, or does not reach it."""
     if hasattr(name, "is_dir"):  # a path, of object storage too
         return cast(Path, name)
     if isinstance(name, os.PathLike):
         name = os.fspath(name)
     if not isinstance(name, str):
-        raise PlaceError(f"path = {name!r:.60}: must be text or a path")
+        raise PathError(f"path = {name!r:.60}: must be text or a path")
     if "://" not in name:
         return Path(name)
     try:
@@ -35,7 +35,7 @@ def place(name: str | Path) -> Path:
         path = UPath(name, use_listings_cache=False)
         system = path.fs
     except (ImportError, ValueError) as error:
-        raise PlaceError(
+        raise PathError(
             f"{name}: cannot be reached: {error}; object storage comes with the extra cluster "
             f"({EXTRA.format('cluster')}), s3:// by itself, others with their clients"
         ) from None
@@ -45,13 +45,13 @@ def place(name: str | Path) -> Path:
     except OSError:  # nothing of this name yet, or the bucket may not be listed
         pass
     except Exception as error:
-        if not is_of_storage(error):
+        if not is_storage_error(error):
             raise
-        raise PlaceError(f"{name}: cannot be reached: {error}") from None
+        raise PathError(f"{name}: cannot be reached: {error}") from None
     return cast(Path, path)
 
 
-def is_of_storage(error: Exception) -> bool:
+def is_storage_error(error: Exception) -> bool:
     """Whether an error is one of a client of object storage."""
     modules = (kind.__module__.partition(".")[0] for kind in type(error).__mro__)
     return any(module in _CLIENTS for module in modules)
@@ -62,7 +62,7 @@ def is_local(path: Path) -> bool:
     return isinstance(path, PurePath)
 
 
-def source(path: Path) -> Any:
+def readable(path: Path) -> Any:
     """What readers of files take: the path, or the content of a file of object storage."""
     if is_local(path):
         return path

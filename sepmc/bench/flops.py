@@ -25,7 +25,7 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.integration import Flight, by_name
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.engine import interpreted, kernel_cache
-from sepmc.engine.dispatch import fly_cases
+from sepmc.engine.dispatch import integrate_cases
 from sepmc.jit import BARE
 from sepmc.kernel.emit.compile_units import ALIKE, split
 from sepmc.kernel.emit.context import Context
@@ -97,7 +97,7 @@ def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
     found: dict[str, float | None] = {}
     for phase, stage in flown.items():
         piece = texts[f"rates_{stage}"]
-        kept = kernel_cache.CACHE_FOLDER / f"{kernel_cache.write([piece])[0]}.flops.json"
+        kept = kernel_cache.CACHE_FOLDER / f"{kernel_cache.write_modules([piece])[0]}.flops.json"
         if kept.is_file():
             found[phase] = json.loads(kept.read_text(encoding="utf-8"))
             continue
@@ -109,7 +109,7 @@ def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
 
 def flops_here(piece: str) -> float | None:
     """Flops of an evaluation by a piece of a kernel, which is compiled here."""
-    module = kernel_cache.module(kernel_cache.write([piece])[0])
+    module = kernel_cache.load_module(kernel_cache.write_modules([piece])[0])
     return in_code(getattr(module, ALIKE)._library.get_llvm_str(), ALIKE)
 
 
@@ -156,7 +156,7 @@ def evaluations_here(
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     drawn = campaign.draw(0, 1) * campaign.factors
-    fly_cases(
+    integrate_cases(
         kernel,
         campaign.plan,
         np.array(steps, dtype=np.int64),

@@ -18,7 +18,7 @@ from sepmc.campaign import cases
 from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.case_selection import read as read_numbers
 from sepmc.campaign.cases import OF_ITS_SIZE
-from sepmc.engine.dispatch import whole
+from sepmc.engine.dispatch import check_int
 from sepmc.kernel.spec.parameter_layout import Plan, apart, make_plan
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
@@ -233,9 +233,9 @@ class Definition:
         InputError if there is no such case: of the plan, or of a sampler whose cases depend on how
         many there are."""
         sampling = self.drawn_as(total)
-        first = whole("first", first, 0, CASES - 1)
+        first = check_int("first", first, 0, CASES - 1)
         last = sampling.cases if self.scene.run.sampler in OF_ITS_SIZE else CASES
-        count = whole("count", count, 0, max(last - first, 0))
+        count = check_int("count", count, 0, max(last - first, 0))
         laws, inputs = self.file.dispersions, self.file.input_table
         table = cases.draw(laws, self._seed(seed), first, count, sampling)
         if inputs is not None:
@@ -277,7 +277,7 @@ class Definition:
     def drawn_as(self, total: int | None = None) -> cases.Sampling:
         """How so many cases are drawn. Raises InputError if so many cannot be."""
         run = self.scene.run
-        size = run.cases if total is None else whole("total", total, 1, CASES)
+        size = run.cases if total is None else check_int("total", total, 1, CASES)
         sampling = cases.Sampling(run.sampler, size, self.file.copulas)
         if fault := cases.size_fault(sampling, len(self.file.dispersions)):
             raise InputError(f"cases = {size}: {fault}")
@@ -302,7 +302,7 @@ class Definition:
         a Saltelli design has no other cases than its own."""
         total = self.scene.run.cases if total is None else total
         of_its_size = self.scene.run.sampler in cases.OF_ITS_SIZE
-        number = whole("case", number, 0, (total if of_its_size else CASES) - 1)
+        number = check_int("case", number, 0, (total if of_its_size else CASES) - 1)
         drawn = self.draw(number, 1, seed, total)[0]
         values = {
             d.parameter.path: float(x)
@@ -327,7 +327,7 @@ class Definition:
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
     def _seed(self, seed: int | None) -> int:
-        return self.scene.run.seed if seed is None else whole("seed", seed, 0, SEED)
+        return self.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
 
     def implausible_inertias(self, drawn: np.ndarray) -> int:
         """Number of rows of a case table (n, d) in which some body's inertia breaks the triangle

@@ -260,10 +260,10 @@ def compile_(
         from sepmc.campaign.execution import step_selection
         from sepmc.engine.dispatch import load_kernel
         from sepmc.kernel.spec.structure import make_shape
-        from sepmc.routines.layout import USUAL
+        from sepmc.routines.layout import STANDARD
 
         history = loaded.scene.run.history_step > 0.0 and not stats_only
-        cares = [USUAL, *(make_shape(loaded.plan, loaded.dispersed).spares if spares else [])]
+        cares = [STANDARD, *(make_shape(loaded.plan, loaded.dispersed).spares if spares else [])]
         start = time.perf_counter()
         for care in cares:
             load_kernel(step_selection.kernel_text(loaded, history=history, care=care), say)

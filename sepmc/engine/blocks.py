@@ -50,14 +50,14 @@ def _enter_intrinsic(typing_context, kernel, workspace, first, arguments):
 _enter: Any = intrinsic(_enter_intrinsic)
 
 
-def _fly_blocks(kernel, blocks, workspaces, size, arguments):
+def _run_blocks(kernel, blocks, workspaces, size, arguments):
     """Fly blocks 0 to ``blocks`` of LANES cases with the kernel at an address; each thread has a
     workspace of its own, so many bytes from one to the next."""
     for number in prange(blocks):
         _enter(kernel, workspaces + get_thread_id() * size, number * LANES, arguments)
 
 
-def fly(
+def integrate(
     kernel: Kernel,
     scene,
     whole,
@@ -68,7 +68,7 @@ def fly(
     steps,
     pace,
     times,
-    usual,
+    typical,
     every,
     outcomes,
     ends,
@@ -78,7 +78,7 @@ def fly(
 ) -> None:
     """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps``
     (stages,) steps a stage, that is a phase, or the time in which joints are late. It usually lasts
-    ``usual`` (stages,) s. Where switches and events divide it, so many steps from one to the next,
+    ``typical`` (stages,) s. Where switches and events divide it, so many steps from one to the next,
     or fewer, a multiple of ``times``, if that many times the longest is no longer than ``pace``
     (stages,) s; 0: never fewer. ``methods`` (stages,) are numbers of the methods of each stage.
 
@@ -93,7 +93,7 @@ def fly(
         slots,
         draws,
         steps,
-        usual,
+        typical,
         np.atleast_1d(np.asarray(every, dtype=np.float64)),
         outcomes,
         ends,
@@ -126,14 +126,14 @@ def fly(
     room, workspaces = _workspaces(kernel)
     blocks = (draws.shape[1] + LANES - 1) // LANES
     if threads.is_forked():
-        _fly_alone(kernel.address, blocks, workspaces, sizes.ctypes.data)
+        _run_serial(kernel.address, blocks, workspaces, sizes.ctypes.data)
         return
     with threads.in_turn():
         _loop()(kernel.address, blocks, workspaces, room.strides[0], sizes.ctypes.data)
 
 
-def _fly_alone(kernel: int, blocks: int, workspace: int, arguments: int) -> None:
-    """`_fly_blocks` on the thread of the caller: the same machine code of the kernel, so the same
+def _run_serial(kernel: int, blocks: int, workspace: int, arguments: int) -> None:
+    """`_run_blocks` on the thread of the caller: the same machine code of the kernel, so the same
     bits, outside of Numba's threads."""
     enter = CFUNCTYPE(None, *3 * (c_int64,))(kernel)
     for number in range(blocks):
@@ -154,7 +154,7 @@ def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
 def compile_blocks() -> None:
     """Compile the loop over blocks into the cache folder."""
     signature = types.void(*5 * (types.int64,))
-    cache_files.keep(NAME, *machine_code(compiled(_fly_blocks, signature, parallel=True)))
+    cache_files.store(NAME, *machine_code(compiled(_run_blocks, signature, parallel=True)))
 
 
 @cache
@@ -164,4 +164,4 @@ def _loop() -> Any:
     return PYFUNCTYPE(None, *5 * (c_int64,))(cache_files.link_or_make(NAME, compile_blocks))
 
 
-__all__ = ["NAME", "compile_blocks", "fly"]
+__all__ = ["NAME", "compile_blocks", "integrate"]

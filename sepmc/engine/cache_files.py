@@ -54,12 +54,12 @@ def _digest(path: Path, content: bytes) -> bytes:
     return hashlib.sha256(path.name.encode() + b"\n" + content).digest()
 
 
-def keep(name: str, symbols: list[str], code: bytes) -> None:
+def store(name: str, symbols: list[str], code: bytes) -> None:
     """Write the object file of a function, by the first of ``symbols``; it needs the others."""
     put_sealed(_path(name), json.dumps(symbols).encode() + b"\n" + code)
 
 
-def is_kept(name: str) -> bool:
+def is_stored(name: str) -> bool:
     """Whether there is an object file of that name, as it was written."""
     return name in _linked or _read(name) is not None
 
@@ -78,7 +78,7 @@ def link(name: str) -> int:
 
 def link_or_make(name: str, make: Callable[[], None]) -> int:
     """`link`; a file that is not there is made first."""
-    if not is_kept(name):
+    if not is_stored(name):
         make()
     return link(name)
 

@@ -9,7 +9,7 @@ from typing import Any
 from numba.core.types.functions import BaseFunction
 
 
-def keep() -> None:
+def cache_call_types() -> None:
     """Let Numba keep what it finds, for the life of the process."""
     find = BaseFunction.get_call_type
 

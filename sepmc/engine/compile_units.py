@@ -1,4 +1,4 @@
-"""Pieces of written kernels: functions of a workspace and numbers, compiled each for itself, that
+"""CompileUnits of written kernels: functions of a workspace and numbers, compiled each for itself, that
 call each other by address.
 
 The addresses of a kernel's pieces stand in front of its workspace, so that whoever has the
@@ -25,7 +25,7 @@ def workspace(address):
     return carray(address, (_ENDLESS,))
 
 
-def piece(codes: str) -> Any:
+def compile_unit(codes: str) -> Any:
     """Compile, at once, a function of a workspace's address and numbers ("i" whole, "f" floating;
     "a" arrays)."""
     signature = types.void(types.CPointer(types.float64), *(_TYPES[code] for code in codes))
@@ -73,4 +73,4 @@ def table(addresses: list[int]) -> np.ndarray:
     return np.array([*room * [0], *reversed(addresses)], dtype=np.int64)
 
 
-__all__ = ["callee", "piece", "table", "workspace"]
+__all__ = ["callee", "compile_unit", "table", "workspace"]

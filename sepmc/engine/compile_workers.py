@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from sepmc.engine.host_process import at_fork
-from sepmc.jit import compiling
+from sepmc.jit import compile_command
 
 Progress = Callable[[int, int], None]  # done, total
 IDLE_S = 60.0  # after which they end
@@ -30,7 +30,7 @@ class Compiler:
 
     def __init__(self) -> None:
         self.process = subprocess.Popen(
-            **compiling(_SERVE),
+            **compile_command(_SERVE),
             text=True,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

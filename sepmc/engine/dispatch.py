@@ -28,7 +28,7 @@ _EVERY_S = 5.0  # between two words on how far the compiling is
 _waited: list[float] = []  # for compilers, s
 
 
-def one_of(status: np.ndarray, kinds: Sequence[int]) -> np.ndarray:
+def status_in(status: np.ndarray, kinds: Sequence[int]) -> np.ndarray:
     """Which of the cases (n,) have one of some kinds of status; ten times as fast as `numpy.isin`,
     which sorts."""
     found = status == kinds[0]
@@ -38,33 +38,65 @@ def one_of(status: np.ndarray, kinds: Sequence[int]) -> np.ndarray:
 
 
 @dataclass
-class Again:
-    """What is told of the cases of a block: the largest ``error`` (o,) of each outcome, as far as
-    cases tell it one by one; how many were flown again at finer steps than the others, and by a
-    spare kernel; and how many no step settled; the largest ``guards`` (g,) of those that were not
-    flown again, which tell errors of the other outcomes, or none."""
+class RefinementSummary:
+    """Counts and errors of the refined cases of a block.
+
+    Attributes
+    ----------
+    error : ndarray, shape (o,)
+        Largest error of each outcome over the cases that were integrated with refined steps.
+    n_refined : int
+        Cases integrated again with smaller steps.
+    n_fallback : int
+        Cases integrated again by a fallback kernel.
+    n_unconverged : int
+        Cases whose outcomes did not converge.
+    indicators : ndarray, shape (g,) or (0,)
+        Largest error indicators of the cases that were not refined; they give the errors of the
+        outcomes of these cases.
+    """
 
     error: np.ndarray
-    finer: int = 0
-    spare: int = 0
-    unsettled: int = 0
-    guards: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    n_refined: int = 0
+    n_fallback: int = 0
+    n_unconverged: int = 0
+    indicators: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    def with_others(self, others: "Again") -> "Again":
-        """These and others."""
-        return Again(
-            np.maximum(self.error, others.error),
-            self.finer + others.finer,
-            self.spare + others.spare,
-            self.unsettled + others.unsettled,
-            self.guards if len(self.guards) else others.guards,
+    def merged(self, other: "RefinementSummary") -> "RefinementSummary":
+        """Summary of the cases of this one and of another one."""
+        return RefinementSummary(
+            np.maximum(self.error, other.error),
+            self.n_refined + other.n_refined,
+            self.n_fallback + other.n_fallback,
+            self.n_unconverged + other.n_unconverged,
+            self.indicators if len(self.indicators) else other.indicators,
         )
 
 
 @dataclass
 class Block:
-    """Arrays a call of the door fills, and what is to be told of the cases that another kernel
-    flew."""
+    """Arrays that one call of a kernel fills, and the summary of the cases integrated again.
+
+    Attributes
+    ----------
+    outcomes : ndarray, shape (n, o)
+        Outcomes and audit columns, in SI units.
+    status : ndarray, shape (n,)
+        Status of each case; below 0 if the kernel rejected it.
+    times : ndarray, shape (n, rows)
+        Times of the history rows, s.
+    phases : ndarray, shape (n, rows)
+        Phase number of each history row.
+    history : ndarray, shape (n, rows, columns)
+        Separation speeds and distances.
+    rows : ndarray, shape (n,)
+        Number of valid history rows of each case.
+    indicators : ndarray, shape (n, g), optional
+        Error indicators (`sepmc.kernel.emit.context.Context`), not negative. NaN: unknown. Minus
+        infinity: the steps were too long to count the full turns of pitch and roll.
+    refinement : RefinementSummary, optional
+        Summary of the cases integrated again.
+    """
 
     outcomes: np.ndarray
     status: np.ndarray
@@ -72,48 +104,45 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    # (n, g): how hard cases are to integrate (`sepmc.kernel.emit.context.Context`), not below 0;
-    # NaN: not known; minus infinity: steps were too long to tell by how many turns pitch and roll
-    # went on
-    guards: np.ndarray | None = None
-    again: Again | None = None
+    indicators: np.ndarray | None = None
+    refinement: RefinementSummary | None = None
 
     @property
     def error(self) -> np.ndarray:
-        """The estimate of the error of each case (n,), its last audit column."""
+        """Estimated error of each case (n,): the last audit column."""
         return self.outcomes[:, -1]
 
     @property
-    def guarded(self) -> np.ndarray:
-        """Which cases (n,) have guards that are all known; others are flown again."""
-        assert self.guards is not None
-        return np.asarray((self.guards >= 0.0).all(axis=1))
+    def has_indicators(self) -> np.ndarray:
+        """Mask (n,) of the cases with all error indicators known; others are integrated again."""
+        assert self.indicators is not None
+        return np.asarray((self.indicators >= 0.0).all(axis=1))
 
     @property
     def turns_unclear(self) -> np.ndarray:
-        """Cases (n,) that shorter steps may tell more of."""
-        if self.guards is None:
+        """Mask (n,) of the cases whose full turns of pitch and roll need shorter steps."""
+        if self.indicators is None:
             return np.zeros(len(self.status), dtype=bool)
-        return np.asarray(np.isneginf(self.guards).any(axis=1))
+        return np.asarray(np.isneginf(self.indicators).any(axis=1))
 
     @property
-    def flown(self) -> np.ndarray:
-        """Which cases (n,) have outcomes."""
-        return one_of(self.status, (Status.OK, Status.NEVER_RELEASED))
+    def has_outcomes(self) -> np.ndarray:
+        """Mask (n,) of the cases that have outcomes."""
+        return status_in(self.status, (Status.OK, Status.NEVER_RELEASED))
 
 
-def fly_cases(
+def integrate_cases(
     kernel: Kernel,
     plan: Plan,
     steps: np.ndarray,
-    usual: np.ndarray,
+    typical: np.ndarray,
     slots: np.ndarray,
     draws: np.ndarray,
     room: int = 0,
     methods: np.ndarray | None = None,
 ) -> tuple[Block, np.ndarray]:
     """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column. ``steps``,
-    ``usual`` and ``methods``, each (stages,), as `sepmc.engine.blocks.fly` has them; without
+    ``typical`` and ``methods``, each (stages,), as `sepmc.engine.blocks.integrate` has them; without
     methods, every stage is flown by its most exact one. A scene's ``solver.step`` is the pace of
     all its stages, and ``steps`` are in how many parts it is divided.
 
@@ -123,16 +152,19 @@ def fly_cases(
     """
     n, columns = len(draws), schema.result_columns(plan.contents)
     # kernels write all of it but the estimate of the error, the last of the columns
-    outcomes, status = np.empty((len(columns) + kernel.guards, n)), np.empty(n, dtype=np.int64)
+    outcomes, status = (
+        np.empty((len(columns) + kernel.n_indicators, n)),
+        np.empty(n, dtype=np.int64),
+    )
     outcomes[len(columns) - 1] = np.nan
-    ends = np.empty((kernel.stages, n))
+    ends = np.empty((kernel.n_segments, n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
     _call(
         kernel,
         plan,
         steps,
-        usual,
+        typical,
         slots,
         draws,
         plan.scene.run.history_step,
@@ -151,24 +183,27 @@ def fly_cases(
     return block, ends
 
 
-def fly_everything(
-    kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
+def integrate_nominal(
+    kernel: Kernel, plan: Plan, steps: np.ndarray, typical: np.ndarray, instants: np.ndarray
 ) -> tuple[np.ndarray, int, bool, np.ndarray, np.ndarray]:
     """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in
-    SI; its status, as `fly_cases` has it; whether shorter steps may tell by how many turns pitch
+    SI; its status, as `integrate_cases` has it; whether shorter steps may tell by how many turns pitch
     and roll went on; the times (stages + changes,) at which stages end, then those at which joints
     let go within, and rows (n, columns) at ``instants`` (n, 3), each a time, the number of a stage,
     and 1 or -1 if the row is to be as things are just after that time or before; NaN if the case
     did not get so far."""
     columns, none = len(schema.result_columns(plan.contents)), np.empty(0, dtype=np.int64)
-    outcomes, status = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64)
-    ends = np.empty((kernel.stages + kernel.changes, 1))
+    outcomes, status = (
+        np.full((columns + kernel.n_indicators, 1), np.nan),
+        np.zeros(1, dtype=np.int64),
+    )
+    ends = np.empty((kernel.n_segments + kernel.n_changes, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
     _call(
         kernel,
         plan,
         steps,
-        usual,
+        typical,
         none,
         np.empty((1, 0)),
         instants,
@@ -187,10 +222,10 @@ def fly_everything(
 
 
 def _call(
-    kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status, methods=None
+    kernel, plan, steps, typical, slots, draws, every, outcomes, ends, history, status, methods=None
 ) -> None:
     """One call of the door of written kernels."""
-    from sepmc.engine.blocks import fly  # noqa: PLC0415
+    from sepmc.engine.blocks import integrate  # noqa: PLC0415
 
     model, nominal, drawn = (
         plan.model,
@@ -200,19 +235,19 @@ def _call(
     if plan.scene.solver.step is not None:
         times, steps, pace = (
             int(steps.max()),
-            np.full(kernel.stages, _NO_LIMIT),
-            np.full(kernel.stages, plan.scene.solver.step),
+            np.full(kernel.n_segments, _NO_LIMIT),
+            np.full(kernel.n_segments, plan.scene.solver.step),
         )
     else:
-        times, pace = 1, np.zeros(kernel.stages)
-    fly(
+        times, pace = 1, np.zeros(kernel.n_segments)
+    integrate(
         kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, pace,
-        times, usual, every, outcomes, ends, history,
-        status, np.zeros(kernel.stages, dtype=np.int64) if methods is None else methods,
+        times, typical, every, outcomes, ends, history,
+        status, np.zeros(kernel.n_segments, dtype=np.int64) if methods is None else methods,
     )  # fmt: skip
 
 
-def whole(name: str, value: Any, least: float, most: float | None = None) -> int:
+def check_int(name: str, value: Any, least: float, most: float | None = None) -> int:
     """A whole number in range; raises InputError (a ValueError) with the name, the value and what
     is allowed."""
     try:
@@ -230,14 +265,14 @@ def whole(name: str, value: Any, least: float, most: float | None = None) -> int
     return number
 
 
-def text(name: str, value: Any, example: str) -> str:
+def check_text(name: str, value: Any, example: str) -> str:
     """A text; raises InputError (a ValueError) with the name, the value and an example."""
     if not isinstance(value, str):
         raise InputError(f"{name} = {shorten(value)}: must be text, as {example!r}")
     return value
 
 
-def check_every(step_s: float, scene: Scene, name: str = "step_s") -> None:
+def check_history_step(step_s: float, scene: Scene, name: str = "step_s") -> None:
     """Raise InputError, a ValueError, if a history cannot have a row every ``step_s``."""
     most = 10 * MOST_ROWS
     if isinstance(step_s, bool) or not isinstance(step_s, Real):
@@ -262,7 +297,7 @@ def check_threads(threads: int | None) -> int | None:
     own.in_use()
     if threads is None:
         return None
-    found, most = whole("threads", threads, -math.inf), own.max_threads()
+    found, most = check_int("threads", threads, -math.inf), own.max_threads()
     if not 1 <= found <= most:
         raise InputError(
             f"threads = {found}: must lie in 1 to {most}, the cores of this machine or fewer where "
@@ -271,11 +306,11 @@ def check_threads(threads: int | None) -> int | None:
     return found
 
 
-def note_of_threads(threads: int | None) -> list[str]:
-    """What deserves a look of the number of threads: `sepmc.engine.threads.note_of_fork`."""
+def thread_notes(threads: int | None) -> list[str]:
+    """What deserves a look of the number of threads: `sepmc.engine.threads.fork_notes`."""
     from sepmc.engine import threads as own  # noqa: PLC0415
 
-    return own.note_of_fork(threads)
+    return own.fork_notes(threads)
 
 
 def use_threads(threads: int | None) -> None:
@@ -309,7 +344,7 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
         _interpreting.reset(before)
 
 
-def now_and_then(
+def progress_reporter(
     announce: Callable[[str], None] | None, every_s: float
 ) -> Callable[[Callable[[float], str]], None]:
     """What tells how far something is, if the last word on it was so many seconds ago: by a text
@@ -336,15 +371,15 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
             return plain.load(text)
     from sepmc.engine import kernel_cache  # noqa: PLC0415
 
-    pieces = kernel_cache.pieces_of(text)
-    left = len(kernel_cache.missing(pieces))
+    pieces = kernel_cache.compile_units_of(text)
+    left = len(kernel_cache.missing_units(pieces))
     if left:
         if announce:
             announce(
                 f"compiling {left} piece{'s' * (left != 1)} of this scene's kernel, once; about "
                 "half a second of a core each ..."
             )
-        tell = now_and_then(announce, _EVERY_S)
+        tell = progress_reporter(announce, _EVERY_S)
 
         def progress(done: int, total: int) -> None:
             if done < total:
@@ -354,13 +389,13 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
 
         begun = time.monotonic()
         try:
-            kernel_cache.compile_apart(pieces, progress)
+            kernel_cache.compile_in_subprocesses(pieces, progress)
         finally:
             _waited.append(time.monotonic() - begun)
     with loading:
         return kernel_cache.load(pieces)
 
 
-def waited_for_compilers() -> float:
+def compile_wait_s() -> float:
     """How long this process has waited for compilers so far, s."""
     return sum(_waited)

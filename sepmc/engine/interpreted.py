@@ -204,7 +204,7 @@ def _without_compiler() -> Iterator[None]:
 
 
 def load(text: str) -> Kernel:
-    """The kernel with this text, to be flown by `sepmc.engine.blocks.fly` in plain Python."""
+    """The kernel with this text, to be flown by `sepmc.engine.blocks.integrate` in plain Python."""
     if text not in _loaded:
         module = ModuleType("sepmc_scene")
         vars(module).update(_over=_over, _power=_power)
@@ -217,9 +217,9 @@ def load(text: str) -> Kernel:
             _in_python(plain)
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
         _loaded[text] = Kernel(
-            guards=module.GUARDS,
-            stages=module.STAGES,
-            changes=module.CHANGES,
+            n_indicators=module.GUARDS,
+            n_segments=module.STAGES,
+            n_changes=module.CHANGES,
             methods=module.METHODS,
             plain=module,
         )

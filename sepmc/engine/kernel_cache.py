@@ -16,7 +16,7 @@ from sepmc.engine import blocks, cache_files, call_types
 from sepmc.engine.compile_units import table
 from sepmc.engine.compile_workers import Progress, compile_all
 from sepmc.engine.written_kernel import Kernel
-from sepmc.jit import CACHE_FOLDER, machine_code, one_at_a_time
+from sepmc.jit import CACHE_FOLDER, cache_lock, machine_code
 from sepmc.kernel.emit.compile_units import ALIKE, split, told
 
 # What is left to the collector before it looks: looking took a fifth of the time to compile.
@@ -25,33 +25,33 @@ _GARBAGE = 1_000_000
 _LONG = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.peaks")
 
 
-class Pieces(msgspec.Struct, frozen=True):
+class CompileUnits(msgspec.Struct, frozen=True):
     """The pieces of a kernel: names of their modules in the cache folder, in the order of their
     table, and what the kernel says of itself (`sepmc.kernel.emit.compile_units.told`)."""
 
     names: tuple[str, ...]
     size: int
-    guards: int
-    stages: int
-    changes: int
+    n_indicators: int
+    n_segments: int
+    n_changes: int
     methods: tuple[tuple[str, ...], ...]
 
 
-def pieces_of(text: str) -> Pieces:
+def compile_units_of(text: str) -> CompileUnits:
     """The pieces of a kernel, whose modules are written into the cache folder unless they are
     known: to split a kernel takes as long as to write it."""
     known = CACHE_FOLDER / f"kernel_{_digest(text)}.sealed"
     kept = cache_files.read_sealed(known)
     if kept is not None:
-        found = msgspec.json.decode(kept, type=Pieces)
-        if all(cache_files.is_kept(name) or _is_written(name) for name in found.names):
+        found = msgspec.json.decode(kept, type=CompileUnits)
+        if all(cache_files.is_stored(name) or _is_written(name) for name in found.names):
             return found
-    found = Pieces(tuple(write([piece.text for piece in split(text)])), **told(text))
+    found = CompileUnits(tuple(write_modules([piece.text for piece in split(text)])), **told(text))
     cache_files.put_sealed(known, msgspec.json.encode(found))
     return found
 
 
-def write(texts: Sequence[str]) -> list[str]:
+def write_modules(texts: Sequence[str]) -> list[str]:
     """Put the texts of modules into the cache folder where they are new. Returns the modules'
     names, digests of the texts."""
     names = []
@@ -79,7 +79,7 @@ def _is_written(name: str) -> bool:
         return False
 
 
-def module(name: str) -> ModuleType:
+def load_module(name: str) -> ModuleType:
     """A module of the cache folder, whose piece is compiled as it is imported."""
     spec = importlib.util.spec_from_file_location(name, CACHE_FOLDER / f"{name}.py")
     assert spec is not None
@@ -94,10 +94,10 @@ def _compile(name: str) -> None:
     if name == blocks.NAME:
         blocks.compile_blocks()
     else:
-        cache_files.keep(name, *machine_code(getattr(module(name), ALIKE)))
+        cache_files.store(name, *machine_code(getattr(load_module(name), ALIKE)))
 
 
-def load(pieces: Pieces) -> Kernel:
+def load(pieces: CompileUnits) -> Kernel:
     """A kernel from its pieces, the last of which is entered; what is not in the cache folder is
     compiled there."""
     addresses = [cache_files.link_or_make(name, partial(_compile, name)) for name in pieces.names]
@@ -105,19 +105,19 @@ def load(pieces: Pieces) -> Kernel:
         addresses[-1],
         pieces.size,
         table(addresses),
-        pieces.guards,
-        pieces.stages,
-        pieces.changes,
+        pieces.n_indicators,
+        pieces.n_segments,
+        pieces.n_changes,
         pieces.methods,
     )
 
 
-def missing(pieces: Pieces) -> list[str]:
+def missing_units(pieces: CompileUnits) -> list[str]:
     """What the cache folder does not hold: the loop over blocks, modules of these pieces; what
     takes longest first."""
-    left = [name for name in dict.fromkeys(pieces.names) if not cache_files.is_kept(name)]
+    left = [name for name in dict.fromkeys(pieces.names) if not cache_files.is_stored(name)]
     left.sort(key=_takes, reverse=True)
-    return left if cache_files.is_kept(blocks.NAME) else [blocks.NAME, *left]
+    return left if cache_files.is_stored(blocks.NAME) else [blocks.NAME, *left]
 
 
 def _takes(name: str) -> tuple[bool, int]:
@@ -126,7 +126,9 @@ def _takes(name: str) -> tuple[bool, int]:
     return any(module in text for module in _LONG), len(text)
 
 
-def compile_apart(pieces: Pieces, progress: Progress = lambda done, total: None) -> bool:
+def compile_in_subprocesses(
+    pieces: CompileUnits, progress: Progress = lambda done, total: None
+) -> bool:
     """Compile what is missing of pieces, and the loop over blocks, into the cache folder, in
     processes of their own; ``progress`` is told after each. Returns whether that worked.
 
@@ -134,8 +136,8 @@ def compile_apart(pieces: Pieces, progress: Progress = lambda done, total: None)
     in the last bit.
     """
     try:
-        with one_at_a_time("pieces"):
-            return compile_all(missing(pieces), progress)
+        with cache_lock("pieces"):
+            return compile_all(missing_units(pieces), progress)
     except OSError:
         return False
 
@@ -146,7 +148,7 @@ def serve() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what anything prints is no answer
     gc.set_threshold(_GARBAGE)
-    call_types.keep()
+    call_types.cache_call_types()
     for line in sys.stdin:
         name = line.strip()
         _compile(name)

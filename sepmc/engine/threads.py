@@ -47,7 +47,7 @@ def _threads_are_gone() -> bool:
 _forked = _threads_are_gone()
 
 
-def note_of_fork(asked: int | None) -> list[str]:
+def fork_notes(asked: int | None) -> list[str]:
     """A sentence, once in a process: it was made by fork, so it flies on one thread though more
     were ``asked`` for, all if None."""
     global _noted  # noqa: PLW0603

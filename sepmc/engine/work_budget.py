@@ -17,7 +17,7 @@ LINE_S, COMPILED_LINE_S = 0.35e-6, 6e-9
 # modules that loop as long as it takes: their functions count, too
 SEARCHES = tuple(
     f"sepmc.{name}"
-    for name in ("routines.clearances", "physics.outlines", "physics.rims", "physics.lips")
+    for name in ("routines.clearances", "physics.outlines", "physics.rims", "physics.shell_edge")
 )
 
 

@@ -17,9 +17,9 @@ class Kernel:
     address: int = 0
     size: int = 0
     calls: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    guards: int = 0
-    stages: int = 0
-    changes: int = 0
+    n_indicators: int = 0
+    n_segments: int = 0
+    n_changes: int = 0
     methods: tuple[tuple[str, ...], ...] = ()
     plain: ModuleType | None = None
 

@@ -20,7 +20,7 @@ def flow_angles(u):
 
 
 @formula
-def angles_told(u, angles):
+def reported_angles(u, angles):
     """Angle of attack and sideslip as they are told, given the air-relative velocity in body axes:
     none where the air is still, no angle of attack where it moves across the plane of symmetry
     only; with air from right behind, pi, not pi of the sign of a round-off."""

@@ -19,7 +19,7 @@ point of any arc is that summit or the end next to it.
 
 import math
 
-from sepmc.jit import keep_apart, long_formula, routine
+from sepmc.jit import long_formula, noinline, routine
 from sepmc.physics.elementary import arctan2, sine_cosine
 from sepmc.physics.outlines import THROUGH, any_normal
 from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
@@ -44,7 +44,7 @@ def rim_gap(rim, shell, margin):
     Infinite if no point of the rim lies between the ends. Checked against minimisation over the rim
     in steps of 0.01 deg.
     """
-    keep_apart()
+    noinline()
     centre, normal, radius = rim
     start, axis, length, r0, r1 = shell
     e, v, sine, cosine = axes(normal, axis)
@@ -183,7 +183,7 @@ def _search(ellipse, wall, low, high, summit):
     Every least of some points of the arc is narrowed down, and where the rim stops being through
     the wall and is beside it.
     """
-    keep_apart()
+    noinline()
     piece = (high - low) / _PIECES
     most = piece * ellipse[4]  # that a point moves, and how far it may be beside and come through
     near = most * (1.0 + (1.0 + THROUGH) * abs(wall[1]))
@@ -241,7 +241,7 @@ def _border(ellipse, wall, side, a, past_a, b, past_b):
 def _narrow(ellipse, wall, side, low, high, angle, best):
     """The least distance between two angles, and its angle, by Brent's method (parabolas, and
     golden section where these do not serve); starts from one that is known."""
-    keep_apart()
+    noinline()
     second, third, value2, value3 = angle, angle, best, best  # the best so far but for ``angle``
     step = last = 0.0
     for _ in range(_NARROWINGS):

@@ -18,7 +18,7 @@ greatest g, p - q is along u, and both are as long: any other pair of points is 
 
 import math
 
-from sepmc.jit import formula, keep_apart, long_formula
+from sepmc.jit import formula, long_formula, noinline
 from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
 
 _STEPS = 8  # 2 are usual
@@ -35,7 +35,7 @@ def widest_gap(a, b, v, relative, round_off):
     Returns m and two points; NaN where it is not found: nearest points within ends, or on both
     sides, parts that overlap. Checked against `outlines.gap` without it.
     """
-    keep_apart()
+    noinline()
     u = scale(1.0 / math.sqrt(dot(v, v)), v)
     lean_a, lean_b = _lean(a, scale(-1.0, u)), _lean(b, u)
     on_a = abs(lean_a) < _NEAR_SIDE and abs(lean_a) <= abs(lean_b)

@@ -12,7 +12,7 @@ least.
 
 import math
 
-from sepmc.jit import keep_apart, long_formula, routine
+from sepmc.jit import long_formula, noinline, routine
 from sepmc.physics.elementary import sine_cosine
 from sepmc.physics.rims import axes, place
 from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
@@ -30,7 +30,7 @@ _DIPS = 16  # of the distance around the circle, each lower than the one before;
 
 
 @long_formula
-def lip_gap(lip, part):
+def edge_gap(lip, part):
     """Distance of a circle from a solid part, and the nearest points of circle and part.
 
     lip : (centre, normal, radius); part : (start, axis, length, r0, r1)
@@ -38,7 +38,7 @@ def lip_gap(lip, part):
     they all but touch, and to 3e-7 of it where two dips are all but as deep as each other. Checked
     against a scan of the circle, and by hand.
     """
-    keep_apart()
+    noinline()
     centre, normal, radius = lip
     start, axis, length, r0, r1 = part
     e, v, sine, cosine = axes(normal, axis)
@@ -71,7 +71,7 @@ def lip_gap(lip, part):
 
 
 @long_formula
-def lip_least(lip, part):
+def edge_gap_bound(lip, part):
     """A distance that a circle and a solid part cannot be nearer than, m, found cheaply."""
     centre, normal, radius = lip
     start, axis, length, r0, r1 = part
@@ -155,7 +155,7 @@ def _bend(ellipse, section, distance):
 def _descend(angle, distance, ellipse, section):
     """From a point of the circle at so much ``distance`` down to a least one: that and its
     angle."""
-    keep_apart()
+    noinline()
     low, f_low, fall = angle, distance, _distance(angle, ellipse, section)[1]
     if fall == 0.0:
         return distance, angle
@@ -175,7 +175,7 @@ def _descend(angle, distance, ellipse, section):
 def _narrow(low, f_low, fall, high, rise, ellipse, section):
     """The least distance between two angles and where it is, by the root of its slope: toward
     ``high`` it falls at ``low``, where it is ``f_low``; at ``high`` it rises or is no less."""
-    keep_apart()
+    noinline()
     best, angle, last = f_low, low, 0
     way = 1.0 if high > low else -1.0
     for _ in range(_NARROWINGS):
@@ -204,7 +204,7 @@ def _narrow(low, f_low, fall, high, rise, ellipse, section):
 def _sweep(way, angle, best, ellipse, section):
     """Half of the circle from its least distance on: a lower one, if there is any, and its
     angle."""
-    keep_apart()
+    noinline()
     radius, bend = ellipse[4], _bend(ellipse, section, best)
     lowest, unseen = best - _SAME * radius, best - 0.125 * bend * _FINEST * _FINEST
     f, slope = best, way * _distance(angle, ellipse, section)[1]

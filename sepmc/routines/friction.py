@@ -2,7 +2,7 @@
 
 import math
 
-from sepmc.jit import keep_apart, routine
+from sepmc.jit import noinline, routine
 from sepmc.routines.lanes import LANES
 
 _SETTLED = 1e-13  # of a friction force: what another round may change
@@ -20,7 +20,7 @@ def balance(w, place, ends, out):
     Loads are convex in a friction force, so that Newton's method from none on comes to the smallest
     balance; guides take turns.
     """
-    keep_apart()
+    noinline()
     count = len(ends)
     for j in range(count):
         w[out + j * LANES] = 0.0
@@ -44,7 +44,7 @@ def balance(w, place, ends, out):
 def _settle_one(w, start, ends, j, count, out):
     """Friction of guide ``j`` while that of the others stays. Returns the load of its pins, N; -1
     if it jams."""
-    keep_apart()
+    noinline()
     share, now = w[start], out + j * LANES
     for _ in range(_ROUNDS):
         load, slope = 0.0, 0.0

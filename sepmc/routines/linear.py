@@ -7,7 +7,7 @@ the solution.
 
 import math
 
-from sepmc.jit import keep_apart, long_formula, routine
+from sepmc.jit import long_formula, noinline, routine
 from sepmc.routines.lanes import LANES
 
 # A pivot that keeps less than this share of its diagonal means dependent rows.
@@ -20,7 +20,7 @@ _RANK = 1e-11
 def _factor_ldlt(w, a, n):
     """L D L^T of a symmetric positive definite matrix given by its lower triangle, in place.
     Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent."""
-    keep_apart()
+    noinline()
     smallest = 1.0
     for j in range(n):
         row_j = a + j * n
@@ -45,7 +45,7 @@ def _factor_ldlt(w, a, n):
 @long_formula
 def _solve_factored(w, a, b, n):
     """Solve a system whose matrix is given as L D L^T."""
-    keep_apart()
+    noinline()
     for i in range(n):
         for k in range(i):
             w[b + i] -= w[a + i * n + k] * w[b + k]
@@ -63,7 +63,7 @@ def solve_ldlt(w, a, b, n):
     Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent (the solution is
     then meaningless).
     """
-    keep_apart()
+    noinline()
     smallest = _factor_ldlt(w, a, n)
     if smallest > 0.0:
         _solve_factored(w, a, b, n)
@@ -79,7 +79,7 @@ def _factor_pivoted(w, a, n, picked, left):
     ``picked`` and ``left`` are places of n numbers of scratch. Returns the rank and the smallest
     pivot taken, as shares of the diagonal.
     """
-    keep_apart()
+    noinline()
     factor = a + n * n
     for i in range(n):
         w[picked + i] = 0.0
@@ -113,7 +113,7 @@ def _factor_pivoted(w, a, n, picked, left):
 def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
     """out += A^+ b with A = L L^T: L G^-1 G^-1 L^T b, given G = L^T L as L D L^T. ``t``: scratch of
     n numbers."""
-    keep_apart()
+    noinline()
     for r in range(rank):
         w[t + r] = 0.0
         for i in range(n):
@@ -133,7 +133,7 @@ def solve_semidefinite(w, a, b, n):
     Needs room for 3 n^2 numbers at w[a] and 5 n at w[b]. Returns the rank and the smallest relative
     pivot; rank 0 if a diagonal is not positive.
     """
-    keep_apart()
+    noinline()
     for i in range(n):
         if not w[a + i * n + i] > 0.0:
             return 0, 0.0
@@ -164,7 +164,7 @@ def solve_semidefinite(w, a, b, n):
 def _gather(w, place, n, a, b):
     """Of one lane, at ``place``: the lower triangle of a matrix by rows, into w[a], and behind it
     the right-hand side, into w[b]."""
-    keep_apart()
+    noinline()
     k = place
     for i in range(n):
         for j in range(i + 1):
@@ -176,12 +176,12 @@ def _gather(w, place, n, a, b):
 
 
 @routine
-def share(w, place, n, scratch, out):
+def solve_min_norm(w, place, n, scratch, out):
     """For one lane, the solution at ``out`` of a system some of whose rows may follow from others,
     from the lower triangle of its matrix by rows and its right-hand side at ``place``: the only
     one, or that of least sum of squares; not numbers if there is none. ``scratch`` is room for 3
     n^2 + 5 n numbers. Returns the rank and the smallest relative pivot."""
-    keep_apart()
+    noinline()
     b = scratch + 3 * n * n
     _gather(w, place, n, scratch, b)
     rank, smallest = n, solve_ldlt(w, scratch, b, n)
@@ -201,7 +201,7 @@ def solve_lu(w, a, b, n):
     Returns the smallest pivot of the scaled system, or 0 if it is singular (the solution is then
     meaningless).
     """
-    keep_apart()
+    noinline()
     for i in range(n):
         largest = 0.0
         for j in range(n):
@@ -243,7 +243,7 @@ def eliminate(w, place, n, scratch, out):
     """`solve_lu` for one lane: from its matrix by rows and right-hand side at ``place`` the
     solution at ``out``; not numbers if there is none. ``scratch`` is room for n^2 + n numbers.
     Returns the smallest pivot of the scaled system, 0 if it is singular."""
-    keep_apart()
+    noinline()
     for i in range(n * n + n):
         w[scratch + i] = w[place + i * LANES]
     pivot = solve_lu(w, scratch, scratch + n * n, n)

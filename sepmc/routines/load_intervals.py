@@ -6,7 +6,7 @@ The numbers of a case stand in ``w`` one after the other, from ``case`` on.
 
 import math
 
-from sepmc.jit import formula, keep_apart, routine
+from sepmc.jit import formula, noinline, routine
 from sepmc.routines import layout as at
 from sepmc.routines.layout import GRAIN
 
@@ -49,11 +49,11 @@ def _later(earliest, time, t):
 
 
 @routine
-def next_break(t, m, w, case):
+def next_load_switch(t, m, w, case):
     """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin
     and end of constant loads; and the end of a brief transient, whose steps are then as short as it
     is."""
-    keep_apart()
+    noinline()
     brief = at.BRIEF / at.TRANSIENT * w[case + at.END_TIME]
     earliest = math.inf
     for i in range(m.scene.n_motors):
@@ -76,10 +76,10 @@ def next_break(t, m, w, case):
 
 
 @routine
-def set_stretch(middle, m, w, case):
+def set_active_loads(middle, m, w, case):
     """What acts in the stretch of time around ``middle``: decided once, so that no stage sees a
     switch."""
-    keep_apart()
+    noinline()
     for i in range(m.scene.n_motors):
         p, work = motor_params(i, m, case), motor_work(i, m, case)
         since = middle - _starts(i, m, w, case)

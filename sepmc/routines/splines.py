@@ -8,7 +8,7 @@ by side. An axis of one point has no span and one coefficient, the others have q
 
 import math
 
-from sepmc.jit import keep_apart, long_formula, routine
+from sepmc.jit import long_formula, noinline, routine
 from sepmc.routines import layout
 from sepmc.routines.lanes import LANES
 
@@ -17,7 +17,7 @@ from sepmc.routines.lanes import LANES
 def curve(numbers, at, function, x):
     """Value of one function of a one-dimensional pack at ``numbers[at]``; held constant beyond the
     ends, NaN for NaN."""
-    keep_apart()
+    noinline()
     axis = at + 1
     first, last = numbers[axis + 1], numbers[axis + 1 + int(numbers[axis])]
     if x < first:
@@ -40,7 +40,7 @@ def grid6(numbers, at, x, y, z):
     NaN outside the range of an axis that has more than one point: nothing is extrapolated. A value
     on the edge is inside.
     """
-    keep_apart()
+    noinline()
     x_axis = at + 1
     y_axis = _after(numbers, x_axis)
     z_axis = _after(numbers, y_axis)
@@ -67,7 +67,7 @@ def grid6(numbers, at, x, y, z):
 
 
 @long_formula
-def is_held(w, cell, x, y, z):
+def in_cell(w, cell, x, y, z):
     """Whether the cell that a lane holds is that of a place."""
     return (
         w[cell] <= x < w[cell + LANES]
@@ -77,7 +77,7 @@ def is_held(w, cell, x, y, z):
 
 
 @long_formula
-def hold_cell(w, cell, at, x, y, z):
+def load_cell(w, cell, at, x, y, z):
     """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if
     it lies outside. Returns whether it lies inside, or nowhere.
 
@@ -85,7 +85,7 @@ def hold_cell(w, cell, at, x, y, z):
     is taken over only where that is another span than before; those of a lane that holds nothing
     yet start at infinity.
     """
-    keep_apart()
+    noinline()
     functions, inside = int(w[at]), True
     x_axis = at + 1
     y_axis = _after(w, x_axis)

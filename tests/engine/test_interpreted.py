@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import sepmc
 from sepmc.campaign.execution import step_selection
 from sepmc.engine import interpreted
-from sepmc.engine.dispatch import fly_cases
+from sepmc.engine.dispatch import integrate_cases
 from sepmc.physics import vec3
 from sepmc.routines import linear
 
@@ -119,10 +119,10 @@ def test_a_flight_is_in_pythons_numbers(name):
 
     kernel.plain.fly_block = fly_block
     steps, usual = (
-        np.full(kernel.stages, 2),
-        np.full(kernel.stages, campaign.scene.run.end_time / 3.0),
+        np.full(kernel.n_segments, 2),
+        np.full(kernel.n_segments, campaign.scene.run.end_time / 3.0),
     )
-    fly_cases(
+    integrate_cases(
         kernel, campaign.plan, steps, usual, campaign.slots, step_selection.sample(campaign, 1)
     )
     kernel.plain.fly_block = one

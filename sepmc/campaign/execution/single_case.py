@@ -18,14 +18,14 @@ from sepmc.campaign.execution.integration import (
     usual_lengths,
 )
 from sepmc.campaign.execution.step_refinement import longest_step, settle_one
-from sepmc.engine.dispatch import fly_everything, interpreted, load_kernel, now_and_then
+from sepmc.engine.dispatch import integrate_nominal, interpreted, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, OutOfWorkError, Work
 from sepmc.kernel.spec.kernel_spec import Shape
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import Plan, make_plan
 from sepmc.kernel.spec.structure import brief_transient, make_shape
-from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
+from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, STANDARD
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
@@ -93,7 +93,7 @@ def fly_single(
     at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
     work than plain Python does in some ten seconds. If so many lines of ``plain_work`` are given,
     nothing is compiled, and what takes more raises UnknownError."""
-    plan, care = make_plan(scene), USUAL
+    plan, care = make_plan(scene), STANDARD
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
         shape = make_shape(plan, care=care)
@@ -146,12 +146,12 @@ class _SingleFlight:
         self.text, self.compiled = written(shape, plan.scene.solver.method, FULL_HISTORY), False
         with interpreted():
             self.kernel = load_kernel(self.text)
-        stages = self.kernel.stages
+        stages = self.kernel.n_segments
         self.usual = np.full(stages, np.inf)
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
         # ends of stages and changes of joints, by steps and what stages usually last
         self.known: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
-        self.tell = now_and_then(announce, EVERY_S)
+        self.tell = progress_reporter(announce, EVERY_S)
         self.work, self.may_compile = work, may_compile
         self.per_step = 0.0  # lines for each step of a stage, of the last flight in plain Python
         # steps and outcomes of the flights, in more and more steps, that came to an end
@@ -165,7 +165,7 @@ class _SingleFlight:
 
     def fly(self) -> Single:
         """The case. Raises _LostError if the kernel does not vouch for it."""
-        scene, steps = self.plan.scene, np.ones(self.kernel.stages, dtype=np.int64)
+        scene, steps = self.plan.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
         if scene.solver.step is None:
             steps, error, notes = self._settled(steps)
             return self._told(self._with_rows(steps, notes), error)
@@ -198,7 +198,7 @@ class _SingleFlight:
         in finer steps than so many (stages,). Returns its outcomes, if it came to its end."""
         solver, most = self.plan.scene.solver, _MOST if self.compiled else _PLAIN
         assert solver.step is not None
-        known = self.kernel.stages == 1  # it lasts as long as the flight
+        known = self.kernel.n_segments == 1  # it lasts as long as the flight
         affordable = most * solver.step / self.plan.scene.run.end_time
         for times in _TO_LEARN:
             if times > _TO_LEARN[0] and (known or times > affordable):
@@ -211,7 +211,7 @@ class _SingleFlight:
     def _once(
         self, steps: np.ndarray, instants: np.ndarray = _NONE
     ) -> tuple[np.ndarray, int, np.ndarray]:
-        stages, self.steps = self.kernel.stages, steps
+        stages, self.steps = self.kernel.n_segments, steps
         given = self.plan.scene.solver.step is not None
         how = "" if given else f", now in {steps.max()} steps a phase"
         self.tell(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
@@ -229,7 +229,7 @@ class _SingleFlight:
         return self.outcomes, status, rows
 
     def _flown(self, steps: np.ndarray, instants: np.ndarray) -> Any:
-        """What `fly_everything` gives: in plain Python, or compiled once that works too much."""
+        """What `integrate_nominal` gives: in plain Python, or compiled once that works too much."""
         most = float(steps.max())
         if not self.compiled:
             self._foretell(self.per_step * most)
@@ -237,14 +237,14 @@ class _SingleFlight:
             before = self.work.done
             try:
                 with self.work.counted():
-                    found = fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+                    found = integrate_nominal(self.kernel, self.plan, steps, self.usual, instants)
                 if not len(instants):
                     self.per_step = (self.work.done - before) / most
                 return found
             except OutOfWorkError:
                 self.per_step = max(self.per_step, (self.work.done - before) / most)
                 self._compile(self._time())
-        return fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+        return integrate_nominal(self.kernel, self.plan, steps, self.usual, instants)
 
     def _foretell(self, lines: float) -> None:
         """Say how long a flight of so many lines in plain Python will take, if that is long;
@@ -295,7 +295,7 @@ class _SingleFlight:
     def _moments(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends of stages (stages,) and times at which joints let go within (n,) of a flight in so
         many steps (stages,), which is flown if that is not known."""
-        if self.kernel.stages == 1 and self.kernel.changes == 0:
+        if self.kernel.n_segments == 1 and self.kernel.n_changes == 0:
             return np.array([self.plan.scene.run.end_time]), np.empty(0)
         flown = steps.tobytes(), self.usual.tobytes()
         if flown not in self.known:

@@ -38,8 +38,8 @@ _GOES = "draws, outcomes, ends, status = table(a, 2), table(a, 6), table(a, 7), 
 
 def emit_block(out: Text, c: Context) -> None:
     """The function that flies a block, with its arrays in the order of
-    `sepmc.engine.blocks.fly`, and those that it calls between steps: a piece that an output changes
-    is the shorter to compile."""
+    `sepmc.engine.blocks.integrate`, and those that it calls between steps: a piece that an output
+    changes is the shorter to compile."""
     parts = Text()
     _begin(parts, c)
     says = (
@@ -548,8 +548,8 @@ def emit_switch(out: Text, c: Context) -> None:
             p = int(c.model.motors_p) + at.MOTOR_SIZE * i
             text(f"w[case + {p + at.IGNITION}] = w[{lights(motor.name)} + l]")
             text(f"w[case + {p + at.IGNITION_DELAY}] = 0.0")
-    text("end = min(w[END + l], next_break(t, m, w, case))", "w[END + l] = end")
-    text("set_stretch(0.5 * (t + end), m, w, case)")
+    text("end = min(w[END + l], next_load_switch(t, m, w, case))", "w[END + l] = end")
+    text("set_active_loads(0.5 * (t + end), m, w, case)")
     for i, motor in enumerate(c.shape.scene.motor):
         c.slabs.add(f"BURNING_{motor.name}", 3)
         work = int(c.model.motors_w) + at.MOTOR_WORK * i

@@ -62,11 +62,11 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * "
         "w[LENGTH + l]",
     )
-    found = ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_FOUND, at.CLEARANCE_OUTCOMES)
+    found = ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_RESULT, at.CLEARANCE_OUTCOMES)
     _ask(text, c, i, powers, found)
     inner = text.block(f"for k in range({at.CLEARANCE_OUTCOMES}):")
     inner(
-        f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_FOUND} "
+        f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_RESULT} "
         "+ k]"
     )
     text(lost_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
@@ -121,10 +121,10 @@ def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None
     text = text.block(f"if {counts}:")
     text(
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = 0.0, 1.0",
-        f"w[JOB + {at.JOB_FOUND}], w[JOB + {at.JOB_FOUND + 1}] = math.nan, math.nan",
+        f"w[JOB + {at.JOB_RESULT}], w[JOB + {at.JOB_RESULT + 1}] = math.nan, math.nan",
     )
     _ask(text, s.c, i, 1)
-    text(f"w[{place} + l] = w[JOB + {at.JOB_FOUND}]")
+    text(f"w[{place} + l] = w[JOB + {at.JOB_RESULT}]")
 
 
 def counts_from_start(c: Context, i: int) -> bool:

@@ -19,10 +19,10 @@ from sepmc.routines.layout import LANES
 
 ALIKE = "flown"  # the name of its function in every piece
 _CODES = {"int": "i", "float": "f", "Arrays": "a"}
-_MARK = "keep_apart"  # called in a line that a piece has no use for
+_MARK = "noinline"  # called in a line that a piece has no use for
 _HEAD = '''"""Piece of a written kernel."""
 
-from sepmc.engine.compile_units import callee, piece, workspace
+from sepmc.engine.compile_units import callee, compile_unit, workspace
 '''
 
 
@@ -108,9 +108,9 @@ def told(text: str) -> dict[str, Any]:
     assert isinstance(methods, ast.Assign)
     return {
         "size": numbers["SIZE_W"],
-        "guards": numbers["GUARDS"],
-        "stages": numbers["STAGES"],
-        "changes": numbers["CHANGES"],
+        "n_indicators": numbers["GUARDS"],
+        "n_segments": numbers["STAGES"],
+        "n_changes": numbers["CHANGES"],
         "methods": ast.literal_eval(methods.value),
     }
 
@@ -118,7 +118,8 @@ def told(text: str) -> dict[str, Any]:
 def _as_piece(function: ast.FunctionDef, codes: str) -> ast.FunctionDef:
     """A function whose workspace is given by its address, without its name and what it says."""
     mark, start = (
-        ast.parse(line).body[0] for line in (f"@piece({codes!r})\ndef {ALIKE}(): ...", _START)
+        ast.parse(line).body[0]
+        for line in (f"@compile_unit({codes!r})\ndef {ALIKE}(): ...", _START)
     )
     assert isinstance(mark, ast.FunctionDef)
     arguments = [ast.arg("address"), *(ast.arg(other.arg) for other in function.args.args[1:])]

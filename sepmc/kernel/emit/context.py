@@ -202,7 +202,7 @@ class Context:
     @property
     def load_guards(self) -> list[str]:
         """Of every joint that is watched, how sharply its force and its moment turn within a step
-        (`peaks.note_size`)."""
+        (`peaks.update_size`)."""
         return [f"load_{what}_{joint}" for joint in self.watched for what in ("force", "moment")]
 
     def guard(self, name: str) -> str:

@@ -72,7 +72,7 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
         for vector in (force_of(motion, joint), moment_of(s, motion, joint))
     )
     closed = c.number(p + at.ENGAGED)
-    engaged = scalar.larger(closed - s.separation(joint).length, at.LEAST_ENGAGED * closed).called(
+    engaged = scalar.larger(closed - s.separation(joint).length, at.MIN_ENGAGED * closed).called(
         "engaged"
     )
     mouth, tip = guides.bearing_forces(force, moment, engaged, c.apart(joint)).called("bearing")
@@ -167,11 +167,11 @@ def note_guides(text: Text, c: Context, stage: Stage) -> None:
         inner(f"w[{part('GUIDES', time)} + l] += h")
         for k, peak in enumerate(peaks, 1 + len(peaks)):
             inner(
-                f"peaks.note_peak(w, {nodes[k]}, SCRATCH, {part('GUIDES', peak)} + l, w[BEGIN_T + "
-                "l], h)"
+                f"peaks.update_peak(w, {nodes[k]}, SCRATCH, {part('GUIDES', peak)} + l, "
+                "w[BEGIN_T + l], h)"
             )
         inner(
-            f"peaks.note_least_share(w, {nodes[0]}, {len(peaks)}, SCRATCH, "
+            f"peaks.update_min_drive_ratio(w, {nodes[0]}, {len(peaks)}, SCRATCH, "
             f"{part('GUIDES', time + 1)} + l)"
         )
 

@@ -43,10 +43,10 @@ import math
 
 import numpy as np
 
-from sepmc.jit import keep_apart, routine
+from sepmc.jit import noinline, routine
 from sepmc.kernel.spec.methods import method
 from sepmc.physics import guides, joints, quat, springs, vec3
-from sepmc.physics.aerodynamics import aero_force, aero_moment, angles_told, flow_angles
+from sepmc.physics.aerodynamics import aero_force, aero_moment, reported_angles, flow_angles
 from sepmc.physics.atmosphere import NEAR, density_near, density_series, geometric, geopotential
 from sepmc.physics.atmosphere import geopotential_rise, layer, sound_speed
 from sepmc.physics.elementary import arctan2, exponential
@@ -59,12 +59,12 @@ from sepmc.physics.wind import wind
 from sepmc.routines import curves, friction, linear, peaks
 from sepmc.routines.arrays import Arrays, block, get_column, indices, put_columns, record, table
 from sepmc.routines.arrays import vector
-from sepmc.routines.clearances import hold_outline, search_clearance
+from sepmc.routines.clearances import load_outline, search_clearance
 from sepmc.routines.lanes import LANES, get3, get4, get6, get9, put3, put4, put6, put9
 from sepmc.routines.lanes import larger, largest3, largest4, nearest_turn, time_left
 from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, Model
-from sepmc.routines.splines import hold_cell, is_held
-from sepmc.routines.load_intervals import next_break, set_stretch
+from sepmc.routines.splines import load_cell, in_cell
+from sepmc.routines.load_intervals import next_load_switch, set_active_loads
 '''
 
 

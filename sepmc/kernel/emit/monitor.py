@@ -79,7 +79,7 @@ def _watch(out: Text, c: Context, stages: dict[int, Stage]) -> None:
         )
         nodes, found, other, guard = (f"{place} + l" for place in places)
         inner(
-            f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {guard}, "
+            f"peaks.update_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {guard}, "
             "w[BEGIN_T + l], h)"
         )
     for number, stage in stages.items():
@@ -122,7 +122,7 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
             side = side_before(stage, load)
             c.start(side, 0.0)
             ways = [load.direction in (way, "either") for way in ("rising", "falling")]
-            sides.append(f"w[{side} + l] = peaks.side_then({asked}, w[THETA + l], w[{side} + l])")
+            sides.append(f"w[{side} + l] = peaks.side_at({asked}, w[THETA + l], w[{side} + l])")
             asked += f", w[{side} + l], {ways[0]}, {ways[1]}"
         how = "first_crossed" if load.direction else "first_reached"
         waits(f"theta_{i}, rate = peaks.{how}({asked})")

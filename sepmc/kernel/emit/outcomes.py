@@ -128,7 +128,7 @@ def of_body(s: State, body: str, followed: Callable[[State, str], tuple[Any, Any
     ``followed`` gives the pitch and the roll of a group that turns, carried through turns."""
     leader, attitude, case = s.stage.leader(body), s.attitude(body), s.case
     flow = vec3.unrotate(attitude, vec3.add(s.speed(body), s.stream(body))).called("flow")
-    alpha, beta = loads.angles_told(flow, loads.flow_angles(flow).called("angles"))
+    alpha, beta = loads.reported_angles(flow, loads.flow_angles(flow).called("angles"))
     held = leader == GROUND
     pitch, roll = (case.number(at.PITCH), case.number(at.ROLL)) if held else followed(s, leader)
     found = [

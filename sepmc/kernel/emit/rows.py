@@ -287,7 +287,9 @@ class LeastSquares:
         w, here, there, scratch = map(
             scope.named, ("w", f"{system} + l", f"{found} + l", f"SCRATCH_{self.name}")
         )
-        self.rank, self.smallest = linear.share(w, here, n, scratch, there).called("solved")
+        self.rank, self.smallest = linear.solve_min_norm(w, here, n, scratch, there).called(
+            "solved"
+        )
         scope.store(rank, self.rank)  # what is stored is written
         lose_if(scope, (self.rank <= 0.0) & is_finite(self.s), Status.SINGULAR_JOINT)
         return [scope.load(part(found, k)) for k in range(n)]

@@ -61,7 +61,7 @@ def emit_prepare(out: Text, c: Context) -> None:
         if slabs.has(held := f"OUTLINE_{body}"):
             size = slabs.counts[held]
             text.lanes()(
-                f"hold_outline(w, {held} + {size} * l, P + {start} * LANES + l, "
+                f"load_outline(w, {held} + {size} * l, P + {start} * LANES + l, "
                 f"{size // at.PART_SIZE})"
             )
     scope.write(text, _MOST_LINES)

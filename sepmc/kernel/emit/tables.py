@@ -173,9 +173,9 @@ def _sum_cells(
             inner.broken(line)
     inner = text.lanes()
     inner("x, y, z = " + ", ".join(f"w[{part(place, k)} + l]" for k in range(3)))
-    inner = inner.block(f"if not is_held(w, {cell} + l, x, y, z):")
+    inner = inner.block(f"if not in_cell(w, {cell} + l, x, y, z):")
     inner(
-        f"inside = hold_cell(w, {cell} + l, SHARED + {start}, x, y, z)",
+        f"inside = load_cell(w, {cell} + l, SHARED + {start}, x, y, z)",
         lost_unless("inside", leaves),
     )
     text(f"sum_{cell}(w)")

@@ -46,7 +46,7 @@ def emit_shares(out: Text, c: Context, stage: Stage) -> None:
     for k, value in enumerate(system):
         s.scope.store(part("SYSTEM", k), value)
     s.scope.write(text)
-    text.lanes()(f"linear.share(w, SYSTEM + l, {count}, SYSTEM_SCRATCH, SHARES + l)")
+    text.lanes()(f"linear.solve_min_norm(w, SYSTEM + l, {count}, SYSTEM_SCRATCH, SHARES + l)")
 
 
 def before_wrenches(text: Text, c: Context, stage: Stage) -> None:

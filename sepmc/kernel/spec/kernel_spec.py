@@ -245,7 +245,7 @@ class Shape:
     # bodies in the order their attitudes stand in the state: leaders of the first phase first
     turning: list[str]
     changes: list[Change]  # what events tell joints
-    care: int  # USUAL, ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`
+    care: int  # STANDARD, ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`
     failing: list[str]  # joints that may fail to let go
     switches: bool  # whether loads switch on or off within a flight
     borders: bool  # whether bodies may pass from one layer of the standard atmosphere to another

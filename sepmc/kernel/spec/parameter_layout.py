@@ -242,7 +242,7 @@ def _varied(
     what multiplies and turns the wind over height.
 
     Returns places by path from ``start`` on, those where outlines of bodies start (numbers of a
-    part as `sepmc.routines.clearances.hold_outline` has them), and the numbers.
+    part as `sepmc.routines.clearances.load_outline` has them), and the numbers.
     """
     slots, outlines, numbers = dict[str, int](), dict[str, int](), list[float]()
 

@@ -63,7 +63,9 @@ def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
     return scene.joint[joint].delay > 0.0 or f"joint.{joint}.delay" in dispersed
 
 
-def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset(), care: int = at.USUAL) -> Shape:
+def make_shape(
+    plan: Plan, dispersed: frozenset[str] = frozenset(), care: int = at.STANDARD
+) -> Shape:
     """The shape of a scene.
 
     A joint that is late lets go between two phases, in a stage of its own; a case in which the next
@@ -72,8 +74,8 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset(), care: int = 
     masked. With that of LEAST_SQUARES, besides, rows may follow from others, or cease to, in any
     case.
     """
-    if care == at.USUAL:
-        shape = _shape(plan, dispersed, at.USUAL)
+    if care == at.STANDARD:
+        shape = _shape(plan, dispersed, at.STANDARD)
         if not _needs_any_order(shape):
             return shape
     return _shape(plan, dispersed, min(care, at.ANY_ORDER))
@@ -243,7 +245,9 @@ def _add_late(
     for joint in late:
         before = _may_hold(scene, joint, number - 1, dispersed, False)
         may[joint] = before | stage.may[joint] if len(late) > 1 else before
-    between = _stage(scene, f"{phase.name}_late", phase.name, may, plan.bodies, releases, at.USUAL)
+    between = _stage(
+        scene, f"{phase.name}_late", phase.name, may, plan.bodies, releases, at.STANDARD
+    )
     between.late, between.awaited = late, awaited
     if _holds_alike(stages[-1], between):
         stages[-1].flown_as = between.name

@@ -45,11 +45,11 @@ guides: Any = Formulas(
         "friction_force": NUMBER,
     },
 )
-linear: Any = Formulas("linear", {"share": (NUMBER, NUMBER), "eliminate": NUMBER})
+linear: Any = Formulas("linear", {"solve_min_norm": (NUMBER, NUMBER), "eliminate": NUMBER})
 loads: Any = Formulas(
     "",
     {
-        **dict.fromkeys(("flow_angles", "angles_told"), (NUMBER, NUMBER)),
+        **dict.fromkeys(("flow_angles", "reported_angles"), (NUMBER, NUMBER)),
         **dict.fromkeys(("aero_force", "aero_moment", "thrust_direction", "thrust_arm", "wind"), 3),
         **dict.fromkeys(
             (

@@ -53,7 +53,7 @@ class Text:
         inner = Text(self.indent + 1, self.lines)
         self(f"def {signature}:")
         inner(*textwrap.wrap(f'"""{says}"""', WIDTH - 4 * inner.indent, break_long_words=False))
-        inner("keep_apart()")
+        inner("noinline()")
         return inner
 
     def broken(self, line: str) -> None:

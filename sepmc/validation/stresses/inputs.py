@@ -42,7 +42,10 @@ class _Varied:
         self.campaign = Campaign(replace(file, dispersions=tuple(laws)))
         with interpreted():
             kernel = load_kernel(step_selection.kernel_text(self.campaign))
-        one, usual = np.ones(kernel.stages, dtype=np.int64), np.full(kernel.stages, math.inf)
+        one, usual = (
+            np.ones(kernel.n_segments, dtype=np.int64),
+            np.full(kernel.n_segments, math.inf),
+        )
         self.flight = step_selection.Flight(
             kernel=kernel, steps=one, usual=usual, step=file.scene.solver.step
         )
