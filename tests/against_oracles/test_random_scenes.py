@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from oracles.independent import fly
+from oracles.independent import simulate
 from oracles.random_scenes import compare, run, workers
 from oracles.random_scenes.dispersions import kind_of, paths
 from oracles.random_scenes.equivalent_scenes import SPELLINGS, spelt
@@ -182,7 +182,10 @@ def test_faults_are_told_apart():
 
     def reference(status, share):
         return lambda case, rtol=1e-12: SimpleNamespace(
-            status=status, outcomes=_times(fly(case).outcomes, 1.0 + share), vague=(), reached={}
+            status=status,
+            outcomes=_times(simulate(case).outcomes, 1.0 + share),
+            indeterminate=(),
+            reached={},
         )
 
     def broken(error):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from oracles.independent import Flown, fly
+from oracles.independent import CaseResult, simulate
 from oracles.random_scenes.draft import Tree
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.accuracy import Achieved, deviation, scales, scene_scales
@@ -82,7 +82,7 @@ class Verdict:
         return asdict(self)
 
 
-def judge(tree: Tree, name: str, cases: int = 3, reference: Fly = fly) -> Verdict:
+def judge(tree: Tree, name: str, cases: int = 3, reference: Fly = simulate) -> Verdict:
     """Fly a tree as a campaign and hold every row against the independent flight of its case. Never
     raises."""
     verdict = Verdict(name)
@@ -128,7 +128,9 @@ def _compare(
     # would take the independent flight hours
     unflyable = [str(status) in REFUSED and status != "jammed" for status in table["status"]]
     flown = [
-        Flown(str(table["status"][i]), {}) if unflyable[i] else reference(result.case(i).to_dict())
+        CaseResult(str(table["status"][i]), {})
+        if unflyable[i]
+        else reference(result.case(i).to_dict())
         for i in range(count)
     ]
     forbidden = _forbidden(result.campaign, count)
@@ -175,7 +177,7 @@ def _compare(
                 / scale[number]
             )
             unclear = [
-                c.name in flown[number].vague or (status != "ok" and _is_peak_time(c.name))
+                c.name in flown[number].indeterminate or (status != "ok" and _is_peak_time(c.name))
                 for c in columns
             ]
             off[_jumped(columns, table, number) | unclear] = 0.0

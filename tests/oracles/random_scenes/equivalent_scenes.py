@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from oracles.independent.flight import fly
+from oracles.independent import simulate
 from oracles.random_scenes.draft import Tree
 from oracles.random_scenes.rng import Dice
 from sepmc.campaign.campaign import Campaign
@@ -201,7 +201,7 @@ def halved(tree: Tree, dice: Dice) -> Tree:
 def _first_end(tree: Tree) -> float:
     """When the first phase ends, s, by the independent flight."""
     try:
-        events = fly(
+        events = simulate(
             Campaign(parse_campaign(tree, "nominal")).nominal().to_dict(), rtol=1e-8
         ).events
     except ValueError:  # what it does not know
