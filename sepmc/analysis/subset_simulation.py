@@ -149,7 +149,7 @@ def mean_interval(found: np.ndarray, confidence: float = CONFIDENCE) -> tuple[fl
     """Interval of a mean of independent estimates (r,) of a positive number, some above 0.
 
     Their mean times exp(+-t s), with Student's t of r - 1 and the standard error s of the mean as a
-    share of it: estimates scatter as their logarithms do. Coverage: `tests/measure_rare.py`.
+    share of it: estimates scatter as their logarithms do. Coverage: `tests/measure/rare.py`.
     """
     from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s that other commands do not need)
 

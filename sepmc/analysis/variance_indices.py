@@ -32,7 +32,7 @@ PATTERNED = (
     "first-order indices are not given: {what} is patterned, and an input without effect can "
     "take on the effect of two others together; use run.sampler random, lhs or saltelli"
 )
-# Coverage of 95 % intervals: python tests/measure_sensitivity.py
+# Coverage of 95 % intervals: python tests/measure/sensitivity.py
 ESTIMATORS: Mapping[str, ValidEstimator] = {
     "random": ValidEstimator(BY_ROWS),
     LHS: ValidEstimator(
@@ -46,7 +46,7 @@ ESTIMATORS: Mapping[str, ValidEstimator] = {
 }
 # Fourth cumulant of an outcome less the means of its groups, over its squared variance and over the
 # cases, from which on few of them decide its variance: 95 % intervals of indices hold 70 to 91 %,
-# below it 92 % and more (tests/measure_sensitivity.py)
+# below it 92 % and more (tests/measure/sensitivity.py)
 MOST_TAILED = 0.01
 # samplers whose cases are not independent, so that no test of chance holds for counts of them
 PATTERNS = (SOBOL, SALTELLI)

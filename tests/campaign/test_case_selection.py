@@ -8,9 +8,10 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from measure_until import coverage
 from oracles.random_scenes.interpreted import flown_plainly
 from scipy.special import stdtrit
+from small_scenes import SPRUNG
+from support.stopping_problems import coverage
 
 import sepmc
 from sepmc.analysis.proportions import binomial_interval
@@ -23,46 +24,6 @@ from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli.app import main
 from sepmc.scene.messages import InputError, RunWarning, SceneError
 
-# two bodies that a spring parts in empty space
-SPRUNG = """
-environment = { atmosphere = "none", gravity = "none" }
-[body.fore]
-mass_kg = 3.0
-inertia_kg_m2 = [3.0, 4.0, 5.0]
-cg_m = [1.0, 0.0, 0.0]
-[body.aft]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.0]
-cg_m = [3.0, 0.0, 0.0]
-[[spring]]
-name = "push"
-bodies = ["fore", "aft"]
-point_m = [2.0, 0.0, 0.0]
-axis = [1.0, 0.0, 0.0]
-force_N = 30.0
-stroke_m = 0.02
-[joint.pins]
-bodies = ["fore", "aft"]
-point_m = [2.0, 0.0, 0.0]
-[[phase]]
-name = "locked"
-joints = { pins = "fixed" }
-until = { time_s = 0.05 }
-[[phase]]
-name = "free"
-[initial]
-altitude_m = 1000.0
-speed_m_s = 1.0
-[run]
-end_time_s = 0.3
-cases = 12
-seed = 4
-[solver]
-step_s = 0.05
-[dispersion]
-"body.fore.mass_kg" = { uniform = 0.5 }
-"spring.push.force_N" = { normal = 1.0, truncate_sigma = 3 }
-"""
 INPUTS = ["in_body_fore_mass_kg", "in_spring_push_force_N"]
 
 

@@ -10,8 +10,7 @@ import dask
 import pytest
 from click.testing import CliRunner
 from distributed import LocalCluster
-from measure_cluster import statistics_of
-from measure_kills import same
+from support.runs import same, statistics_of
 
 import sepmc
 from sepmc import cluster

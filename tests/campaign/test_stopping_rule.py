@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 from oracles.random_scenes.interpreted import flown_plainly
 from scipy.special import stdtrit
-from test_case_selection import SPRUNG
+from small_scenes import SPRUNG
 
 import sepmc
 from sepmc.campaign.execution import runner

@@ -1,7 +1,7 @@
 """Replays of 100 cases of every shipped campaign, chosen at random from 2,000: whose rows come out
 again to the last bit?
 
-``python tests/measure_replay.py [NAME ...]``
+``python tests/measure/replay.py [NAME ...]``
 """
 
 import sys

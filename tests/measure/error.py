@@ -1,4 +1,4 @@
-"""Hold the error that campaigns report against their true one: ``python tests/measure_error.py
+"""Hold the error that campaigns report against their true one: ``python tests/measure/error.py
 [FILE ...] [--set PATH=VALUE]``.
 
 Flies the cases of each campaign as a run does, and again at eight times the resolution and a

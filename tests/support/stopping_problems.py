@@ -1,11 +1,9 @@
-"""Print how often the interval that ``--until`` stops with holds the true statistic:
-``python tests/measure_until.py [REPEATS]``.
+"""Fifteen problems of known statistics, most of them with values that are rarely sampled.
 
-Fifteen problems, most with values that are rarely drawn: cases are drawn, counted and looked at by
-what flies a campaign, but the outcome is a formula of the inputs whose statistics are known.
+Cases are sampled, counted and judged by the code that runs campaigns with ``--until``; outcomes are
+formulas of the inputs.
 """
 
-import sys
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -174,19 +172,3 @@ def coverage(name, repeats=REPEATS):
     held = [look.low <= problem.truth <= look.high for _, look in ends]
     enough = [look.sufficient for _, look in ends]
     return float(np.mean(held)), float(np.mean(enough)), float(np.mean([n for n, _ in ends]))
-
-
-def main():
-    """Measure and print."""
-    repeats = int(sys.argv[1]) if len(sys.argv) > 1 else REPEATS
-    print(f"{repeats} repeats each, of {CASES} cases at most")
-    for name, problem in PROBLEMS.items():
-        held, enough, cases = coverage(name, repeats)
-        print(
-            f"  {name:40s} {problem.until:20s} holds the truth in {100 * held:5.1f} %; "
-            f"known well enough in {100 * enough:5.1f} %, after {cases:7.0f} cases"
-        )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,5 +1,5 @@
-"""Print the numbers sepmc is judged by, each beside its target: ``python tests/measure.py``. Takes
-about four minutes."""
+"""Print the numbers sepmc is judged by, each beside its target (about four minutes):
+``python tests/measure/targets.py``."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Print what users wait for: ``python tests/measure_speed.py [--before FOLDER] [PART ...]``. All
+"""Print what users wait for: ``python tests/measure/speed.py [--before FOLDER] [PART ...]``. All
 takes about a quarter of an hour on a machine that does nothing else.
 
 Parts: ``commands`` with an empty cache and warm; ``campaigns``, each shipped one; ``features``,
@@ -168,7 +168,7 @@ def against(before):
     ratios = []
     for _ in range(PAIRS):
         times = []
-        for folder in (before, Path(__file__).parents[1]):
+        for folder in (before, Path(__file__).parents[2]):
             environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_NUM_THREADS": "1"}
             words = [sys.executable, "-c", KERNEL]
             done = subprocess.run(
