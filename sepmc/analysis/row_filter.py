@@ -75,7 +75,7 @@ def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], 
     match = _TERM.fullmatch(term)
     if not match:
         raise InputError(
-            f"given = {text}: must be NAME=VALUE, with =, !=, <, <=, > or >=; "
+            f"where = {text}: must be NAME=VALUE, with =, !=, <, <=, > or >=; "
             "several with 'or' between them"
         )
     name, test, value = match.groups()
@@ -84,13 +84,13 @@ def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], 
         offered = [each for each in columns if not _unit_left_out(each, columns)]
         keys = [each for each in offered if "." in each]
         offered = keys if "." in name and keys else offered
-        raise InputError(f"given = {text}: no such input or outcome; {nearest(name, offered)}")
+        raise InputError(f"where = {text}: no such input or outcome; {nearest(name, offered)}")
     try:
         number = float(value)
     except ValueError:
         number = np.nan
     if np.isnan(number):
-        raise InputError(f"given = {text}: {value!r} must be a number")
+        raise InputError(f"where = {text}: {value!r} must be a number")
     return known, test, number
 
 

@@ -16,7 +16,8 @@ from sepmc.analysis import (
     requirements,
     sensitivity,
 )
-from sepmc.analysis.row_filter import in_words, names_of, where
+from sepmc.analysis.row_filter import in_words, names_of
+from sepmc.analysis.row_filter import where as matching
 from sepmc.analysis.row_statistics import by_case
 from sepmc.analysis.statistics import ok_rows, statistics
 from sepmc.campaign.case_selection import Numbers
@@ -104,21 +105,21 @@ class Result:
             return shards.read_histories(self.folder, held=self.kept.history_parts)
         return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
 
-    def statistics(self, *given: str) -> pd.DataFrame:
+    def statistics(self, *where: str) -> pd.DataFrame:
         """Statistics of every outcome, see `sepmc.analysis.statistics.statistics`, with its
         numerical ``error``, that in its unit, and whether it is ``constant``
         (`sepmc.analysis.constant_outcomes`): of all cases, or of those for which all terms
-        ``given`` hold, such as ``"joint.bolt.fails=1"``."""
-        if given:
+        of ``where`` hold, such as ``"joint.bolt.fails=1"``."""
+        if where:
             rows, outcomes = self._rows(), self.campaign.summarised[0]
-            for term in given:
-                text("given", term, "joint.bolt.fails=1")
-            held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)
+            for term in where:
+                text("where", term, "joint.bolt.fails=1")
+            held = matching(rows, names_of(self.campaign.file.dispersions, list(rows)), where)
             if not held.any():
-                warn(f"{in_words(given)}: holds in none of {len(held)} cases", RunWarning)
+                warn(f"{in_words(where)}: holds in none of {len(held)} cases", RunWarning)
             elif not ok_rows(rows)[held].any():
                 none = "none of them came to its end as asked, so there are no statistics"
-                warn(f"{in_words(given)}: {held.sum()} of {len(held)} cases; {none}", RunWarning)
+                warn(f"{in_words(where)}: {held.sum()} of {len(held)} cases; {none}", RunWarning)
             kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
             return with_errors(self.campaign, self._errors, statistics(kept, outcomes))
         table = self.kept.summary.statistics(self.campaign.reference)
@@ -135,7 +136,7 @@ class Result:
         sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()
         return requirements.table(self.kept.summary.verdicts(errors, audited, sampler))
 
-    def drivers(self, outcome: str, indices: bool = True) -> pd.DataFrame:
+    def sensitivity(self, outcome: str, indices: bool = True) -> pd.DataFrame:
         """How much each input drives an outcome, a row each; see
         `sepmc.analysis.sensitivity.drivers`, which raises ValueError if the outcome does not vary
         by more than its numerical error."""
@@ -147,7 +148,7 @@ class Result:
             self._rows(), self._inputs, outcome, design, indices, correlated, within
         )
 
-    def laws(self) -> pd.DataFrame:
+    def fit(self) -> pd.DataFrame:
         """Shape of every outcome that is a number, and the law nearest to it, a row each; see
         `sepmc.analysis.distributions.laws`."""
         table = self.statistics()

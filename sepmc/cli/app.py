@@ -13,14 +13,35 @@ from sepmc import __version__, gc_tuning, wording
 from sepmc.cli import checks, folders, runs
 from sepmc.cli.render import plain_errors
 
+RENAMED_COMMANDS = {"laws": "fit", "drivers": "sensitivity"}
+RENAMED_OPTIONS = {
+    "--given": "--where",
+    "--least": "--min",
+    "--greatest": "--max",
+    "--film": "--animate",
+    "--plan": "--samples",
+}
+
 
 class _Program(click.Group):
-    """Commands whose errors end in a sentence, those of their options too."""
+    """Group of commands whose errors, those of options included, are single sentences."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Look up a command; an earlier name raises UsageError with the present one."""
+        if new := RENAMED_COMMANDS.get(args[0]):
+            ctx.fail(f"{args[0]} was renamed: sepmc {new}")
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Read the options of a command, and run it."""
+        """Parse the options of a command and run it."""
         with wording.on_command_line(), plain_errors(quiet=False):
-            return super().invoke(ctx)
+            try:
+                return super().invoke(ctx)
+            except click.NoSuchOption as error:
+                if new := RENAMED_OPTIONS.get(error.option_name):
+                    error.message = f"{error.option_name} was renamed: {new}"
+                    error.possibilities = None
+                raise
 
 
 @click.group(
@@ -51,8 +72,8 @@ for _command in (
     folders.stats,
     folders.plot,
     folders.doctor,
-    folders.drivers,
-    folders.laws,
+    folders.sensitivity,
+    folders.fit,
     folders.compare,
     folders.report,
     checks.template,

@@ -15,8 +15,8 @@ from sepmc.cli.render import (
     speaker,
     statistics_of,
     summary_of,
-    tell_given,
     tell_results,
+    tell_where,
     verdicts_of,
 )
 
@@ -29,7 +29,8 @@ from sepmc.cli.render import (
     help="Tell of these outcomes only: 'upper_*,separation_*'. Files hold all of them.",
 )
 @click.option(
-    "--given",
+    "--where",
+    "terms",
     multiple=True,
     metavar="TERM",
     help="Of the cases only in which this holds, such as joint.bolt.fails=1 or spring.*.fails=1 "
@@ -40,14 +41,14 @@ from sepmc.cli.render import (
 )
 @CHECK
 def stats(
-    folder: Path, columns: str | None, given: tuple[str, ...], as_json: bool, must_pass: bool
+    folder: Path, columns: str | None, terms: tuple[str, ...], as_json: bool, must_pass: bool
 ) -> None:
-    """Compute and print the statistics of RUN again, from its files alone; with --given those of
+    """Compute and print the statistics of RUN again, from its files alone; with --where those of
     the cases in which inputs, or outcomes, have certain values.
 
     \b
     Examples:
-      sepmc stats runs/windy --given 'initial.alpha_deg>5'
+      sepmc stats runs/windy --where 'initial.alpha_deg>5'
       sepmc stats runs/windy --columns 'separation_*'
       sepmc stats runs/windy --json | jq .outcomes.separation_speed_m_s.p99
     """
@@ -59,10 +60,10 @@ def stats(
         manifest = manifest_with_rows(folder)
         loaded = load_campaign(str(folder), (), warn=False)
         check_required(loaded, must_pass)
-        if given:
+        if terms:
             if must_pass:
-                raise click.UsageError("--check is of all cases, without --given")
-            tell_given(folder, loaded, given, columns, as_json)
+                raise click.UsageError("--check is of all cases, without --where")
+            tell_where(folder, loaded, terms, columns, as_json)
             return
         summary = summary_of(folder, loaded)
         if not manifest.get("complete", True):
@@ -192,13 +193,13 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
 @RUN
 @click.argument("outcomes", metavar="[OUTCOME]...", nargs=-1)
 @NO_PLOTS
-def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
+def sensitivity(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
     """Which inputs drive each OUTCOME of RUN, or the four that matter most: first-order indices
     (of a Saltelli campaign total ones too), rank and partial rank correlation, and the means where
     the input is lowest and highest; inputs of the surest index first, among them those that shift
     the mean farthest. Then which inputs, and pairs of inputs, set apart the cases that violate a
-    requirement or did not come to their end. Writes drivers.csv (what it has of other outcomes
-    stays), causes.csv, drivers.png and scatter.png into RUN.
+    requirement or did not come to their end. Writes sensitivity.csv (what it has of other outcomes
+    stays), causes.csv, sensitivity.png and scatter.png into RUN.
 
     \b
     Sampler of RUN    first-order index, 95 % interval     total  what sets cases apart
@@ -212,7 +213,7 @@ def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
 
     \b
     Example:
-      sepmc drivers runs/windy upper_pitch_deg separation_speed_m_s
+      sepmc sensitivity runs/windy upper_pitch_deg separation_speed_m_s
     """
     with plain_errors(False):
         from sepmc.cli.report import tell_drivers
@@ -223,18 +224,18 @@ def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
         )
 
 
-@click.command(short_help="Which laws the outcomes of RUN follow, and whether they are normal.")
+@click.command(short_help="Fit distributions to the outcomes of RUN, and test them for normality.")
 @RUN
 @click.argument("outcomes", metavar="[OUTCOME]...", nargs=-1)
-def laws(folder: Path, outcomes: tuple[str, ...]) -> None:
-    """Which law each OUTCOME of RUN follows, or those that matter most: skewness and kurtosis
-    (with one standard error, if it is normal), whether it may be normal, the nearest of six laws,
-    and where that puts the 99.865 % point beside where the cases put it. Writes laws.csv, of all
-    outcomes, into RUN.
+def fit(folder: Path, outcomes: tuple[str, ...]) -> None:
+    """Fit distributions to each OUTCOME of RUN, or to those that matter most: skewness and
+    kurtosis (with one standard error, if it is normal), a test of normality, the nearest of six
+    distributions, and its 99.865 % point beside that of the cases. Writes distributions.csv, of
+    all outcomes, into RUN.
 
     \b
     Example:
-      sepmc laws runs/windy separation_speed_m_s
+      sepmc fit runs/windy separation_speed_m_s
     """
     with plain_errors(False):
         from sepmc.cli.report import tell_laws

@@ -107,7 +107,7 @@ def load_campaign(
     settings: tuple[str, ...],
     warn: bool = True,
     sampler: str | None = None,
-    plan: Path | None = None,
+    samples: Path | None = None,
     verify: bool = True,
 ) -> "Campaign":
     """Read and validate, before anything is written; a run folder ``verify``-ed too."""
@@ -117,8 +117,8 @@ def load_campaign(
     given = dict(parse_setting(text) for text in settings)
     if sampler:
         given["run.sampler"] = sampler
-    if plan:
-        given["run.plan"] = str(plan.absolute())
+    if samples:
+        given["run.plan"] = str(samples.absolute())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         from sepmc.campaign.campaign import load

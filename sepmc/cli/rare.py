@@ -21,7 +21,7 @@ RARE = click.option(
 )
 # options of `sepmc campaign` that have no meaning beside it, as they are read and written
 _EXCLUDED = {
-    "plan": "plan",
+    "samples": "samples",
     "sampler": "sampler",
     "until": "until",
     "stats_only": "stats-only",

@@ -210,7 +210,7 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
     if "rare" in manifest:
         raise folders.StoreError(
             f"{folder}: holds {folders.RARE} and no run: see rare.json and rare.png; sepmc "
-            f"campaign {folder} --plan {folder / 'rare.parquet'} flies its cases as a run"
+            f"campaign {folder} --samples {folder / 'rare.parquet'} flies its cases as a run"
         )
     if manifest.get("stats_only"):
         kept = (
@@ -337,10 +337,10 @@ def tell_results(
     return code
 
 
-def tell_given(
+def tell_where(
     folder: Path,
     loaded: "Campaign",
-    given: tuple[str, ...],
+    terms: tuple[str, ...],
     shown: str | None,
     as_json: bool = False,
 ) -> None:
@@ -357,9 +357,9 @@ def tell_given(
 
     cases = shards.CaseColumns(folder)
     names = names_of(loaded.file.dispersions, list(cases))
-    held = where(cases, names, given)
+    held = where(cases, names, terms)
     if not held.any():
-        raise InputError(f"{in_words(given)}: holds in none of {cases.rows} cases")
+        raise InputError(f"{in_words(terms)}: holds in none of {cases.rows} cases")
     outcomes, audits, bounds, required = loaded.summarised
     kept = {name: cases[name][held] for name in ("case", "status", *outcomes, *audits)}
     summary = Rows(kept, outcomes, audits, bounds, required)
@@ -369,15 +369,15 @@ def tell_given(
     table, audited = statistics_of(loaded, summary, accuracy, beside=False), summary.audit()
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     if as_json:
-        told: dict[str, Any] = {"given": list(given)}
+        told: dict[str, Any] = {"where": list(terms)}
         of = [verdict.to_dict() for verdict in verdicts]
         told |= shards.statistics_as_json(
             _matching(table, shown), summary.counts, units, audited, summary.failed, of
         )
         click.echo(folders.json_text(told), nl=False)
         return
-    folded(f"{in_words(given)}: {held.sum()} of {cases.rows} cases")
-    for said in units_taken(names, given):
+    folded(f"{in_words(terms)}: {held.sum()} of {cases.rows} cases")
+    for said in units_taken(names, terms):
         folded(said)
     if not ok:
         ends = pd.Series(cases["status"][held]).value_counts()
@@ -389,7 +389,7 @@ def tell_given(
         folded(requirements.text(verdicts, units, width, of="such cases"))
         if too_few := requirements.lacking(verdicts):
             folded(too_few)
-    if by := outcomes_of(names, given):
+    if by := outcomes_of(names, terms):
         folded(
             f"chosen by what they did ({', '.join(by)}), not by inputs: what is required of these "
             "cases may follow from the choice"

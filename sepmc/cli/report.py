@@ -160,7 +160,7 @@ def _check_known(loaded: Campaign, named: tuple[str, ...]) -> None:
 
 def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
     """Which laws the outcomes ``named``, or those that matter most, follow: to the screen, and of
-    all outcomes that are numbers to ``laws.csv``."""
+    all outcomes that are numbers to ``distributions.csv``."""
     _check_known(loaded, named)
     table = _statistics(folder, loaded, summary_of(folder, loaded))
     every = [str(name) for name in table.index if not is_yes_or_no(str(name))]
@@ -173,14 +173,14 @@ def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
     units = {c.name: c.unit for c in loaded.outcome_columns}
     sampler = loaded.scene.run.sampler
     folded(distributions.text(found.loc[told], table, units, screen_width(), sampler))
-    folders.write_text(folder / "laws.csv", found.to_csv())
-    manifests.note(folder, [folder / "laws.csv"])
-    click.echo(folder / "laws.csv")
+    folders.write_text(folder / "distributions.csv", found.to_csv())
+    manifests.note(folder, [folder / "distributions.csv"])
+    click.echo(folder / "distributions.csv")
 
 
 def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: bool) -> None:
-    """The same to the screen, to ``drivers.csv`` and ``causes.csv``, and as a figure; what
-    ``drivers.csv`` has of outcomes that are not ``named`` stays."""
+    """The same to the screen, to ``sensitivity.csv`` and ``causes.csv``, and as a figure; what
+    ``sensitivity.csv`` has of outcomes that are not ``named`` stays."""
     summary = summary_of(folder, loaded)
     driven = find_drivers(folder, loaded, summary, _statistics(folder, loaded, summary), named)
     for text in [text for texts in driven.texts(screen_width()) for text in texts]:
@@ -194,8 +194,8 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
         table = pd.concat(noted, names=["outcome", "input"]).reset_index()
         before = _told_before(folder, list(table.columns)) if named else table[:0]
         table = pd.concat([before[~before["outcome"].isin(driven.drivers)], table])
-        folders.write_text(folder / "drivers.csv", table.to_csv(index=False))
-        written.insert(0, folder / "drivers.csv")
+        folders.write_text(folder / "sensitivity.csv", table.to_csv(index=False))
+        written.insert(0, folder / "sensitivity.csv")
     folders.write_text(
         folder / "causes.csv", failure_attribution.table(driven.causes).to_csv(index=False)
     )
@@ -207,8 +207,8 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
 
 
 def _told_before(folder: Path, columns: list[str]) -> pd.DataFrame:
-    """What ``drivers.csv`` has, if it is as it was written."""
-    path, noted = folder / "drivers.csv", manifests.noted(folder, "drivers.csv")
+    """What ``sensitivity.csv`` has, if it is as it was written."""
+    path, noted = folder / "sensitivity.csv", manifests.noted(folder, "sensitivity.csv")
     if noted:
         with suppress(ValueError):  # what pandas raises of what is no table, too
             found = pd.read_csv(BytesIO(content(path, CAMPAIGN_BYTES)))

@@ -49,7 +49,8 @@ if TYPE_CHECKING:
 @SEED
 @SAMPLER
 @click.option(
-    "--plan",
+    "--samples",
+    "samples",
     type=click.Path(path_type=Path),
     help="Table of inputs, CSV or Parquet, a row for each case, as sepmc sample writes it.",
 )
@@ -113,7 +114,7 @@ def campaign(
     cases: "int | Numbers | None",
     seed: int | None,
     sampler: str | None,
-    plan: Path | None,
+    samples: Path | None,
     out: Path | None,
     threads: int | None,
     workers: int | None,
@@ -159,7 +160,7 @@ def campaign(
             raise click.UsageError("--resume and --overwrite exclude each other")
         if rare is not None:
             sys.exit(tell_rare(rare, click.get_current_context().params))
-        loaded = load_campaign(file, settings, sampler=sampler, plan=plan, verify=not resume)
+        loaded = load_campaign(file, settings, sampler=sampler, samples=samples, verify=not resume)
         check_required(loaded, must_pass)
         from sepmc.campaign.execution.previous_run import own_cases
         from sepmc.campaign.store import folders
@@ -177,7 +178,7 @@ def campaign(
             if until:
                 loaded.until(until, numbers)
                 click.echo(f"stops as soon as {until} is known, of at most:")
-            counts, more = stats_only or bool(keep), [f"run.plan={plan}"] if plan else []
+            counts, more = stats_only or bool(keep), [f"run.plan={samples}"] if samples else []
             compiling = ["sepmc", "compile", file]
             compiling += [word for each in (*settings, *more) for word in ("--set", each)]
             compiling += ["--stats-only"] if counts else []
@@ -270,7 +271,7 @@ def sample(
     overwrite: bool,
 ) -> None:
     """Write the table of inputs of FILE's cases, a row each: columns case and in_..., in the units
-    of the file. sepmc campaign FILE --plan TABLE flies exactly these, whoever wrote them; for
+    of the file. sepmc campaign FILE --samples TABLE flies exactly these, whoever wrote them; for
     [dispersion] in FILE, a table of an upstream campaign can give any of the inputs.
 
     \b
@@ -338,8 +339,8 @@ def run(
 @RUN
 @click.option("--case", "number", type=click.IntRange(min=0), help="The case of this number.")
 @click.option("--worst", metavar="REQUIREMENT", help="The worst case of a requirement.")
-@click.option("--least", metavar="OUTCOME", help="The case of least OUTCOME.")
-@click.option("--greatest", metavar="OUTCOME", help="The case of greatest OUTCOME.")
+@click.option("--min", "minimum", metavar="OUTCOME", help="The case of minimum OUTCOME.")
+@click.option("--max", "maximum", metavar="OUTCOME", help="The case of maximum OUTCOME.")
 @click.option(
     "--nearest",
     metavar="OUTCOME:AT",
@@ -348,9 +349,9 @@ def run(
 @EVERY
 @OUT
 @click.option(
-    "--film",
+    "--animate",
     type=click.Choice(("gif", "mp4")),
-    help="A moving drawing too, film.gif or, with ffmpeg, film.mp4 (half a minute).",
+    help="A moving drawing too, animation.gif or, with ffmpeg, animation.mp4 (half a minute).",
 )
 @NO_PLOTS
 @OVERWRITE
@@ -359,12 +360,12 @@ def replay(
     folder: Path,
     number: int | None,
     worst: str | None,
-    least: str | None,
-    greatest: str | None,
+    minimum: str | None,
+    maximum: str | None,
     nearest: str | None,
     every_s: float,
     out: Path | None,
-    film: str | None,
+    animate: str | None,
     no_plots: bool,
     overwrite: bool,
     quiet: bool,
@@ -375,7 +376,7 @@ def replay(
 
     \b
     Examples:
-      sepmc replay runs/windy --worst no_recontact --film gif
+      sepmc replay runs/windy --worst no_recontact --animate gif
       sepmc replay runs/windy --nearest separation_speed_m_s:p99.73
     """
     say = speaker(quiet)
@@ -383,15 +384,15 @@ def replay(
         from sepmc.cli.single import check_held, chosen, tell_single
 
         manifest_with_rows(folder)
-        ways = {"worst": worst, "least": least, "greatest": greatest, "nearest": nearest}
+        ways = {"worst": worst, "min": minimum, "max": maximum, "nearest": nearest}
         given = {way: asked for way, asked in ways.items() if asked}
         if len(given) + (number is not None) != 1:
-            raise click.UsageError("give one of --case, --worst, --least, --greatest and --nearest")
+            raise click.UsageError("give one of --case, --worst, --min, --max and --nearest")
         loaded = load_campaign(str(folder), (), warn=False)
         for way, asked in given.items():
             number = chosen(folder, loaded, way, asked, say)
         check_held(folder, number, None)
         code = tell_single(
-            loaded, number, None, every_s, out, overwrite, say, not no_plots, folder, film
+            loaded, number, None, every_s, out, overwrite, say, not no_plots, folder, animate
         )
     sys.exit(code)

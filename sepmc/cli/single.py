@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.definition import Case
 
-_SAID = {"least": "has the least of them", "greatest": "has the greatest of them"}
+_EXTREMES = {"min": "has the minimum", "max": "has the maximum"}
 
 
 def tell_single(
@@ -30,7 +30,7 @@ def tell_single(
     say: Callable[[str], None],
     plots: bool,
     run: Path | None = None,
-    film: str | None = None,
+    animate: str | None = None,
 ) -> int:
     """Fly a case, or the nominal one, into a folder of its own; as a case of a ``run``, whose row
     is checked. Returns the exit code: 1 if its status is not ok, or its row differs."""
@@ -46,9 +46,9 @@ def tell_single(
     folder = out or folders.next_folder(
         loaded.name if number is None else f"{loaded.name}-case{number}"
     )
-    if film and not is_local(folder):
+    if animate and not is_local(folder):
         raise folders.StoreError(
-            f"{folder}: a film is written on this machine; give --out a folder"
+            f"{folder}: an animation is written on this machine; give --out a folder"
         )
     with folders.opened(folder, overwrite, resumable=False):
         start = time.perf_counter()
@@ -87,10 +87,10 @@ def tell_single(
             required=clearance_bounds(loaded),
             marks=marks_of(flown),
         )
-    if film:
+    if animate:
         from sepmc.report import animation
 
-        path = folder / f"film.{film}"
+        path = folder / f"animation.{animate}"
         animation.film(history, case.scene, f"{loaded.name}, {about}", path)
         written.append(path)
     manifests.note(folder, written)
@@ -166,7 +166,7 @@ def _other_versions(manifest: dict[str, Any]) -> str:
 def chosen(
     folder: Path, loaded: "Campaign", way: str, asked: str, say: Callable[[str], None]
 ) -> int:
-    """The case of a run that is asked for as the worst, least, greatest or nearest."""
+    """The case of a run that is asked for as the worst, min, max or nearest."""
     from sepmc.campaign.execution import replay
     from sepmc.campaign.execution.accuracy import with_scales
     from sepmc.campaign.store import manifests, shards
@@ -181,7 +181,7 @@ def chosen(
         number, what = replay.near(cases, asked)
         said = f"is nearest to {what}"
     else:
-        number, said = replay.extreme(cases, asked, way == "least"), f"{_SAID[way]}: {asked}"
+        number, said = replay.extreme(cases, asked, way == "min"), f"{_EXTREMES[way]}: {asked}"
     say(f"{folder}: case {number} {said}")
     return number
 

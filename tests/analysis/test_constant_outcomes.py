@@ -231,22 +231,22 @@ def test_statistics_say_constant(run):
     assert frame.loc[[SPEED, GAP, VARIES], "constant"].tolist() == [True, True, False]
     again = call("stats", folder)
     assert f"{GAP}: constant 0 mm" in again.output
-    given = call("stats", folder, "--given", "initial.omega_deg_s.x>30")
+    given = call("stats", folder, "--where", "initial.omega_deg_s.x>30")
     assert f"{GAP}: constant 0 mm" in given.output
 
 
 def test_no_drivers_and_no_law_of_a_constant(run):
     """Neither the command nor the defaults tell drivers of a constant; laws say what it is."""
     folder, _ = run
-    told = call("drivers", folder, SPEED, VARIES, "--no-plots")
+    told = call("sensitivity", folder, SPEED, VARIES, "--no-plots")
     assert f"warning: {SPEED}: is constant" in told.output
     assert f"what drives {SPEED}" not in told.output
     assert f"what drives {VARIES}" in told.output
-    told = call("drivers", folder, "--no-plots")
+    told = call("sensitivity", folder, "--no-plots")
     assert f"what drives {GAP}" not in told.output
-    lines = call("laws", folder, GAP).output.splitlines()
+    lines = call("fit", folder, GAP).output.splitlines()
     assert next(line for line in lines if line.startswith(GAP)).split()[5] == "constant"
-    frame = pd.read_csv(folder / "laws.csv", index_col="outcome")
+    frame = pd.read_csv(folder / "distributions.csv", index_col="outcome")
     assert frame.at[SPEED, "law"] == "constant"
     assert np.isnan(frame.at[SPEED, "skewness"])
 
@@ -259,8 +259,8 @@ def test_python_says_so_too():
     assert table.at[SPEED, "constant"]
     assert not table.at[VARIES, "constant"]
     with pytest.raises(ValueError, match="is constant"):
-        result.drivers(SPEED)
-    assert result.laws().at[SPEED, "law"] == "constant"
+        result.sensitivity(SPEED)
+    assert result.fit().at[SPEED, "law"] == "constant"
     assert "e-16" not in result._repr_html_()
 
 

@@ -117,7 +117,7 @@ def test_command_line(alone, tmp_path):
     assert f"wrote {where}" in told.output
     assert "is as it was written" in call("doctor", where).output
     assert call("plot", where).exit_code == 0
-    assert call("drivers", where).exit_code == 0
+    assert call("sensitivity", where).exit_code == 0
     ok = alone.to_pandas().query("status == 'ok'")["case"].iloc[0]
     one = call("replay", where, "--case", ok, "--no-plots", "--out", tmp_path / "one")
     assert one.exit_code == 0, one.output

@@ -41,8 +41,8 @@ def values(folder, outcome):
 @pytest.mark.parametrize(
     ("words", "which"),
     [
-        (["--least", "upper_pitch_deg"], lambda f: values(f, "upper_pitch_deg").idxmin()),
-        (["--greatest", "upper_pitch_deg"], lambda f: values(f, "upper_pitch_deg").idxmax()),
+        (["--min", "upper_pitch_deg"], lambda f: values(f, "upper_pitch_deg").idxmin()),
+        (["--max", "upper_pitch_deg"], lambda f: values(f, "upper_pitch_deg").idxmax()),
         (["--worst", "slow"], lambda f: values(f, "separation_speed_m_s").idxmax()),
         (["--worst", "separation_speed_m_s"], lambda f: values(f, "separation_speed_m_s").idxmax()),
         (
@@ -97,8 +97,8 @@ def test_a_row_that_was_changed(folder, tmp_path):
     [
         (["--case", 4], "holds cases 5:45; --case 4 is none of them"),
         ([], "give one of --case, --worst"),
-        (["--case", 5, "--least", "upper_pitch_deg"], "give one of --case, --worst"),
-        (["--least", "upper_pich_deg"], "did you mean 'upper_pitch_deg'"),
+        (["--case", 5, "--min", "upper_pitch_deg"], "give one of --case, --worst"),
+        (["--min", "upper_pich_deg"], "did you mean 'upper_pitch_deg'"),
         (["--worst", "slowly"], "no such requirement; did you mean 'slow'"),
         (["--nearest", "upper_pitch_deg"], "must be OUTCOME:p99.73"),
         (["--nearest", "upper_pitch_deg:p101"], "must be a percentile from p0 to p100"),
@@ -124,7 +124,7 @@ def test_film(folder, tmp_path, monkeypatch):
     campaign = sepmc.load(folder)
     case = campaign.case(9)
     history = campaign.simulate(case, 0.05)
-    path = animation.film(history, case.scene, "title", tmp_path / "film.gif")
+    path = animation.film(history, case.scene, "title", tmp_path / "animation.gif")
     with Image.open(path) as film:
         assert film.n_frames == 3
         frames = []

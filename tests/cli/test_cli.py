@@ -516,3 +516,21 @@ def test_check_names_the_time_in_which_joints_are_late():
     result = call("check", "table2.toml", "--set", "joint.pins.delay_s=0.01")
     assert result.exit_code == 0, result.output
     assert "free (late joints)" in result.output
+
+
+@pytest.mark.parametrize(
+    ("words", "new"),
+    [
+        (["laws", "run"], "sepmc fit"),
+        (["drivers", "run"], "sepmc sensitivity"),
+        (["stats", "run", "--given", "x=1"], "--where"),
+        (["replay", "run", "--least", "x"], "--min"),
+        (["replay", "run", "--greatest", "x"], "--max"),
+        (["replay", "run", "--film", "gif"], "--animate"),
+        (["campaign", "table2.toml", "--plan", "x.csv"], "--samples"),
+    ],
+)
+def test_renamed_words_name_their_successors(words, new):
+    told = CliRunner().invoke(app.main, words)
+    assert told.exit_code == 2
+    assert f"was renamed: {new}" in told.output

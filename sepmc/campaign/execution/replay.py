@@ -121,7 +121,7 @@ def worst(
             else:
                 said = f"is the worst of {verdict.name}"
             return int(verdict.worst_case), said
-    ways = "; without a requirement, ask for the least or greatest of an outcome"
+    ways = "; without a requirement, ask for the min or max of an outcome"
     raise InputError(f"worst = {asked}: no such requirement; {nearest(asked, known)}{ways}")
 
 
