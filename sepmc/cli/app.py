@@ -39,8 +39,8 @@ class _Program(click.Group):
                 return super().invoke(ctx)
             except click.NoSuchOption as error:
                 if new := RENAMED_OPTIONS.get(error.option_name):
-                    error.message = f"{error.option_name} was renamed: {new}"
-                    error.possibilities = None
+                    said = f"{error.option_name} was renamed: {new}"
+                    raise click.UsageError(said, error.ctx) from None
                 raise
 
 
