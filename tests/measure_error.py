@@ -87,7 +87,7 @@ VARIANTS = {
 def measure(name, campaign, count, seconds):
     """One row: what is told, what is true."""
     start = time.perf_counter()
-    trial = step_selection.plan_flight(campaign)
+    trial = step_selection.select_steps(campaign)
     planned = time.perf_counter() - start
     draws = (
         cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
@@ -102,7 +102,7 @@ def measure(name, campaign, count, seconds):
     fine = campaign.with_settings(
         {"solver.accuracy": max(1e-12, 0.01 * campaign.scene.solver.accuracy)}
     )
-    sharp = trial.sharper().sharper().sharper()
+    sharp = trial.refined().refined().refined()
     reference = fly(fine, sharp, draws)
     own = fly(campaign, trial, draws)
     columns = campaign.outcome_columns

@@ -22,7 +22,7 @@ import numpy as np
 
 from sepmc.bench import subprocess_calls
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution.integration import Flight, by_name
+from sepmc.campaign.execution.integration import Integration, by_name
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.engine import interpreted, kernel_cache
 from sepmc.engine.dispatch import fly_cases
@@ -63,7 +63,7 @@ class Flops:
         return self.rates / max(1, sum(self.evaluations.values()))
 
 
-def count(campaign: Campaign, flight: Flight) -> Flops | None:
+def count(campaign: Campaign, flight: Integration) -> Flops | None:
     """Operations of a case of a campaign flown as ``flight`` has it; None if the compiled code does
     not show them."""
     shape = make_shape(campaign.plan, campaign.dispersed)

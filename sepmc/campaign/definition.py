@@ -15,7 +15,7 @@ from sepmc import schema
 from sepmc.analysis.rare_values import Rare, rare_values
 from sepmc.analysis.variance_indices import LHS, PLAN
 from sepmc.campaign import cases
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.case_selection import read as read_numbers
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.engine.dispatch import whole
@@ -249,12 +249,16 @@ class Definition:
         return table
 
     @property
-    def numbers(self) -> Numbers:
+    def numbers(self) -> CaseSelection:
         """Cases that the file asks for: the first so many, or those of its plan."""
         inputs = self.file.input_table
-        return Numbers.first(self.scene.run.cases) if inputs is None else Numbers.of(inputs.numbers)
+        return (
+            CaseSelection.first(self.scene.run.cases)
+            if inputs is None
+            else CaseSelection.of(inputs.numbers)
+        )
 
-    def asked(self, cases: Any = None) -> tuple[Numbers, int]:
+    def asked(self, cases: Any = None) -> tuple[CaseSelection, int]:
         """Cases that are asked for, as `sepmc.campaign.case_selection.read` takes them or as the
         file has them, and how many they are drawn of. Raises InputError if there are no such
         cases."""
@@ -263,10 +267,10 @@ class Definition:
         if isinstance(found, int):
             if inputs is None:
                 self.drawn_as(found)
-                return Numbers.first(found), found
+                return CaseSelection.first(found), found
             if found > own.count:
                 raise InputError(f"cases = {found}: {inputs.path.name} has {own.count}")
-            found = Numbers.of(inputs.numbers[:found])
+            found = CaseSelection.of(inputs.numbers[:found])
         fixed = inputs is not None or self.scene.run.sampler in OF_ITS_SIZE
         if fixed and (missing := found.count - found.common(own)):
             raise InputError(f"cases = {found}: {missing} of them are not among {own}")

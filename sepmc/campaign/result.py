@@ -20,11 +20,11 @@ from sepmc.analysis.row_filter import in_words, names_of
 from sepmc.analysis.row_filter import where as matching
 from sepmc.analysis.row_statistics import by_case
 from sepmc.analysis.statistics import ok_rows, statistics
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Case
-from sepmc.campaign.execution.accuracy import Achieved, with_errors, with_scales
-from sepmc.campaign.execution.integration import Flight
-from sepmc.campaign.execution.sinks import Kept
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors, with_scales
+from sepmc.campaign.execution.integration import Integration
+from sepmc.campaign.execution.sinks import RunOutput
 from sepmc.campaign.store import shards
 from sepmc.engine.dispatch import text, whole
 from sepmc.scene.limits import CASES
@@ -45,15 +45,15 @@ class Result:
     """
 
     campaign: Any  # `sepmc.campaign.campaign.Campaign`
-    kept: Kept
+    kept: RunOutput
     timing: dict[str, float]
     seed: int
-    numbers: Numbers  # of the cases
+    numbers: CaseSelection  # of the cases
     total: int  # cases that these are drawn of
     folder: Path | None = None
     notes: list[str] = field(default_factory=list)
-    flight: Flight | None = None
-    accuracy: Achieved | None = None
+    flight: Integration | None = None
+    accuracy: AchievedAccuracy | None = None
     resumed: int = 0  # cases that the folder held already
     stopped: bool = False  # as more cases failed than may
 
@@ -183,12 +183,12 @@ class Result:
         return replace(found, scene=msgspec.structs.replace(found.scene, run=run))
 
     @property
-    def _flown(self) -> Numbers:
+    def _flown(self) -> CaseSelection:
         """Numbers of the cases that were flown: fewer than asked for if too many of them failed."""
         if not self.stopped:
             return self.numbers
         if self.kept.rows is not None:
-            return Numbers.of(np.asarray(self.kept.rows["case"]))
+            return CaseSelection.of(np.asarray(self.kept.rows["case"]))
         return self.numbers.before(sum(self.status_counts.values()))  # counted in their order
 
     @property

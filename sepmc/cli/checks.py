@@ -106,8 +106,8 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             )
             return
         from sepmc.analysis.requirements import sentence
-        from sepmc.campaign.execution.chunks import implausible_note
         from sepmc.campaign.execution.diagnostics import of_file, sampled
+        from sepmc.campaign.execution.runner import implausible_note
         from sepmc.kernel.spec.describe import lines
         from sepmc.scene.units import unit_text
 

@@ -9,7 +9,7 @@ from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
-    from sepmc.campaign.case_selection import Numbers
+    from sepmc.campaign.case_selection import CaseSelection
 
 
 def _files(ctx: click.Context, param: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -30,7 +30,7 @@ class CaseNumbers(click.ParamType):
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> "int | Numbers":
+    ) -> "int | CaseSelection":
         """The number, or the numbers."""
         from sepmc.campaign.case_selection import read
         from sepmc.scene.messages import InputError

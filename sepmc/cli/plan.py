@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
-    from sepmc.campaign.case_selection import Numbers
+    from sepmc.campaign.case_selection import CaseSelection
 
 _TRIED_S = 0.3  # that some cases are to take that are flown to time the others
 _FEWEST, _TIMES = 1, 8  # of these, and how many times more are tried next
@@ -17,7 +17,7 @@ _FEWEST, _TIMES = 1, 8  # of these, and how many times more are tried next
 
 def tell_plan(
     loaded: "Campaign",
-    cases: "int | Numbers | None",
+    cases: "int | CaseSelection | None",
     seed: int | None,
     folder: Path,
     stats_only: bool,
@@ -28,7 +28,7 @@ def tell_plan(
     for that, else the words of the command that is ``compiling`` it are told; nothing is
     written."""
     from sepmc.campaign.execution.forecast import forecast, size_text, time_text
-    from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, plan_flight
+    from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, select_steps
 
     numbers, total = loaded.asked(cases)
     n, run, seed = numbers.count, loaded.scene.run, loaded.scene.run.seed if seed is None else seed
@@ -53,7 +53,7 @@ def tell_plan(
         return
     say(f"  kernel    compiled: {pieces} pieces in the cache")
     begun = time.perf_counter()
-    flight = plan_flight(loaded, history=bool(separation), announce=None)
+    flight = select_steps(loaded, history=bool(separation), announce=None)
     trials = time.perf_counter() - begun
     each, tried = _timed(loaded, flight, numbers, seed, total, separation)
     say(
@@ -63,7 +63,12 @@ def tell_plan(
 
 
 def _timed(
-    loaded: "Campaign", flight: Any, numbers: "Numbers", seed: int, total: int, separation: list
+    loaded: "Campaign",
+    flight: Any,
+    numbers: "CaseSelection",
+    seed: int,
+    total: int,
+    separation: list,
 ) -> tuple[float, int]:
     """Seconds that a case takes to draw and fly, by so many cases."""
     from sepmc.campaign.execution.integration import fly, history_rows
@@ -80,7 +85,7 @@ def _timed(
 
 
 def write_sample(
-    loaded: "Campaign", cases: "int | Numbers | None", seed: int | None, out: Path
+    loaded: "Campaign", cases: "int | CaseSelection | None", seed: int | None, out: Path
 ) -> str:
     """Write the table of inputs of a campaign; returns what was written, in words."""
     import numpy as np

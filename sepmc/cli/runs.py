@@ -39,8 +39,8 @@ from sepmc.cli.render import (
 from sepmc.paths import EXTRA
 
 if TYPE_CHECKING:
-    from sepmc.campaign.case_selection import Numbers
-    from sepmc.cluster import DaskCrew
+    from sepmc.campaign.case_selection import CaseSelection
+    from sepmc.cluster import DaskExecutor
 
 
 @click.command(short_help="Fly the dispersed cases of FILE into a run folder.")
@@ -111,7 +111,7 @@ if TYPE_CHECKING:
 @QUIET
 def campaign(
     file: str,
-    cases: "int | Numbers | None",
+    cases: "int | CaseSelection | None",
     seed: int | None,
     sampler: str | None,
     samples: Path | None,
@@ -236,7 +236,7 @@ def campaign(
 
 def _crew(
     workers: int | None, address: str | None, threads: int | None
-) -> "AbstractContextManager[DaskCrew | None]":
+) -> "AbstractContextManager[DaskExecutor | None]":
     """Workers that are asked for, if there are any."""
     if workers is None and address is None:
         return nullcontext()
@@ -263,7 +263,7 @@ def _crew(
 @click.option("--overwrite", is_flag=True, help="Replace the table in --out.")
 def sample(
     file: str,
-    cases: "int | Numbers | None",
+    cases: "int | CaseSelection | None",
     seed: int | None,
     sampler: str | None,
     settings: tuple[str, ...],

@@ -140,7 +140,7 @@ def _check_row(loaded: "Campaign", run: Path, number: int, say: Callable[[str], 
 
     manifest = manifests.read_manifest(run)
     total = manifest.get("of", manifest["cases"])
-    flight = replay.flown_before(loaded, say)
+    flight = replay.earlier_integration(loaded, say)
     found = replay.check_row(loaded, flight, run, number, manifest["seed"], total)
     other = _other_versions(manifest)
     said = f"{found.sentence}{'; the run was made with ' + other if other else ''}"

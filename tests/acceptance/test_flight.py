@@ -316,7 +316,7 @@ def si_draws(campaign, count):
 
 def fly(campaign, draws):
     """Outcomes by name of cases given by their draws in SI."""
-    block = step_selection.fly(campaign, step_selection.plan_flight(campaign), draws)
+    block = step_selection.fly(campaign, step_selection.select_steps(campaign), draws)
     return {c.name: block.outcomes[:, i] * c.scale for i, c in enumerate(campaign.outcome_columns)}
 
 

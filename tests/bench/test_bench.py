@@ -30,7 +30,7 @@ from sepmc.bench.folder import open_folder
 from sepmc.bench.reference import make_reference
 from sepmc.bench.study import Study, drawn
 from sepmc.campaign.execution.integration import by_name
-from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store.untrusted_files import StoreError
 from sepmc.cli import app
 from sepmc.kernel.spec.structure import make_shape
@@ -48,7 +48,7 @@ def silent(_):
 
 def study_of(name, cases, threads=1, settings=None):
     campaign = sepmc.load(name, {"run.history_step_s": 0.0, **(settings or {})})
-    return Study(campaign, plan_flight(campaign), drawn(campaign, cases), 1, threads, True, silent)
+    return Study(campaign, select_steps(campaign), drawn(campaign, cases), 1, threads, True, silent)
 
 
 @pytest.fixture(scope="module")

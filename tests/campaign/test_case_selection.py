@@ -16,7 +16,7 @@ import sepmc
 from sepmc.analysis.proportions import interval
 from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.stopping import read_until
-from sepmc.campaign.case_selection import Numbers, read
+from sepmc.campaign.case_selection import CaseSelection, read
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.campaign.store.untrusted_files import StoreError
@@ -100,7 +100,7 @@ def command(*words):
 @given(st.sets(st.integers(0, 60), min_size=1), st.sets(st.integers(0, 70)), st.integers(1, 9))
 def test_numbers_are_a_set(numbers, others, size):
     """Ranges behave as the set of the numbers that they stand for, and as text they come back."""
-    found, held = Numbers.of(numbers), np.array(sorted(others), dtype=np.int64)
+    found, held = CaseSelection.of(numbers), np.array(sorted(others), dtype=np.int64)
     assert [i for a, b in found.ranges for i in range(a, b)] == sorted(numbers)
     assert all(b < c for (_, b), (c, _) in zip(found.ranges, found.ranges[1:], strict=False))
     assert (found.count, found.end) == (len(numbers), max(numbers) + 1)
@@ -109,7 +109,7 @@ def test_numbers_are_a_set(numbers, others, size):
     assert [i for a, b in left.pieces(size) for i in range(a, b)] == sorted(numbers - others)
     assert all(0 < b - a <= size for a, b in left.pieces(size))
     assert found.leave_out(held) == bool(others - numbers)
-    assert found.common(Numbers.of(others)) == len(numbers & others)
+    assert found.common(CaseSelection.of(others)) == len(numbers & others)
     assert [i in found for i in range(75)] == [i in numbers for i in range(75)]
     assert read(f"{found},{found}") == found
 
@@ -119,9 +119,9 @@ def test_numbers_are_a_set(numbers, others, size):
     [
         ("1e4", 10_000),
         (" 300 ", 300),
-        ("25:28,73", Numbers(((25, 28), (73, 74)))),
-        ("5,3,4", Numbers(((3, 6),))),
-        ("7:900000000,0:9,3", Numbers(((0, 900_000_000),))),  # and takes no memory
+        ("25:28,73", CaseSelection(((25, 28), (73, 74)))),
+        ("5,3,4", CaseSelection(((3, 6),))),
+        ("7:900000000,0:9,3", CaseSelection(((0, 900_000_000),))),  # and takes no memory
         ("7,", None),
         ("4:4", None),
         ("-3", None),

@@ -10,7 +10,7 @@ import sepmc
 from sepmc.campaign.execution.accuracy import decisive, errors
 from sepmc.campaign.execution.error_estimate import estimate as estimate_of
 from sepmc.campaign.execution.integration import fly
-from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.schema import Status
 
 RANDOM = np.random.default_rng(12)
@@ -133,13 +133,13 @@ def test_without_trial_cases():
 def flown(request):
     """A campaign, its flight, draws, and the block."""
     campaign = sepmc.load(request.param, {"run.history_step_s": 0.0})
-    flight = plan_flight(campaign)
+    flight = select_steps(campaign)
     draws = campaign.in_si(campaign.draw(0, 400, 3, 400))
     return campaign, flight, draws, fly(campaign, flight, draws)
 
 
 def true_errors(campaign, flight, draws, block):
-    finer = fly(campaign, replace(flight.sharper(4), most=np.inf), draws)
+    finer = fly(campaign, replace(flight.refined(4), most=np.inf), draws)
     n, decides = len(campaign.outcome_columns), decisive(campaign.outcome_columns)
     return errors(block.outcomes[:, :n], finer.outcomes[:, :n], flight.scale)[:, decides].max(
         axis=1

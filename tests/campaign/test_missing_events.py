@@ -11,7 +11,7 @@ import sepmc
 from sepmc.analysis.requirements import missing_text
 from sepmc.analysis.row_statistics import Rows
 from sepmc.campaign import campaign as campaigns
-from sepmc.campaign.execution.limit_state import Flights, target
+from sepmc.campaign.execution.limit_state import MarginEvaluator, target
 from sepmc.campaign.execution.missing_events import awaited
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.cli import app
@@ -209,8 +209,8 @@ def test_rare_events_count_them_too(file):
     """Cases whose margin is not known, though they came to their end, are counted by themselves."""
     campaign = sepmc.load(file)
     with flown_plainly():
-        flight = campaigns.plan_flight(campaign)  # by few trial cases
-        flights = Flights(campaign, flight, target(campaign, "calm"), _nothing, None)
+        flight = campaigns.select_steps(campaign)  # by few trial cases
+        flights = MarginEvaluator(campaign, flight, target(campaign, "calm"), _nothing, None)
         margin, _ = flights.margins(np.linspace(-2.0, 2.0, 21)[:, None])
     assert 0 < np.isnan(margin).sum() == flights.lacking < 21
     assert flights.tally.missing["event.far"] == flights.lacking

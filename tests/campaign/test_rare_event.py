@@ -17,7 +17,7 @@ import sepmc
 from sepmc.analysis import subset_simulation
 from sepmc.campaign import cases
 from sepmc.campaign.execution import flight_log
-from sepmc.campaign.execution.limit_state import Target, target
+from sepmc.campaign.execution.limit_state import LimitState, target
 from sepmc.campaign.store import manifests, shards
 from sepmc.campaign.store.folders import StoreError
 from sepmc.cli import app
@@ -214,7 +214,9 @@ def test_a_campaign_of_known_probability(spinning, name):
     else:
         assert next(iter(found.inputs)) == "in_initial_omega_x_deg_s"
         assert found.inputs["in_initial_omega_x_deg_s"][0] < -4.5
-    assert repr(found).startswith(f"<Rare {name}: probability 1.") or "e-0" in repr(found)
+    assert repr(found).startswith(f"<RareEventEstimate {name}: probability 1.") or "e-0" in repr(
+        found
+    )
 
 
 def test_a_value_that_levels_do_not_see_is_told(spinning):
@@ -263,7 +265,7 @@ def test_a_contact_is_approached_by_its_clearance():
     assert aim.column.name == "gap_clearance_mm"
     assert aim.sentence == "requirement.no_recontact: no gap_recontact"
     item = Requirement(name="x", metric="gap_recontact", at_most=0.0)
-    aim = Target(item, Column("gap_clearance_mm", "mm", "", 1000.0), 0, 1)
+    aim = LimitState(item, Column("gap_clearance_mm", "mm", "", 1000.0), 0, 1)
     block = SimpleNamespace(
         outcomes=np.array([[0.2, 0], [0, 0], [0, 1], [-0.1, 1], [np.nan, 0], [np.nan, np.nan],
                            [0.2, 0]]),

@@ -9,9 +9,9 @@ import sepmc
 from sepmc.analysis import quantile_sketch, streaming
 from sepmc.analysis.moments import Moments
 from sepmc.analysis.requirements import margins
-from sepmc.campaign.execution import chunks, sinks
+from sepmc.campaign.execution import runner, sinks
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.campaign.store.row_selection import Keep
+from sepmc.campaign.store.row_selection import KeepRules
 from sepmc.cli import app
 from sepmc.scene.messages import InputError
 
@@ -78,7 +78,7 @@ def expected(campaign, rows, rule):
 @pytest.mark.parametrize("rule", ["failed", "every:250", "violating", "worst:7", "all"])
 def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatch):
     """To the last bit, in one part or in many; statistics are of all cases."""
-    monkeypatch.setattr(chunks, "_FIRST", 100)
+    monkeypatch.setattr(runner, "_FIRST", 100)
     if many:
         monkeypatch.setattr(sinks, "_IN_ONE_PART", 0)
     result, frame = kept(rule)
@@ -135,10 +135,10 @@ def until(most):
 @pytest.fixture
 def often(monkeypatch):
     """What is counted is written after every chunk, of which there are many."""
-    monkeypatch.setattr(chunks, "_SAVE_S", 0.0)
-    monkeypatch.setattr(chunks, "_PART_S", 0.0)
-    monkeypatch.setattr(chunks, "_FIRST", 40)
-    monkeypatch.setattr(chunks, "_CALL_S", 1e-9)
+    monkeypatch.setattr(runner, "_SAVE_S", 0.0)
+    monkeypatch.setattr(runner, "_PART_S", 0.0)
+    monkeypatch.setattr(runner, "_FIRST", 40)
+    monkeypatch.setattr(runner, "_CALL_S", 1e-9)
 
 
 def contents(folder):
@@ -283,11 +283,11 @@ def test_command_line(tmp_path):
     "text", ["all", "failed,worst:20", "every:9; columns in_*,upper_*; float32", "all; float32"]
 )
 def test_rules_of_a_text(text):
-    assert Keep.of_text(text).text == text
+    assert KeepRules.of_text(text).text == text
 
 
 def test_text():
-    assert Keep(("failed", "worst"), 20).text == "failed,worst:20"
+    assert KeepRules(("failed", "worst"), 20).text == "failed,worst:20"
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 import sepmc
 from sepmc.analysis import row_statistics
-from sepmc.campaign.execution import chunks, forecast
+from sepmc.campaign.execution import forecast, runner
 from sepmc.campaign.store import ledger, manifests, shards
 from sepmc.campaign.store.untrusted_files import StoreError
 from sepmc.cli import app
@@ -46,9 +46,9 @@ def same(one, other):
 
 def test_calls_and_parts_change_nothing(campaign, result, tmp_path, monkeypatch):
     """A slow scene: one case a call, and a part as soon as something is flown."""
-    monkeypatch.setattr(chunks, "_FIRST", 3)
-    monkeypatch.setattr(chunks, "_CALL_S", 0.0)
-    monkeypatch.setattr(chunks, "_PART_S", 0.0)
+    monkeypatch.setattr(runner, "_FIRST", 3)
+    monkeypatch.setattr(runner, "_CALL_S", 0.0)
+    monkeypatch.setattr(runner, "_PART_S", 0.0)
     same(campaign.run(cases=50, seed=7), result)
     slow = campaign.run(cases=50, seed=7, out=tmp_path / "run")
     same(slow, result)
@@ -123,8 +123,8 @@ def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_p
         if done >= 25:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(chunks, "_FIRST", 3)
-    monkeypatch.setattr(chunks, "_CALL_S", 0.0)
+    monkeypatch.setattr(runner, "_FIRST", 3)
+    monkeypatch.setattr(runner, "_CALL_S", 0.0)
     with pytest.raises(KeyboardInterrupt):
         campaign.run(cases=50, seed=7, out=tmp_path, progress=told)
     assert shards.cases_done(tmp_path).tolist() == list(range(25))
@@ -254,7 +254,7 @@ def test_a_folder_of_statistics_only(tmp_path):
 
 
 def test_an_interrupt_of_statistics_only(tmp_path, monkeypatch):
-    monkeypatch.setattr(chunks.Chunks, "fly", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(runner.Runner, "fly", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     said = call(
         "campaign",
         "table2.toml",
@@ -317,8 +317,8 @@ def test_numba_does_not_import_linear_algebra():
 
 def test_too_many_failures_stop_a_run(campaign, result, tmp_path, monkeypatch):
     """Soon after they are more than may be; what is flown is kept, told, and can be resumed."""
-    monkeypatch.setattr(chunks, "_FIRST", 10)
-    monkeypatch.setattr(chunks, "_CALL_S", 0.0)
+    monkeypatch.setattr(runner, "_FIRST", 10)
+    monkeypatch.setattr(runner, "_CALL_S", 0.0)
     failed = result.status_counts["never-released"]
     stopped = campaign.run(cases=50, seed=7, out=tmp_path / "run", max_failures=2)
     assert stopped.stopped

@@ -18,7 +18,7 @@ from sepmc.campaign import cases
 from sepmc.campaign.execution import batch, step_search, step_selection
 from sepmc.campaign.execution.accuracy import SAFETY, achieved, decisive, errors, scene_scales
 from sepmc.campaign.execution.diagnostics import unmet
-from sepmc.campaign.execution.integration import Flight, _is_like_trials
+from sepmc.campaign.execution.integration import Integration, _is_like_trials
 from sepmc.cli import app
 from sepmc.engine.dispatch import Block
 from sepmc.schema import Status
@@ -210,7 +210,7 @@ def test_bodies_that_turn_far_in_a_step():
     """In the eight steps that first tell how far outcomes spread no case can be vouched for: then
     more steps tell it."""
     campaign = sepmc.load("nasa-fixed-joint", {"run.history_step_s": 0.0})
-    flight = step_selection.plan_flight(campaign)
+    flight = step_selection.select_steps(campaign)
     names = [column.name for column in campaign.outcome_columns]
     draws = cases.draw(campaign.file.dispersions, 3, 0, 100) * campaign.factors
     rate = names.index("A_omega_z_deg_s")
@@ -221,9 +221,9 @@ def test_bodies_that_turn_far_in_a_step():
 
 def test_a_given_step_is_taken(table2):
     """No step is longer."""
-    flight = step_selection.plan_flight(table2.with_settings({"solver.step_s": 0.0123}))
+    flight = step_selection.select_steps(table2.with_settings({"solver.step_s": 0.0123}))
     assert (flight.step, flight.steps.tolist()) == (0.0123, [1, 1, 1])
-    assert (flight.sharper().step, flight.sharper().steps.tolist()) == (0.00615, [2, 2, 2])
+    assert (flight.refined().step, flight.refined().steps.tolist()) == (0.00615, [2, 2, 2])
 
 
 def test_a_case_that_is_never_released_settles_too(table2):
@@ -239,11 +239,11 @@ def test_the_pilot_keeps_within_its_share(table2, accuracy):
     """Half of the accuracy, over its own cases; the steps it chose are the fewest: one less in any
     phase is too few."""
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": accuracy})
-    flight = step_selection.plan_flight(campaign)
+    flight = step_selection.select_steps(campaign)
     assert flight.error <= 0.5 * accuracy
     assert_allclose(flight.usual.sum(), campaign.scene.run.end_time, rtol=1e-9)
     assert flight.usual[0] == pytest.approx(0.05, rel=1e-9)
-    again = step_selection.plan_flight(campaign.with_settings({"run.seed": 8}))
+    again = step_selection.select_steps(campaign.with_settings({"run.seed": 8}))
     assert_array_equal(again.steps, flight.steps)
     assert again.error == flight.error
 
@@ -357,7 +357,7 @@ def true_error(campaign, flight, count):
     exact = campaign.with_settings({"solver.accuracy": 1e-11})
     n, columns = len(campaign.outcome_columns), campaign.outcome_columns
     here = step_selection.fly(campaign, flight, drawn)
-    fine = step_selection.fly(exact, flight.sharper().sharper().sharper(), drawn)
+    fine = step_selection.fly(exact, flight.refined().refined().refined(), drawn)
     ok = (here.status == Status.OK) & (fine.status == Status.OK)
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
     return step_selection.relative_error(
@@ -533,7 +533,7 @@ def test_fewer_trial_cases(table2, monkeypatch, corners, sample, settings):
     monkeypatch.setattr(step_selection, "CORNERS", corners)
     monkeypatch.setattr(step_selection, "SAMPLE", sample)
     law = {"dispersion.body.upper.mass_kg": {"discrete": [450.0, 460.0]}, "run.history_step_s": 0.0}
-    flight = step_selection.plan_flight(table2.with_settings(law | settings))
+    flight = step_selection.select_steps(table2.with_settings(law | settings))
     assert flight.achieved.cases == max(corners, 6) + 1 + sample
 
 
@@ -590,7 +590,7 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
     """A spring of constant force along a line that shrinks to nothing in one case of a thousand:
     such are seen and settled, or told."""
     campaign = pair(REEL | settings)
-    flight = step_selection.plan_flight(campaign)
+    flight = step_selection.select_steps(campaign)
     places = np.array([[-6.1e-5], [1.5e-3], [0.5]])
     block, names = (
         step_selection.fly(campaign, flight, places),
@@ -664,7 +664,7 @@ def shot(force, stiffness, stroke, time):
 def test_a_stroke_that_is_only_just_reached(pair, settings):
     """With 1e-5 ... 1e-2 to spare or to miss: a long step may jump over such a stroke."""
     campaign = pair(SHOT | settings)
-    flight = step_selection.plan_flight(campaign)
+    flight = step_selection.select_steps(campaign)
     stroke, beyond = campaign.scene.spring[0].stroke, np.geomspace(1e-5, 1e-2, 40)
     stiffness = 75.0 + 5.0 * np.sin(np.arange(80))
     force = 0.5 * stroke * stiffness * (1.0 + np.concatenate([beyond, -beyond]))
@@ -698,7 +698,7 @@ def test_a_trial_case_that_would_be_flown_again_tells_no_error():
     """One that grazes a stroke within a long step was told as an error of 0.2, though no row keeps
     what such a step gives."""
     campaign = sepmc.load(str(Path(__file__).parents[1] / "data" / "grazing.toml"))
-    accuracy = step_selection.plan_flight(campaign).achieved
+    accuracy = step_selection.select_steps(campaign).achieved
     assert accuracy.met, accuracy.worst
 
 
@@ -736,7 +736,7 @@ def test_a_flow_almost_from_the_side(pair):
 
 def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
     """Sideslip of still air; one beyond what trial cases had is."""
-    usual = Flight(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
+    usual = Integration(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
     found = np.array([[0.4], [0.6], [NAN]])
     block = Block(found, *np.zeros((5, 3)), guards=np.zeros((3, 1)))
     assert_array_equal(_is_like_trials(usual, block), [True, False, True])

@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 from test_case_selection import SPRUNG
 
 import sepmc
-from sepmc.campaign.execution import chunks
+from sepmc.campaign.execution import runner
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.cli import figures
 from sepmc.cli.app import main
@@ -47,7 +47,7 @@ def _plainly(monkeypatch):
     monkeypatch.setattr("sepmc.analysis.stopping._FIRST_OF_MOMENTS", 16)
     monkeypatch.setattr("sepmc.analysis.stopping._FIRST", 16)
     for name, value in (("_SAVE_S", 0.0), ("_PART_S", 0.0), ("_FIRST", 8), ("_CALL_S", 1e-9)):
-        monkeypatch.setattr(chunks, name, value)
+        monkeypatch.setattr(runner, name, value)
     with flown_plainly():
         yield
 

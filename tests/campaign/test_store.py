@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sepmc
-from sepmc.campaign.case_selection import Numbers
-from sepmc.campaign.execution.replay import check_row, flown_before
+from sepmc.campaign.case_selection import CaseSelection
+from sepmc.campaign.execution.replay import check_row, earlier_integration
 from sepmc.campaign.store import folders, ledger, manifests, shards
 from sepmc.campaign.store.untrusted_files import StoreError
 from sepmc.cli import app
@@ -255,7 +255,7 @@ def test_numbers_left(cases, done, chunk):
     """Every case not done once, in order, in ranges no longer than a chunk, split only where they
     must be."""
     held = np.array(sorted({i for i in done if i < cases}), dtype=np.int64)
-    ranges = list(Numbers.first(cases).without(held).pieces(chunk))
+    ranges = list(CaseSelection.first(cases).without(held).pieces(chunk))
     assert [i for first, end in ranges for i in range(first, end)] == [
         i for i in range(cases) if i not in done
     ]
@@ -340,7 +340,7 @@ def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
     with pytest.raises(StoreError, match="another version of sepmc, whose rows differ in error"):
         campaign.run(cases=12, out=folder, resume=True)
     again = sepmc.load(str(folder))
-    found = check_row(again, flown_before(again), folder, 7, campaign.scene.run.seed, 10)
+    found = check_row(again, earlier_integration(again), folder, 7, campaign.scene.run.seed, 10)
     assert (found.flown, found.columns) == (True, ())
     assert CliRunner().invoke(app.main, ["stats", str(folder)]).exit_code == 0
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from fuzz import mutate
 from fuzz.watch import Wrong, turns
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution import chunks, diagnostics, step_selection
+from sepmc.campaign.execution import diagnostics, runner, step_selection
 from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.kernel.spec import describe
 from sepmc.scene.messages import SceneError
@@ -102,7 +102,7 @@ def checked(campaign):
     step_selection.stage_names(campaign)
     diagnostics.of_file(campaign)
     list(diagnostics.sampled(campaign, numbers))
-    chunks.implausible_note(campaign.implausible_inertias(campaign.draw(0, 1, None, total)), 1)
+    runner.implausible_note(campaign.implausible_inertias(campaign.draw(0, 1, None, total)), 1)
 
 
 def rename(tree, rng):

@@ -40,7 +40,7 @@ def rows(rng, count, until, tried):
     flights = []
     for tree in _trees().values():
         campaign = _campaign(tree)
-        flights.append((campaign, step_selection.plan_flight(campaign, announce=nobody)))
+        flights.append((campaign, step_selection.select_steps(campaign, announce=nobody)))
     for _ in turns(count, until, tried):
         campaign, flight = rng.choice(flights)
         draws = campaign.in_si(campaign.draw(rng.randrange(10**6), 64))
@@ -68,7 +68,7 @@ def numbers(rng, count, until, tried):
     """Campaigns with other numbers, by the kernels that are there."""
     trees = _trees()
     for tree in trees.values():
-        step_selection.plan_flight(_campaign(tree), announce=nobody)
+        step_selection.select_steps(_campaign(tree), announce=nobody)
     for _ in turns(count, until, tried):
         name = rng.choice(list(trees))
         tree = pickle.loads(pickle.dumps(trees[name]))

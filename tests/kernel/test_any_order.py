@@ -181,7 +181,7 @@ def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
     )
     assert not make_shape(campaign.plan, campaign.dispersed).any_order
     assert (
-        ANY_ORDER in [spare.care for spare in step_selection.plan_flight(campaign).spares]
+        ANY_ORDER in [spare.care for spare in step_selection.select_steps(campaign).spares]
     ) == by_spare
     result = campaign.run(cases=CASES, out=tmp_path / "run")
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from small_scenes import PUSH, REDUCED
 
 from sepmc.campaign.execution.diagnostics import remarks
-from sepmc.campaign.execution.integration import Flight
+from sepmc.campaign.execution.integration import Integration
 
 FREE = {"phase": [{"name": "free"}], "solver.step_s": 0.01}
 STILL = FREE | {"initial.speed_m_s": 0.0, "initial.altitude_m": 0.0}
@@ -619,7 +619,7 @@ def test_loads_that_do_nothing_are_said(pair):
         "motor.slow.burn_s": {"uniform": [0.1, 0.2]},
     }
     scene = FREE | {"spring": [spring], "load": [load], "motor": motors}
-    not_flown = Flight(None, None, None)
+    not_flown = Integration(None, None, None)
     assert remarks(pair(scene | {"dispersion": laws}), not_flown) == []
     assert [note.partition(" does nothing")[0] for note in remarks(pair(scene), not_flown)] == [
         "motor.push",

@@ -182,7 +182,7 @@ def decisive(columns: list[Column]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Achieved:
+class AchievedAccuracy:
     """Numerical error of a campaign by outcome, see `errors`.
 
     `SAFETY` times the largest that ``cases`` trial cases show when they are flown again at twice
@@ -217,7 +217,7 @@ class Achieved:
         """Whether the worst error is at most the accuracy asked; never without trial cases."""
         return self.cases > 0 and self.worst[1] <= self.asked
 
-    def with_errors(self, others: Mapping[str, float]) -> "Achieved":
+    def with_errors(self, others: Mapping[str, float]) -> "AchievedAccuracy":
         """The same with errors that are no smaller than some others, by outcome."""
         return replace(
             self,
@@ -230,7 +230,7 @@ def _largest(errors_by_name: dict[str, float]) -> tuple[str, float]:
     return name, errors_by_name[name]
 
 
-def achieved(campaign: Definition, largest: np.ndarray, cases: int) -> Achieved:
+def achieved(campaign: Definition, largest: np.ndarray, cases: int) -> AchievedAccuracy:
     """What ``cases`` trial cases tell: the ``largest`` (o,) error of each outcome they show;
     infinite if there are none."""
     columns = campaign.outcome_columns
@@ -243,4 +243,4 @@ def achieved(campaign: Definition, largest: np.ndarray, cases: int) -> Achieved:
         for column, decides in zip(columns, decisive(columns), strict=True)
         if not decides
     )
-    return Achieved(campaign.scene.solver.accuracy, told, cases, places)
+    return AchievedAccuracy(campaign.scene.solver.accuracy, told, cases, places)

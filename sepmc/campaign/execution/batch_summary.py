@@ -12,16 +12,16 @@ import numpy as np
 
 from sepmc.analysis import rare_values
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.accuracy import Achieved
+from sepmc.campaign.execution.accuracy import AchievedAccuracy
 from sepmc.campaign.execution.diagnostics import least_at_the_end
-from sepmc.campaign.execution.integration import Flight
+from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import count_missing
 from sepmc.engine.dispatch import Block
 from sepmc.scene.messages import InputError
 from sepmc.schema import Status
 
 
-class Tally(msgspec.Struct, frozen=True):
+class BatchSummary(msgspec.Struct, frozen=True):
     """How many cases have another status than ok, an inertia that no solid body has, were flown
     again at ``finer`` steps or by a ``spare`` kernel, and of these were not settled; in how many
     each clearance is least at the end, and in how many ok ones something is ``missing`` that the
@@ -41,9 +41,9 @@ class Tally(msgspec.Struct, frozen=True):
     guards: tuple[float, ...] = ()
     occurred: tuple[int, ...] = ()
 
-    def __add__(self, other: Self) -> "Tally":
+    def __add__(self, other: Self) -> "BatchSummary":
         names = dict.fromkeys([*self.errors, *other.errors])
-        return Tally(
+        return BatchSummary(
             self.failures + other.failures,
             self.implausible + other.implausible,
             self.finer + other.finer,
@@ -62,20 +62,20 @@ class Tally(msgspec.Struct, frozen=True):
         return json.dumps(msgspec.to_builtins(self))
 
 
-def read(text: str | bytes) -> Tally:
+def read(text: str | bytes) -> BatchSummary:
     """A tally of `Tally.text`; an error may be infinite there, which JSON has no number for."""
     try:
-        return msgspec.convert(json.loads(text), Tally)
+        return msgspec.convert(json.loads(text), BatchSummary)
     except (ValueError, RecursionError, msgspec.ValidationError):
         raise InputError("what a part tells of its cases cannot be read; fly them again") from None
 
 
-def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
+def count(campaign: Definition, drawn: np.ndarray, block: Block) -> BatchSummary:
     """The tally of cases that were flown together, from draws (n, d) in the units of the file."""
     columns, again = campaign.outcome_columns, block.again
     outcomes = {c.name: x for c, x in zip(columns, block.outcomes.T, strict=False)}
     errors = np.zeros(len(columns)) if again is None else again.error
-    return Tally(
+    return BatchSummary(
         int(np.count_nonzero(block.status != Status.OK)),
         campaign.implausible_inertias(drawn),
         again.finer if again else 0,
@@ -89,7 +89,7 @@ def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
     )
 
 
-def accuracy(flight: Flight, tally: Tally) -> Achieved:
+def accuracy(flight: Integration, tally: BatchSummary) -> AchievedAccuracy:
     """Error of cases: the largest that was counted of them, and of the trial cases."""
     told = flight.achieved
     assert told is not None
@@ -99,7 +99,7 @@ def accuracy(flight: Flight, tally: Tally) -> Achieved:
     return told.with_errors(_errors(flight, tally))
 
 
-def _errors(flight: Flight, tally: Tally) -> dict[str, float]:
+def _errors(flight: Integration, tally: BatchSummary) -> dict[str, float]:
     """The largest error of cases that were counted, by outcome."""
     found, estimate = dict(tally.errors), flight.estimate
     if estimate is None or not found:
@@ -109,7 +109,7 @@ def _errors(flight: Flight, tally: Tally) -> dict[str, float]:
     return dict(zip(names, np.maximum(errors, largest).tolist(), strict=True))
 
 
-def accuracy_told(campaign: Definition, flight: Flight, tally: Tally) -> dict[str, Any]:
+def accuracy_told(campaign: Definition, flight: Integration, tally: BatchSummary) -> dict[str, Any]:
     """What a manifest tells of how cases were flown, and of their error."""
     solver, told = campaign.scene.solver, accuracy(flight, tally)
     said: dict[str, Any] = {
@@ -137,4 +137,4 @@ def accuracy_told(campaign: Definition, flight: Flight, tally: Tally) -> dict[st
     return {**said, "errors": told.errors}
 
 
-__all__ = ["Tally", "accuracy", "accuracy_told", "count", "read"]
+__all__ = ["BatchSummary", "accuracy", "accuracy_told", "count", "read"]

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.accuracy import Achieved, scene_scales
-from sepmc.campaign.execution.integration import Flight
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, scene_scales
+from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import missing_of_one
 from sepmc.campaign.execution.table_overshoot import overshooting
 from sepmc.routines.layout import ROD, ROTATION
@@ -39,7 +39,7 @@ def of_file(campaign: Definition) -> list[str]:
     ]
 
 
-def remarks(campaign: Definition, flight: Flight) -> list[str]:
+def remarks(campaign: Definition, flight: Integration) -> list[str]:
     """Sentences on the scene of a campaign, from its file and the flight of its nominal case."""
     found = of_file(campaign)
     if flight.nominal is None:
@@ -70,7 +70,7 @@ def mixed(kinds: Mapping[str, int]) -> list[str]:
     ]
 
 
-def sampled(campaign: Definition, numbers: Numbers) -> Iterator[str]:
+def sampled(campaign: Definition, numbers: CaseSelection) -> Iterator[str]:
     """Sentences on cases that are not drawn independently of each other, or that a person chose."""
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:
@@ -238,7 +238,7 @@ def _may_become_less(clearance: str, when: str) -> str:
     )
 
 
-def unmet(told: Achieved, fixed: bool) -> list[str]:
+def unmet(told: AchievedAccuracy, fixed: bool) -> list[str]:
     """The sentence for an accuracy that is asked for and not met, with size, outcome and remedy;
     none if it is met."""
     if not told.cases:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.campaign.execution.batch_summary import Tally
+from sepmc.campaign.execution.batch_summary import BatchSummary
 from sepmc.campaign.execution.batch_summary import read as read_tally
 from sepmc.campaign.store import folders, ledger, manifests, shards
 from sepmc.campaign.store.folders import StoreError
@@ -45,12 +45,12 @@ class FlightLog:
 
     def __init__(self, folder: Path, width: int, inputs: int, about: dict[str, str], resume: bool):
         self.folder, self.width, self.inputs, self.about = folder, width, inputs, about
-        self.tally = Tally()  # of all batches that were answered or added
+        self.tally = BatchSummary()  # of all batches that were answered or added
         self.count = self.resumed = 0  # flights that were answered or written; answered
         self._written: list[ledger.Entry] = []
         self._shards = _whole_shards(folder) if resume else []
         self._batches: list[Batch] = []  # of the shard that answers
-        self._next_tally = Tally()  # that at its end
+        self._next_tally = BatchSummary()  # that at its end
         self._waiting: list[Batch] = []
         self._saved = time.monotonic()
 
@@ -74,7 +74,7 @@ class FlightLog:
             self.tally = self._next_tally
         return margin, rows
 
-    def add(self, margin: np.ndarray, rows: np.ndarray, tally: Tally) -> None:
+    def add(self, margin: np.ndarray, rows: np.ndarray, tally: BatchSummary) -> None:
         """Add a batch that was flown; ``tally`` is that of all flights so far."""
         self._waiting.append((margin, rows))
         self.tally = tally
@@ -107,7 +107,7 @@ class FlightLog:
         if is_local(logged) and logged.is_dir():
             logged.rmdir()
 
-    def _read(self, shard: ledger.Entry) -> tuple[list[Batch], Tally]:
+    def _read(self, shard: ledger.Entry) -> tuple[list[Batch], BatchSummary]:
         """Batches of a shard, and the tally of all flights up to its end."""
         path = self.folder / shard.file
         _, about = shards.about(path)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.integration import history_rows
-from sepmc.campaign.store.row_selection import Keep
+from sepmc.campaign.store.row_selection import KeepRules
 from sepmc.campaign.store.untrusted_files import StoreError
 from sepmc.paths import is_local
 from sepmc.wording import option, setting, switch
@@ -70,7 +70,7 @@ class Forecast:
 
 
 def forecast(
-    campaign: Definition, cases: int, with_histories: bool, keep: Keep | None = None
+    campaign: Definition, cases: int, with_histories: bool, keep: KeepRules | None = None
 ) -> Forecast:
     """What so many cases of a campaign take, with all their columns or those that are kept."""
     columns = campaign.over_time(with_histories)

@@ -11,7 +11,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import (
     SAFETY,
     SMALL,
-    Achieved,
+    AchievedAccuracy,
     decisive,
     errors,
     scene_scales,
@@ -22,7 +22,7 @@ from sepmc.campaign.execution.step_refinement import (
     DOUBTFUL,
     HALVINGS,
     TOO_LONG,
-    Settled,
+    Converged,
     settle,
 )
 from sepmc.engine.dispatch import Again, Block, fly_cases, one_of
@@ -36,6 +36,7 @@ from sepmc.routines.layout import (
     LEAST_SQUARES,
     USUAL,
 )
+from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
@@ -46,22 +47,20 @@ _MOST_LOST = 3  # halvings of the step of a case that is lost, where a spare ker
 _NO_CALLS = np.zeros(0, dtype=np.int64)
 EVERY_S = 10.0  # between two words on how far trial cases or a single flight are
 
-Say = Callable[[str], None]
-
 
 @dataclass(frozen=True)
-class Spare:
+class FallbackKernel:
     """A kernel for cases that the one of a flight does not vouch for, because it takes more
     ``care``: ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`. ``phases`` (stages,) are the
     numbers of the phases that the stages of the flight belong to."""
 
     care: int
-    make: Callable[["Say | None"], Kernel]
+    make: Callable[["Log | None"], Kernel]
     phases: np.ndarray
 
 
 @dataclass(frozen=True)
-class Flight:
+class Integration:
     """How a campaign is flown.
 
     ``steps`` (stages,) are those of its ``kernel``, by the ``methods`` (stages,) of these numbers,
@@ -89,10 +88,10 @@ class Flight:
     estimate: Estimate | None = None
     most: float = np.inf
     error: float = np.nan
-    achieved: Achieved | None = None
+    achieved: AchievedAccuracy | None = None
     nominal: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
-    spares: tuple[Spare, ...] = ()
+    spares: tuple[FallbackKernel, ...] = ()
     methods: np.ndarray | None = None
     care: int = USUAL
 
@@ -101,7 +100,7 @@ class Flight:
         return {**vars(self), "spares": ()}
 
     @property
-    def packed(self) -> "Flight":
+    def packed(self) -> "Integration":
         """The same without what another process has to load for itself; see `pilot.unpacked`."""
         return replace(self, kernel=replace(self.kernel, address=0, calls=_NO_CALLS), spares=())
 
@@ -131,7 +130,7 @@ class Flight:
         in which an event comes late than ever finer steps."""
         return any(spare.care == ANY_ORDER for spare in self.spares)
 
-    def by(self, spare: Spare, announce: Say | None) -> "Flight":
+    def by(self, spare: FallbackKernel, announce: Log | None) -> "Integration":
         """The same by a spare kernel, whose stages are the phases."""
         kernel = spare.make(announce)
         steps = np.bincount(spare.phases, self.steps, kernel.stages).astype(np.int64)
@@ -145,7 +144,7 @@ class Flight:
             methods=None,
         )
 
-    def sharper(self, times: int = 2) -> "Flight":
+    def refined(self, times: int = 2) -> "Integration":
         """The same at so many times the resolution."""
         return replace(
             self, steps=times * self.steps, step=None if self.step is None else self.step / times
@@ -161,10 +160,10 @@ def by_name(kernel: Kernel, names: list[str]) -> np.ndarray:
 
 def fly(
     campaign: Definition,
-    flight: Flight,
+    flight: Integration,
     draws: np.ndarray,
     room: int = 0,
-    announce: Say | None = None,
+    announce: Log | None = None,
 ) -> Block:
     """Fly draws (n, d), SI. Cases harder than any trial case or with too large an error, those that
     seem to leave a table or to jam and those that the kernel does not vouch for are flown again at
@@ -230,7 +229,7 @@ def history_rows(scene: Scene) -> int:
     return int(scene.run.end_time / scene.run.history_step + 1e-9) + 1
 
 
-def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0) -> Block:
+def fly_once(campaign: Definition, flight: Integration, draws: np.ndarray, room: int = 0) -> Block:
     """Fly draws at the flight's steps, and none of them again."""
     return fly_cases(
         flight.kernel,
@@ -251,7 +250,7 @@ def motion_is_finite(outcomes: np.ndarray, bodies: int) -> np.ndarray:
     return np.asarray(np.isfinite(of_bodies[:, :, FLOW_ANGLES:]).all(axis=(1, 2)))
 
 
-def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
+def _is_like_trials(flight: Integration, block: Block) -> np.ndarray:
     """Which cases (n,) are no harder to integrate than trial cases."""
     assert block.guards is not None
     if flight.limits is None:
@@ -262,7 +261,7 @@ def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
     return np.asarray(like)
 
 
-def _estimated(campaign: Definition, flight: Flight, block: Block, like: np.ndarray) -> Again:
+def _estimated(campaign: Definition, flight: Integration, block: Block, like: np.ndarray) -> Again:
     """Put the estimate of the error into the rows of a block that are ``like`` (n,) trial cases.
     Returns what is to be told of those that need not fly again."""
     nothing = Again(np.zeros(len(campaign.outcome_columns)))
@@ -294,7 +293,7 @@ def _doubtful(campaign: Definition, block: Block) -> np.ndarray:
 
 def _fly_hard(
     campaign: Definition,
-    flight: Flight,
+    flight: Integration,
     draws: np.ndarray,
     room: int,
     block: Block,
@@ -313,7 +312,7 @@ def _fly_hard(
         flight,
         block,
         hard,
-        lambda sharper, some: fly_once(campaign, sharper, draws[some], room),
+        lambda refined, some: fly_once(campaign, refined, draws[some], room),
         agreements,
         before,
     )
@@ -342,7 +341,7 @@ def _fly_hard(
     )
 
 
-def _told(flight: Flight, change: np.ndarray, decides: np.ndarray) -> np.ndarray:
+def _told(flight: Integration, change: np.ndarray, decides: np.ndarray) -> np.ndarray:
     """What is told of the errors of cases (n,) whose outcomes the last halvings changed, (n, o): no
     less than of any other case."""
     least = flight.estimate.floor if flight.estimate else np.zeros(change.shape[1])
@@ -350,11 +349,16 @@ def _told(flight: Flight, change: np.ndarray, decides: np.ndarray) -> np.ndarray
 
 
 def _alone(
-    campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, number: int
-) -> Settled:
+    campaign: Definition,
+    flight: Integration,
+    draws: np.ndarray,
+    room: int,
+    block: Block,
+    number: int,
+) -> Converged:
     """Fly a case, into its row of ``block``, whose phases last so much longer than usual that an
     event is looked for far too early: what they last is learnt from a flight of its own."""
-    one, sharp = draws[number : number + 1], flight.sharper(_TO_LEARN)
+    one, sharp = draws[number : number + 1], flight.refined(_TO_LEARN)
     _, ends = fly_cases(
         flight.kernel,
         campaign.plan,
@@ -370,19 +374,19 @@ def _alone(
         own,
         block,
         np.array([number]),
-        lambda sharper, _: fly_once(campaign, sharper, one, room),
+        lambda refined, _: fly_once(campaign, refined, one, room),
     )
 
 
 def _settle(
     campaign: Definition,
-    flight: Flight,
+    flight: Integration,
     block: Block,
     which: np.ndarray,
-    flown: Callable[[Flight, np.ndarray], Block],
+    flown: Callable[[Integration, np.ndarray], Block],
     agreements: int = AGREEMENTS,
     before: Block | None = None,
-) -> Settled:
+) -> Converged:
     """Fly cases into their rows of a block, by ``flown`` (flight, cases), at twice the resolution
     and so on until they have settled; what they gave ``before`` in the steps of the flight, if that
     is known, is not flown again."""
@@ -392,7 +396,7 @@ def _settle(
         if share == 1.0 and before is not None:
             again = _rows(before, some)
         else:
-            again = flown(flight.sharper(round(1.0 / share)), which[some])
+            again = flown(flight.refined(round(1.0 / share)), which[some])
         _put(block, which[some], again)
         return again.outcomes[:, : len(columns)].copy(), np.where(
             (again.status < 0) | again.turns_unclear, Status.UNRESOLVED, again.status

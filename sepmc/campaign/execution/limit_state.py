@@ -12,11 +12,11 @@ from sepmc.analysis.statistics import Worst
 from sepmc.analysis.subset_simulation import Estimate
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch_summary import Tally, count
+from sepmc.campaign.execution.batch_summary import BatchSummary, count
 from sepmc.campaign.execution.flight_log import FlightLog
-from sepmc.campaign.execution.integration import Flight, Say, fly
+from sepmc.campaign.execution.integration import Integration, fly
 from sepmc.engine.dispatch import Block
-from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.messages import InputError, Log, nearest
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import Column, Status, is_yes_or_no
 from sepmc.wording import setting
@@ -32,7 +32,7 @@ _MATTERS = 0.2  # of the probability that was found
 
 
 @dataclass(frozen=True)
-class Target:
+class LimitState:
     """A requirement on an outcome that comes nearer to its bound by degrees: the outcome's
     ``column`` at its ``place``; of one on a contact, this is the clearance, and ``contact`` the
     place of whether there is one."""
@@ -74,7 +74,7 @@ class Target:
         return np.where(block.status == Status.OK, found, np.nan)
 
 
-def target(campaign: Definition, name: str) -> Target:
+def target(campaign: Definition, name: str) -> LimitState:
     """The requirement of this name. Raises InputError if its violation cannot be approached by
     degrees, or the campaign does not vary by laws."""
     known = {item.name: item for item in campaign.file.requirements}
@@ -102,30 +102,30 @@ def target(campaign: Definition, name: str) -> Target:
         raise InputError(f"rare = {name}: nothing is dispersed; give [dispersion]")
     if not is_yes_or_no(item.metric):
         at = columns[item.metric]
-        return Target(item, campaign.outcome_columns[at], at)
+        return LimitState(item, campaign.outcome_columns[at], at)
     if (item.at_least or 0.0) > 0.0 or (item.at_most or 0.0) < 0.0:
         raise InputError(
             f"{place}: is 1 or 0, and can be sought with at_most = 0 only: that it is 0"
         )
     at = columns[f"{item.metric.removesuffix(_CONTACT)}_clearance_mm"]
-    return Target(item, campaign.outcome_columns[at], at, columns[item.metric])
+    return LimitState(item, campaign.outcome_columns[at], at, columns[item.metric])
 
 
-class Flights:
+class MarginEvaluator:
     """What flies scores of a campaign, and counts what it flies."""
 
     def __init__(
         self,
         campaign: Definition,
-        flight: Flight,
-        aim: Target,
+        flight: Integration,
+        aim: LimitState,
         tell: Callable[[int, int], None],
-        announce: Say | None,
+        announce: Log | None,
         log: FlightLog | None = None,
     ):
         self.campaign, self.flight, self.aim = campaign, flight, aim
         self.tell, self.announce, self.log = tell, announce, log
-        self.count, self.tally, self.statuses = 0, Tally(), Counter[str]()
+        self.count, self.tally, self.statuses = 0, BatchSummary(), Counter[str]()
         self.lacking = 0  # ok cases that do not have the outcome
         self.scales = np.array([column.scale for column in campaign.result_columns])
         names = [column.name for column in campaign.result_columns]
@@ -180,7 +180,7 @@ class Flights:
 
 
 @dataclass(frozen=True)
-class Seldom:
+class RareValue:
     """A value of a discrete law that few cases have: the place of its parameter, its
     ``probability``, and the share of such cases that violate or are not known not to."""
 
@@ -206,7 +206,7 @@ class Seldom:
         )
 
 
-def seldom(flights: Flights, random: np.random.Generator) -> list[Seldom]:
+def seldom(flights: MarginEvaluator, random: np.random.Generator) -> list[RareValue]:
     """Values of discrete laws that few cases have, each flown in some cases."""
     laws, found = flights.campaign.file.dispersions, []
     together = {place for copula in flights.campaign.file.copulas for place in copula.places}
@@ -219,5 +219,5 @@ def seldom(flights: Flights, random: np.random.Generator) -> list[Seldom]:
             scores[:, place] = cases.score(sum(weights[:number]) + 0.5 * weight)
             margin, _ = flights.margins(scores)
             share = float(np.mean(~(margin >= 0.0)))
-            found.append(Seldom(place, law.numbers[number], float(weight), share))
+            found.append(RareValue(place, law.numbers[number], float(weight), share))
     return found

@@ -6,27 +6,26 @@ from pathlib import Path
 from typing import Any
 
 from sepmc.analysis.compare import differences
-from sepmc.campaign.case_selection import Numbers, named
+from sepmc.campaign.case_selection import CaseSelection, named
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch import Draws
-from sepmc.campaign.execution.batch_summary import Tally
+from sepmc.campaign.execution.batch_summary import BatchSummary
 from sepmc.campaign.execution.batch_summary import read as read_tally
-from sepmc.campaign.execution.chunks import Earlier
-from sepmc.campaign.execution.integration import Say
+from sepmc.campaign.execution.chunk import SampleSpec
+from sepmc.campaign.execution.runner import PreviousRun
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.campaign.store.row_selection import Keep
+from sepmc.campaign.store.row_selection import KeepRules
 from sepmc.campaign.store.sample_file import read_input_table
-from sepmc.scene.messages import InputError
+from sepmc.scene.messages import InputError, Log
 from sepmc.scene.read import read_campaign
 from sepmc.wording import another_place, option, switch
 
 _TOLD = 8  # differences between two campaigns
 
 
-def as_it_began(
-    folder: Path, stats_only: bool, keep: Keep | None, until: str | None
-) -> tuple[bool, Keep | None, str | None]:
+def original_mode(
+    folder: Path, stats_only: bool, keep: KeepRules | None, until: str | None
+) -> tuple[bool, KeepRules | None, str | None]:
     """Whether a run that is resumed counts its cases and lets them go, which it keeps, and until
     what it flies if it was interrupted: as it began. Raises StoreError if other rows are asked
     for."""
@@ -42,10 +41,10 @@ def as_it_began(
         )
     if until is None and not manifest.get("complete"):
         until = manifest.get("stopping_rule")
-    return counts, Keep.of_text(text) if text else None, until
+    return counts, KeepRules.of_text(text) if text else None, until
 
 
-def own_cases(campaign: Definition, folder: Path) -> Numbers | None:
+def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
     """The cases of a run, if the campaign is that of its folder and they are not the first
     ones: what it goes on with unless others are asked for."""
     if campaign.file.folder.resolve() != folder.resolve():
@@ -67,10 +66,10 @@ def _manner(counts: bool, keep: str) -> str:
 def earlier(
     campaign: Definition,
     folder: Path,
-    draws: Draws,
+    draws: SampleSpec,
     counts: bool,
-    announce: Say | None,
-) -> tuple[Earlier, Numbers]:
+    announce: Log | None,
+) -> tuple[PreviousRun, CaseSelection]:
     """What a folder holds already of a run, and which cases are left to fly. Raises StoreError if
     it is of another one."""
     manifest: dict[str, Any] = manifests.made_by(folder) if folders.is_run(folder) else {}
@@ -94,7 +93,7 @@ def earlier(
     return found, left
 
 
-def _check(campaign: Definition, folder: Path, draws: Draws, manifest: dict[str, Any]) -> None:
+def _check(campaign: Definition, folder: Path, draws: SampleSpec, manifest: dict[str, Any]) -> None:
     """Raise StoreError if a folder holds another run."""
     if "rare" in manifest:
         raise folders.StoreError(
@@ -138,15 +137,15 @@ def _differences(campaign: Definition, folder: Path) -> str:
 
 
 def _rows(
-    campaign: Definition, folder: Path, draws: Draws, announce: Say | None
-) -> tuple[Earlier, Numbers]:
+    campaign: Definition, folder: Path, draws: SampleSpec, announce: Log | None
+) -> tuple[PreviousRun, CaseSelection]:
     """The cases whose rows a folder holds whole."""
     if not folders.is_run(folder):
-        return Earlier(), draws.numbers
+        return PreviousRun(), draws.numbers
     dropped = shards.drop_damaged(folder, campaign.has_histories)
     done, own = shards.cases_done(folder), [column.name for column in campaign.columns]
     if not len(done):
-        return Earlier(), draws.numbers
+        return PreviousRun(), draws.numbers
     if other := set(own).symmetric_difference(shards.CaseColumns(folder)):
         raise folders.StoreError(
             f"{folder}: was flown by another version of sepmc, whose rows differ in "
@@ -161,19 +160,19 @@ def _rows(
             f"{folder}: {dropped} cases, or their histories, are gone or not as they were "
             "written, so these are flown again"
         )
-    tally = sum((read_tally(text) for text in shards.tallies(folder)), Tally())
-    return Earlier(len(done), tally), draws.numbers.without(done)
+    tally = sum((read_tally(text) for text in shards.tallies(folder)), BatchSummary())
+    return PreviousRun(len(done), tally), draws.numbers.without(done)
 
 
 def _counted(
-    campaign: Definition, folder: Path, draws: Draws, announce: Say | None
-) -> tuple[Earlier, Numbers]:
+    campaign: Definition, folder: Path, draws: SampleSpec, announce: Log | None
+) -> tuple[PreviousRun, CaseSelection]:
     """What is counted of the first cases of a run, as it was when it was last written; rows that
     were kept of cases after these are dropped."""
     one = shards.counted(folder)
     if not one:
         shards.drop_damaged(folder, with_histories=False)
-        return Earlier(), draws.numbers
+        return PreviousRun(), draws.numbers
     arrays, about = shards.read_counted(folder, one)
     if about.get(b"numbers") != draws.told.encode() or one.first > draws.numbers.count:
         named = about.get(b"numbers", b"").decode(errors="replace")
@@ -187,15 +186,15 @@ def _counted(
         if announce:
             announce(f"{folder}: rows that were kept are gone or not as they were written")
         shards.drop_damaged(folder, with_histories=False)
-        return Earlier(), draws.numbers
+        return PreviousRun(), draws.numbers
     tally = read_tally(about.get(b"tally", b""))
-    return Earlier(one.first, tally, arrays=tuple(arrays)), draws.numbers.after(one.first)
+    return PreviousRun(one.first, tally, arrays=tuple(arrays)), draws.numbers.after(one.first)
 
 
-def _cases(numbers: Numbers) -> str:
+def _cases(numbers: CaseSelection) -> str:
     return option("cases", said(numbers))
 
 
-def said(numbers: Numbers) -> str:
+def said(numbers: CaseSelection) -> str:
     """Numbers of cases as ``--cases`` takes them: how many, where they are the first ones."""
     return str(numbers.count if numbers.are_first else numbers)

@@ -22,19 +22,31 @@ from sepmc.analysis.subset_simulation import Estimate, Level
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import accuracy, accuracy_told
-from sepmc.campaign.execution.chunks import implausible_note
 from sepmc.campaign.execution.diagnostics import still_near, unmet, unsettled
 from sepmc.campaign.execution.flight_log import FlightLog, interrupted
-from sepmc.campaign.execution.integration import Flight, Say
-from sepmc.campaign.execution.limit_state import LABELS, Flights, Seldom, Target, seldom, target
+from sepmc.campaign.execution.integration import Integration
+from sepmc.campaign.execution.limit_state import (
+    LABELS,
+    LimitState,
+    MarginEvaluator,
+    RareValue,
+    seldom,
+    target,
+)
 from sepmc.campaign.execution.missing_events import missing_notes
-from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.runner import implausible_note
+from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.engine.dispatch import whole
 from sepmc.scene.limits import SEED
+from sepmc.scene.messages import Log
 from sepmc.schema import Column, Status
 
-MOST, _LEAST, _LIMIT = 100_000, 10_000, 10_000_000  # flights: unless others are asked for; allowed
+DEFAULT_FLIGHTS, _LEAST, _LIMIT = (
+    100_000,
+    10_000,
+    10_000_000,
+)  # flights: unless others are asked for; allowed
 _NEAR = 0.1  # of the probability, or between levels: so much within the numerical error is told
 REPORT, TABLE = "rare.json", "rare.parquet"
 _ABOUT = (
@@ -46,7 +58,7 @@ _ABOUT = (
 
 
 @dataclass(frozen=True, repr=False)
-class Rare:
+class RareEventEstimate:
     """How rarely a requirement is violated.
 
     ``probability`` that a case violates it, with a 95 % ``interval``; ``unknown``, the probability
@@ -79,7 +91,7 @@ class Rare:
     def __repr__(self) -> str:
         low, high = self.interval
         return (
-            f"<Rare {self.requirement}: probability {self.probability:.2e}, 95 % {low:.1e} to "
+            f"<RareEventEstimate {self.requirement}: probability {self.probability:.2e}, 95 % {low:.1e} to "
             f"{high:.1e}, {self.flights} flights>"
         )
 
@@ -120,17 +132,17 @@ class Rare:
         }
 
 
-def seek(
+def estimate_rare_event(
     campaign: Definition,
     name: str,
-    most: int = MOST,
+    most: int = DEFAULT_FLIGHTS,
     seed: int | None = None,
     threads: int | None = None,
     folder: Path | None = None,
     progress: Callable[[int, int, int], None] | None = None,
-    announce: Say | None = None,
+    announce: Log | None = None,
     resume: bool = False,
-) -> Rare:
+) -> RareEventEstimate:
     """Estimate how rarely a requirement is violated, in so many flights at ``most``; into a folder
     that is open, if one is given, in which an interrupted estimate can be resumed."""
     aim, most = target(campaign, name), whole("flights", most, _LEAST, _LIMIT)
@@ -140,11 +152,11 @@ def seek(
     earlier = _begin(campaign, folder, asked, resume) if folder else []
     if announce:
         announce(f"{campaign.name}: {aim.sentence}; at most {most} flights, seed {seed}")
-    flight = plan_flight(campaign, announce=announce)
+    flight = select_steps(campaign, announce=announce)
     compiled = time.perf_counter()
     tell = (lambda done, failed: progress(done, most, failed)) if progress else (lambda *_: None)
     log = _log(campaign, folder, aim, seed, resume) if folder else None
-    flights = Flights(campaign, flight, aim, tell, announce, log)
+    flights = MarginEvaluator(campaign, flight, aim, tell, announce, log)
     tell(0, 0)  # so that compiling does not count
     random = partial(_generator, seed)
     dimensions = len(campaign.file.dispersions)
@@ -159,7 +171,7 @@ def seek(
     resumed = log.resumed if log else 0
     if log:
         log.remove()
-    found = Rare(
+    found = RareEventEstimate(
         aim.requirement.name,
         aim.column.name,
         aim.column.unit,
@@ -191,7 +203,7 @@ def seek(
     return found
 
 
-def _asked(campaign: Definition, aim: Target, most: int, seed: int) -> dict[str, Any]:
+def _asked(campaign: Definition, aim: LimitState, most: int, seed: int) -> dict[str, Any]:
     """What an estimate follows from, by the keys of its manifest."""
     item = msgspec.to_builtins(aim.requirement)
     return {
@@ -217,7 +229,7 @@ def _begin(
     return earlier
 
 
-def _log(campaign: Definition, folder: Path, aim: Target, seed: int, resume: bool) -> FlightLog:
+def _log(campaign: Definition, folder: Path, aim: LimitState, seed: int, resume: bool) -> FlightLog:
     inputs, about = len(campaign.input_columns), _about(campaign, seed, aim.requirement.name)
     return FlightLog(folder, inputs + 1 + len(campaign.result_columns), inputs, about, resume)
 
@@ -281,7 +293,9 @@ def _common(campaign: Definition, found: Estimate) -> dict[str, tuple[float, flo
     return {names[k]: (float(mean[k]), float(sigma[k])) for k in order}
 
 
-def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Seldom]) -> list[str]:
+def _notes(
+    flights: MarginEvaluator, known: Estimate, all_of: Estimate, values: list[RareValue]
+) -> list[str]:
     """What a person should know of an estimate."""
     campaign, flight, tally, aim = flights.campaign, flights.flight, flights.tally, flights.aim
     told, fixed = accuracy(flight, tally), campaign.scene.solver.step is not None
@@ -318,7 +332,7 @@ def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Sel
     return found + [note for note in flight.notes if note not in found]
 
 
-def _near(flight: Flight, aim: Target, share: float, found: Estimate) -> list[str]:
+def _near(flight: Integration, aim: LimitState, share: float, found: Estimate) -> list[str]:
     """Whether the numerical error of the outcome, a share of its size, matters."""
     scale = 0.0 if flight.scale is None else float(flight.scale[aim.place]) * aim.column.scale
     error = share * max(aim.size, scale)
@@ -343,8 +357,8 @@ def _near(flight: Flight, aim: Target, share: float, found: Estimate) -> list[st
 
 def _write(
     folder: Path,
-    found: Rare,
-    flights: Flights,
+    found: RareEventEstimate,
+    flights: MarginEvaluator,
     asked: dict[str, Any],
     sessions: list[dict[str, Any]],
 ) -> None:

@@ -10,15 +10,15 @@ from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.statistics import column, ok_rows
 from sepmc.analysis.streaming import Stream
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.integration import Flight, Say, fly, history_rows
-from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, plan_flight
+from sepmc.campaign.execution.integration import Integration, fly, history_rows
+from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, select_steps
 from sepmc.campaign.store import shards
-from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.messages import InputError, Log, nearest
 from sepmc.schema import Status
 
 
 @dataclass(frozen=True)
-class RowCheck:
+class RowComparison:
     """A row of a run beside the same case flown alone by its compiled kernel: names of the
     ``columns`` whose bits differ. It is not ``flown`` where that kernel is not compiled here."""
 
@@ -40,20 +40,25 @@ class RowCheck:
         )
 
 
-def flown_before(campaign: Definition, say: Say | None = None) -> Flight | None:
+def earlier_integration(campaign: Definition, say: Log | None = None) -> Integration | None:
     """How the campaign of a run was flown; None where its kernel is not compiled here."""
     history = campaign.has_histories
     if left_to_compile(kernel_text(campaign, history=history))[0]:
         return None
-    return plan_flight(campaign, history=history, announce=say)
+    return select_steps(campaign, history=history, announce=say)
 
 
 def check_row(
-    campaign: Definition, flight: Flight | None, folder: Path, number: int, seed: int, total: int
-) -> RowCheck:
-    """Fly a case of a run as its campaign was flown (`flown_before`), and compare its row."""
+    campaign: Definition,
+    flight: Integration | None,
+    folder: Path,
+    number: int,
+    seed: int,
+    total: int,
+) -> RowComparison:
+    """Fly a case of a run by `earlier_integration` and compare its row with the stored one."""
     if flight is None:
-        return RowCheck(number, flown=False)
+        return RowComparison(number, flown=False)
     drawn = campaign.draw(number, 1, seed, total)
     room = history_rows(campaign.scene) if campaign.has_histories else 0
     block = fly(campaign, flight, campaign.in_si(drawn), room)
@@ -66,7 +71,7 @@ def check_row(
     differ = [name for name, x in here.items() if name in row and not _same(x, row[name])]
     if row.get("status") != Status(int(block.status[0])).label:
         differ.insert(0, "status")
-    return RowCheck(number, True, tuple(differ))
+    return RowComparison(number, True, tuple(differ))
 
 
 def _same(one: float, two: float) -> bool:

@@ -11,7 +11,6 @@ from sepmc import schema
 from sepmc.campaign.execution.accuracy import SAFETY, decisive, errors, scales, scene_scales
 from sepmc.campaign.execution.integration import (
     EVERY_S,
-    Say,
     final_status,
     helped,
     motion_is_finite,
@@ -26,6 +25,7 @@ from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import Plan, make_plan
 from sepmc.kernel.spec.structure import brief_transient, make_shape
 from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
+from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
@@ -47,7 +47,7 @@ _NONE = np.empty((0, 3))  # instants of which rows are wanted
 
 
 @dataclass
-class Single:
+class SingleCase:
     """A case that is flown: its outcomes and audit (o,) in SI, rows (n, columns) in SI at ``times``
     (n,) and in ``phases`` (n,), by number, and what is to be told of it; the numerical error of its
     outcomes, if it has any; whether its kernel was ``compiled``; when ``springs`` with a stroke
@@ -81,13 +81,13 @@ class _LostError(Exception):
         self.status = status
 
 
-def fly_single(
+def simulate_case(
     scene: Scene,
     columns: list[Column],
     every_s: float,
-    announce: Say | None = None,
+    announce: Log | None = None,
     plain_work: float | None = None,
-) -> Single:
+) -> SingleCase:
     """A case, as ``scene`` has it, at the step that is given, or else in steps at which its
     outcomes (``columns``) have settled to the accuracy asked: a row every so many seconds, and two
     at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
@@ -108,11 +108,11 @@ def fly_single(
             care = more[0] if lost.status != LEAST_SQUARES else LEAST_SQUARES
 
 
-def invalid(scene: Scene, columns: int) -> Single:
+def invalid(scene: Scene, columns: int) -> SingleCase:
     """A case with a parameter that may not be: nothing is flown."""
     plan = make_plan(scene)
     rows = np.empty((0, len(schema.history_columns(plan.contents))))
-    return Single(
+    return SingleCase(
         plan,
         Status.INVALID_INPUT,
         np.full(columns, np.nan),
@@ -132,7 +132,7 @@ class _SingleFlight:
         plan: Plan,
         columns: list[Column],
         every_s: float,
-        announce: Say | None,
+        announce: Log | None,
         work: Work,
         may_compile: bool,
     ):
@@ -163,7 +163,7 @@ class _SingleFlight:
         """Whether the last flight ended with numbers."""
         return bool(motion_is_finite(self.outcomes[None, :], len(self.plan.bodies))[0])
 
-    def fly(self) -> Single:
+    def fly(self) -> SingleCase:
         """The case. Raises _LostError if the kernel does not vouch for it."""
         scene, steps = self.plan.scene, np.ones(self.kernel.stages, dtype=np.int64)
         if scene.solver.step is None:
@@ -179,13 +179,13 @@ class _SingleFlight:
         error = SAFETY * errors(found.outcomes[None, :count], finer[None, :count], scale)[0]
         return self._told(found, error)
 
-    def _told(self, found: Single, error: np.ndarray) -> Single:
+    def _told(self, found: SingleCase, error: np.ndarray) -> SingleCase:
         """The case with the error (o,) of its outcomes."""
         if found.status <= Status.NEVER_RELEASED:
             found.outcomes[-1] = error[decisive(self.columns)].max(initial=0.0)
         return replace(found, error=error)
 
-    def lost(self, status: int) -> Single:
+    def lost(self, status: int) -> SingleCase:
         """The case as it is though no kernel vouches for it."""
         return self._with_rows(
             self.steps,
@@ -254,7 +254,9 @@ class _SingleFlight:
         elif lines * LINE_S > _LONG_S and self.announce:
             self.announce(f"the next flight takes plain Python about {lines * LINE_S:.0f} s ...")
 
-    def _with_rows(self, steps: np.ndarray, notes: list[str], told: Status | None = None) -> Single:
+    def _with_rows(
+        self, steps: np.ndarray, notes: list[str], told: Status | None = None
+    ) -> SingleCase:
         """The case in so many steps (stages,), with its history; with none but that if it is
         ``told`` to have failed."""
         scene = self.plan.scene
@@ -272,7 +274,7 @@ class _SingleFlight:
         if told is not None:
             status, found[: len(self.columns)] = told, np.nan  # the audit stays
         there = ~np.isnan(rows).all(axis=1)
-        return Single(
+        return SingleCase(
             self.plan,
             Status(status),
             found,

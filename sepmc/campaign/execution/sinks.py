@@ -13,11 +13,11 @@ from sepmc import __version__
 from sepmc.analysis.row_statistics import Rows, summarise
 from sepmc.analysis.streaming import Apart, Stream
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch import Draws, Piece
-from sepmc.campaign.execution.batch_summary import Tally
+from sepmc.campaign.execution.batch_summary import BatchSummary
+from sepmc.campaign.execution.chunk import Chunk, SampleSpec
 from sepmc.campaign.store import folders, shards
 from sepmc.campaign.store.ledger import Entry
-from sepmc.campaign.store.row_selection import WHY, Chosen
+from sepmc.campaign.store.row_selection import WHY, RowSelection
 from sepmc.schema import Column, Status
 
 _LABELS = [status.label for status in Status]
@@ -25,7 +25,7 @@ _IN_ONE_PART = 200_000  # rows that are kept
 
 
 @dataclass
-class Kept:
+class RunOutput:
     """What a run leaves: its statistics, and its rows and histories where they are kept; of a
     folder, the parts that hold histories."""
 
@@ -36,18 +36,18 @@ class Kept:
 
 
 class Sink(Protocol):
-    """Takes pieces that follow each other without a gap, one list after the other, from one
+    """Takes chunks that follow each other without a gap, one list after the other, from one
     thread."""
 
-    def take(self, pieces: list[Piece]) -> None:
-        """Take the pieces that come next."""
+    def take(self, chunks: list[Chunk]) -> None:
+        """Take the chunks that come next."""
 
-    def kept(self) -> Kept:
+    def kept(self) -> RunOutput:
         """What is left of all that was taken."""
 
 
 @dataclass
-class InMemory:
+class MemorySink:
     """Keeps all rows."""
 
     campaign: Definition
@@ -55,19 +55,19 @@ class InMemory:
     parts: list[dict[str, np.ndarray]] = field(default_factory=list)
     histories: list[dict[str, np.ndarray]] = field(default_factory=list)
 
-    def take(self, pieces: list[Piece]) -> None:
-        """Keep the rows of the pieces, and their histories if there are any."""
+    def take(self, chunks: list[Chunk]) -> None:
+        """Keep the rows of the chunks, and their histories if there are any."""
         self.parts.append(
-            _table(self.campaign, pieces)
-            | {"status": np.array(_LABELS, dtype=object)[_codes(pieces)]}
+            _table(self.campaign, chunks)
+            | {"status": np.array(_LABELS, dtype=object)[_codes(chunks)]}
         )
         if self.separation:
-            self.histories.append(_histories(pieces, self.separation))
+            self.histories.append(_histories(chunks, self.separation))
 
-    def kept(self) -> Kept:
+    def kept(self) -> RunOutput:
         """Statistics, rows and histories."""
         rows = _join(self.parts)
-        return Kept(
+        return RunOutput(
             Rows(rows, *self.campaign.summarised),
             rows,
             _join(self.histories) if self.histories else None,
@@ -75,26 +75,26 @@ class InMemory:
 
 
 @dataclass
-class InFolder:
-    """Writes a part of cases, and one of histories, for every list of pieces."""
+class ParquetSink:
+    """Writes a part of cases, and one of histories, for every list of chunks."""
 
     campaign: Definition
     separation: list[Column]
     folder: Path
-    draws: Draws
+    draws: SampleSpec
 
-    def take(self, pieces: list[Piece]) -> None:
-        """Write the parts of pieces, and note them."""
-        shards.note_parts(self.folder, self.write(pieces))
+    def take(self, chunks: list[Chunk]) -> None:
+        """Write the parts of chunks, and note them."""
+        shards.note_parts(self.folder, self.write(chunks))
 
-    def write(self, pieces: list[Piece]) -> list[Entry]:
+    def write(self, chunks: list[Chunk]) -> list[Entry]:
         """Write a part of histories, if there are any, and then one of cases, which says what is
         done."""
-        campaign, first = self.campaign, pieces[0].first
-        count = sum(len(piece.drawn) for piece in pieces)
+        campaign, first = self.campaign, chunks[0].first
+        count = sum(len(chunk.drawn) for chunk in chunks)
         about = _about(campaign, self.draws) | {
             "numbers": self.draws.told,
-            "tally": sum((piece.tally for piece in pieces), Tally()).text,
+            "tally": sum((chunk.tally for chunk in chunks), BatchSummary()).text,
         }
         written = []
         if self.separation:
@@ -103,14 +103,14 @@ class InFolder:
                 Column("time_s", "s", "time since the start of the case"),
                 *self.separation,
             ]
-            over_time = _histories(pieces, self.separation)
+            over_time = _histories(chunks, self.separation)
             written.append(
                 shards.write_part(
                     self.folder, folders.HISTORIES, first, count, columns, over_time, about
                 )
             )
-        table: dict[str, Any] = _table(campaign, pieces) | {
-            "status": pd.Categorical.from_codes(_codes(pieces), pd.Index(_LABELS))
+        table: dict[str, Any] = _table(campaign, chunks) | {
+            "status": pd.Categorical.from_codes(_codes(chunks), pd.Index(_LABELS))
         }
         written.append(
             shards.write_part(
@@ -119,15 +119,15 @@ class InFolder:
         )
         return written
 
-    def kept(self) -> Kept:
+    def kept(self) -> RunOutput:
         """Statistics of the folder's cases, and their columns."""
         columns = shards.CaseColumns(self.folder)
         over_time = shards.parts(self.folder, folders.HISTORIES)
         summary = summarise(columns, *self.campaign.summarised)
-        return Kept(summary, columns, history_parts=over_time)
+        return RunOutput(summary, columns, history_parts=over_time)
 
 
-def _about(campaign: Definition, draws: Draws) -> dict[str, str]:
+def _about(campaign: Definition, draws: SampleSpec) -> dict[str, str]:
     """By what the cases of a part were made: what a run is mended by, should its manifest be
     lost."""
     return {
@@ -140,23 +140,23 @@ def _about(campaign: Definition, draws: Draws) -> dict[str, str]:
 
 
 @dataclass
-class KeptRows:
-    """Writes a part of those rows that are kept of every list of pieces, if there are any."""
+class SelectedRowWriter:
+    """Writes a part of those rows that are kept of every list of chunks, if there are any."""
 
     campaign: Definition
     folder: Path
-    draws: Draws
-    chosen: Chosen
+    draws: SampleSpec
+    chosen: RowSelection
 
-    def write(self, pieces: list[Piece]) -> list[Entry]:
-        """Write the part of pieces."""
-        status = {"status": np.array(_LABELS, dtype=object)[_codes(pieces)]}
-        table = _table(self.campaign, pieces) | status
+    def write(self, chunks: list[Chunk]) -> list[Entry]:
+        """Write the part of chunks."""
+        status = {"status": np.array(_LABELS, dtype=object)[_codes(chunks)]}
+        table = _table(self.campaign, chunks) | status
         places, why = self.chosen.choose(table)
         if not len(places):
             return []
         kept = {name: values[places] for name, values in table.items()} | {WHY.name: why}
-        return [self._part(pieces[0].first, kept)]
+        return [self._part(chunks[0].first, kept)]
 
     def _part(self, first: int, kept: dict[str, np.ndarray]) -> Entry:
         keep, campaign = self.chosen.keep, self.campaign
@@ -190,77 +190,77 @@ class KeptRows:
         return self._part(first, kept)
 
 
-class InStatistics:
+class StatisticsSink:
     """Counts cases and lets them go, but for rows that are ``kept``."""
 
-    def __init__(self, campaign: Definition, kept: KeptRows | None = None):
+    def __init__(self, campaign: Definition, kept: SelectedRowWriter | None = None):
         self.campaign, self.rows = campaign, kept
         self.stream = Stream(*campaign.summarised)
 
-    def take(self, pieces: list[Piece]) -> None:
-        """Add the cases of the pieces to the statistics."""
-        add_to(self.stream, self.campaign, pieces)
+    def take(self, chunks: list[Chunk]) -> None:
+        """Add the cases of the chunks to the statistics."""
+        add_to(self.stream, self.campaign, chunks)
         if self.rows:
-            shards.note_parts(self.rows.folder, self.rows.write(pieces))
+            shards.note_parts(self.rows.folder, self.rows.write(chunks))
 
-    def about(self, draws: Draws, tally: Tally) -> dict[str, str]:
+    def about(self, draws: SampleSpec, tally: BatchSummary) -> dict[str, str]:
         """What a file says of itself that holds the statistics."""
         keep = self.rows.chosen.keep.text if self.rows else ""
         told = {"numbers": draws.told, "tally": tally.text, "keep": keep}
         return _about(self.campaign, draws) | told
 
-    def kept(self) -> Kept:
+    def kept(self) -> RunOutput:
         """The statistics alone."""
-        return Kept(self.stream)
+        return RunOutput(self.stream)
 
 
-def add_to(stream: Stream | Apart, campaign: Definition, pieces: list[Piece]) -> None:
-    """Add the cases of pieces to statistics."""
-    first, count = pieces[0].first, sum(len(piece.drawn) for piece in pieces)
-    stream.add(np.arange(first, first + count), _codes(pieces), _results(campaign, pieces))
+def add_to(stream: Stream | Apart, campaign: Definition, chunks: list[Chunk]) -> None:
+    """Add the cases of chunks to statistics."""
+    first, count = chunks[0].first, sum(len(chunk.drawn) for chunk in chunks)
+    stream.add(np.arange(first, first + count), _codes(chunks), _results(campaign, chunks))
 
 
-def _codes(pieces: list[Piece]) -> np.ndarray:
-    return np.concatenate([piece.block.status for piece in pieces])
+def _codes(chunks: list[Chunk]) -> np.ndarray:
+    return np.concatenate([chunk.block.status for chunk in chunks])
 
 
-def _results(campaign: Definition, pieces: list[Piece]) -> np.ndarray:
+def _results(campaign: Definition, chunks: list[Chunk]) -> np.ndarray:
     """Outcomes and audit columns in their units, shape (columns, cases), each column contiguous."""
     scale = np.array([[column.scale] for column in campaign.result_columns])
-    results = np.empty((len(scale), sum(len(piece.drawn) for piece in pieces)))
+    results = np.empty((len(scale), sum(len(chunk.drawn) for chunk in chunks)))
     start = 0
-    for piece in pieces:
-        end = start + len(piece.drawn)
-        np.multiply(piece.block.outcomes.T, scale, out=results[:, start:end])
+    for chunk in chunks:
+        end = start + len(chunk.drawn)
+        np.multiply(chunk.block.outcomes.T, scale, out=results[:, start:end])
         start = end
     return results
 
 
-def _table(campaign: Definition, pieces: list[Piece]) -> dict[str, Any]:
-    """The case table of pieces, its status still to be put in."""
-    first, results = pieces[0].first, _results(campaign, pieces)
+def _table(campaign: Definition, chunks: list[Chunk]) -> dict[str, Any]:
+    """The case table of chunks, its status still to be put in."""
+    first, results = chunks[0].first, _results(campaign, chunks)
     table: dict[str, Any] = {"case": np.arange(first, first + results.shape[1]), "status": None}
     table |= {
-        c.name: np.concatenate([piece.drawn[:, i] for piece in pieces])
+        c.name: np.concatenate([chunk.drawn[:, i] for chunk in chunks])
         for i, c in enumerate(campaign.input_columns)
     }
     return table | dict(zip((c.name for c in campaign.result_columns), results, strict=True))
 
 
-def _histories(pieces: list[Piece], separation: list[Column]) -> dict[str, np.ndarray]:
-    """Separation over time of pieces, in long form: the rows that each case has."""
+def _histories(chunks: list[Chunk], separation: list[Column]) -> dict[str, np.ndarray]:
+    """Separation over time of chunks, in long form: the rows that each case has."""
     found = {
-        name: np.empty(sum(int(piece.block.rows.sum()) for piece in pieces))
+        name: np.empty(sum(int(chunk.block.rows.sum()) for chunk in chunks))
         for name in ("time_s", *(c.name for c in separation))
     }
     numbers = np.concatenate(
         [
             np.repeat(np.arange(first, first + len(drawn)), block.rows)
-            for first, drawn, block, _ in pieces
+            for first, drawn, block, _ in chunks
         ]
     )
     start = 0
-    for _, _, block, _ in pieces:
+    for _, _, block, _ in chunks:
         n, room = block.times.shape
         times, history = block.times.ravel(), block.history.reshape(n * room, -1)
         if not (block.rows == room).all():

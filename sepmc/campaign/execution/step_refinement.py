@@ -63,7 +63,7 @@ def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0
 
 
 @dataclass
-class Settled:
+class Converged:
     """Steps (n,) in s at which cases were flown last, the status (n,) they ended with, what the
     last halvings changed, (n, o), and whether that has settled, (n,)."""
 
@@ -109,7 +109,7 @@ def settle(
     decides: np.ndarray,
     most_lost: int = HALVINGS,
     agreements: int = AGREEMENTS,
-) -> Settled:
+) -> Converged:
     """Halve the step of each of ``count`` cases until two halvings in a row, or as many as
     ``agreements``, change its outcomes by no more than the goal.
 
@@ -142,7 +142,7 @@ def settle(
         left = left[(agreed[left] < agreements) & (stale[left] < _PATIENCE) & ~lost]
         if not len(left):
             break
-    return Settled(steps, status, change, agreed >= agreements)
+    return Converged(steps, status, change, agreed >= agreements)
 
 
 def settle_one(

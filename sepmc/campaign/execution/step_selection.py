@@ -28,9 +28,8 @@ from sepmc.campaign.execution.error_estimate import estimate
 from sepmc.campaign.execution.integration import (
     EVERY_S,
     SAFE,
-    Flight,
-    Say,
-    Spare,
+    FallbackKernel,
+    Integration,
     fly,
     fly_once,
     helped,
@@ -52,6 +51,7 @@ from sepmc.kernel.spec import structure
 from sepmc.kernel.spec.methods import method
 from sepmc.routines.layout import USUAL
 from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.messages import Log
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
 
@@ -97,17 +97,19 @@ def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
     ]
 
 
-def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tuple[Spare, ...]:
+def spares(
+    campaign: Definition, history: bool = False, care: int = USUAL
+) -> tuple[FallbackKernel, ...]:
     """What flies cases that the kernel written for a campaign with some care loses."""
     found = structure.make_shape(campaign.plan, campaign.dispersed, care)
     phases = [phase.name for phase in found.scene.phase]
     numbers = np.array([phases.index(stage.phase) for stage in found.stages])
 
     @cache
-    def make(care: int, announce: Say | None = None) -> Kernel:
+    def make(care: int, announce: Log | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, care=care), announce)
 
-    return tuple(Spare(more, partial(make, more), numbers) for more in found.spares)
+    return tuple(FallbackKernel(more, partial(make, more), numbers) for more in found.spares)
 
 
 def corners(campaign: Definition) -> np.ndarray:
@@ -181,7 +183,9 @@ def _is_wide(law: Dispersion) -> bool:
     return bool(high - low > _WIDE)
 
 
-def plan_flight(campaign: Definition, history: bool = False, announce: Say | None = None) -> Flight:
+def select_steps(
+    campaign: Definition, history: bool = False, announce: Log | None = None
+) -> Integration:
     """Choose how to fly a campaign to the accuracy it asks for."""
     care = USUAL
     while True:
@@ -201,15 +205,17 @@ def plan_flight(campaign: Definition, history: bool = False, announce: Say | Non
 
 
 def unpacked(
-    campaign: Definition, flight: Flight, history: bool, announce: Say | None = None
-) -> Flight:
-    """A flight that another process planned (`Flight.packed`), with kernels of this one."""
+    campaign: Definition, flight: Integration, history: bool, announce: Log | None = None
+) -> Integration:
+    """A flight that another process planned (`Integration.packed`), with kernels of this one."""
     text = kernel_text(campaign, history=history, care=flight.care)
     left = spares(campaign, history, flight.care)
     return replace(flight, kernel=load_kernel(text, announce), spares=left)
 
 
-def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) -> int | None:
+def _more_care(
+    campaign: Definition, kernel: Kernel, left: tuple[FallbackKernel, ...]
+) -> int | None:
     """With what care a kernel may fly most of the corners that this one loses; None if there is
     none."""
     steps, usual = _unknown(kernel)
@@ -229,8 +235,8 @@ def _unknown(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _each_by_itself(
-    campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[Spare, ...]
-) -> Flight:
+    campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[FallbackKernel, ...]
+) -> Integration:
     """Where no steps suit most trial cases: every case finds its own."""
     draws, given = (
         np.vstack([corners(campaign), sample(campaign, SAMPLE // _OF_HARD)]),
@@ -240,7 +246,7 @@ def _each_by_itself(
     steps = steps if given is None else np.ones_like(steps)
     units = [c.unit for c in campaign.outcome_columns]
     own, nothing = scene_scales(campaign.scene, units), np.full(kernel.guards, -np.inf)
-    flight = Flight(kernel, steps, usual, stages, given, SMALL * own, nothing, spares=left)
+    flight = Integration(kernel, steps, usual, stages, given, SMALL * own, nothing, spares=left)
     block = fly(campaign, flight, draws)
     assert block.again is not None
     ok, decides = block.status == Status.OK, decisive(campaign.outcome_columns)
@@ -256,14 +262,14 @@ def _each_by_itself(
     )
 
 
-def _finished(campaign: Definition, found: Flight, room: int) -> Flight:
+def _finished(campaign: Definition, found: Integration, room: int) -> Integration:
     """The flight with what is to be told of its nominal case and of histories of so many rows."""
     if room and found.achieved is not None:
         draws = np.empty((1, 0))
         if campaign.file.dispersions:
             draws = np.vstack([corners(campaign), sample(campaign, SAMPLE)])
         assert found.scale is not None
-        one, two = (fly_once(campaign, way, draws, room) for way in (found, found.sharper()))
+        one, two = (fly_once(campaign, way, draws, room) for way in (found, found.refined()))
         error = _history_error(campaign, one, two, found.scale)
         found = replace(found, achieved=replace(found.achieved, history=SAFETY * error))
     return replace(found, notes=remarks(campaign, found))
@@ -283,12 +289,12 @@ def _history_error(campaign: Definition, one: Block, two: Block, scale: np.ndarr
     return float(errors(*there, own).max(initial=0.0))
 
 
-def _tell_trials(announce: Say | None) -> None:
+def _tell_trials(announce: Log | None) -> None:
     if announce:
         announce("flying trial cases to find the steps for the accuracy asked ...")
 
 
-def _counted(announce: Say | None) -> Callable[[int], None]:
+def _counted(announce: Log | None) -> Callable[[int], None]:
     """What is told of every so many flights of trial cases: now and then, how many there were."""
     tell, total = now_and_then(announce, EVERY_S), 0
 
@@ -312,7 +318,7 @@ def _choose_steps(
     stages: list[str],
     tell: Callable[[int], None],
     room: int = 0,
-) -> Flight | None:
+) -> Integration | None:
     """Fewest steps in every phase with which trial cases come within the accuracy, or the step that
     is given; None if none are found. The error of histories of so many rows, the ``room``, is told
     too."""
@@ -416,7 +422,7 @@ def _choose_steps(
     most = np.inf if given is not None else _MOST_ESTIMATED * campaign.scene.solver.accuracy
     if search.goal > goal:  # what trial cases do not reach in any steps is not asked of others
         most = 2.0 * SAFETY * error
-    return Flight(
+    return Integration(
         kernel,
         steps,
         usual,
@@ -545,8 +551,17 @@ def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
 
 
 __all__ = [
-    "CORNERS", "SAFE", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text",
-    "plan_flight", "relative_error", "sample",
+    "CORNERS",
+    "SAFE",
+    "SAMPLE",
+    "SMALL",
+    "Integration",
+    "corners",
+    "fly",
+    "kernel_text",
+    "relative_error",
+    "sample",
+    "select_steps",
 ]  # fmt: skip
 
 

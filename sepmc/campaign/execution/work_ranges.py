@@ -11,13 +11,13 @@ from typing import Protocol
 from sepmc import __version__
 from sepmc.analysis.streaming import Apart
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch import Draws, fly_piece
-from sepmc.campaign.execution.batch_summary import Tally
-from sepmc.campaign.execution.integration import Flight
-from sepmc.campaign.execution.sinks import InFolder, KeptRows, add_to
+from sepmc.campaign.execution.batch_summary import BatchSummary
+from sepmc.campaign.execution.chunk import SampleSpec, integrate_chunk
+from sepmc.campaign.execution.integration import Integration
+from sepmc.campaign.execution.sinks import ParquetSink, SelectedRowWriter, add_to
 from sepmc.campaign.execution.step_selection import unpacked
 from sepmc.campaign.store import folders, ledger
-from sepmc.campaign.store.row_selection import Chosen, Keep
+from sepmc.campaign.store.row_selection import KeepRules, RowSelection
 from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.engine.dispatch import using_threads
 from sepmc.scene.read import read_campaign
@@ -33,10 +33,10 @@ class Job:
     folder: Path
     campaign: str
     word: str
-    flight: Flight
-    draws: Draws
+    flight: Integration
+    draws: SampleSpec
     apart: Apart | None = None
-    keep: Keep | None = None
+    keep: KeepRules | None = None
 
     @property
     def key(self) -> tuple[str, str, bool]:
@@ -45,21 +45,21 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Flown:
+class RangeResult:
     """What became of cases ``first`` to ``first + cases``: the parts that were written, or what was
     counted apart; on a processor, by code, of some ``kind``."""
 
     first: int
     cases: int
-    tally: Tally
+    tally: BatchSummary
     timing: dict[str, float]
     kind: str
     parts: tuple[ledger.Entry, ...] = ()
     apart: Apart | None = None
-    chosen: Chosen | None = None
+    chosen: RowSelection | None = None
 
 
-class Crew(Protocol):
+class Executor(Protocol):
     """Others who work: processes of this machine or of many."""
 
     workers: int
@@ -67,14 +67,14 @@ class Crew(Protocol):
     def map(
         self,
         job: Job,
-        function: Callable[[Job, int, int, int], Flown],
+        function: Callable[[Job, int, int, int], RangeResult],
         ranges: Iterable[tuple[int, int]],
-    ) -> Generator[Flown]:
+    ) -> Generator[RangeResult]:
         """Have ``function(job, first, end, threads)`` called for each range, which are asked for
         one by one, a few ahead; results as they come."""
 
 
-class OutOfStepError(RuntimeError):
+class StaleWorkerError(RuntimeError):
     """A worker that does not see what the run is made of."""
 
 
@@ -82,26 +82,30 @@ class OutOfStepError(RuntimeError):
 _flying = threading.Lock()
 
 
-def fly_range(job: Job, first: int, end: int, threads: int) -> Flown:
+def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
     """Fly cases ``first`` to ``end`` of a job: what a worker does."""
     timing = {"compile": 0.0, "sample": 0.0, "kernel": 0.0}
     with _flying:
         campaign, flight = _ready(job)
         separation = campaign.over_time(job.apart is None)
         with using_threads(threads):
-            pieces = [fly_piece(campaign, flight, job.draws, first, end, bool(separation), timing)]
+            chunks = [
+                integrate_chunk(campaign, flight, job.draws, first, end, bool(separation), timing)
+            ]
     if not folders.is_called(job.folder, job.word):
-        raise OutOfStepError(f"{job.folder}: nobody waits for cases {first} to {end - 1} any more")
+        raise StaleWorkerError(
+            f"{job.folder}: nobody waits for cases {first} to {end - 1} any more"
+        )
     parts: list[ledger.Entry] = []
-    chosen = Chosen(job.keep, campaign.file.requirements) if job.keep else None
+    chosen = RowSelection(job.keep, campaign.file.requirements) if job.keep else None
     if job.apart:
-        add_to(job.apart, campaign, pieces)
+        add_to(job.apart, campaign, chunks)
         if chosen:
-            parts = KeptRows(campaign, job.folder, job.draws, chosen).write(pieces)
+            parts = SelectedRowWriter(campaign, job.folder, job.draws, chosen).write(chunks)
     else:
-        parts = InFolder(campaign, separation, job.folder, job.draws).write(pieces)
-    return Flown(
-        first, end - first, pieces[0].tally, timing, kind(), tuple(parts), job.apart, chosen
+        parts = ParquetSink(campaign, separation, job.folder, job.draws).write(chunks)
+    return RangeResult(
+        first, end - first, chunks[0].tally, timing, kind(), tuple(parts), job.apart, chosen
     )
 
 
@@ -112,22 +116,22 @@ def kind() -> str:
     return f"sepmc {__version__}, {processor()}, code {sources_digest()}"
 
 
-_last: dict[tuple[str, str, bool], tuple[Definition, Flight]] = {}
+_last: dict[tuple[str, str, bool], tuple[Definition, Integration]] = {}
 
 
-def _ready(job: Job) -> tuple[Definition, Flight]:
+def _ready(job: Job) -> tuple[Definition, Integration]:
     """The campaign and the flight of a job, loaded once in a process."""
     if job.key not in _last:
         text = job.folder / folders.CAMPAIGN
         try:
             written = ledger.checksum(text.read_bytes())
         except OSError as error:
-            raise OutOfStepError(
+            raise StaleWorkerError(
                 f"{text}: a worker on {platform.node()} cannot read it: {error.strerror}; "
                 "it must be in a folder that all workers see under this path"
             ) from None
         if written != job.campaign:
-            raise OutOfStepError(
+            raise StaleWorkerError(
                 f"{text}: a worker on {platform.node()} sees another campaign there; it must "
                 "be in a folder that all workers share"
             )

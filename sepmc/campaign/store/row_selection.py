@@ -20,7 +20,7 @@ _HEAD = ("case", "status", WHY.name)
 
 
 @dataclass(frozen=True)
-class Keep:
+class KeepRules:
     """Rules by which rows are kept: ``all``, those that ``failed``, are ``violating`` a
     requirement, the ``worst`` so many of each requirement, ``every`` so manyth case; of these rows
     columns with names that match ``patterns``, and numbers in ``single`` precision."""
@@ -40,7 +40,7 @@ class Keep:
         return said + ("; float32" if self.single else "")
 
     @classmethod
-    def of_text(cls, text: str) -> "Keep":
+    def of_text(cls, text: str) -> "KeepRules":
         """That of which a manifest has the `text`. Raises InputError if it is none."""
         rules, *more = text.split("; ")
         columns = [one.removeprefix("columns ") for one in more if one.startswith("columns ")]
@@ -63,7 +63,7 @@ def read_keep(
     single: bool,
     requirements: Sequence[Requirement],
     columns: Sequence[Column],
-) -> Keep:
+) -> KeepRules:
     """Rules as the command line takes them, ``failed,worst:20``, and patterns of the names of
     columns. Raises InputError with what is allowed."""
     chosen = tuple(one.strip() for one in patterns.split(",")) if patterns else ()
@@ -79,7 +79,7 @@ def read_keep(
     return keep
 
 
-def _read(rules: str, patterns: tuple[str, ...], single: bool) -> Keep:
+def _read(rules: str, patterns: tuple[str, ...], single: bool) -> KeepRules:
     """Rules as text."""
     counts, named = {WORST: 0, EVERY: 0}, []
     for text in (one.strip() for one in rules.split(",")):
@@ -92,7 +92,7 @@ def _read(rules: str, patterns: tuple[str, ...], single: bool) -> Keep:
         named.append(found[1] or found[2])
         if found[2]:
             counts[found[2]] = int(found[3])
-    return Keep(tuple(dict.fromkeys(named)), counts[WORST], counts[EVERY], patterns, single)
+    return KeepRules(tuple(dict.fromkeys(named)), counts[WORST], counts[EVERY], patterns, single)
 
 
 def _bounded(requirements: Sequence[Requirement]) -> list[Requirement]:
@@ -101,11 +101,11 @@ def _bounded(requirements: Sequence[Requirement]) -> list[Requirement]:
 
 
 @dataclass
-class Chosen:
+class RowSelection:
     """Which rows of the cases that pass by are kept. ``worst`` are, by requirement, margins and
     numbers of the worst so far, worst first."""
 
-    keep: Keep
+    keep: KeepRules
     requirements: Sequence[Requirement]
     worst: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
@@ -129,7 +129,7 @@ class Chosen:
         places = np.flatnonzero(why != "")
         return places, why[places]
 
-    def take(self, others: "Chosen") -> None:
+    def take(self, others: "RowSelection") -> None:
         """Take the worst of other cases."""
         for name, (margin, numbers) in others.worst.items():
             self._add(name, margin, numbers)

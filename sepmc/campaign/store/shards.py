@@ -324,7 +324,7 @@ def number_after(folder: Path, count: int) -> int | None:
 
 def tallies(folder: Path) -> Iterator[str]:
     """What was counted of the cases of each part of a run:
-    `sepmc.campaign.execution.batch_summary.Tally.text`."""
+    `sepmc.campaign.execution.batch_summary.BatchSummary.text`."""
     for one in parts(folder, folders.CASES):
         _, said = about(_path(folder, one))
         if b"tally" not in said:

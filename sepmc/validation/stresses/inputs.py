@@ -43,7 +43,7 @@ class _Varied:
         with interpreted():
             kernel = load_kernel(step_selection.kernel_text(self.campaign))
         one, usual = np.ones(kernel.stages, dtype=np.int64), np.full(kernel.stages, math.inf)
-        self.flight = step_selection.Flight(
+        self.flight = step_selection.Integration(
             kernel=kernel, steps=one, usual=usual, step=file.scene.solver.step
         )
 

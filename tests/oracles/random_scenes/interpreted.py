@@ -16,7 +16,7 @@ from sepmc.campaign import campaign as campaigns
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.execution.accuracy import achieved, relative_error, scales, scene_scales
-from sepmc.campaign.execution.integration import Flight, usual_lengths
+from sepmc.campaign.execution.integration import Integration, usual_lengths
 from sepmc.campaign.execution.step_refinement import longest_step
 from sepmc.engine.dispatch import fly_cases, interpreted, load_kernel
 from sepmc.kernel.spec.methods import method
@@ -33,13 +33,13 @@ _CASES = 3  # as many as the gate compares
 def flown_plainly(wanted: bool = True, cases: int = _CASES) -> Iterator[None]:
     """Let campaigns be flown so meanwhile: kernels as plain Python, in steps found here by so many
     cases, which need be no more than are compared."""
-    usual = campaigns.plan_flight
-    campaigns.plan_flight = partial(_plan, trials=min(cases, _CASES)) if wanted else usual
+    usual = campaigns.select_steps
+    campaigns.select_steps = partial(_plan, trials=min(cases, _CASES)) if wanted else usual
     try:
         with interpreted(wanted):
             yield
     finally:
-        campaigns.plan_flight = usual
+        campaigns.select_steps = usual
 
 
 def _plan(
@@ -47,7 +47,7 @@ def _plan(
     history: bool = False,
     announce: Callable[[str], None] | None = None,
     trials: int = _CASES,
-) -> Flight:
+) -> Integration:
     scene = campaign.scene
     first, end = campaign.numbers.ranges[0] if campaign.file.input_table else (0, trials)
     draws = campaign.in_si(campaign.draw(first, min(trials, end - first)))
@@ -89,7 +89,7 @@ def _plan(
             scale = scales(now[0][sound], units, own)
             chosen = steps // 2 if settled else steps
             left = step_selection.spares(campaign, history)
-            return Flight(
+            return Integration(
                 kernel=kernel,
                 steps=chosen,
                 usual=usual,

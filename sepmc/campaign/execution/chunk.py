@@ -6,19 +6,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch_summary import Tally, count
-from sepmc.campaign.execution.integration import Flight, Say, fly, history_rows
+from sepmc.campaign.execution.batch_summary import BatchSummary, count
+from sepmc.campaign.execution.integration import Integration, fly, history_rows
 from sepmc.engine.dispatch import Block, waited_for_compilers
+from sepmc.scene.messages import Log
 
 
 @dataclass(frozen=True)
-class Draws:
+class SampleSpec:
     """Which cases are drawn: by which seed, their numbers, and of how many in ``total``."""
 
     seed: int
-    numbers: Numbers
+    numbers: CaseSelection
     total: int
 
     @property
@@ -28,26 +29,26 @@ class Draws:
         return "" if all_of_them else str(self.numbers)
 
 
-class Piece(NamedTuple):
+class Chunk(NamedTuple):
     """Cases flown together: the number of the first, their draws (n, d) in the units of the file,
     what the kernel gave, and what is counted of them."""
 
     first: int
     drawn: np.ndarray
     block: Block
-    tally: Tally
+    tally: BatchSummary
 
 
-def fly_piece(
+def integrate_chunk(
     campaign: Definition,
-    flight: Flight,
-    draws: Draws,
+    flight: Integration,
+    draws: SampleSpec,
     first: int,
     end: int,
     with_histories: bool,
     timing: dict[str, float],
-    announce: Say | None = None,
-) -> Piece:
+    announce: Log | None = None,
+) -> Chunk:
     """Draw and fly cases ``first`` to ``end``; seconds are added to ``timing``, by stage."""
     clock = time.perf_counter
     t0 = clock()
@@ -59,4 +60,4 @@ def fly_piece(
     timing["sample"] += t1 - t0
     timing["compile"] += waited
     timing["kernel"] += clock() - t1 - waited
-    return Piece(first, drawn, block, count(campaign, drawn, block))
+    return Chunk(first, drawn, block, count(campaign, drawn, block))

@@ -21,11 +21,11 @@ from sepmc.analysis.quantile_sketch import ROOM
 from sepmc.analysis.rare_values import Occurrence, not_shown, occurrences
 from sepmc.analysis.stopping import Until
 from sepmc.analysis.streaming import GRAIN
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.accuracy import Achieved, with_errors
-from sepmc.campaign.execution.batch import Draws, Piece, fly_piece
-from sepmc.campaign.execution.batch_summary import Tally, accuracy, accuracy_told
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors
+from sepmc.campaign.execution.batch_summary import BatchSummary, accuracy, accuracy_told
+from sepmc.campaign.execution.chunk import Chunk, SampleSpec, integrate_chunk
 from sepmc.campaign.execution.diagnostics import (
     failed,
     mixed,
@@ -35,12 +35,20 @@ from sepmc.campaign.execution.diagnostics import (
     unsettled,
 )
 from sepmc.campaign.execution.forecast import forecast
-from sepmc.campaign.execution.integration import Flight, Say
+from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import missing_notes
-from sepmc.campaign.execution.sinks import InFolder, InMemory, InStatistics, Kept, KeptRows, Sink
-from sepmc.campaign.execution.work_ranges import Crew, Flown, Job, fly_range
+from sepmc.campaign.execution.sinks import (
+    MemorySink,
+    ParquetSink,
+    RunOutput,
+    SelectedRowWriter,
+    Sink,
+    StatisticsSink,
+)
+from sepmc.campaign.execution.work_ranges import Executor, Job, RangeResult, run_range
 from sepmc.campaign.store import folders, ledger, manifests, shards
-from sepmc.campaign.store.row_selection import Chosen, Keep
+from sepmc.campaign.store.row_selection import KeepRules, RowSelection
+from sepmc.scene.messages import Log
 from sepmc.schema import Status
 from sepmc.wording import switch
 
@@ -57,45 +65,45 @@ _FEW, _COUNTED = 4, 8
 
 
 @dataclass(frozen=True)
-class Orders:
+class ExecutionOptions:
     """How cases are to be flown: with how many ``threads``, or by a ``crew``; ``until`` a statistic
     is known, or more than ``max_failures`` failed; ``stats_only``, with the rows that are to be
     ``keep``-t, or with all rows; who is told of ``progress``, and what is to ``announce``."""
 
     threads: int | None = None
-    crew: Crew | None = None
+    crew: Executor | None = None
     until: Until | None = None
     max_failures: int | None = None
     stats_only: bool = False
-    keep: Keep | None = None
+    keep: KeepRules | None = None
     progress: Callable[[int, int, int], None] | None = None
-    announce: Say | None = None
+    announce: Log | None = None
 
 
 @dataclass(frozen=True)
-class Earlier:
+class PreviousRun:
     """What a run that is resumed holds already: how many cases, what was counted of them, by which
     commands they were flown, and of a run of statistics these, as `Chunks.save` wrote them."""
 
     held: int = 0
-    tally: Tally = field(default_factory=Tally)
+    tally: BatchSummary = field(default_factory=BatchSummary)
     sessions: tuple[dict[str, Any], ...] = ()
     arrays: tuple[np.ndarray, ...] = ()
 
 
-class Chunks:
+class Runner:
     """The chunks of one run. Enter it to fly; leaving it waits for what is still being written, and
     raises what went wrong there."""
 
     def __init__(
         self,
         campaign: Definition,
-        flight: Flight,
-        draws: Draws,
+        flight: Integration,
+        draws: SampleSpec,
         timing: dict[str, float],
-        earlier: Earlier,
+        earlier: PreviousRun,
         folder: Path | None,
-        orders: Orders,
+        orders: ExecutionOptions,
     ):
         self.campaign, self.flight, self.draws = campaign, flight, draws
         self.timing, self.earlier, self.folder = timing, earlier, folder
@@ -111,16 +119,16 @@ class Chunks:
         self.separation = campaign.over_time(not stats_only)
         self.forecast = forecast(campaign, self.wanted, bool(self.separation))
         self.size, self._foretold = self.forecast.chunk, announce is None
-        self.rows: KeptRows | None = None  # that are kept though cases are let go
+        self.rows: SelectedRowWriter | None = None  # that are kept though cases are let go
         if folder and orders.keep:
-            chosen = Chosen(orders.keep, campaign.file.requirements)
-            self.rows = KeptRows(campaign, folder, draws, chosen)
+            chosen = RowSelection(orders.keep, campaign.file.requirements)
+            self.rows = SelectedRowWriter(campaign, folder, draws, chosen)
         self.sink: Sink = (
-            InStatistics(campaign, self.rows)
+            StatisticsSink(campaign, self.rows)
             if stats_only
-            else InFolder(campaign, self.separation, folder, draws)
+            else ParquetSink(campaign, self.separation, folder, draws)
             if folder
-            else InMemory(campaign, self.separation)
+            else MemorySink(campaign, self.separation)
         )
         if earlier.arrays:
             self._restore(earlier.arrays)
@@ -149,36 +157,36 @@ class Chunks:
     def fly(self, first: int, end: int, tell: Callable[[], None]) -> None:
         """Fly cases ``first`` to ``end`` in calls of about half a second, and ``tell`` after each.
         What is flown is handed over even if this is interrupted, or too many fail."""
-        pieces: list[Piece] = []
+        chunks: list[Chunk] = []
         begun = time.perf_counter()
         try:
             while first < end:
                 now = time.perf_counter()
                 if now - begun > _PART_S:
-                    pieces, begun = self._hand_over(pieces), now
+                    chunks, begun = self._hand_over(chunks), now
                 until = min(end, first + self._call)
                 compiled = self.timing["compile"]
-                piece = self._fly(first, until)
-                pieces.append(piece)
+                chunk = self._fly(first, until)
+                chunks.append(chunk)
                 seconds = time.perf_counter() - now - (self.timing["compile"] - compiled)
                 self._call = max(
                     1, int(min(self.size, (until - first) * _CALL_S / max(seconds, 1e-9)))
                 )
                 first = until
                 if self.flown or seconds > _CALL_S:  # the first ones are few, and slow
-                    self._foretell(seconds / len(piece.drawn))
-                self.flown += len(piece.drawn)
-                self.failures += int(np.count_nonzero(piece.block.status != Status.OK))
+                    self._foretell(seconds / len(chunk.drawn))
+                self.flown += len(chunk.drawn)
+                self.failures += int(np.count_nonzero(chunk.block.status != Status.OK))
                 if first == end:
-                    pieces = self._hand_over(pieces)
+                    chunks = self._hand_over(chunks)
                 tell()
                 if self.too_many_failed:
                     break
         finally:
-            self._hand_over(pieces)
+            self._hand_over(chunks)
 
-    def _fly(self, first: int, end: int) -> Piece:
-        return fly_piece(
+    def _fly(self, first: int, end: int) -> Chunk:
+        return integrate_chunk(
             self.campaign,
             self.flight,
             self.draws,
@@ -189,11 +197,11 @@ class Chunks:
             self.orders.announce,
         )
 
-    def fly_by(self, crew: Crew, numbers: Numbers, tell: Callable[[], None]) -> None:
+    def fly_by(self, crew: Executor, numbers: CaseSelection, tell: Callable[[], None]) -> None:
         """Let others fly cases, and ``tell`` after each range that is done. Of statistics alone the
         first ones are flown here: they lay out the grids that all are counted in."""
         assert self.folder is not None
-        stream = self.sink.stream if isinstance(self.sink, InStatistics) else None
+        stream = self.sink.stream if isinstance(self.sink, StatisticsSink) else None
         done = 0
         if stream:
             held = self.earlier.held
@@ -203,7 +211,7 @@ class Chunks:
             if self.too_many_failed:
                 return
         text = (self.folder / folders.CAMPAIGN).read_bytes()
-        left = Numbers(tuple((max(a, done), b) for a, b in numbers.ranges if b > done))
+        left = CaseSelection(tuple((max(a, done), b) for a, b in numbers.ranges if b > done))
         try:
             job = Job(
                 self.folder.absolute(),
@@ -215,7 +223,7 @@ class Chunks:
                 self.orders.keep,
             )
             ranges = self._ranges(left, crew.workers)
-            with closing(crew.map(job, fly_range, ranges)) as results:
+            with closing(crew.map(job, run_range, ranges)) as results:
                 for flown in _in_order(results, done) if stream else results:
                     if stream:
                         assert flown.apart is not None
@@ -231,7 +239,7 @@ class Chunks:
             folders.call_off(self.folder)
         folders.sweep_parts(self.folder)
 
-    def _ranges(self, left: Numbers, workers: int) -> Iterator[tuple[int, int]]:
+    def _ranges(self, left: CaseSelection, workers: int) -> Iterator[tuple[int, int]]:
         """Ranges of what is left, each of which a worker flies in a few seconds, but no fewer than
         a few for every worker."""
         grain = GRAIN if self.orders.stats_only else 1
@@ -245,7 +253,7 @@ class Chunks:
                 yield start, stop
                 start = stop
 
-    def _receive(self, flown: Flown) -> None:
+    def _receive(self, flown: RangeResult) -> None:
         """Take what a worker has flown."""
         if flown.parts:
             assert self.folder is not None
@@ -276,20 +284,20 @@ class Chunks:
         failed = self.earlier.tally.failures + self.failures
         return self.orders.max_failures is not None and failed > self.orders.max_failures
 
-    def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
+    def _hand_over(self, chunks: list[Chunk]) -> list[Chunk]:
         """Let the sink take the pieces, beside what is flown next. One list at a time waits, so
         memory is bounded. Returns a new list."""
-        if pieces:
+        if chunks:
             self._wait()
-            self._taking = self._beside.submit(self._take, pieces)
+            self._taking = self._beside.submit(self._take, chunks)
         return []
 
-    def _take(self, pieces: list[Piece]) -> None:
+    def _take(self, chunks: list[Chunk]) -> None:
         start = time.perf_counter()
         self._sound = False
-        self.sink.take(pieces)
-        self.held += sum(len(piece.drawn) for piece in pieces)
-        self.tally = sum((piece.tally for piece in pieces), self.tally)
+        self.sink.take(chunks)
+        self.held += sum(len(chunk.drawn) for chunk in chunks)
+        self.tally = sum((chunk.tally for chunk in chunks), self.tally)
         self._sound = True
         self._save_at_times()
         self.timing["write"] += time.perf_counter() - start
@@ -308,7 +316,7 @@ class Chunks:
         """Write what is counted so far, if cases are let go: where an interrupted run goes on
         from."""
         sink = self.sink
-        if self.folder is None or not (isinstance(sink, InStatistics) and self._sound):
+        if self.folder is None or not (isinstance(sink, StatisticsSink) and self._sound):
             return
         about = sink.about(self.draws, self.tally)
         if self.rows:
@@ -320,7 +328,7 @@ class Chunks:
 
     def _restore(self, arrays: Iterable[np.ndarray]) -> None:
         """Go on from what was counted. Raises StoreError if it is of another run."""
-        assert isinstance(self.sink, InStatistics)
+        assert isinstance(self.sink, StatisticsSink)
         held = iter(arrays)
         try:
             with np.errstate(invalid="raise"):  # where what is to be whole is no number
@@ -393,7 +401,7 @@ class Chunks:
         }
 
     @property
-    def accuracy(self) -> Achieved:
+    def accuracy(self) -> AchievedAccuracy:
         """Error of the run: the largest of its cases and of the trial cases."""
         return accuracy(self.flight, self.tally)
 
@@ -440,7 +448,7 @@ class Chunks:
         self._stopped = [] if look.enough else [self._known]
         if look.enough:
             self.wanted = self.held
-            self.draws = Draws(self.draws.seed, Numbers.first(held), held)
+            self.draws = SampleSpec(self.draws.seed, CaseSelection.first(held), held)
             if self.orders.announce:
                 self.orders.announce(self._known)
         return look.enough
@@ -450,15 +458,15 @@ class Chunks:
         """How often values occurred that the file gives a probability."""
         return occurrences(self.campaign.rare_values, self.tally.occurred)
 
-    def kept(self) -> Kept:
+    def kept(self) -> RunOutput:
         """What the run leaves of what is flown so far."""
         self._wait()
         return self.sink.kept()
 
 
-def _in_order(results: Iterable[Flown], first: int) -> Iterator[Flown]:
+def _in_order(results: Iterable[RangeResult], first: int) -> Iterator[RangeResult]:
     """Results as their cases follow each other, from the ``first``."""
-    waiting: dict[int, Flown] = {}
+    waiting: dict[int, RangeResult] = {}
     for flown in results:
         waiting[flown.first] = flown
         while first in waiting:
