@@ -16,7 +16,7 @@ from scipy.stats import multivariate_normal, norm
 
 from sepmc.analysis.rare_values import count, occurrences, rare_values
 from sepmc.analysis.row_statistics import Rows
-from sepmc.analysis.stopping import read_until
+from sepmc.analysis.stopping import parse_stopping_rule
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.cases import Sampling, draw
 from sepmc.scene.correlation import Copula
@@ -150,7 +150,7 @@ PROBLEMS = {
 
 def stopped(problem, seed, most=CASES):
     """Cases after which a problem stops, and the look at them."""
-    until = read_until(problem.until, OUTCOMES)
+    until = parse_stopping_rule(problem.until, OUTCOMES)
     values = rare_values(problem.inputs, problem.copulas)
     every = list(CaseSelection.first(most).growing(until.first(values)))
     tables, counts = [], np.zeros(1 + len(values), dtype=int)

@@ -16,7 +16,7 @@ import pandas as pd
 
 from sepmc.analysis.statistics import PERCENTILES, WIDTH, aligned, column, ok_rows, rounded
 
-FEWEST = 20  # cases from which anything is told
+MIN_CASES = 20  # cases from which anything is told
 LEVEL = 0.05  # below which a law is said not to fit
 ENDS = ("p0_135", "p99_865")  # three sigmas of a normal law from its mean
 _NORMAL = {0.25: 0.470, 0.15: 0.561, 0.1: 0.631, 0.05: 0.752, 0.025: 0.873, 0.01: 1.035}
@@ -25,7 +25,7 @@ _EXTREME = {0.25: 0.474, 0.1: 0.637, 0.05: 0.757, 0.025: 0.877, 0.01: 1.038}
 
 
 @dataclass(frozen=True)
-class Law:
+class Distribution:
     """A law with a location and a scale, by its name in scipy; of the values, or of their
     logarithms. ``points`` are of the statistic by probability, for many cases."""
 
@@ -60,13 +60,13 @@ class Law:
         return round(float(p), 4)
 
 
-LAWS = {
-    "normal": Law("norm", _NORMAL),
-    "lognormal": Law("norm", _NORMAL, of_logarithm=True),
-    "Weibull": Law("gumbel_l", _EXTREME, of_logarithm=True),
-    "extreme value, largest": Law("gumbel_r", _EXTREME),
-    "extreme value, smallest": Law("gumbel_l", _EXTREME),
-    "logistic": Law("logistic", _LOGISTIC),
+DISTRIBUTIONS = {
+    "normal": Distribution("norm", _NORMAL),
+    "lognormal": Distribution("norm", _NORMAL, of_logarithm=True),
+    "Weibull": Distribution("gumbel_l", _EXTREME, of_logarithm=True),
+    "extreme value, largest": Distribution("gumbel_r", _EXTREME),
+    "extreme value, smallest": Distribution("gumbel_l", _EXTREME),
+    "logistic": Distribution("logistic", _LOGISTIC),
 }
 COLUMNS = (
     "n", "skewness", "skewness_se", "kurtosis", "kurtosis_se", "normal_p", "law", "location",
@@ -77,7 +77,7 @@ COLUMNS = (
 CONSTANT = "constant"  # in place of a law
 
 
-def laws(
+def fit_distributions(
     cases: Mapping[str, Any], outcomes: Sequence[str], constant: Collection[str] = ()
 ) -> pd.DataFrame:
     """Shape of each outcome over the cases whose status is ``ok``, and the law nearest to it.
@@ -100,23 +100,23 @@ def laws(
         the nearest ``law``, its ``location`` and ``scale`` (of the logarithm if it is lognormal or
         Weibull), its ``p``, and its points ``p0_135`` and ``p99_865``, in the outcome's unit.
         Probabilities stop at 0.01 and 0.25, which stand for what is beyond. An outcome with fewer
-        than `FEWEST` values, or most of them equal to others, has no law.
+        than `MIN_CASES` values, or most of them equal to others, has no law.
     """
     ok = ok_rows(cases)
     rows = [
         {"n": int(np.isfinite(column(cases, name)[ok]).sum()), "law": CONSTANT}
         if name in constant
-        else _law(column(cases, name)[ok])
+        else _fit_nearest(column(cases, name)[ok])
         for name in outcomes
     ]
     return pd.DataFrame(rows, index=pd.Index(outcomes, name="outcome"), columns=list(COLUMNS))
 
 
-def _law(values: np.ndarray) -> dict[str, Any]:
+def _fit_nearest(values: np.ndarray) -> dict[str, Any]:
     x = np.sort(values[np.isfinite(values)])
     n = len(x)
     found: dict[str, Any] = {"n": n, "law": ""}
-    if n < FEWEST or 2 * len(np.unique(x)) < n:
+    if n < MIN_CASES or 2 * len(np.unique(x)) < n:
         return found
     z = (x - x.mean()) / x.std()
     found |= {
@@ -127,7 +127,7 @@ def _law(values: np.ndarray) -> dict[str, Any]:
         "kurtosis_se": np.sqrt(24.0 * n * (n - 2) * (n - 3) / ((n + 3.0) * (n + 5))) / (n + 1),
     }
     likeliest = -np.inf
-    for name, law in LAWS.items():
+    for name, law in DISTRIBUTIONS.items():
         if law.of_logarithm and x[0] <= 0.0:
             continue
         location, scale = law.fit(x)
@@ -152,7 +152,7 @@ def _anderson_darling(law: Any, x: np.ndarray) -> float:
     return float(-n - weights @ (law.logcdf(x) + law.logsf(x[::-1])))
 
 
-def text(
+def render_fits(
     found: pd.DataFrame,
     statistics: pd.DataFrame,
     units: Mapping[str, str],

@@ -30,7 +30,7 @@ _CHANCE = 1e-3  # that anything at all is named of what has no cause
 
 
 @dataclass(frozen=True)
-class Cause:
+class Attribution:
     """An input, or a pair, and where its violations are.
 
     ``inputs`` : one or two names
@@ -49,9 +49,9 @@ class Cause:
     cases: int
 
 
-def causes(
+def attribute_failures(
     cases: Mapping[str, np.ndarray], inputs: Sequence[str], violates: np.ndarray
-) -> list[Cause]:
+) -> list[Attribution]:
     """Inputs and pairs that set violating cases apart, what tells most first.
 
     Parameters
@@ -65,23 +65,25 @@ def causes(
         return []
     each = min(k, n - k) / _EACH
     parts, coarse = _cut(cases, inputs, each), _cut(cases, inputs, np.sqrt(each))
-    told = {name: _information(part.of, part.number, violates) for name, part in parts.items()}
+    told = {name: _cell_information(part.of, part.number, violates) for name, part in parts.items()}
     pairs = list(combinations(coarse, 2))
-    tests, known = len(parts) + len(pairs), _information(violates.astype(int), 2, violates)
+    tests, known = len(parts) + len(pairs), _cell_information(violates.astype(int), 2, violates)
     found = []
 
     def name_if_sure(within: dict[str, _Parts], bits: float, more: float, freedoms: int) -> None:
         chance = min(1.0, tests * _chance(2.0 * n * more, freedoms))
         if chance < _CHANCE:
-            cause = _cause(within, bits / known, chance, violates)
+            cause = _attribution(within, bits / known, chance, violates)
             found.extend([cause] if cause else [])
 
     for name, part in parts.items():
         name_if_sure({name: part}, told[name], told[name], part.number - 1)
-    coarsely = {name: _information(part.of, part.number, violates) for name, part in coarse.items()}
+    coarsely = {
+        name: _cell_information(part.of, part.number, violates) for name, part in coarse.items()
+    }
     for one, two in pairs:
         a, b = coarse[one], coarse[two]
-        both = _information(a.of * b.number + b.of, a.number * b.number, violates)
+        both = _cell_information(a.of * b.number + b.of, a.number * b.number, violates)
         # what the second tells within each part of the first, and the other way round
         more = min(
             (both - coarsely[one], a.number * (b.number - 1)),
@@ -92,31 +94,35 @@ def causes(
     return sorted(found, key=lambda cause: -cause.information)
 
 
-def of_requirement(
+def attribute_violations(
     requirement: Requirement,
     cases: Mapping[str, np.ndarray],
     inputs: Sequence[str],
     others: Sequence[Requirement] = (),
     design: str = "random",
-) -> list[Cause]:
+) -> list[Attribution]:
     """Causes of the violations of a requirement among the cases of which it is known; ``others`` as
     for `violating`. None of a patterned ``design``, whose cases the G-test does not hold for: of 40
     Sobol campaigns each named a pair of inputs without effect, 3 a single one."""
     if design in PATTERNS:
         return []
     violates, known = violating(requirement, cases, others)
-    return causes({name: column(cases, name)[known] for name in inputs}, inputs, violates[known])
+    return attribute_failures(
+        {name: column(cases, name)[known] for name in inputs}, inputs, violates[known]
+    )
 
 
-def of_missing(
+def attribute_missing(
     metric: str, cases: Mapping[str, np.ndarray], inputs: Sequence[str], design: str = "random"
-) -> tuple[int, list[Cause]]:
+) -> tuple[int, list[Attribution]]:
     """In how many cases that came to their end an outcome is missing, and what sets them apart."""
     ok = ok_rows(cases)
     lacks = np.isnan(column(cases, metric)[ok])
     if design in PATTERNS or not lacks.any():
         return int(lacks.sum()), []
-    return int(lacks.sum()), causes({n: column(cases, n)[ok] for n in inputs}, inputs, lacks)
+    return int(lacks.sum()), attribute_failures(
+        {n: column(cases, n)[ok] for n in inputs}, inputs, lacks
+    )
 
 
 def _cut(
@@ -139,13 +145,13 @@ class _Parts:
         self.of = np.searchsorted(edges, values, side="right") - 1
 
 
-def _information(cells: np.ndarray, number: int, violates: np.ndarray) -> float:
+def _cell_information(cells: np.ndarray, number: int, violates: np.ndarray) -> float:
     """Mutual information of the cell of a case, and whether it violates, natural units."""
     counts = [np.bincount(cells[which], minlength=number) for which in (violates, ~violates)]
-    return float(_told(np.array(counts)))
+    return float(_mutual_information(np.array(counts)))
 
 
-def _told(counts: np.ndarray) -> np.ndarray:
+def _mutual_information(counts: np.ndarray) -> np.ndarray:
     """Mutual information of the two first axes of counts (2, cells, ...), natural units."""
     shares = counts / counts.sum(axis=(0, 1))
     expected = shares.sum(axis=0) * shares.sum(axis=1, keepdims=True)
@@ -161,9 +167,9 @@ def _chance(statistic: float, freedoms: int) -> float:
     return float(chdtrc(freedoms, max(statistic, 0.0)))
 
 
-def _cause(
+def _attribution(
     within: Mapping[str, _Parts], share: float, chance: float, violates: np.ndarray
-) -> Cause | None:
+) -> Attribution | None:
     """What is told of an input or pair, and the part or cell that tells most by itself, of those
     with a larger share of violations than all; None if there is no cell that it takes both inputs
     of a pair for."""
@@ -172,7 +178,9 @@ def _cause(
     size, k, n = int(np.prod(shape)), int(np.count_nonzero(violates)), len(violates)
     inside = np.bincount(cells[violates], minlength=size).reshape(shape)
     cases = np.bincount(cells, minlength=size).reshape(shape)
-    alone = _told(np.array([[inside, k - inside], [cases - inside, n - k - (cases - inside)]]))
+    alone = _mutual_information(
+        np.array([[inside, k - inside], [cases - inside, n - k - (cases - inside)]])
+    )
     alone[inside <= cases * (k / n)] = -1.0
     for axis in range(len(shape)) if len(shape) > 1 else ():  # along each input of a pair
         rest, of_rest = (x.sum(axis=axis, keepdims=True) - x for x in (cases, inside))
@@ -185,7 +193,7 @@ def _cause(
         (float(part.values[here].min()), float(part.values[here].max())) for part in within.values()
     )
     told = float(np.clip(share, 0.0, 1.0))
-    return Cause(tuple(within), told, chance, region, int(inside[at]), k, int(cases[at]))
+    return Attribution(tuple(within), told, chance, region, int(inside[at]), k, int(cases[at]))
 
 
 def _odds(inside: np.ndarray, cases: np.ndarray) -> np.ndarray:
@@ -193,7 +201,7 @@ def _odds(inside: np.ndarray, cases: np.ndarray) -> np.ndarray:
     return np.asarray((inside + 0.5) / (cases - inside + 0.5))
 
 
-def table(found: Mapping[str, Sequence[Cause]]) -> pd.DataFrame:
+def attribution_table(found: Mapping[str, Sequence[Attribution]]) -> pd.DataFrame:
     """Causes of what is violated, by its name, a row each; a pair has a second input."""
     rows = [
         {
@@ -220,9 +228,9 @@ def table(found: Mapping[str, Sequence[Cause]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def text(
+def render_attribution(
     what: str,
-    found: Sequence[Cause],
+    found: Sequence[Attribution],
     keys: Mapping[str, str],
     most: int = 5,
     width: int = WIDTH,

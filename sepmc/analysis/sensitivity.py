@@ -45,7 +45,7 @@ COLUMNS = (
 _ENDS = ["first_low", "first_high", "total_low", "total_high"]
 
 
-def drivers(
+def input_sensitivities(
     cases: Mapping[str, np.ndarray],
     inputs: Sequence[str],
     outcome: str,
@@ -142,17 +142,17 @@ def drivers(
     return table.iloc[np.lexsort((-table["rank"].abs(), -table["shift"], -sure))]
 
 
-def foremost(table: pd.DataFrame, most: int) -> pd.DataFrame:
-    """The ``most`` inputs of `drivers` that do most, in its order: the first of it, but a place in
-    four for those of the others that surely shift the mean farthest, as a failure of few cases may
-    that explains little of the variance."""
+def leading_inputs(table: pd.DataFrame, most: int) -> pd.DataFrame:
+    """The ``most`` inputs of `input_sensitivities` that do most, in its order: the first of it, but
+    a place in four for those of the others that surely shift the mean farthest, as a failure of few
+    cases may that explains little of the variance."""
     kept = most - max(1, most // 4)
     others = table.iloc[kept:]["shift"].sort_values(ascending=False, kind="stable").index
     return table[table.index.isin([*table.index[:kept], *others[: most - kept]])]
 
 
-def order_text(table: pd.DataFrame, most: int) -> str:
-    """In what order `foremost` has inputs."""
+def order_description(table: pd.DataFrame, most: int) -> str:
+    """In what order `leading_inputs` has inputs."""
     given = table["first_low"].notna().any()
     first = "the surest first-order index first" if given else "what surely shifts its mean first"
     return first + ("" if len(table) <= most else ", then what else shifts its mean most")
@@ -221,7 +221,7 @@ def _put(table: pd.DataFrame, name: str, index: np.ndarray, half: np.ndarray) ->
     table[name], table[f"{name}_low"], table[f"{name}_high"] = index, index - half, index + half
 
 
-def text(
+def render_sensitivities(
     table: pd.DataFrame,
     outcome: str,
     keys: Mapping[str, str],
@@ -240,7 +240,7 @@ def text(
             f"{row['partial']:.2f}",
             f"{rounded(row['mean_low'], scale)} to {rounded(row['mean_high'], scale)}",
         ]
-        for name, row in foremost(table, most).iterrows()
+        for name, row in leading_inputs(table, most).iterrows()
     ]
     kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
     lines = aligned([[row[k] for k in kept] for row in [head, *rows]], width - 2)
@@ -249,19 +249,20 @@ def text(
     some = f"; of the {having} of {ok} ok cases that have it" if having < ok else ""
     return "\n".join(
         [
-            f"what drives {outcome}: {order_text(table, most)}{some}",
+            f"what drives {outcome}: {order_description(table, most)}{some}",
             *(f"  {line}".rstrip() for line in lines),
         ]
         + ([f"  and {left} more inputs"] if left > 0 else [])
         + [
             fill(each, width, initial_indent="  ", subsequent_indent="  ")
-            for each in remarks(table, keys)
+            for each in index_notes(table, keys)
         ]
     )
 
 
-def remarks(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
-    """Sentences on what indices of `drivers` mean, or why there are none; inputs by ``keys``."""
+def index_notes(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
+    """Sentences on what indices of `input_sensitivities` mean, or why there are none; inputs by
+    ``keys``."""
     lines = [table.attrs["said"]] if table.attrs["said"] else []
     if not table["first"].notna().any():
         return lines

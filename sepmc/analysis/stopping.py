@@ -40,7 +40,7 @@ class _Summary(Protocol):
     def statistics(self, *, confidence: float = CONFIDENCE) -> pd.DataFrame: ...
 
 
-class Look(NamedTuple):
+class InterimEstimate(NamedTuple):
     """What cases so far show of a statistic: its value, both ends of its interval, whether that is
     narrow ``enough``, and a sentence on what the cases ``lack`` to state it, if anything."""
 
@@ -52,10 +52,11 @@ class Look(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Until:
+class StoppingRule:
     """How far the ends of the 95 % interval of a statistic may be from it: of the ``statistic``
     (mean, sigma, share or a percentile) of a ``metric``, an outcome or a status, in its unit, or as
-    a share of the statistic's size if ``relative``; ``text`` is what `read_until` reads."""
+    a share of the statistic's size if ``relative``; ``text`` is what `parse_stopping_rule`
+    reads."""
 
     metric: str
     statistic: str
@@ -95,7 +96,7 @@ class Until:
 
     def look(
         self, summary: _Summary, looks: int, found: Sequence[Occurrence], within: float = 0.0
-    ) -> Look:
+    ) -> InterimEstimate:
         """What the cases of a ``summary`` show, if there are at most so many ``looks`` at growing
         numbers of them, and rare values occurred as ``found``. Values of a constant outcome lie
         ``within`` so much of each other (`sepmc.analysis.constant_outcomes.reach`): its intervals
@@ -106,7 +107,7 @@ class Until:
             value = 0.0 if self.statistic == "sigma" else known_value(value, error)
             low, high = value - error, value + error
         lack = self._lack(summary, found, within) if self.is_moment else ""
-        return Look(value, low, high, not lack and self.is_met(value, low, high), lack)
+        return InterimEstimate(value, low, high, not lack and self.is_met(value, low, high), lack)
 
     def known(
         self, summary: _Summary, confidence: float = CONFIDENCE
@@ -131,7 +132,7 @@ class Until:
         within = self.tolerance * (abs(value) if self.relative else 1.0)
         return max(high - value, value - low) <= within
 
-    def sentence(self, look: Look, flown: int, cases: int) -> str:
+    def sentence(self, look: InterimEstimate, flown: int, cases: int) -> str:
         """What a look at the ``flown`` of so many cases showed."""
         asked = f"{100 * self.tolerance:g} %" if self.relative else f"{self.tolerance:g}"
         missed = f": NOT MET{'; ' if look.lack else ''}{look.lack}" if not look.enough else ""
@@ -165,7 +166,7 @@ def _share(k: int, n: int, confidence: float) -> tuple[float, float, float]:
     return (k / n, *interval(k, n, confidence)) if n else (math.nan, -math.inf, math.inf)
 
 
-def read_until(text: str, outcomes: Collection[str]) -> Until:
+def parse_stopping_rule(text: str, outcomes: Collection[str]) -> StoppingRule:
     """What ``METRIC:TOLERANCE`` asks for. Raises InputError with what is allowed."""
     name, colon, size = text.rpartition(":")
     relative = size.endswith("%")
@@ -187,4 +188,4 @@ def read_until(text: str, outcomes: Collection[str]) -> Until:
     statistic = (statistic if dot else known[0]).replace(".", "_")
     if statistic not in known:
         raise InputError(f"until = {text}: no such statistic as {statistic!r}; {', '.join(known)}")
-    return Until(metric, statistic, tolerance, relative, text)
+    return StoppingRule(metric, statistic, tolerance, relative, text)

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from sepmc import schema
-from sepmc.analysis.stopping import Until, read_until
+from sepmc.analysis.stopping import StoppingRule, parse_stopping_rule
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Case, Definition
@@ -447,10 +447,10 @@ class Campaign(Definition):
         _warn(found.notes, announce)
         return found
 
-    def until(self, asked: str, numbers: CaseSelection) -> Until:
+    def until(self, asked: str, numbers: CaseSelection) -> StoppingRule:
         """When to stop. Raises InputError if that cannot be told of these cases."""
         text("until", asked, "separation_speed_m_s:0.01")
-        found = read_until(asked, [column.name for column in self.outcome_columns])
+        found = parse_stopping_rule(asked, [column.name for column in self.outcome_columns])
         if not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:
             what = "a sampler whose cases depend on how many there are"
             what = what if numbers.are_first else "cases that are named"

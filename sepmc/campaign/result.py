@@ -138,27 +138,27 @@ class Result:
 
     def sensitivity(self, outcome: str, indices: bool = True) -> pd.DataFrame:
         """How much each input drives an outcome, a row each; see
-        `sepmc.analysis.sensitivity.drivers`, which raises ValueError if the outcome does not vary
-        by more than its numerical error."""
+        `sepmc.analysis.sensitivity.input_sensitivities`, which raises ValueError if the outcome
+        does not vary by more than its numerical error."""
         if outcome not in self.outcomes:
             raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
         design, correlated = self.campaign.design, self.campaign.correlated
         within = constant_outcomes.reach(self.statistics(), outcome)
-        return sensitivity.drivers(
+        return sensitivity.input_sensitivities(
             self._rows(), self._inputs, outcome, design, indices, correlated, within
         )
 
     def fit(self) -> pd.DataFrame:
         """Shape of every outcome that is a number, and the law nearest to it, a row each; see
-        `sepmc.analysis.distributions.laws`."""
+        `sepmc.analysis.distributions.fit_distributions`."""
         table = self.statistics()
         numbers = [name for name in self.outcomes if not is_yes_or_no(name)]
         alike = [name for name in numbers if constant_outcomes.is_constant(table, name)]
-        return distributions.laws(self._rows(), numbers, alike)
+        return distributions.fit_distributions(self._rows(), numbers, alike)
 
-    def causes(self, name: str) -> list[failure_attribution.Cause]:
+    def causes(self, name: str) -> list[failure_attribution.Attribution]:
         """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have
-        a status; see `sepmc.analysis.failure_attribution.causes`."""
+        a status; see `sepmc.analysis.failure_attribution.attribute_failures`."""
         rows, known = self._rows(), {item.name: item for item in self.campaign.file.requirements}
         statuses = [status.label for status in Status if status is not Status.OK]
         if name not in known and name not in statuses:
@@ -166,7 +166,7 @@ class Result:
             raise InputError(f"{name}: no such requirement or status; {said}")
         item = known.get(name) or Requirement(name=name, metric=name)
         others, design = list(known.values()), self.campaign.design
-        return failure_attribution.of_requirement(item, rows, self._inputs, others, design)
+        return failure_attribution.attribute_violations(item, rows, self._inputs, others, design)
 
     @property
     def _inputs(self) -> list[str]:

@@ -71,7 +71,7 @@ class Driven:
     sentence on how many these are; the paths of inputs in the file, by column."""
 
     drivers: dict[str, pd.DataFrame]
-    causes: dict[str, list[failure_attribution.Cause]]
+    causes: dict[str, list[failure_attribution.Attribution]]
     violated: dict[str, str]
     keys: dict[str, str]
     design: str = "random"
@@ -80,11 +80,11 @@ class Driven:
         """Both as a screen of so many characters shows them."""
         return (
             [
-                sensitivity.text(table, name, self.keys, width=width)
+                sensitivity.render_sensitivities(table, name, self.keys, width=width)
                 for name, table in self.drivers.items()
             ],
             [
-                failure_attribution.text(
+                failure_attribution.render_attribution(
                     said, self.causes[name], self.keys, width=width, design=self.design
                 )
                 for name, said in self.violated.items()
@@ -107,7 +107,7 @@ def find_drivers(
     found = {}
     for name in named or telling_outcomes(loaded, table)[:_DRIVEN]:
         try:
-            found[name] = sensitivity.drivers(
+            found[name] = sensitivity.input_sensitivities(
                 rows,
                 list(keys),
                 name,
@@ -123,7 +123,7 @@ def find_drivers(
     items = [*loaded.file.requirements, *(Requirement(name=each, metric=each) for each in failed)]
     required = loaded.file.requirements
     apart = {
-        item.name: failure_attribution.of_requirement(
+        item.name: failure_attribution.attribute_violations(
             item, rows, list(keys), required, loaded.design
         )
         for item in items
@@ -137,7 +137,9 @@ def find_drivers(
             left = f" ({unknown} others {lack})" if unknown else ""
             violated[item.name] = f"{item.name}, {count} of {there.sum()} cases{left}"
         if item.metric in table.index:
-            count, of = failure_attribution.of_missing(item.metric, rows, list(keys), loaded.design)
+            count, of = failure_attribution.attribute_missing(
+                item.metric, rows, list(keys), loaded.design
+            )
             if count:
                 name = f"{item.name}, missing"
                 violated[name] = f"{item.name}, {count} ok cases without {item.metric}"
@@ -168,11 +170,11 @@ def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
         if name not in every:
             raise folders.StoreError(f"{name}: is yes or no, so it has no law")
     alike = [name for name in every if constant_outcomes.is_constant(table, name)]
-    found = distributions.laws(shards.CaseColumns(folder), every, alike)
+    found = distributions.fit_distributions(shards.CaseColumns(folder), every, alike)
     told = list(named) or telling_outcomes(loaded, table)[:_TOLD]
     units = {c.name: c.unit for c in loaded.outcome_columns}
     sampler = loaded.scene.run.sampler
-    folded(distributions.text(found.loc[told], table, units, screen_width(), sampler))
+    folded(distributions.render_fits(found.loc[told], table, units, screen_width(), sampler))
     folders.write_text(folder / "distributions.csv", found.to_csv())
     manifests.note(folder, [folder / "distributions.csv"])
     click.echo(folder / "distributions.csv")
@@ -188,7 +190,7 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
     written = [folder / "causes.csv"]
     if driven.drivers:
         noted = {
-            name: table.assign(note=" ".join(sensitivity.remarks(table, driven.keys)))
+            name: table.assign(note=" ".join(sensitivity.index_notes(table, driven.keys)))
             for name, table in driven.drivers.items()
         }
         table = pd.concat(noted, names=["outcome", "input"]).reset_index()
@@ -197,7 +199,8 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
         folders.write_text(folder / "sensitivity.csv", table.to_csv(index=False))
         written.insert(0, folder / "sensitivity.csv")
     folders.write_text(
-        folder / "causes.csv", failure_attribution.table(driven.causes).to_csv(index=False)
+        folder / "causes.csv",
+        failure_attribution.attribution_table(driven.causes).to_csv(index=False),
     )
     if plots:
         written += draw_drivers(driven, folder, loaded, folder)

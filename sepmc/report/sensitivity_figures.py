@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sepmc.analysis.sensitivity import foremost, order_text
+from sepmc.analysis.sensitivity import leading_inputs, order_description
 from sepmc.report.style import BLACK, BLUE, GREEN, VERMILION, entitle, in_words, made, save, sheet
 
 _BARS = 8  # inputs of an outcome
@@ -35,7 +35,7 @@ def tornado_figure(
 
     Parameters
     ----------
-    found : mapping of outcome to what `sepmc.analysis.sensitivity.drivers` tells of it
+    found : mapping of outcome to what `sepmc.analysis.sensitivity.input_sensitivities` tells of it
     folder : made if it is not there
     units : of the outcomes
     keys : mapping of input column to the path that the file has for it
@@ -47,7 +47,7 @@ def tornado_figure(
     pairs = list(zip(axes[::2], axes[1::2], strict=True))
     for (ax, beside), (outcome, table) in zip(pairs, found.items(), strict=False):
         # those that the printed table has, in its order: bars are drawn from below
-        middle, top = table.attrs["mean"], foremost(table, _BARS)[::-1]
+        middle, top = table.attrs["mean"], leading_inputs(table, _BARS)[::-1]
         places = np.arange(len(top))
         told = ((top["shift"] > 0.0) | (top["first_low"] > 0.0)).to_numpy()
         # beside each other: where both ends lie on one side of the mean, neither hides the other
@@ -72,7 +72,7 @@ def tornado_figure(
     for pair in pairs[len(found) :]:
         for ax in pair:
             ax.remove()
-    said = order_text(max(found.values(), key=len), _BARS)
+    said = order_description(max(found.values(), key=len), _BARS)
     entitle(figure, f"What drives outcomes: {said}\n{about}")
     layout = figure.get_layout_engine()
     if isinstance(layout, ConstrainedLayoutEngine):  # names of inputs would touch the edge
@@ -146,7 +146,7 @@ def scatter_figure(
     """
     figure, axes = sheet(len(found), _INPUTS, (4.0, 2.7))
     for row, (outcome, every) in enumerate(found.items()):
-        crossed, table = violating[outcome], foremost(every, _INPUTS)
+        crossed, table = violating[outcome], leading_inputs(every, _INPUTS)
         unit = units.get(outcome, "")
         for k, ax in enumerate(axes[_INPUTS * row : _INPUTS * (row + 1)]):
             if k >= len(table):

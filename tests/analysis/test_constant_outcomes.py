@@ -12,7 +12,7 @@ from oracles.random_scenes.interpreted import flown_plainly
 from sepmc.analysis import compare, constant_outcomes, distributions, sensitivity
 from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.statistics import statistics, summary_text
-from sepmc.analysis.stopping import Until
+from sepmc.analysis.stopping import StoppingRule
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.store import manifests, shards
 from sepmc.cli import app
@@ -171,11 +171,13 @@ def test_drivers_and_laws_of_noise():
     table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-8, 1.0)})
     within = constant_outcomes.reach(table, "y_mm")
     with pytest.raises(ValueError, match="is constant, as its values differ by"):
-        sensitivity.drivers(cases, ["in_x"], "y_mm", within=within)
-    assert distributions.laws(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
+        sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", within=within)
+    assert (
+        distributions.fit_distributions(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
+    )
     table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-11, 1.0)})
     assert constant_outcomes.reach(table, "y_mm") == 0.0
-    found = sensitivity.drivers(cases, ["in_x"], "y_mm", within=0.0)
+    found = sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", within=0.0)
     assert found.at["in_x", "rank"] == pytest.approx(1.0)
 
 
@@ -201,12 +203,12 @@ def test_a_constant_is_known_as_soon_as_it_is_looked_at():
     cases = {"case": np.arange(4096), "status": np.full(4096, "ok"), "y_mm": x}
     summary = Rows(cases, ["y_mm"], [], {})
     within = 2.0 * float(np.abs(x).max())
-    look = Until("y_mm", "mean", 1e-3, relative=False, text="y_mm:0.001").look(
+    look = StoppingRule("y_mm", "mean", 1e-3, relative=False, text="y_mm:0.001").look(
         summary, 4, [], within
     )
     assert (look.value, look.enough, look.lack) == (0.0, True, "")
     assert (
-        not Until("y_mm", "mean", 0.01, relative=True, text="y_mm:1%")
+        not StoppingRule("y_mm", "mean", 0.01, relative=True, text="y_mm:1%")
         .look(summary, 4, [], within)
         .enough
     )

@@ -15,7 +15,7 @@ from scipy.special import stdtrit
 import sepmc
 from sepmc.analysis.proportions import interval
 from sepmc.analysis.row_statistics import Rows
-from sepmc.analysis.stopping import read_until
+from sepmc.analysis.stopping import parse_stopping_rule
 from sepmc.campaign.case_selection import CaseSelection, read
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.campaign.store.manifests import read_manifest
@@ -318,15 +318,15 @@ def test_intervals_that_until_looks_at():
     summary, names = Rows(rows, ["speed_m_s"], [], {}), ["speed_m_s"]
     row = summary.statistics().loc["speed_m_s"]
     half = stdtrit(399, 0.975) * row["mean_se"]
-    assert read_until("speed_m_s:1", names).known(summary) == pytest.approx(
+    assert parse_stopping_rule("speed_m_s:1", names).known(summary) == pytest.approx(
         (row["mean"], row["mean"] - half, row["mean"] + half)
     )
-    found = read_until("speed_m_s.p95:1%", names)
+    found = parse_stopping_rule("speed_m_s.p95:1%", names)
     assert (found.tolerance, found.relative) == (0.01, True)
     assert found.known(summary) == (row["p95"], row["p95_low"], row["p95_high"])
     ends = interval(0, 400)
     for tolerance, enough in ((0.99 * ends[1], False), (1.01 * ends[1], True)):
-        found = read_until(f"never-released:{tolerance}", names)
+        found = parse_stopping_rule(f"never-released:{tolerance}", names)
         assert found.known(summary) == (0.0, *ends)
         assert found.is_met(*found.known(summary)) == enough
 

@@ -19,7 +19,7 @@ import numpy as np
 from sepmc.analysis.constant_outcomes import reach
 from sepmc.analysis.quantile_sketch import ROOM
 from sepmc.analysis.rare_values import Occurrence, not_shown, occurrences
-from sepmc.analysis.stopping import Until
+from sepmc.analysis.stopping import StoppingRule
 from sepmc.analysis.streaming import GRAIN
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
@@ -72,7 +72,7 @@ class ExecutionOptions:
 
     threads: int | None = None
     crew: Executor | None = None
-    until: Until | None = None
+    until: StoppingRule | None = None
     max_failures: int | None = None
     stats_only: bool = False
     keep: KeepRules | None = None
@@ -431,7 +431,7 @@ class Runner:
         ]
         return found + [note for note in self.flight.notes if note not in found]
 
-    def is_known(self, until: Until, end: int, looks: int) -> bool:
+    def is_known(self, until: StoppingRule, end: int, looks: int) -> bool:
         """Whether cases up to ``end`` are enough to know a statistic, which is looked at so many
         times at most; these are then all that are wanted. Cases beyond, which a resumed run may
         hold, were flown as those before them were not enough."""
