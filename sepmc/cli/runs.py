@@ -187,7 +187,7 @@ def campaign(
         with folders.opened(folder, overwrite, resume):  # until all is written
             with (
                 progress_bar(numbers.count, quiet) as progress,
-                _crew(workers, cluster, threads) as crew,
+                _executor(workers, cluster, threads) as executor,
             ):
                 try:
                     result = loaded.run(
@@ -202,7 +202,7 @@ def campaign(
                         keep_columns=keep_columns,
                         float32=float32,
                         until=until,
-                        crew=crew,
+                        executor=executor,
                         max_failures=0 if fail_fast else max_failures,
                         progress=progress,
                         announce=say,
@@ -234,7 +234,7 @@ def campaign(
     sys.exit(code or int(result.stopped))
 
 
-def _crew(
+def _executor(
     workers: int | None, address: str | None, threads: int | None
 ) -> "AbstractContextManager[DaskExecutor | None]":
     """Workers that are asked for, if there are any."""

@@ -80,7 +80,7 @@ def test_the_same_rows(campaign, alone):
 
 def test_workers_write_it(campaign, alone):
     with crew(2, threads=1) as workers:
-        found = campaign.run(cases=CASES, out=place("s3://bucket/workers"), crew=workers)
+        found = campaign.run(cases=CASES, out=place("s3://bucket/workers"), executor=workers)
     same(found.folder, alone.folder)
     assert found.statistics().equals(alone.statistics())
 

@@ -91,8 +91,8 @@ class RareEventEstimate:
     def __repr__(self) -> str:
         low, high = self.interval
         return (
-            f"<RareEventEstimate {self.requirement}: probability {self.probability:.2e}, 95 % {low:.1e} to "
-            f"{high:.1e}, {self.flights} flights>"
+            f"<RareEventEstimate {self.requirement}: probability {self.probability:.2e}, "
+            f"95 % {low:.1e} to {high:.1e}, {self.flights} flights>"
         )
 
     def to_pandas(self) -> pd.DataFrame:
