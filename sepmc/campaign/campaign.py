@@ -12,6 +12,7 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.analysis.stopping import StoppingRule, parse_stopping_rule
+from sepmc.campaign import run_statistics
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Case, Definition
@@ -345,11 +346,13 @@ class Campaign(Definition):
             if folder:
                 runner.save()
                 runner.write_manifest(complete=runner.held == runner.wanted)
+        output = runner.kept()
+        statistics = run_statistics.write(folder, self, output.summary) if folder else None
         notes = [*runner.notes, *note_of_threads(orders.threads)]
         _warn(notes, announce)
         return Result(
             self,
-            runner.kept(),
+            output,
             timing,
             seed,
             runner.draws.numbers,
@@ -360,6 +363,7 @@ class Campaign(Definition):
             runner.accuracy,
             resumed=earlier.held,
             stopped=runner.too_many_failed,
+            written=statistics,
         )
 
     def _keep(self, options: RunOptions, out: Any) -> KeepRules | None:

@@ -25,6 +25,7 @@ from sepmc.campaign.definition import Case
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors, with_scales
 from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.sinks import RunOutput
+from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import shards
 from sepmc.engine.dispatch import text, whole
 from sepmc.scene.limits import CASES
@@ -56,6 +57,7 @@ class Result:
     accuracy: AchievedAccuracy | None = None
     resumed: int = 0  # cases that the folder held already
     stopped: bool = False  # as more cases failed than may
+    written: RunStatistics | None = None  # the statistics in the folder
 
     def __repr__(self) -> str:
         counts = ", ".join(
