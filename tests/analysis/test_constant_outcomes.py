@@ -13,12 +13,12 @@ from sepmc.analysis import compare, constant_outcomes, distributions, sensitivit
 from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.statistics import statistics, summary_text
 from sepmc.analysis.stopping import StoppingRule
+from sepmc.campaign import run_statistics
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.store import manifests, shards
+from sepmc.campaign.store import shards
 from sepmc.cli import app
 from sepmc.cli.figures import draw_figures
 from sepmc.cli.options import load_campaign
-from sepmc.cli.render import statistics_of, summary_of, verdicts_of
 from sepmc.report import convergence_figures, figures
 from sepmc.scene.read import parse_campaign
 
@@ -278,10 +278,8 @@ def test_a_required_constant_is_drawn_as_one_value(run, monkeypatch):
     monkeypatch.setattr(convergence_figures, "save", keep)
     folder, _ = run
     loaded = load_campaign(str(folder), (), warn=False)
-    summary, accuracy = summary_of(folder, loaded), manifests.read_manifest(folder)["accuracy"]
-    stats = statistics_of(loaded, summary, accuracy)
-    verdicts = verdicts_of(loaded, summary, accuracy, stats, summary.audit())
-    draw_figures(folder, loaded, summary, stats, say=str, verdicts=verdicts, converging=True)
+    read = run_statistics.read_run(folder, loaded)
+    draw_figures(folder, loaded, read.summary, read.table, read.verdicts, log=str, converging=True)
     panel = kept["histograms.png"].axes[0]
     assert panel.get_title() == "n 20, constant 0 mm"
     assert not panel.patches

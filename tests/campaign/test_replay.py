@@ -11,7 +11,7 @@ from PIL import Image
 import sepmc
 from sepmc.campaign.store import ledger, manifests, shards
 from sepmc.cli.app import main
-from sepmc.cli.figures import marks_of
+from sepmc.cli.figures import event_times
 from sepmc.report import animation, figures
 from sepmc.report.animation import _Shot
 from sepmc.report.style import sheet
@@ -205,6 +205,6 @@ def test_figures_mark_releases_and_events(pair, tmp_path):
     history = pair(_LETS_GO).simulate(step_s=0.05)
     _figure, (ax,) = sheet(1, 1, (4.0, 3.0))
     ax.set_xlim(0.0, 0.5)
-    figures._mark(ax, marks_of(history.attrs))
+    figures._mark(ax, event_times(history.attrs))
     _, names = ax.get_legend_handles_labels()
     assert names == ["release of pins (0.2 s)", "late (0.4 s)"]

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 import sepmc as package
 from sepmc.campaign.campaign import Campaign
-from sepmc.cli import app, checks
+from sepmc.cli import app, check
 
 CASES = 50
 
@@ -243,8 +243,8 @@ def test_end_before_anything_is_flown(tmp_path, monkeypatch, end, code, word):
     result = CliRunner().invoke(
         app.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
     )
-    assert (result.exit_code, f"\n{word}; no case was flown yet" in result.stderr) == (code, True)
-    monkeypatch.setattr(checks, "load_campaign", end)
+    assert (result.exit_code, f"\n{word}; no case was run yet" in result.stderr) == (code, True)
+    monkeypatch.setattr(check, "load_campaign", end)
     result = CliRunner().invoke(app.main, ["check", "table2.toml"])
     assert (result.exit_code, result.stderr) == (code, f"\n{word}\n")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
@@ -327,7 +327,7 @@ def test_the_line_to_go_on_with_goes_on(tmp_path, monkeypatch):
     result = interrupt(
         monkeypatch, "campaign", "table2.toml", *options, "--no-plots", "--out", tmp_path / "run"
     )
-    call(*result.stderr.rsplit("Go on with: sepmc ", 1)[1].split(), "--no-plots")
+    call(*result.stderr.rsplit("Continue with: sepmc ", 1)[1].split(), "--no-plots")
     assert len(rows(tmp_path / "run")) == 6
 
 
