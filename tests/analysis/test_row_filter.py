@@ -86,8 +86,8 @@ def test_given_an_input(tmp_path):
     assert list(told["outcomes"]) == ["upper_pitch_deg"]
     assert told["outcomes"]["upper_pitch_deg"]["mean"] == expected.loc["upper_pitch_deg", "mean"]
     found = CliRunner().invoke(main, ["stats", str(folder), "--where", "upper_pitch_deg>0"])
-    assert "chosen by what they did (upper_pitch_deg)" in found.output
-    assert "chosen by what they did" not in CliRunner().invoke(main, words).output
+    assert "selected by outcomes (upper_pitch_deg)" in found.output
+    assert "selected by outcomes" not in CliRunner().invoke(main, words).output
     nobody = CliRunner().invoke(main, ["stats", str(folder), "--where", "case<0", "--json"])
     assert nobody.exit_code == 2
     assert "case<0: holds in none of 60 cases" in nobody.output
@@ -102,7 +102,7 @@ def test_given_what_makes_all_fail(tmp_path):
     words = ["stats", str(tmp_path / "run"), "--where", "joint.pins.fails=1"]
     found = CliRunner().invoke(main, words)
     assert found.exit_code == 0, found.output
-    assert "none of them came to its end as asked" in found.output
+    assert "no statistics, as none of these cases completed" in found.output
     assert "FAIL        parts: never-released does not occur" in found.output
     told = json.loads(CliRunner().invoke(main, [*words, "--json"]).stdout)
     assert told["requirements"][0]["violations"] == told["cases"]["never-released"] > 0

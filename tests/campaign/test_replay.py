@@ -147,7 +147,7 @@ def test_a_single_flight_has_no_rows(tmp_path):
     command("run", "table1.toml", "--out", tmp_path / "one", "--no-plots", "--every-s", 0.1)
     code, said = command("replay", tmp_path / "one", "--case", 0)
     assert code == 2
-    assert "holds a single flight; give the folder of a campaign" in said
+    assert "holds a single case; give the folder of a campaign" in said
 
 
 # a hinge of which a release, apart from the only phase, lets go
