@@ -1,6 +1,8 @@
 """Tables of the site, generated from the package: columns, statuses, units, campaigns, modules."""
 
 import ast
+import re
+import textwrap
 import tomllib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -35,7 +37,9 @@ def markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """Render a Markdown table."""
     header = list(header)
     lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in r) + " |" for r in lines)
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in r) + " |" for r in lines
+    )
 
 
 def _column_rows(columns: Iterable[Column]) -> Iterator[tuple[str, str, str]]:
@@ -51,8 +55,9 @@ def outcomes() -> str:
 
 def audits() -> str:
     """Table of the audit columns: name, unit, bound, meaning."""
+    bounds = {f"`{name}`": f"{bound:g}" for name, bound in AUDIT_BOUNDS.items()}
     rows = [
-        (name, unit, f"{AUDIT_BOUNDS[key]:g}" if (key := name.strip("`")) in AUDIT_BOUNDS else "-", meaning)
+        (name, unit, bounds.get(name, "-"), meaning)
         for name, unit, meaning in _column_rows(audit_columns())
     ]
     return markdown(("column", "unit", "bound", "meaning"), rows)
@@ -109,7 +114,48 @@ def _first_sentence(file: Path) -> str:
     return (head + "." if stop else head).replace("*", "\\*").replace("<", "\\<")
 
 
+def commands() -> str:
+    """Every command with its usage, help, arguments and options, from click."""
+    import click
+
+    from sepmc.cli.app import main
+
+    text: list[str] = []
+    for name, command in sorted(main.commands.items()):
+        context = click.Context(command, info_name=f"sepmc {name}", max_content_width=100)
+        usage = " ".join(command.collect_usage_pieces(context))
+        text += [f"## `sepmc {name}`", "", "```text", f"sepmc {name} {usage}", "```", ""]
+        text += [_help(command.help or ""), ""]
+        records = [
+            record
+            for parameter in command.get_params(context)
+            if (record := parameter.get_help_record(context)) and "--help" not in record[0]
+        ]
+        rows = [(f"`{option}`", _escaped(about)) for option, about in records if about]
+        text += [markdown(("option", "meaning"), rows), ""] if rows else []
+    return "\n".join(text)
+
+
+def _help(text: str) -> str:
+    """Help text of a command as Markdown: paragraphs, and preformatted ones as code."""
+    parts = []
+    for paragraph in text.split("\n\n"):
+        if paragraph.lstrip().startswith("\b"):
+            lines = paragraph.replace("\b", "").strip("\n")
+            parts.append(f"```text\n{lines}\n```")
+        else:
+            parts.append(_escaped(" ".join(paragraph.split())))
+    return "\n\n".join(parts)
+
+
+def _escaped(text: str) -> str:
+    """Plain text as Markdown: option names and runs of special characters as they are."""
+    text = re.sub(r"([\\*_<\[\]])", r"\\\1", text)
+    return re.sub(r"(?<!\w)(--[a-z][a-z0-9-]*)", r"`\1`", text)
+
+
 TABLES = {
+    "commands": commands,
     "outcomes": outcomes,
     "audits": audits,
     "histories": histories,
