@@ -141,7 +141,7 @@ def _help(text: str) -> str:
     parts = []
     for paragraph in text.split("\n\n"):
         if paragraph.lstrip().startswith("\b"):
-            lines = paragraph.replace("\b", "").strip("\n")
+            lines = textwrap.dedent(paragraph.replace("\b", " ")).strip()
             parts.append(f"```text\n{lines}\n```")
         else:
             parts.append(_escaped(" ".join(paragraph.split())))

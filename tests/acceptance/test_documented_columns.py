@@ -35,8 +35,7 @@ def test_every_table_is_on_a_page(tables):
 
 
 def test_columns_of_a_campaign_are_listed(tables):
-    """Every outcome of a shipped campaign with guides, loads and tip-off is in the list, by its stem
-    without the names of the file."""
+    """Every outcome of a shipped campaign is in the list, without the names of its file."""
     campaign = sepmc.load("residual-thrust.toml")
     listed = first_cells(tables.outcomes())
     contents = tables.EVERY
