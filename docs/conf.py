@@ -31,8 +31,9 @@ pygments_style = "default"
 
 default_role = "py:obj"
 autodoc_member_order = "bysource"
-autodoc_typehints = "description"
-autodoc_typehints_description_target = "documented"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+maximum_signature_line_length = 80
 autoclass_content = "class"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
