@@ -139,9 +139,9 @@ def measure(name, campaign, count, seconds):
         ratio < 1 / 3 or share.max() > 3.0 or (asked.endswith(" met") and true[worst] > told.asked)
     )
     how = trial.steps.tolist() if trial.step is None else f"{trial.step:.4g} s"
-    lost = f", {own.again.finer} finer" if own.again.finer else ""
-    lost += f", {own.again.spare} by a spare kernel" if own.again.spare else ""
-    lost += f", {own.again.unsettled} unsettled" if own.again.unsettled else ""
+    lost = f", {own.refinement.n_refined} finer" if own.refinement.n_refined else ""
+    lost += f", {own.refinement.n_fallback} by a spare kernel" if own.refinement.n_fallback else ""
+    lost += f", {own.refinement.n_unconverged} unsettled" if own.refinement.n_unconverged else ""
     other = np.count_nonzero((own.status != reference.status) & (own.status == 0))
     print(
         f"| {name} | {len(draws)} | {told.worst[1]:.1e} ({told.worst[0]}) | {true[worst]:.1e} "

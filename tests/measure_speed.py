@@ -24,7 +24,7 @@ from sepmc.bench.study import drawn
 from sepmc.campaign.campaign import Campaign, load
 from sepmc.campaign.execution.integration import by_name, fly_once
 from sepmc.campaign.execution.step_selection import kernel_text, plan_flight
-from sepmc.engine.dispatch import fly_cases, load_kernel, use_threads
+from sepmc.engine.dispatch import integrate_cases, load_kernel, use_threads
 from sepmc.scene.read import parse_campaign, shipped_campaigns
 
 REPEATS, PAIRS, CASES = 7, 5, 10_000
@@ -148,7 +148,7 @@ def features(file, cases=2000):
             i for i, item in enumerate(campaign.file.dispersions) if item.parameter.path in paths
         ]
         those, own = np.asfortranarray(inputs[:, columns]), plan_flight(scene)
-        works[name, "same"] = lambda k=kernel, s=scene, d=those, m=methods: fly_cases(
+        works[name, "same"] = lambda k=kernel, s=scene, d=those, m=methods: integrate_cases(
             k, s.plan, flight.steps, flight.usual, s.slots, d, 0, m
         )
         works[name, "own"] = lambda s=scene, o=own, d=those: fly_once(s, o, d)

@@ -12,7 +12,7 @@ from sepmc.bench.clock import rounds, spread
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import FULL, Study, Way
 from sepmc.campaign.execution.step_selection import Flight, plan_flight
-from sepmc.engine.dispatch import Block, now_and_then
+from sepmc.engine.dispatch import Block, progress_reporter
 from sepmc.kernel.spec.methods import AUTO, METHODS
 
 # asked of the pilot, to get steps that a user might fly with
@@ -47,7 +47,7 @@ def _without(reference: Reference, study: Study, ways: list[Way]) -> list[Way]:
 
 def rows_of(study: Study, reference: Reference, ways: list[Way]) -> pd.DataFrame:
     """Fly some ways and time them, in rounds; a row each."""
-    flown, tell = [], now_and_then(study.say, _EVERY_S)
+    flown, tell = [], progress_reporter(study.say, _EVERY_S)
     for number, way in enumerate(ways):
         block = way.fly(study.draws)
         tell(partial(_so_far, number + 1, len(ways)))
@@ -73,8 +73,8 @@ def _so_far(done: int, total: int, seconds: float) -> str:
 
 def _flown_again(block: Block) -> float:
     """Share of the cases of a block that were flown again."""
-    assert block.again is not None
-    return block.again.finer / len(block.status)
+    assert block.refinement is not None
+    return block.refinement.n_refined / len(block.status)
 
 
 def _row(way: Way, times: list[float], error: float, worst: str, few: bool) -> dict[str, Any]:

@@ -30,15 +30,15 @@ from sepmc.campaign.store import folders, manifests, shards
 from sepmc.campaign.store.row_selection import ALL, Keep, read_keep
 from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.engine.dispatch import (
-    check_every,
+    check_history_step,
+    check_int,
+    check_text,
     check_threads,
-    note_of_threads,
-    text,
+    thread_notes,
     using_threads,
-    whole,
 )
-from sepmc.kernel.spec.parameter_layout import make_plan
-from sepmc.paths import place
+from sepmc.kernel.spec.parameter_layout import make_parameter_layout
+from sepmc.paths import as_path
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
@@ -79,11 +79,11 @@ def load(
     return Campaign(read, before | as_text(settings or {}))
 
 
-class _Told(dict[str, Any]):
+class _NoCopyDict(dict[str, Any]):
     """Told of a history in its ``attrs``, of which pandas makes deep copies for every column that
     is taken from it: this one stays what it is."""
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "_Told":
+    def __deepcopy__(self, memo: dict[int, Any]) -> "_NoCopyDict":
         return self
 
 
@@ -134,13 +134,13 @@ class Campaign(Definition):
             ``notes``, sentences on what deserves a look, and the times (s) of ``releases`` by joint
             and of ``events`` by name, NaN of those that did not come.
         """
-        check_every(step_s, self.scene)
+        check_history_step(step_s, self.scene)
         if isinstance(case, Case):
-            if make_plan(case.scene).contents != self.plan.contents:
+            if make_parameter_layout(case.scene).contents != self.plan.contents:
                 said = "must be a case of this campaign: it has other columns"
                 raise InputError(f"case = {case!r}: {said}")
         elif case is not None:
-            case = self.case(whole("case", case, 0, CASES - 1))
+            case = self.case(check_int("case", case, 0, CASES - 1))
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         if unfit:
             scene = self.nominal().scene
@@ -165,15 +165,15 @@ class Campaign(Definition):
         notes = unfit + found.notes + together(scene, outcomes, which)
         _warn(notes, announce)
         frame.attrs = {
-            "units": _Told({"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}}),
-            "outcomes": _Told(outcomes),
-            "errors": _Told({c.name: float(x) for c, x in errors}),
+            "units": _NoCopyDict({"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}}),
+            "outcomes": _NoCopyDict(outcomes),
+            "errors": _NoCopyDict({c.name: float(x) for c, x in errors}),
             "status": found.status.label,
             "compiled": found.compiled,
             "notes": notes,
-            "releases": _Told({j: outcomes[c] for j, c in releases.items()}),
-            "events": _Told({e: outcomes[c] for e, c in events.items()}),
-            "springs": _Told(found.springs),
+            "releases": _NoCopyDict({j: outcomes[c] for j, c in releases.items()}),
+            "events": _NoCopyDict({e: outcomes[c] for e, c in events.items()}),
+            "springs": _NoCopyDict(found.springs),
         }
         return frame
 
@@ -275,17 +275,19 @@ class Campaign(Definition):
         run stops as it would have.
         """
         if resume and cases is None and out is not None:
-            cases = previous_run.own_cases(self, place(out))
+            cases = previous_run.own_cases(self, as_path(out))
         numbers, total = self.asked(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
         if max_failures is not None:
-            whole("max_failures", max_failures, 0)
+            check_int("max_failures", max_failures, 0)
         kept = None if keep is None else self._keep(keep, keep_columns, float32, out)
         if kept is None and (keep_columns or float32):
             raise InputError("keep_columns and float32 are of rows that are kept by keep")
         if resume and out is not None:
-            stats_only, kept, until = previous_run.as_it_began(place(out), stats_only, kept, until)
+            stats_only, kept, until = previous_run.as_it_began(
+                as_path(out), stats_only, kept, until
+            )
         stop = None if until is None else self.until(until, numbers)
         _check_crew(crew, out, until, (stats_only or bool(kept)) and not numbers.are_first)
         orders = Orders(
@@ -298,7 +300,7 @@ class Campaign(Definition):
             progress,
             announce,
         )
-        into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
+        into = nullcontext() if out is None else folders.opened(as_path(out), overwrite, resume)
         with using_threads(threads), into as folder:
             return self._run(folder, Draws(seed, numbers, total), resume, orders)
 
@@ -368,7 +370,7 @@ class Campaign(Definition):
             if folder:
                 chunks.save()
                 chunks.write_manifest(complete=chunks.held == chunks.wanted)
-        notes = [*chunks.notes, *note_of_threads(orders.threads)]
+        notes = [*chunks.notes, *thread_notes(orders.threads)]
         _warn(notes, announce)
         return Result(
             self,
@@ -389,9 +391,9 @@ class Campaign(Definition):
         """Rules by which rows are kept. Raises InputError with what is allowed."""
         if out is None:
             raise InputError(f"keep = {keep}: rows are kept in a folder; give out")
-        text("keep", keep, "failed,worst:20")
+        check_text("keep", keep, "failed,worst:20")
         if columns is not None:
-            text("keep_columns", columns, "in_*,separation_*")
+            check_text("keep_columns", columns, "in_*,separation_*")
         return read_keep(keep, columns, single, self.file.requirements, self.columns)
 
     def rare(
@@ -427,19 +429,19 @@ class Campaign(Definition):
             If ``out`` cannot be used as asked, or the requirement cannot be sought.
         """
         check_threads(threads)
-        target(self, text("requirement", requirement, "a name"))
+        target(self, check_text("requirement", requirement, "a name"))
         if resume and out is None:
             raise InputError("resume: needs out, the folder of the estimate")
-        into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
+        into = nullcontext() if out is None else folders.opened(as_path(out), overwrite, resume)
         with using_threads(threads), into as folder:
             found = seek(self, requirement, most, seed, threads, folder, progress, announce, resume)
-        found.notes.extend(note_of_threads(threads))
+        found.notes.extend(thread_notes(threads))
         _warn(found.notes, announce)
         return found
 
     def until(self, asked: str, numbers: Numbers) -> Until:
         """When to stop. Raises InputError if that cannot be told of these cases."""
-        text("until", asked, "separation_speed_m_s:0.01")
+        check_text("until", asked, "separation_speed_m_s:0.01")
         found = read_until(asked, [column.name for column in self.outcome_columns])
         if not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:
             what = "a sampler whose cases depend on how many there are"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.engine.dispatch import whole
+from sepmc.engine.dispatch import check_int
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError
 
@@ -145,11 +145,11 @@ def read(asked: Any, name: str = "cases") -> int | Numbers:
         return _of_text(asked.strip(), name)
     several = isinstance(asked, Iterable) and not isinstance(asked, bytes | Mapping)
     if several and getattr(asked, "ndim", None) != 0:
-        found = Numbers.of(whole(name, number, 0, CASES - 1) for number in asked)
+        found = Numbers.of(check_int(name, number, 0, CASES - 1) for number in asked)
         if not found.count:
             raise InputError(f"{name} = []: {_ASKED}")
         return found
-    return whole(name, asked, 1, CASES)
+    return check_int(name, asked, 1, CASES)
 
 
 def _of_text(text: str, name: str) -> int | Numbers:
@@ -159,7 +159,7 @@ def _of_text(text: str, name: str) -> int | Numbers:
             number = float(text)
         except ValueError:
             raise fault from None
-        return whole(name, number if number.is_integer() else text, 1, CASES)
+        return check_int(name, number if number.is_integer() else text, 1, CASES)
     ranges = []
     for part in text.split(","):
         ends = part.split(":")

@@ -18,8 +18,12 @@ from sepmc.campaign import cases
 from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.case_selection import read as read_numbers
 from sepmc.campaign.cases import OF_ITS_SIZE
-from sepmc.engine.dispatch import whole
-from sepmc.kernel.spec.parameter_layout import Plan, apart, make_plan
+from sepmc.engine.dispatch import check_int
+from sepmc.kernel.spec.parameter_layout import (
+    ParameterLayout,
+    make_parameter_layout,
+    separation_sign,
+)
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.limits import CASES, SEED
@@ -88,10 +92,10 @@ class Definition:
         return self.file.scene
 
     @cached_property
-    def plan(self) -> Plan:
+    def plan(self) -> ParameterLayout:
         """What the scene needs of a kernel. Raises SceneError if two columns of the case table
         would have one name."""
-        plan = make_plan(self.scene, dispersed=self.dispersed)
+        plan = make_parameter_layout(self.scene, dispersed=self.dispersed)
         plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
         names = Counter(
             column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)]
@@ -233,9 +237,9 @@ class Definition:
         InputError if there is no such case: of the plan, or of a sampler whose cases depend on how
         many there are."""
         sampling = self.drawn_as(total)
-        first = whole("first", first, 0, CASES - 1)
+        first = check_int("first", first, 0, CASES - 1)
         last = sampling.cases if self.scene.run.sampler in OF_ITS_SIZE else CASES
-        count = whole("count", count, 0, max(last - first, 0))
+        count = check_int("count", count, 0, max(last - first, 0))
         laws, inputs = self.file.dispersions, self.file.input_table
         table = cases.draw(laws, self._seed(seed), first, count, sampling)
         if inputs is not None:
@@ -277,7 +281,7 @@ class Definition:
     def drawn_as(self, total: int | None = None) -> cases.Sampling:
         """How so many cases are drawn. Raises InputError if so many cannot be."""
         run = self.scene.run
-        size = run.cases if total is None else whole("total", total, 1, CASES)
+        size = run.cases if total is None else check_int("total", total, 1, CASES)
         sampling = cases.Sampling(run.sampler, size, self.file.copulas)
         if fault := cases.size_fault(sampling, len(self.file.dispersions)):
             raise InputError(f"cases = {size}: {fault}")
@@ -302,7 +306,7 @@ class Definition:
         a Saltelli design has no other cases than its own."""
         total = self.scene.run.cases if total is None else total
         of_its_size = self.scene.run.sampler in cases.OF_ITS_SIZE
-        number = whole("case", number, 0, (total if of_its_size else CASES) - 1)
+        number = check_int("case", number, 0, (total if of_its_size else CASES) - 1)
         drawn = self.draw(number, 1, seed, total)[0]
         values = {
             d.parameter.path: float(x)
@@ -321,13 +325,13 @@ class Definition:
         if initial.path_reference is None:
             initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
         joints = {
-            name: msgspec.structs.replace(joint, apart=apart(self.scene, name))
+            name: msgspec.structs.replace(joint, apart=separation_sign(self.scene, name))
             for name, joint in self.scene.joint.items()
         }
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
     def _seed(self, seed: int | None) -> int:
-        return self.scene.run.seed if seed is None else whole("seed", seed, 0, SEED)
+        return self.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
 
     def implausible_inertias(self, drawn: np.ndarray) -> int:
         """Number of rows of a case table (n, d) in which some body's inertia breaks the triangle

@@ -25,7 +25,7 @@ from sepmc.campaign.execution.accuracy import Achieved, with_errors, with_scales
 from sepmc.campaign.execution.integration import Flight
 from sepmc.campaign.execution.sinks import Kept
 from sepmc.campaign.store import shards
-from sepmc.engine.dispatch import text, whole
+from sepmc.engine.dispatch import check_int, check_text
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError, RunWarning, nearest, warn
 from sepmc.scene.model import Requirement
@@ -112,7 +112,7 @@ class Result:
         if given:
             rows, outcomes = self._rows(), self.campaign.summarised[0]
             for term in given:
-                text("given", term, "joint.bolt.fails=1")
+                check_text("given", term, "joint.bolt.fails=1")
             held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)
             if not held.any():
                 warn(f"{in_words(given)}: holds in none of {len(held)} cases", RunWarning)
@@ -174,7 +174,7 @@ class Result:
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
         no such case."""
-        number, flown = whole("case", number, 0, CASES - 1), self._flown
+        number, flown = check_int("case", number, 0, CASES - 1), self._flown
         if number not in flown:
             raise InputError(f"case = {number}: must be one of those flown, {flown}")
         found = self.campaign.case(number, self.seed, self.total)

@@ -95,9 +95,9 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         loaded = load_campaign(file, settings)
         from sepmc.campaign.execution import step_selection
         from sepmc.kernel.emit.module import features
-        from sepmc.kernel.spec.structure import make_shape
+        from sepmc.kernel.spec.structure import make_kernel_spec
 
-        shape = make_shape(loaded.plan, loaded.dispersed)
+        shape = make_kernel_spec(loaded.plan, loaded.dispersed)
         if code:
             for line in shape.names.legend:
                 click.echo(fill(line, 100, initial_indent="# ", subsequent_indent="#   "))
@@ -118,7 +118,9 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         inside, outside = features(shape)
         click.echo("  kernel       written for the scene (print it with --code)")
         called = shape.names.back
-        for stage, stage_name in zip(shape.stages, step_selection.stage_names(loaded), strict=True):
+        for stage, stage_name in zip(
+            shape.segments, step_selection.stage_names(loaded), strict=True
+        ):
             groups = [
                 " and ".join(called.get(body, body) for body in group)
                 for group in stage.groups
@@ -259,11 +261,14 @@ def compile_(
         loaded = load_campaign(file, settings)
         from sepmc.campaign.execution import step_selection
         from sepmc.engine.dispatch import load_kernel
-        from sepmc.kernel.spec.structure import make_shape
-        from sepmc.routines.layout import USUAL
+        from sepmc.kernel.spec.structure import make_kernel_spec
+        from sepmc.kernel.spec.variant import Variant
 
         history = loaded.scene.run.history_step > 0.0 and not stats_only
-        cares = [USUAL, *(make_shape(loaded.plan, loaded.dispersed).spares if spares else [])]
+        cares = [
+            Variant.STANDARD,
+            *(make_kernel_spec(loaded.plan, loaded.dispersed).fallbacks if spares else []),
+        ]
         start = time.perf_counter()
         for care in cares:
             load_kernel(step_selection.kernel_text(loaded, history=history, care=care), say)

@@ -76,11 +76,11 @@ class Place(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Its path."""
-        from sepmc.paths import PlaceError, place
+        from sepmc.paths import PathError, as_path
 
         try:
-            return place(value)
-        except PlaceError as error:
+            return as_path(value)
+        except PathError as error:
             self.fail(str(error), param, ctx)
 
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sepmc.cli.figures import draw_figures
-from sepmc.paths import is_of_storage
+from sepmc.paths import is_storage_error
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -96,7 +96,7 @@ def plain_errors(quiet: bool) -> Iterator[None]:
     except Exception as error:
         # by name: their modules take a while to import
         known = ("StoreError", "ClusterError", "OutOfStepError")
-        if any(kind.__name__ in known for kind in type(error).__mro__) or is_of_storage(error):
+        if any(kind.__name__ in known for kind in type(error).__mro__) or is_storage_error(error):
             click.echo(f"error: {error}", err=True)
             sys.exit(2)
         raise

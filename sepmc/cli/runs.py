@@ -326,10 +326,10 @@ def run(
     say = speaker(quiet)
     with plain_errors(quiet):
         from sepmc.cli.single import check_held, tell_single
-        from sepmc.paths import place
+        from sepmc.paths import as_path
 
         loaded = load_campaign(file, settings)
-        check_held(place(file), number, seed, loaded.file.input_table is not None)
+        check_held(as_path(file), number, seed, loaded.file.input_table is not None)
         code = tell_single(loaded, number, seed, every_s, out, overwrite, say, not no_plots)
     sys.exit(code)
 

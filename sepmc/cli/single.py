@@ -37,10 +37,10 @@ def tell_single(
     from sepmc import schema
     from sepmc.campaign.execution.accuracy import without_noise
     from sepmc.campaign.store import folders, manifests
-    from sepmc.engine.dispatch import check_every
+    from sepmc.engine.dispatch import check_history_step
     from sepmc.paths import is_local
 
-    check_every(every_s, loaded.scene, "--every-s")
+    check_history_step(every_s, loaded.scene, "--every-s")
     about = "nominal case" if number is None else f"case {number}"
     case = loaded.nominal() if number is None else loaded.case(number, seed)
     folder = out or folders.next_folder(

@@ -33,7 +33,7 @@ from sepmc.campaign.execution.integration import by_name
 from sepmc.campaign.execution.step_selection import plan_flight
 from sepmc.campaign.store.untrusted_files import StoreError
 from sepmc.cli import app
-from sepmc.kernel.spec.structure import make_shape
+from sepmc.kernel.spec.structure import make_kernel_spec
 
 STAGES = ("import", "pilot", "kernel", "statistics")
 
@@ -250,8 +250,8 @@ def test_flops_of_a_case(study):
     assert (counted.evaluations["locked"], counted.evaluations["free"]) == (9, 15)
     assert 300.0 < counted.evaluation < 3000.0
     active = [
-        make_shape(study.campaign.plan).active(stage)
-        for stage in make_shape(study.campaign.plan).stages
+        make_kernel_spec(study.campaign.plan).active_size(segment)
+        for segment in make_kernel_spec(study.campaign.plan).segments
     ]
     assert counted.sums > 12 * sum(active)
 

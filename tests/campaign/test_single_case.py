@@ -149,7 +149,7 @@ def test_many_steps_are_compiled(pair, monkeypatch):
     is told."""
     heard = []
     # as if nothing had been compiled before
-    monkeypatch.setattr(kernel_cache, "missing", lambda pieces: list(pieces.names))
+    monkeypatch.setattr(kernel_cache, "missing_units", lambda pieces: list(pieces.names))
     campaign = pair(
         {
             "phase": [{"name": "free"}],
@@ -167,7 +167,7 @@ def test_many_steps_are_compiled(pair, monkeypatch):
 
 def test_nothing_is_compiled(tmp_path, monkeypatch):
     """`sepmc run table1.toml` with an empty cache."""
-    monkeypatch.setattr(kernel_cache, "compile_apart", None)
+    monkeypatch.setattr(kernel_cache, "compile_in_subprocesses", None)
     result = CliRunner().invoke(
         app.main,
         ["run", "table1.toml", "--out", str(tmp_path / "one"), "--every-s", "0.05", "--no-plots"],

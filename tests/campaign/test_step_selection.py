@@ -255,8 +255,8 @@ def test_errors_are_shares_of_what_statistics_are_of():
     block = SimpleNamespace(
         status=np.array([ok, never, ok, other, ok]),
         outcomes=np.array([[1.0], [50.0], [1.2], [NAN], [1.4]]),
-        flown=np.array([True, True, True, False, True]),
-        guarded=np.array([True, True, True, True, False]),
+        has_outcomes=np.array([True, True, True, False, True]),
+        has_indicators=np.array([True, True, True, True, False]),
     )
     assert_array_equal(step_selection._ended(block, None), [[1.0], [1.2]])
     assert_array_equal(step_selection._ended(block, 0.1), [[1.0], [1.2], [1.4]])
@@ -362,7 +362,7 @@ def true_error(campaign, flight, count):
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
     return step_selection.relative_error(
         here.outcomes[ok, :n], fine.outcomes[ok, :n], [c.unit for c in columns], scale
-    ).max(), here.again
+    ).max(), here.refinement
 
 
 @pytest.mark.parametrize("name", HARD)
@@ -379,9 +379,9 @@ def test_the_error_told_is_the_error_there_is(table2, name):
     assert result.accuracy.met
     seldom = [note for note in result.notes if "occurred in" in note]
     assert (len(seldom), result.notes) == (int(name == "a rare value"), seldom)
-    assert again.spare == again.unsettled == 0
+    assert again.n_fallback == again.n_unconverged == 0
     if "spin" in name:
-        assert again.finer > 50
+        assert again.n_refined > 50
 
 
 def test_what_trial_cases_tell_does_not_depend_on_seed_or_cases(table2):
@@ -616,8 +616,10 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
         errors(flown.outcomes[:, judged], right[:, judged], flight.scale[judged]).max(axis=1)
         for flown in (once, block)
     )
-    told = max(SAFETY * flight.error, block.again.error[decisive(campaign.outcome_columns)].max())
-    assert block.again.finer == 2
+    told = max(
+        SAFETY * flight.error, block.refinement.error[decisive(campaign.outcome_columns)].max()
+    )
+    assert block.refinement.n_refined == 2
     assert before[0] > 50.0 * SAFETY * flight.error
     assert now.max() <= told
     assert "solver.step_s" in settings or told <= campaign.scene.solver.accuracy
@@ -689,7 +691,7 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
         # a row's own error is known to a factor of 3
         assert (found <= np.maximum(3.0 * block.error, 1e-12)).all()
         if not settings:
-            of_cases = flight.estimate.largest(block.again.error, block.again.guards)
+            of_cases = flight.estimate.largest(block.refinement.error, block.refinement.indicators)
             told = max(flight.achieved.errors[name], of_cases[k])
             assert found.max() <= max(told, 1e-12)
 
@@ -738,7 +740,7 @@ def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
     """Sideslip of still air; one beyond what trial cases had is."""
     usual = Flight(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
     found = np.array([[0.4], [0.6], [NAN]])
-    block = Block(found, *np.zeros((5, 3)), guards=np.zeros((3, 1)))
+    block = Block(found, *np.zeros((5, 3)), indicators=np.zeros((3, 1)))
     assert_array_equal(_is_like_trials(usual, block), [True, False, True])
 
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
-from sepmc.kernel.spec.parameter_layout import make_plan
+from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.scene import model
 from sepmc.scene.fields import fields_of
 from sepmc.scene.messages import SceneError
@@ -126,7 +126,7 @@ def test_to_si():
 def test_parameters_round_trip():
     """Every number a kernel reads can be found, read and replaced, and replacing one changes no
     other."""
-    plan = make_plan(SCENE)
+    plan = make_parameter_layout(SCENE)
     before = {path: value(SCENE, path) for path in plan.slots}
     for path, number in before.items():
         other = replace(SCENE, {path: number + 1.0})

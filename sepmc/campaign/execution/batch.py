@@ -10,7 +10,7 @@ from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import Tally, count
 from sepmc.campaign.execution.integration import Flight, Say, fly, history_rows
-from sepmc.engine.dispatch import Block, waited_for_compilers
+from sepmc.engine.dispatch import Block, compile_wait_s
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,10 @@ def fly_piece(
     clock = time.perf_counter
     t0 = clock()
     drawn = campaign.draw(first, end - first, draws.seed, draws.total)
-    t1, waited = clock(), waited_for_compilers()
+    t1, waited = clock(), compile_wait_s()
     room = history_rows(campaign.scene) if with_histories else 0
     block = fly(campaign, flight, campaign.in_si(drawn), room, announce)
-    waited = waited_for_compilers() - waited  # for a kernel that few cases need
+    waited = compile_wait_s() - waited  # for a kernel that few cases need
     timing["sample"] += t1 - t0
     timing["compile"] += waited
     timing["kernel"] += clock() - t1 - waited

@@ -72,19 +72,19 @@ def read(text: str | bytes) -> Tally:
 
 def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
     """The tally of cases that were flown together, from draws (n, d) in the units of the file."""
-    columns, again = campaign.outcome_columns, block.again
+    columns, again = campaign.outcome_columns, block.refinement
     outcomes = {c.name: x for c, x in zip(columns, block.outcomes.T, strict=False)}
     errors = np.zeros(len(columns)) if again is None else again.error
     return Tally(
         int(np.count_nonzero(block.status != Status.OK)),
         campaign.implausible_inertias(drawn),
-        again.finer if again else 0,
-        again.spare if again else 0,
-        again.unsettled if again else 0,
+        again.n_refined if again else 0,
+        again.n_fallback if again else 0,
+        again.n_unconverged if again else 0,
         dict(least_at_the_end(campaign, outcomes, drawn)),
         count_missing(campaign, outcomes, block.status == Status.OK),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
-        tuple(again.guards.tolist()) if again else (),
+        tuple(again.indicators.tolist()) if again else (),
         rare_values.count(campaign.rare_values, drawn),
     )
 

@@ -30,7 +30,7 @@ from sepmc.campaign.execution.limit_state import LABELS, Flights, Seldom, Target
 from sepmc.campaign.execution.missing_events import missing_notes
 from sepmc.campaign.execution.step_selection import plan_flight
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.engine.dispatch import whole
+from sepmc.engine.dispatch import check_int
 from sepmc.scene.limits import SEED
 from sepmc.schema import Column, Status
 
@@ -133,8 +133,8 @@ def seek(
 ) -> Rare:
     """Estimate how rarely a requirement is violated, in so many flights at ``most``; into a folder
     that is open, if one is given, in which an interrupted estimate can be resumed."""
-    aim, most = target(campaign, name), whole("flights", most, _LEAST, _LIMIT)
-    seed = campaign.scene.run.seed if seed is None else whole("seed", seed, 0, SEED)
+    aim, most = target(campaign, name), check_int("flights", most, _LEAST, _LIMIT)
+    seed = campaign.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
     begun, started = datetime.now(UTC), time.perf_counter()
     asked = _asked(campaign, aim, most, seed)
     earlier = _begin(campaign, folder, asked, resume) if folder else []

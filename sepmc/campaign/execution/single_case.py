@@ -18,14 +18,15 @@ from sepmc.campaign.execution.integration import (
     usual_lengths,
 )
 from sepmc.campaign.execution.step_refinement import longest_step, settle_one
-from sepmc.engine.dispatch import fly_everything, interpreted, load_kernel, now_and_then
+from sepmc.engine.dispatch import integrate_nominal, interpreted, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
-from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, OutOfWorkError, Work
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, Work, WorkLimitError
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.naming import Names
-from sepmc.kernel.spec.parameter_layout import Plan, make_plan
-from sepmc.kernel.spec.structure import brief_transient, make_shape
-from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
+from sepmc.kernel.spec.parameter_layout import ParameterLayout, make_parameter_layout
+from sepmc.kernel.spec.structure import brief_transient, make_kernel_spec
+from sepmc.kernel.spec.variant import Variant
+from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
@@ -53,7 +54,7 @@ class Single:
     outcomes, if it has any; whether its kernel was ``compiled``; when ``springs`` with a stroke
     came to its end, s, NaN of those that did not."""
 
-    plan: Plan
+    plan: ParameterLayout
     status: Status
     outcomes: np.ndarray
     times: np.ndarray
@@ -93,24 +94,24 @@ def fly_single(
     at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
     work than plain Python does in some ten seconds. If so many lines of ``plain_work`` are given,
     nothing is compiled, and what takes more raises UnknownError."""
-    plan, care = make_plan(scene), USUAL
+    plan, care = make_parameter_layout(scene), Variant.STANDARD
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
-        shape = make_shape(plan, care=care)
+        shape = make_kernel_spec(plan, variant=care)
         flight = _SingleFlight(shape, plan, columns, every_s, announce, work, plain_work is None)
         try:
             return flight.fly()
         except _LostError as lost:
             status, finite = np.array(lost.status), np.array(flight.finite)
-            more = [spare for spare in shape.spares if helped(status, spare, finite)]
+            more = [spare for spare in shape.fallbacks if helped(status, spare, finite)]
             if not more:
                 return flight.lost(lost.status)
-            care = more[0] if lost.status != LEAST_SQUARES else LEAST_SQUARES
+            care = more[0] if lost.status != Variant.LEAST_SQUARES else Variant.LEAST_SQUARES
 
 
 def invalid(scene: Scene, columns: int) -> Single:
     """A case with a parameter that may not be: nothing is flown."""
-    plan = make_plan(scene)
+    plan = make_parameter_layout(scene)
     rows = np.empty((0, len(schema.history_columns(plan.contents))))
     return Single(
         plan,
@@ -128,8 +129,8 @@ class _SingleFlight:
 
     def __init__(
         self,
-        shape: Shape,
-        plan: Plan,
+        shape: KernelSpec,
+        plan: ParameterLayout,
         columns: list[Column],
         every_s: float,
         announce: Say | None,
@@ -146,12 +147,12 @@ class _SingleFlight:
         self.text, self.compiled = written(shape, plan.scene.solver.method, FULL_HISTORY), False
         with interpreted():
             self.kernel = load_kernel(self.text)
-        stages = self.kernel.stages
+        stages = self.kernel.n_segments
         self.usual = np.full(stages, np.inf)
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
         # ends of stages and changes of joints, by steps and what stages usually last
         self.known: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
-        self.tell = now_and_then(announce, EVERY_S)
+        self.tell = progress_reporter(announce, EVERY_S)
         self.work, self.may_compile = work, may_compile
         self.per_step = 0.0  # lines for each step of a stage, of the last flight in plain Python
         # steps and outcomes of the flights, in more and more steps, that came to an end
@@ -165,7 +166,7 @@ class _SingleFlight:
 
     def fly(self) -> Single:
         """The case. Raises _LostError if the kernel does not vouch for it."""
-        scene, steps = self.plan.scene, np.ones(self.kernel.stages, dtype=np.int64)
+        scene, steps = self.plan.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
         if scene.solver.step is None:
             steps, error, notes = self._settled(steps)
             return self._told(self._with_rows(steps, notes), error)
@@ -198,7 +199,7 @@ class _SingleFlight:
         in finer steps than so many (stages,). Returns its outcomes, if it came to its end."""
         solver, most = self.plan.scene.solver, _MOST if self.compiled else _PLAIN
         assert solver.step is not None
-        known = self.kernel.stages == 1  # it lasts as long as the flight
+        known = self.kernel.n_segments == 1  # it lasts as long as the flight
         affordable = most * solver.step / self.plan.scene.run.end_time
         for times in _TO_LEARN:
             if times > _TO_LEARN[0] and (known or times > affordable):
@@ -211,7 +212,7 @@ class _SingleFlight:
     def _once(
         self, steps: np.ndarray, instants: np.ndarray = _NONE
     ) -> tuple[np.ndarray, int, np.ndarray]:
-        stages, self.steps = self.kernel.stages, steps
+        stages, self.steps = self.kernel.n_segments, steps
         given = self.plan.scene.solver.step is not None
         how = "" if given else f", now in {steps.max()} steps a phase"
         self.tell(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
@@ -229,7 +230,7 @@ class _SingleFlight:
         return self.outcomes, status, rows
 
     def _flown(self, steps: np.ndarray, instants: np.ndarray) -> Any:
-        """What `fly_everything` gives: in plain Python, or compiled once that works too much."""
+        """What `integrate_nominal` gives: in plain Python, or compiled once that works too much."""
         most = float(steps.max())
         if not self.compiled:
             self._foretell(self.per_step * most)
@@ -237,14 +238,14 @@ class _SingleFlight:
             before = self.work.done
             try:
                 with self.work.counted():
-                    found = fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+                    found = integrate_nominal(self.kernel, self.plan, steps, self.usual, instants)
                 if not len(instants):
                     self.per_step = (self.work.done - before) / most
                 return found
-            except OutOfWorkError:
+            except WorkLimitError:
                 self.per_step = max(self.per_step, (self.work.done - before) / most)
                 self._compile(self._time())
-        return fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+        return integrate_nominal(self.kernel, self.plan, steps, self.usual, instants)
 
     def _foretell(self, lines: float) -> None:
         """Say how long a flight of so many lines in plain Python will take, if that is long;
@@ -287,15 +288,15 @@ class _SingleFlight:
 
     def _springs(self, changes: np.ndarray) -> dict[str, float]:
         """When strokes end of springs, by their names, from the times (n,) of ``_moments``, of
-        which theirs come last (`sepmc.kernel.emit.context.Context.sudden`)."""
-        back, spent = Names(self.plan.scene).back, self.shape.spent
+        which theirs come last (`sepmc.kernel.emit.context.Context.change_times`)."""
+        back, spent = Names(self.plan.scene).back, self.shape.stroke_springs
         times = changes[len(changes) - len(spent) :].tolist()
         return {back[name]: time for name, time in zip(spent, times, strict=True)}
 
     def _moments(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends of stages (stages,) and times at which joints let go within (n,) of a flight in so
         many steps (stages,), which is flown if that is not known."""
-        if self.kernel.stages == 1 and self.kernel.changes == 0:
+        if self.kernel.n_segments == 1 and self.kernel.n_changes == 0:
             return np.array([self.plan.scene.run.end_time]), np.empty(0)
         flown = steps.tobytes(), self.usual.tobytes()
         if flown not in self.known:
@@ -372,7 +373,7 @@ class _SingleFlight:
         found, status, _ = self._once(steps)
         if 0 <= status <= Status.NEVER_RELEASED:
             self.ended.append((steps, found.copy()))
-        spared = steps.max() > _HOPELESS and ANY_ORDER in self.shape.spares
+        spared = steps.max() > _HOPELESS and Variant.ANY_ORDER in self.shape.fallbacks
         if status < FINER_STEPS or (status == FINER_STEPS and spared):
             raise _LostError(status)
         return found, status
@@ -423,7 +424,7 @@ class _SingleFlight:
 
 
 def _instants(
-    shape: Shape, ends: np.ndarray, changes: np.ndarray, every_s: float
+    shape: KernelSpec, ends: np.ndarray, changes: np.ndarray, every_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times, stages and sides (n, 3) of the rows of a history, and their phases (n,), by number:
     every so many seconds, and both sides of the end of a phase and of the ``changes`` of joints
@@ -432,11 +433,11 @@ def _instants(
     found: list[tuple[float, int, int]] = []
     phases: list[int] = []
     begin = 0.0
-    for number, (stage, end) in enumerate(zip(shape.stages, ends, strict=True)):
-        late = 0.0 if stage.delay is None else float(shape.plan.nominal[stage.delay])
+    for number, (segment, end) in enumerate(zip(shape.segments, ends, strict=True)):
+        late = 0.0 if segment.delay is None else float(shape.layout.nominal[segment.delay])
         for until, phase in (
             (max(begin, end - late), _phase(shape, number)),
-            (end, _phase(shape, number + (stage.delay is not None))),
+            (end, _phase(shape, number + (segment.delay is not None))),
         ):
             if until - begin > _SAME_TIME:
                 within = np.unique(
@@ -457,7 +458,7 @@ def _instants(
     return np.array(found), np.array(phases)
 
 
-def _phase(shape: Shape, number: int) -> int:
-    """The phase of a stage; that in which joints are late is part of the next."""
-    following = next(stage for stage in shape.stages[number:] if not stage.late)
+def _phase(shape: KernelSpec, number: int) -> int:
+    """The phase of a segment; that in which joints are late is part of the next."""
+    following = next(segment for segment in shape.segments[number:] if not segment.late)
     return [phase.name for phase in shape.scene.phase].index(following.phase)

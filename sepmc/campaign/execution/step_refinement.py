@@ -8,7 +8,7 @@ import numpy as np
 
 from sepmc.campaign.cases import extremes, quantile
 from sepmc.campaign.execution.accuracy import decisive, errors, scales, scene_scales
-from sepmc.engine.dispatch import one_of
+from sepmc.engine.dispatch import status_in
 from sepmc.kernel.spec.heights import rows_step
 from sepmc.kernel.spec.methods import method
 from sepmc.scene.dispersion import Dispersion
@@ -85,8 +85,8 @@ def changes(
     case that ends otherwise there is infinitely wrong, and one that both steps are too long for is
     wrong altogether. A case that cannot be flown has no error."""
     table = errors(found, finer, scale)
-    table[(status == finer_status) & ~one_of(status, _FLOWN)] = 0.0
-    table[np.ix_((status == finer_status) & one_of(status, TOO_LONG), decides)] = 1.0
+    table[(status == finer_status) & ~status_in(status, _FLOWN)] = 0.0
+    table[np.ix_((status == finer_status) & status_in(status, TOO_LONG), decides)] = 1.0
     table[np.ix_(status != finer_status, decides)] = np.inf
     return table
 
@@ -94,9 +94,9 @@ def changes(
 def _too_early(fly: Fly, step: float, cases: np.ndarray, status: np.ndarray) -> np.ndarray:
     """Which of some cases (n,) or draws (n, d), flown at a step, left the air or a table or jammed
     only because it is far too long."""
-    found = one_of(status, DOUBTFUL)
+    found = status_in(status, DOUBTFUL)
     if found.any():
-        found[found] = ~one_of(fly(step / _SURE, cases[found])[1], DOUBTFUL)
+        found[found] = ~status_in(fly(step / _SURE, cases[found])[1], DOUBTFUL)
     return found
 
 
@@ -128,11 +128,11 @@ def settle(
         step *= 0.5
         finer, finer_status = fly(step, left)
         now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
-        waiting = early[left] & one_of(finer_status, DOUBTFUL)
+        waiting = early[left] & status_in(finer_status, DOUBTFUL)
         now[np.ix_(waiting & (status[left] == finer_status), decides)] = 1.0
         worst = now[:, decides].max(axis=1, initial=0.0)
         agreed[left] = np.where(worst <= goal, agreed[left] + 1, 0)
-        fell = (worst <= 0.5 * least[left]) | one_of(finer_status, TOO_LONG) | waiting
+        fell = (worst <= 0.5 * least[left]) | status_in(finer_status, TOO_LONG) | waiting
         stale[left] = np.where(fell, 0, stale[left] + 1)
         least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
         first = np.isinf(last[left]) | (agreements == 1)

@@ -8,7 +8,7 @@ import numpy as np
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import errors
 from sepmc.campaign.execution.integration import usual_lengths
-from sepmc.engine.dispatch import fly_cases
+from sepmc.engine.dispatch import integrate_cases
 from sepmc.engine.written_kernel import Kernel
 from sepmc.schema import Status
 
@@ -41,11 +41,11 @@ def mostly(verdict: np.ndarray) -> bool:
 def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
     """How long stages usually last, s, shape (stages,): the median of some cases (n, d), SI. None
     if the kernel can fly none."""
-    usual, steps = np.full(kernel.stages, np.inf), np.full(kernel.stages, 2)
+    usual, steps = np.full(kernel.n_segments, np.inf), np.full(kernel.n_segments, 2)
     while steps.max() <= _MOST_STEPS:
-        block, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        block, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == Status.OK
-        sound = sound if sound.any() else block.flown
+        sound = sound if sound.any() else block.has_outcomes
         if sound.any():
             return usual_lengths(ends, sound)
         steps *= 2

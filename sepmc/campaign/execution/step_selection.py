@@ -45,12 +45,12 @@ from sepmc.campaign.execution.step_search import (
     mostly,
     usual_phases,
 )
-from sepmc.engine.dispatch import Block, fly_cases, load_kernel, now_and_then
+from sepmc.engine.dispatch import Block, integrate_cases, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec import structure
 from sepmc.kernel.spec.methods import method
-from sepmc.routines.layout import USUAL
+from sepmc.kernel.spec.variant import Variant
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
@@ -77,37 +77,42 @@ _ALIKE_LOADS = 0.2
 
 
 def kernel_text(
-    campaign: Definition, solver: str | None = None, history: bool = False, care: int = USUAL
+    campaign: Definition,
+    solver: str | None = None,
+    history: bool = False,
+    care: int = Variant.STANDARD,
 ) -> str:
     """The kernel written for a campaign, as a Python module: by another ``solver`` (the name of its
     methods), or one that takes more ``care``, if that is asked for."""
     return written(
-        structure.make_shape(campaign.plan, campaign.dispersed, care),
+        structure.make_kernel_spec(campaign.plan, campaign.dispersed, care),
         solver or campaign.scene.solver.method,
         history,
     )
 
 
-def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
-    """What the stages of a campaign's kernel are, in the words of its file."""
-    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
+def stage_names(campaign: Definition, care: int = Variant.STANDARD) -> list[str]:
+    """What the segments of a campaign's kernel are, in the words of its file."""
+    found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, care)
     return [
-        found.names.back[stage.phase] + (" (late joints)" if stage.late else "")
-        for stage in found.stages
+        found.names.back[segment.phase] + (" (late joints)" if segment.late else "")
+        for segment in found.segments
     ]
 
 
-def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tuple[Spare, ...]:
+def spares(
+    campaign: Definition, history: bool = False, care: int = Variant.STANDARD
+) -> tuple[Spare, ...]:
     """What flies cases that the kernel written for a campaign with some care loses."""
-    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
+    found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, care)
     phases = [phase.name for phase in found.scene.phase]
-    numbers = np.array([phases.index(stage.phase) for stage in found.stages])
+    numbers = np.array([phases.index(segment.phase) for segment in found.segments])
 
     @cache
     def make(care: int, announce: Say | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, care=care), announce)
 
-    return tuple(Spare(more, partial(make, more), numbers) for more in found.spares)
+    return tuple(Spare(more, partial(make, more), numbers) for more in found.fallbacks)
 
 
 def corners(campaign: Definition) -> np.ndarray:
@@ -183,7 +188,7 @@ def _is_wide(law: Dispersion) -> bool:
 
 def plan_flight(campaign: Definition, history: bool = False, announce: Say | None = None) -> Flight:
     """Choose how to fly a campaign to the accuracy it asks for."""
-    care = USUAL
+    care: int = Variant.STANDARD
     while True:
         kernel = load_kernel(kernel_text(campaign, history=history, care=care), announce)
         _tell_trials(announce)
@@ -213,7 +218,7 @@ def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) ->
     """With what care a kernel may fly most of the corners that this one loses; None if there is
     none."""
     steps, usual = _unknown(kernel)
-    block, _ = fly_cases(
+    block, _ = integrate_cases(
         kernel, campaign.plan, _SPREAD_STEPS * steps, usual, campaign.slots, corners(campaign)
     )
     for spare in left:
@@ -225,7 +230,7 @@ def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) ->
 
 def _unknown(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
     """Steps (stages,), and how long stages usually last, while nothing is known of that."""
-    return np.full(kernel.stages, _SPREAD_STEPS), np.full(kernel.stages, np.inf)
+    return np.full(kernel.n_segments, _SPREAD_STEPS), np.full(kernel.n_segments, np.inf)
 
 
 def _each_by_itself(
@@ -239,18 +244,18 @@ def _each_by_itself(
     steps, usual = _unknown(kernel)
     steps = steps if given is None else np.ones_like(steps)
     units = [c.unit for c in campaign.outcome_columns]
-    own, nothing = scene_scales(campaign.scene, units), np.full(kernel.guards, -np.inf)
+    own, nothing = scene_scales(campaign.scene, units), np.full(kernel.n_indicators, -np.inf)
     flight = Flight(kernel, steps, usual, stages, given, SMALL * own, nothing, spares=left)
     block = fly(campaign, flight, draws)
-    assert block.again is not None
+    assert block.refinement is not None
     ok, decides = block.status == Status.OK, decisive(campaign.outcome_columns)
-    told = achieved(campaign, block.again.error / SAFETY, int(np.count_nonzero(ok)))
+    told = achieved(campaign, block.refinement.error / SAFETY, int(np.count_nonzero(ok)))
     nominal = block.outcomes[0, : len(units)] if ok[0] else None
     scale = scales(block.outcomes[ok][:, : len(units)], units, own)
     return replace(
         flight,
         scale=scale,
-        error=float(block.again.error[decides].max(initial=0.0)) / SAFETY,
+        error=float(block.refinement.error[decides].max(initial=0.0)) / SAFETY,
         achieved=told,
         nominal=nominal,
     )
@@ -290,7 +295,7 @@ def _tell_trials(announce: Say | None) -> None:
 
 def _counted(announce: Say | None) -> Callable[[int], None]:
     """What is told of every so many flights of trial cases: now and then, how many there were."""
-    tell, total = now_and_then(announce, EVERY_S), 0
+    tell, total = progress_reporter(announce, EVERY_S), 0
 
     def count(flights: int) -> None:
         nonlocal total
@@ -337,7 +342,7 @@ def _choose_steps(
     def block_of(
         steps: np.ndarray, draws: np.ndarray, methods: np.ndarray | None = None, room: int = 0
     ) -> Block:
-        block, _ = fly_cases(
+        block, _ = integrate_cases(
             kernel, campaign.plan, steps, usual, campaign.slots, draws, room, methods
         )
         tell(len(draws))
@@ -353,16 +358,16 @@ def _choose_steps(
         _SPREAD_STEPS if given is None else 1,
         np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]]),
     )
-    few = block_of(np.full(kernel.stages, spread), some)
+    few = block_of(np.full(kernel.n_segments, spread), some)
     # a body may turn too far in a step for any of them
     while not mostly(_verdict(few, given)) and spread < _MOST_SPREAD:
         spread *= 2
-        few = block_of(np.full(kernel.stages, spread), some)
+        few = block_of(np.full(kernel.n_segments, spread), some)
     scale = scales(_ended(few, given)[:, : len(units)], units, scene_scales(campaign.scene, units))
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
         search = Search(flown, tried, scale, goal, decides, evaluations)
-        fewest = search.fewest(least) if given is None else search.of_one_step(kernel.stages)
+        fewest = search.fewest(least) if given is None else search.of_one_step(kernel.n_segments)
         if fewest is None:
             return None
         steps = fewest
@@ -398,10 +403,10 @@ def _choose_steps(
         largest = np.maximum(largest, _doubted(finely_flown, vouched, goal, scale, decides))
     limits, angles = _limits(campaign, trials), _angles(campaign, trials)
     largest = np.maximum(largest, _unseen(campaign, trials, scale))
-    assert trials.guards is not None
-    told_by_guards = trials.guarded[known_of]  # with a step that is given, maybe not all
+    assert trials.indicators is not None
+    told_by_guards = trials.has_indicators[known_of]  # with a step that is given, maybe not all
     own = estimate(
-        trials.guards[known_of][told_by_guards],
+        trials.indicators[known_of][told_by_guards],
         known[told_by_guards],
         SAFETY * search.of_reference,
         _left_out(campaign, trials, scale),
@@ -437,7 +442,7 @@ def _choose_steps(
 def _verdict(block: Block, given: float | None) -> np.ndarray:
     """Of which cases (n,) a kernel vouches for the outcomes: those with a guard that is not known
     are flown again, unless the step is ``given``."""
-    vouched = block.flown & (given is not None or block.guarded)
+    vouched = block.has_outcomes & (given is not None or block.has_indicators)
     return np.where(
         block.status > Status.NEVER_RELEASED, NO_OUTCOMES, np.where(vouched, VOUCHED, IN_DOUBT)
     )
@@ -454,12 +459,12 @@ def _ended(block: Block, given: float | None) -> np.ndarray:
 def _limits(campaign: Definition, trials: Block) -> np.ndarray:
     """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little
     more, or what no outcome would show."""
-    assert trials.guards is not None
-    sound = trials.guards[(trials.status == Status.OK) & trials.guarded]
+    assert trials.indicators is not None
+    sound = trials.indicators[(trials.status == Status.OK) & trials.has_indicators]
     speed, rate = (
         SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
     )
-    unseen = np.zeros(trials.guards.shape[1])
+    unseen = np.zeros(trials.indicators.shape[1])
     of_states = 3 * len(campaign.plan.bodies)
     unseen[:of_states] = np.resize([speed, rate * campaign.scene.run.end_time, rate], of_states)
     units, impulses = [column.unit for column in campaign.outcome_columns], _impulses(campaign)
@@ -485,7 +490,7 @@ def _unseen(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarra
     """Error (o,) that outcomes may have without a guard that tells: what polynomials may leave out
     of impulses (`_limits`)."""
     found, impulses = np.zeros(len(scale)), _impulses(campaign)
-    sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
+    sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
     left_out = _UNSEEN_LOADS * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
     found[impulses] = _over_least(left_out / SAFETY, sizes, scale[impulses])
     return found
@@ -494,10 +499,10 @@ def _unseen(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarra
 def _left_out(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
     """Error (o, g) that outcomes may have for each unit of a guard: impulses, for what polynomials
     leave out of them."""
-    assert trials.guards is not None
+    assert trials.indicators is not None
     impulses = _impulses(campaign)
-    found = np.zeros((len(scale), trials.guards.shape[1]))
-    sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
+    found = np.zeros((len(scale), trials.indicators.shape[1]))
+    sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
     guards = found.shape[1] - len(impulses) + np.arange(len(impulses))
     found[impulses, guards] = _over_least(np.array(SAFETY), sizes, scale[impulses])
     return found
@@ -554,5 +559,5 @@ def left_to_compile(text: str) -> tuple[int, int]:
     """How many pieces of a kernel are not in the cache of compiled ones, and how many it has."""
     from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (numba)
 
-    pieces = compiled.pieces_of(text)
-    return len(compiled.missing(pieces)), len(pieces.names)
+    pieces = compiled.compile_units_of(text)
+    return len(compiled.missing_units(pieces)), len(pieces.names)

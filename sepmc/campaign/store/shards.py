@@ -18,7 +18,7 @@ from sepmc.analysis.stored_statistics import Told
 from sepmc.campaign.store import folders, ledger
 from sepmc.campaign.store.untrusted_files import StoreError
 from sepmc.campaign.store.untrusted_shards import file_fault, table_fault
-from sepmc.paths import source
+from sepmc.paths import readable
 from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.messages import printable
 from sepmc.scene.read import CampaignFile
@@ -217,7 +217,9 @@ def read_table(
 ) -> pa.Table:
     """Columns of a part, or of what it holds. Raises StoreError if they are none of a run."""
     try:
-        with pq.ParquetFile(source(path) if content is None else pa.BufferReader(content)) as file:
+        with pq.ParquetFile(
+            readable(path) if content is None else pa.BufferReader(content)
+        ) as file:
             size = path.stat().st_size
             if not (fault := file_fault(file, size, rows)):
                 lost = [name for name in columns or () if name not in file.schema_arrow.names]
@@ -237,7 +239,7 @@ def about(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
     """The schema of a part, and what it says of itself. Raises StoreError if it is none of a
     run."""
     try:
-        with pq.ParquetFile(source(path)) as file:
+        with pq.ParquetFile(readable(path)) as file:
             if fault := file_fault(file, path.stat().st_size):
                 raise StoreError(f"{path}: {fault}")
             return file.schema_arrow, file.schema_arrow.metadata or {}
@@ -487,7 +489,7 @@ def read_told(folder: Path) -> Told:
             raise StoreError(
                 f"{folder / name}: {problem}; to write it again: {flying_again(folder)}"
             )
-        frames.append(pd.read_csv(source(folder / name), index_col=index))
+        frames.append(pd.read_csv(readable(folder / name), index_col=index))
     table, bins = frames
     return Told(table.drop(columns="unit"), bins)
 

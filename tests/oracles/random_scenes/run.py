@@ -12,7 +12,7 @@ from oracles.random_scenes.compare import FAULTS
 from oracles.random_scenes.draft import Tree
 from oracles.random_scenes.scenes import LATE
 from oracles.random_scenes.workers import LIMIT_S, Job, Worker, judge_all
-from sepmc.engine.dispatch import now_and_then
+from sepmc.engine.dispatch import progress_reporter
 from sepmc.scene.messages import InputError, nearest
 
 CASES = 3  # rows of a scene
@@ -62,7 +62,7 @@ def gate(
         for n in range(seed, seed + min(compiled, count))
     ]
     found: list[Found] = []
-    tell = now_and_then(say, _EVERY_S)
+    tell = progress_reporter(say, _EVERY_S)
 
     def so_far(seconds: float) -> str:
         failing, left = sum(map(fails, found)), sum(bool(v.get("not_flown")) for v in found)
