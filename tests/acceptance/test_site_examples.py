@@ -133,6 +133,16 @@ def test_page_runs(page, tmp_path, monkeypatch):
             assert result.exit_code == block.code, f"sepmc {shlex.join(call)}\n{result.output}"
 
 
+def test_named_files_exist():
+    """Every file of the tree that a page names is there."""
+    missing = []
+    for page in PAGES:
+        for path in re.findall(r"`((?:[\w.]+/)+[\w.]+\.(?:py|md|toml|sh))`", page.read_text("utf-8")):
+            if not any((folder / path).exists() for folder in (ROOT, ROOT / "sepmc", page.parent)):
+                missing.append(f"{name(page)}: {path}")
+    assert missing == []
+
+
 def test_blocks_are_found():
     """Pages have code, and what is left out has a reason."""
     everything = [block for page in PAGES for block in blocks(page)]
