@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONVENTIONS.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PAGES += sorted((ROOT / "sepmc").rglob("README.md")) + sorted(ROOT.glob("*/README.md"))
 BLOCK = re.compile(r"^(?:<!-- (.+?) -->\n)?```(sh|python)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+FILE = re.compile(r"`((?:[\w.]+/)+[\w.]+\.(?:py|md|toml|sh))`")
 CASES = 50
 # commands of which an example with fewer cases says the same
 FEWER = ("--cases", str(CASES), "--no-plots")
@@ -137,7 +138,7 @@ def test_named_files_exist():
     """Every file of the tree that a page names is there."""
     missing = []
     for page in PAGES:
-        for path in re.findall(r"`((?:[\w.]+/)+[\w.]+\.(?:py|md|toml|sh))`", page.read_text("utf-8")):
+        for path in FILE.findall(page.read_text(encoding="utf-8")):
             if not any((folder / path).exists() for folder in (ROOT, ROOT / "sepmc", page.parent)):
                 missing.append(f"{name(page)}: {path}")
     assert missing == []
