@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sepmc.analysis.requirements import Verdict
+    from sepmc.analysis.row_statistics import TableStatistics
+    from sepmc.analysis.stored_statistics import StoredStatistics
+    from sepmc.analysis.streaming import StreamingStatistics
     from sepmc.campaign.campaign import Campaign
     from sepmc.scene.messages import Log
 
