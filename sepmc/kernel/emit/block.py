@@ -403,7 +403,7 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
         scope.store(f"PREVIOUS_{segment.name}_{event.name}", math.inf)
     scope.write(text)
     if c.spec.load_switches:
-        text("next_load_switch(w, a)")
+        text("end_at_load_switch(w, a)")
     if segment.max_intervals > 1:
         text("going = False")
         text.lanes()("going = going or w[T + l] < w[END + l]")
@@ -569,7 +569,7 @@ def emit_load_switch(out: Text, c: Context) -> None:
         return
     says = "Stop at the next switch of a load, and note what acts until then."
     c.workspace.add("CASES", int(c.model.size_w))  # as `sepmc.routines.load_intervals` reads them
-    text = out.function("next_load_switch(w, a: Arrays)", says)
+    text = out.function("end_at_load_switch(w, a: Arrays)", says)
     text("m = Model(record(a, 10), indices(a, 11), vector(a, 12))")
     text = text.lanes()
     text(f"case = CASES + {int(c.model.size_w)} * l", "t = w[T + l]")
