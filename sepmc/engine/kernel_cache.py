@@ -58,7 +58,9 @@ def compile_units_of(text: str) -> CompileUnits:
         units = msgspec.json.decode(stored, type=CompileUnits)
         if all(cache_files.is_stored(name) or _is_written(name) for name in units.names):
             return units
-    units = CompileUnits(tuple(write_modules([unit.text for unit in split(text)])), **kernel_properties(text))
+    units = CompileUnits(
+        tuple(write_modules([unit.text for unit in split(text)])), **kernel_properties(text)
+    )
     cache_files.put_sealed(known, msgspec.json.encode(units))
     return units
 

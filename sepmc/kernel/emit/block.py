@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, component, reject_unless, went
+from sepmc.kernel.emit.context import Context, change_time, component, reject_unless
 from sepmc.kernel.emit.history import fit_curves
 from sepmc.kernel.emit.ignition import ignition, lights, note_ignitions
 from sepmc.kernel.emit.monitor import side_before
@@ -518,7 +518,7 @@ def _note_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr)
     """For rows of a history on both sides of it: when a joint takes another of its kinds."""
     for changing, number in c.spec.kind_changes if c.change_times else []:
         if changing == joint:
-            place = went(joint, number)
+            place = change_time(joint, number)
             c.start(place, math.nan)
             goes = (before < float(number)) & (kind >= float(number))
             scope.store(place, where(goes, scope.load("T"), scope.load(place)))

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, among, component, rejection_unless
+from sepmc.kernel.emit.context import Context, component, has_kind, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import vec3
@@ -82,7 +82,9 @@ def counts_in(c: Context, segment: Segment, i: int) -> str:
     after = c.spec.scene.clearance[i].after
     if i not in c.active_clearances(segment):
         return "False"
-    return among(after, segment.free_kinds(after)) if after in segment.variable_joints else "True"
+    return (
+        has_kind(after, segment.free_kinds(after)) if after in segment.variable_joints else "True"
+    )
 
 
 def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]) -> None:

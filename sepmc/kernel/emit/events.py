@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, component, height, reject_if, spent
+from sepmc.kernel.emit.context import Context, component, height, reject_if, stroke_end_time
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all
 from sepmc.kernel.emit.steps import hold_back
@@ -362,7 +362,7 @@ def _note_met(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
     scope.store(indicator, scalar.larger(scope.load(indicator), where(waited_for, slow, 0.0)))
     scope.store(flag, where(met, 1.0, before))
     if event.quantity == at.AT_SPRING_STROKE and c.change_times:
-        place = spent(event.item)
+        place = stroke_end_time(event.item)
         c.start(place, math.nan)
         scope.store(place, where(met & before.equals(0.0), scope.load("T"), scope.load(place)))
 

@@ -5,7 +5,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, among, component, reject_unless, rejection_unless
+from sepmc.kernel.emit.context import Context, component, has_kind, reject_unless, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.motion import Motion, make_drive, make_motion, without_joints
 from sepmc.kernel.emit.rows import DEPENDENT, LeastSquares, Rows
@@ -161,7 +161,7 @@ def note_guides(text: Text, c: Context, segment: Segment) -> None:
         inner = (
             text
             if len(sliding) == len(segment.joint_kinds[joint])
-            else text.block(f"if {among(joint, sliding)}:")
+            else text.block(f"if {has_kind(joint, sliding)}:")
         )
         nodes = [
             f"{component('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES"

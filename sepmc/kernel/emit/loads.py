@@ -8,7 +8,7 @@ from sepmc.kernel.emit.context import (
     Context,
     component,
     height,
-    level,
+    origin_height,
     reject_unless,
     rejection_unless,
 )
@@ -91,7 +91,7 @@ def _rise(s: State, body: str) -> tuple[Expr, Expr]:
     """Rise, m, above the height about which air and gravity are expanded, and its share of the
     distance there from the earth's centre."""
     rise = (
-        s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
+        s.place(body)[1] + (origin_height(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
     ).called("rise")
     return rise, (rise * s.scope.load(component(f"AIR_CENTRE_{body}", 1))).called("share")
 
@@ -321,7 +321,7 @@ def _weight(s: State, body: str) -> Any:
             s.scope.load(component(f"AIR_CENTRE_{body}", 3)), _rise(s, body)[1]
         )
     return case.mass(body) * loads.inverse_square(
-        surface, s.place(body)[1] + level(s.scope, s.time)
+        surface, s.place(body)[1] + origin_height(s.scope, s.time)
     )
 
 

@@ -9,7 +9,7 @@ side by side.
 import math
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, component, level, rejection_unless
+from sepmc.kernel.emit.context import Context, component, origin_height, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment
 from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
@@ -107,7 +107,9 @@ def _over_height(out: Text, text: Text, c: Context, segment: Segment) -> None:
     s = State(c, c.scope(), segment, "S")
     for name, bodies in (("HEIGHT_OF", in_air), ("WIND_HEIGHT", windy)):
         for body in bodies:
-            _put_place(s, f"{name}_{body}", (s.place(body)[1] + level(s.scope, s.time), 0.0, 0.0))
+            _put_place(
+                s, f"{name}_{body}", (s.place(body)[1] + origin_height(s.scope, s.time), 0.0, 0.0)
+            )
     s.scope.write(text)
     for body in in_air:
         c.workspace.add(f"AIR_OF_{body}", 2)
@@ -256,6 +258,6 @@ def _flow(s: State, body: str) -> tuple[Expr, Expr, Expr]:
             beta,
         )
     base = s.scope.load(s.c.layer(body), 4)
-    higher = air.geopotential(s.place(body)[1] + level(s.scope, s.time)) - base[0]
+    higher = air.geopotential(s.place(body)[1] + origin_height(s.scope, s.time)) - base[0]
     temperature = (1.0 + base[1] * higher) / base[2]
     return square_root(vec3.dot(flow, flow)) / air.sound_speed(temperature), alpha, beta
