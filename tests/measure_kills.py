@@ -32,7 +32,9 @@ OPTIONS += ["--set", "run.history_step_s=0.1"]
 FULL = 0.25  # share of times in which a small disk is filled
 MANNERS = [], ["--stats-only"], ["--keep", "failed,every:7"]
 # what is counted is written far more often than every ten seconds
-PROGRAM = "from sepmc.campaign import chunks; chunks._SAVE_S = 0.05; import sepmc.__main__"
+PROGRAM = (
+    "from sepmc.campaign.execution import runner; runner._SAVE_S = 0.05; import sepmc.__main__"
+)
 
 
 def command(folder, *more):
@@ -43,7 +45,7 @@ def command(folder, *more):
 
 def table(folder, kind, order):
     """All parts of a run, in order."""
-    parts = [pq.read_table(folder / one.file) for one in shards.parts(folder, kind)]
+    parts = [pq.read_table(folder / one.file) for one in shards.entries(folder, kind)]
     frame = pd.concat([part.to_pandas() for part in parts], ignore_index=True)
     frame["status"] = frame["status"].astype(str) if "status" in frame else ""
     return frame.sort_values(order, ignore_index=True)
@@ -54,7 +56,7 @@ def same(one, other):
     told = one / "statistics.csv"
     if told.is_file() and told.read_bytes() != (other / told.name).read_bytes():
         return False
-    orders = {"cases": ["case"], "histories": ["case", "time_s"], "kept": ["case"]}
+    orders = {"cases": ["case"], "histories": ["case", "time_s"], "selected": ["case"]}
     return all(
         table(one, kind, order).equals(table(other, kind, order))
         for kind, order in orders.items()

@@ -17,8 +17,8 @@ from scipy.stats import multivariate_normal, norm
 from sepmc.analysis.rare_values import count, occurrences, rare_values
 from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.stopping import read_until
-from sepmc.campaign.case_selection import Numbers
-from sepmc.campaign.cases import Sampling, draw
+from sepmc.campaign.case_selection import CaseSelection
+from sepmc.campaign.cases import Sampling, sample
 from sepmc.scene.correlation import Copula
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.parameters import Parameter
@@ -63,7 +63,7 @@ class Problem:
 
     def rows(self, seed, first, end):
         """Draws (n, d) of cases, and their table."""
-        drawn = draw(self.inputs, seed, first, end - first, Sampling(copulas=self.copulas))
+        drawn = sample(self.inputs, seed, first, end - first, Sampling(copulas=self.copulas))
         values = self.outcome(drawn.T)
         lost = np.isnan(values)
         return drawn, {
@@ -152,7 +152,7 @@ def stopped(problem, seed, most=CASES):
     """Cases after which a problem stops, and the look at them."""
     until = read_until(problem.until, OUTCOMES)
     values = rare_values(problem.inputs, problem.copulas)
-    every = list(Numbers.first(most).growing(until.first(values)))
+    every = list(CaseSelection.first(most).growing(until.first(values)))
     tables, counts = [], np.zeros(1 + len(values), dtype=int)
     for numbers in every:
         drawn, table = problem.rows(seed, *numbers.ranges[0])

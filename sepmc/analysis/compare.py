@@ -190,7 +190,7 @@ def _of_shares(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float
 
 def dependent(samplers: Sequence[str]) -> str:
     """The sentence on intervals of differences where cases of a run are not independent of each
-    other; empty if they are. `run.plan` is not looked into."""
+    other; empty if they are. `run.samples` is not looked into."""
     if SALTELLI in samplers:
         return (
             "sampler saltelli: cases of a run repeat each other but for one parameter, so these "

@@ -125,7 +125,7 @@ def drivers(
         numbers = np.asarray(cases["case"]) if "case" in cases else np.arange(len(y))
         said = _by_saltelli(table, numbers, x, varied, np.where(there, y, np.nan))
     elif indices and valid.first == BY_ROWS and even:
-        said = PATTERNED.format(what="run.plan" if sampler == PLAN else "what the cases give")
+        said = PATTERNED.format(what="run.samples" if sampler == PLAN else "what the cases give")
     elif indices and valid.first == BY_ROWS:
         _by_rows(table, known, outcomes, few)
     if table["first"].notna().any() and (unsure := by_few_cases(known[few], outcomes)):

@@ -38,7 +38,9 @@ ESTIMATORS: Mapping[str, Valid] = {
     LHS: Valid(
         BY_ROWS, "sampler lhs: intervals of indices are those of random cases, at least 95 %"
     ),
-    PLAN: Valid(BY_ROWS, "run.plan: intervals of indices hold if its rows are independent cases"),
+    PLAN: Valid(
+        BY_ROWS, "run.samples: intervals of indices hold if its rows are independent cases"
+    ),
     SOBOL: Valid(NONE, PATTERNED.format(what="a Sobol sequence")),
     SALTELLI: Valid(BY_GROUPS),
 }
@@ -146,7 +148,7 @@ def groups_of(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Groups:
         changed = np.where(np.arange(len(x))[:, None] == k, last, first)
         if not (x[:, :, k + 1] == changed).all():
             raise ValueError(
-                "the inputs are not those of a Saltelli design (run.plan gives some of them)"
+                "the inputs are not those of a Saltelli design (run.samples gives some of them)"
             )
     whole = np.isfinite(y).all(axis=1)
     left_out = len(y) - int(whole.sum())

@@ -22,7 +22,7 @@ import numpy as np
 
 from sepmc.bench import subprocess_calls
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution.integration import Flight, by_name
+from sepmc.campaign.execution.integration import Integration, by_name
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.engine import interpreted, kernel_cache
 from sepmc.engine.dispatch import integrate_cases
@@ -63,7 +63,7 @@ class Flops:
         return self.rates / max(1, sum(self.evaluations.values()))
 
 
-def count(campaign: Campaign, flight: Flight) -> Flops | None:
+def count(campaign: Campaign, flight: Integration) -> Flops | None:
     """Operations of a case of a campaign flown as ``flight`` has it; None if the compiled code does
     not show them."""
     shape = make_kernel_spec(campaign.plan, campaign.dispersed)
@@ -75,7 +75,7 @@ def count(campaign: Campaign, flight: Flight) -> Flops | None:
     if set(found) != set(called.values()):
         return None
     names, each = list(called), {name: found[written] for name, written in called.items()}
-    asked = [campaign.file.tree, campaign.name, flight.steps.tolist(), flight.usual.tolist()]
+    asked = [campaign.file.tree, campaign.name, flight.steps.tolist(), flight.durations.tolist()]
     asked += [solver, flight.method_names]
     taken = subprocess_calls.call("flops:evaluations_here", asked, {"NUMBA_DISABLE_JIT": "1"})
     rates = sum(taken[name] * each[name] for name in names)
@@ -155,7 +155,7 @@ def evaluations_here(
     called = make_kernel_spec(campaign.plan, campaign.dispersed).names.of["phase"]
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
-    drawn = campaign.draw(0, 1) * campaign.factors
+    drawn = campaign.sample(0, 1) * campaign.factors
     integrate_cases(
         kernel,
         campaign.plan,

@@ -11,7 +11,7 @@ import pandas as pd
 from sepmc.bench.clock import rounds, spread
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import FULL, Study, Way
-from sepmc.campaign.execution.step_selection import Flight, plan_flight
+from sepmc.campaign.execution.step_selection import Integration, select_steps
 from sepmc.engine.dispatch import Block, progress_reporter
 from sepmc.kernel.spec.methods import AUTO, METHODS
 
@@ -112,14 +112,16 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
     if (method, formulation) == (study.method, study.formulation):
         first = study.default
     else:
-        first = Way(plan_flight(campaign, announce=study.say), campaign, cases, study.default.asked)
+        first = Way(
+            select_steps(campaign, announce=study.say), campaign, cases, study.default.asked
+        )
     ways = [first]
     if first.flight.step is None:  # the pilot has something to choose
         for accuracy in ACCURACIES[::8] if study.quick else ACCURACIES:
             if accuracy != first.asked:
                 ways.append(
                     Way(
-                        plan_flight(campaign.with_settings({"solver.accuracy": accuracy})),
+                        select_steps(campaign.with_settings({"solver.accuracy": accuracy})),
                         campaign,
                         cases,
                         accuracy,
@@ -149,12 +151,12 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
     return sorted(left, key=lambda way: way.evaluations)
 
 
-def _multiples(flight: Flight) -> list[Flight]:
+def _multiples(flight: Integration) -> list[Integration]:
     """A flight in half, twice and four times as many steps; a step that the scene gives is only
     divided."""
     half = np.maximum(1, np.round(0.5 * flight.steps)).astype(np.int64)
     fewer = [replace(flight, steps=half)] if flight.step is None else []
     return [
         replace(one, limits=None, angles={}, most=np.inf)
-        for one in (*fewer, flight.sharper(2), flight.sharper(4))
+        for one in (*fewer, flight.refined(2), flight.refined(4))
     ]

@@ -106,8 +106,8 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             )
             return
         from sepmc.analysis.requirements import sentence
-        from sepmc.campaign.execution.chunks import implausible_note
-        from sepmc.campaign.execution.diagnostics import of_file, sampled
+        from sepmc.campaign.execution.diagnostics import file_notes, sampled
+        from sepmc.campaign.execution.runner import implausible_note
         from sepmc.kernel.spec.describe import lines
         from sepmc.scene.units import unit_text
 
@@ -135,7 +135,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             click.echo(f"    {stage_name:14s} {together}{rows}")
         click.echo(f"    has in it      {', '.join(inside)}")
         click.echo(f"    left out       {', '.join(outside)}")
-        numbers, total = loaded.asked()
+        numbers, total = loaded.select_cases()
         which = "" if numbers.are_first else f" ({numbers})"
         click.echo(
             f"  cases        {numbers.count}{which}, seed {settings_of_run.seed}, "
@@ -157,10 +157,10 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             click.echo("    " + sentence(item, units.get(item.metric, "")))
         broken = drawn = 0
         for first, end in islice(numbers.pieces(_DRAWN), _TIMES):
-            broken += loaded.implausible_inertias(loaded.draw(first, end - first, None, total))
+            broken += loaded.implausible_inertias(loaded.sample(first, end - first, None, total))
             drawn += end - first
         note = implausible_note(broken, drawn)
-        warned = [*sampled(loaded, numbers), *of_file(loaded)]
+        warned = [*sampled(loaded, numbers), *file_notes(loaded)]
         warned += undispersed(loaded)
         warned += ([note] if note else []) + redundant(loaded)
         for warning in warned:
@@ -271,7 +271,7 @@ def compile_(
         ]
         start = time.perf_counter()
         for care in cares:
-            load_kernel(step_selection.kernel_text(loaded, history=history, care=care), say)
+            load_kernel(step_selection.kernel_text(loaded, history=history, variant=care), say)
         what = "its kernel is" if len(cares) == 1 else f"its {len(cares)} kernels are"
         say(f"{loaded.name}: {what} in the cache, after {time.perf_counter() - start:.1f} s")
 

@@ -30,8 +30,8 @@ from sepmc.bench.folder import open_folder
 from sepmc.bench.reference import make_reference
 from sepmc.bench.study import Study, drawn
 from sepmc.campaign.execution.integration import by_name
-from sepmc.campaign.execution.step_selection import plan_flight
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.execution.step_selection import select_steps
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
 from sepmc.kernel.spec.structure import make_kernel_spec
 
@@ -48,7 +48,7 @@ def silent(_):
 
 def study_of(name, cases, threads=1, settings=None):
     campaign = sepmc.load(name, {"run.history_step_s": 0.0, **(settings or {})})
-    return Study(campaign, plan_flight(campaign), drawn(campaign, cases), 1, threads, True, silent)
+    return Study(campaign, select_steps(campaign), drawn(campaign, cases), 1, threads, True, silent)
 
 
 @pytest.fixture(scope="module")
@@ -242,7 +242,7 @@ def test_flops_of_a_case(study):
     steps, names = np.array([1, 1, 1]), ["tp7", "sharp9", "sharp9"]
     methods = by_name(study.flight.kernel, names)
     flight = dataclasses.replace(
-        study.flight, steps=steps, usual=np.full(3, np.inf), methods=methods
+        study.flight, steps=steps, durations=np.full(3, np.inf), methods=methods
     )
     assert flight.method_names == names
     counted = flops.count(study.campaign, flight)

@@ -41,7 +41,7 @@ def test_copies_of_campaigns_and_cases(name, way):
     for again in (WAYS[way](first), WAYS[way](WAYS[way](first))):
         assert (again.digest, again.settings) == (first.digest, {"run.seed": "7"})
         assert again.scene == first.scene
-        np.testing.assert_array_equal(again.draw(0, 9), first.draw(0, 9))
+        np.testing.assert_array_equal(again.sample(0, 9), first.sample(0, 9))
         assert again.case(4).scene == WAYS[way](first.case(4)).scene == first.case(4).scene
         for one, other in zip(again.file.dispersions, first.file.dispersions, strict=True):
             assert one.parameter.field == other.parameter.field

@@ -123,7 +123,12 @@ def test_a_flight_is_in_pythons_numbers(name):
         np.full(kernel.n_segments, campaign.scene.run.end_time / 3.0),
     )
     integrate_cases(
-        kernel, campaign.plan, steps, usual, campaign.slots, step_selection.sample(campaign, 1)
+        kernel,
+        campaign.plan,
+        steps,
+        usual,
+        campaign.slots,
+        step_selection.calibration_sample(campaign, 1),
     )
     kernel.plain.integrate_block = one
     assert {type(x) for x in kept} == {float}

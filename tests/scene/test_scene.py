@@ -326,7 +326,7 @@ def test_any_tree_is_refused_or_can_be_flown(edits):
     again = Campaign(parse_campaign(tomllib.loads(campaign.file.toml), "t.toml"))
     assert again.digest == campaign.digest
     assert len(campaign.columns) >= 14 + len(campaign.file.dispersions)
-    drawn = cases.draw(campaign.file.dispersions, 1, 0, 3) * campaign.factors
+    drawn = cases.sample(campaign.file.dispersions, 1, 0, 3) * campaign.factors
     assert np.isfinite(drawn).all()
     assert len(campaign.plan.nominal) > campaign.slots.max(initial=0)
 

@@ -48,9 +48,8 @@ def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
     for k, value in enumerate(system):
         s.scope.store(component("SYSTEM", k), value)
     s.scope.write(text)
-    text.lanes()(
-        f"linear.solve_min_norm(w, SYSTEM + l, {count}, SYSTEM_SCRATCH, MIN_NORM_MULTIPLIERS + l)"
-    )
+    sizes = f"SYSTEM + l, {count}, SYSTEM_SCRATCH, MIN_NORM_MULTIPLIERS + l"
+    text.lanes()(f"linear.solve_min_norm(w, {sizes})")
 
 
 def before_wrenches(text: Text, c: Context, segment: Segment) -> None:

@@ -46,13 +46,13 @@ class _Varied:
             np.ones(kernel.n_segments, dtype=np.int64),
             np.full(kernel.n_segments, math.inf),
         )
-        self.flight = step_selection.Flight(
-            kernel=kernel, steps=one, usual=usual, step=file.scene.solver.step
+        self.flight = step_selection.Integration(
+            kernel=kernel, steps=one, durations=usual, step=file.scene.solver.step
         )
 
     def fly(self, changed: list[dict[str, float]]) -> Block:
         """Cases that differ from the scene in some numbers, SI, each by its path."""
-        return step_selection.fly(
+        return step_selection.integrate(
             self.campaign,
             self.flight,
             np.array([list((self.nominal | values).values()) for values in changed]),
