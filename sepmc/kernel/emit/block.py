@@ -40,8 +40,8 @@ _LEAST_SHARE = 2.0**-16
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: how far the start may be off the joints
 _COMES = "nominal, slots, draws = vector(a, 0), indices(a, 1), table(a, 2)"
 _STEPS = (
-    "steps, usual, pace = indices(a, 3), vector(a, 4), vector(a, 13)",
-    "times, methods = indices(a, 14), indices(a, 15)",
+    "steps, typical, max_step = indices(a, 3), vector(a, 4), vector(a, 13)",
+    "step_factor, methods = indices(a, 14), indices(a, 15)",
 )
 _GOES = "draws, outcomes, ends, status = table(a, 2), table(a, 6), table(a, 7), indices(a, 9)"
 
@@ -454,14 +454,14 @@ def _at_a_pace(text: Text, c: Context, number: int, segment: Segment) -> None:
     but in no more than the phase has."""
     size, awaited = f"{c.spec.active_size(segment)} * LANES", _awaited(segment)
     inner = text.lanes()
-    inner(f"w[MAX_STEP + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
+    inner(f"w[MAX_STEP + l] = max_step[{number}] if max_step[{number}] > 0.0 else {at.GRAIN}")
     inner(
         "w[STEP_FACTOR + l], w[STEPS_LEFT + l], w[PROGRESS + l] = "
-        f"float(times[0]), 1.0 + steps[{number}], 0.0"
+        f"float(step_factor[0]), 1.0 + steps[{number}], 0.0"
     )
     if segment.may_end_by_load:
         inner(
-            f"w[TYPICAL_END + l] = w[T + l] + max(usual[{number}], "
+            f"w[TYPICAL_END + l] = w[T + l] + max(typical[{number}], "
             f"{_LEAST_SHARE} * (w[END + l] - w[T + l]))"
         )
     text("going = True")
@@ -487,7 +487,7 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
         if len(methods) > 1:
             inner = text.block(f"{'elif' if k else 'if'} methods[{number}] == {k}:")
         size = f"{c.spec.active_size(segment)} * LANES"
-        inner(f"{advance(rk)}(w, {number}, {size}, {left}, usual[{number}])")
+        inner(f"{advance(rk)}(w, {number}, {size}, {left}, typical[{number}])")
         if c.history == at.SEPARATION_HISTORY:
             inner(f"{fit_curves(rk)}(w, {number})")
 

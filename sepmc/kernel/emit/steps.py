@@ -77,7 +77,7 @@ def emit_step_length(out: Text, c: Context) -> None:
         "an event is never foretold later than"
     )
     text = out.function(
-        "set_step(w, phase: int, parts: int, usual: float)", says + " ``usual`` at first."
+        "set_step(w, phase: int, parts: int, typical: float)", says + " ``typical`` at first."
     )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
     for number, segment in enumerate(c.spec.segments):
@@ -88,7 +88,7 @@ def emit_step_length(out: Text, c: Context) -> None:
             inner.lanes()("w[STEP + l] = min(w[STEP + l], w[TYPICAL_END + l] - w[T + l])")
         if segment.events:
             hold_back(inner, c, segment, "w[PROGRESS + l] < 1.0")
-            inner(f"event_step_{segment.name}(w, usual)")
+            inner(f"event_step_{segment.name}(w, typical)")
         if c.has_lane_steps(segment):
             end = "min(w[END + l], w[TYPICAL_END + l])" if segment.may_end_by_load else "w[END + l]"
             _keep_pace(inner.lanes(), end, c.spec.scene.solver.step is not None)
@@ -127,7 +127,7 @@ def _keep_pace(lane: Text, end: str, given: bool) -> None:
     lane("w[STEPS_LEFT + l] = left")
     if not given:
         lane(
-            "w[FIRST_STEP + l] = larger(h, min(usual, ahead)) / left if way == 0.0 "
+            "w[FIRST_STEP + l] = larger(h, min(typical, ahead)) / left if way == 0.0 "
             "else w[FIRST_STEP + l]"
         )
         lane(f"left = larger(min(np.ceil(h / ({_GROWS} * w[FIRST_STEP + l])), {_MANY}), left)")
@@ -176,12 +176,12 @@ def emit_broadcast(text: Text, c: Context, field: str) -> None:
 def emit_advance(out: Text, c: Context, rk: Method) -> None:
     """A function for one step by a method; if the step is extended, its beginning is kept."""
     says = f"One of ``left`` steps of a phase by {rk.name}, of ``size`` components of the state."
-    text = out.function(f"{advance(rk)}(w, phase: int, size: int, left: int, usual: float)", says)
+    text = out.function(f"{advance(rk)}(w, phase: int, size: int, left: int, typical: float)", says)
     stages, later = rk.stages, np.empty((0, rk.stages))
     extends = c.has_extension and rk is c.extended
     if extends:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
-    _begin(text, c, "set_step(w, phase, left, usual)", extends)
+    _begin(text, c, "set_step(w, phase, left, typical)", extends)
     # an event that was foretold and then does not come leaves too long a way for the last step
     inner = text.lanes()
     inner("h = abs(w[STEP + l])", rejection_unless("h <= w[MAX_NEXT_STEP + l]"))
