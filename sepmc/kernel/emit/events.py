@@ -13,7 +13,7 @@ from typing import Any
 from sepmc.kernel.emit.context import Context, component, height, reject_if, stroke_end_time
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all
-from sepmc.kernel.emit.steps import hold_back
+from sepmc.kernel.emit.steps import mark_inactive
 from sepmc.kernel.spec.kernel_spec import Event, Segment
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, scalar, square_root, vec3
@@ -395,7 +395,7 @@ def emit_event_flags(out: Text, c: Context) -> None:
     for number, segment in enumerate(c.spec.segments):
         if segment.events:
             inner = text.block(f"if phase == {number}:")
-            hold_back(inner, c, segment, "True")
+            mark_inactive(inner, c, segment, "True")
             inner(f"event_step_{segment.name}(w, math.inf)")
             scope = c.scope()
             for event in segment.events:

@@ -4,7 +4,7 @@ the step just made."""
 from collections.abc import Iterable
 
 from sepmc.kernel.emit.context import Context
-from sepmc.kernel.emit.steps import restore_stage, turning_from
+from sepmc.kernel.emit.steps import restore_stage, rotating_from
 from sepmc.kernel.tracer.formulas import square_root
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total
@@ -65,7 +65,7 @@ def _sample(out: Text, c: Context) -> None:
     for power in range(order - 1, 0, -1):
         inner(f"total = w[POWERS + {power} * SIZE_Y + e] + w[THETA + e] * total")
     inner("w[S + e] = w[BEGIN + e] + w[THETA + e] * total")
-    for first, bodies in turning_from(c):
+    for first, bodies in rotating_from(c):
         scope = c.scope()
         for body in bodies:
             q = scope.load(f"S + Q_{body}", 4).called("q")

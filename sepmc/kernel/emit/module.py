@@ -24,7 +24,7 @@ from sepmc.kernel.emit.steps import (
     emit_advance,
     emit_event_polish,
     emit_finish_step,
-    emit_note_indicators,
+    emit_indicators,
     emit_step_length,
 )
 from sepmc.kernel.emit.tables import has_tables_over_height, looks_up
@@ -114,7 +114,7 @@ def _body(c: Context) -> Text:
     emit_recentre_air(body, c)
     emit_step_length(body, c)
     emit_finish_step(body, c)
-    emit_note_indicators(body, c)
+    emit_indicators(body, c)
     for rk in c.used.values():
         emit_advance(body, c, rk)
     if any(segment.events for segment in c.spec.segments):

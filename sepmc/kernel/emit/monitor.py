@@ -6,7 +6,7 @@ import math
 from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import note_guides, start_guides, watch_guide
-from sepmc.kernel.emit.steps import emit_attitudes_where, emit_broadcast
+from sepmc.kernel.emit.steps import emit_broadcast, emit_cut_attitudes
 from sepmc.kernel.emit.wrenches import before_wrenches, make_wrenches, store_wrenches
 from sepmc.kernel.spec.kernel_spec import ANY_PHASE, Event, Segment
 from sepmc.kernel.tracer.text import Text
@@ -157,7 +157,7 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
     inner.block(f"for e in range({c.spec.active_size(segment)} * LANES):")(
         "w[Y + e] = w[S + e] if w[CUT + e] > 0.0 else w[Y + e]"
     )
-    emit_attitudes_where(inner, c, segment, "CUT")
+    emit_cut_attitudes(inner, c, segment, "CUT")
 
 
 def side_before(segment: Segment, load: Event) -> str:
