@@ -8,8 +8,8 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, change_time, component, reject_unless
 from sepmc.kernel.emit.history import fit_curves
-from sepmc.kernel.emit.ignition import ignition, lights, note_ignitions
-from sepmc.kernel.emit.monitor import side_before
+from sepmc.kernel.emit.ignition import ignition, ignition_time, store_ignitions
+from sepmc.kernel.emit.monitor import load_side
 from sepmc.kernel.emit.outcomes import emit_results, kept, kept_angle, tip_off, tip_offs
 from sepmc.kernel.emit.steps import advance
 from sepmc.kernel.emit.tables import has_tables
@@ -215,7 +215,7 @@ def _reset_load_sides(text: Text, c: Context, segment: Segment) -> None:
     """Reset the side of the threshold of each load with a crossing direction."""
     for load in segment.loads:
         if load.direction and not load.any_phase:
-            text.lanes()(f"w[{side_before(segment, load)} + l] = 0.0")
+            text.lanes()(f"w[{load_side(segment, load)} + l] = 0.0")
 
 
 def _reset_clauses(text: Text, c: Context, segment: Segment) -> None:
@@ -414,7 +414,7 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
         )
     scope.store("END", where(end < run_end, end, run_end))
     scope.store("MAX_NEXT_STEP", math.inf)
-    note_ignitions(scope, c)
+    store_ignitions(scope, c)
     for event in segment.events:
         scope.store(f"PREVIOUS_{segment.name}_{event.name}", math.inf)
     scope.write(text)
@@ -599,7 +599,7 @@ def emit_load_switch(out: Text, c: Context) -> None:
     for i, motor in enumerate(c.spec.scene.motor):
         if motor.trigger is not None:
             p = int(c.model.motors_p) + at.MOTOR_SIZE * i
-            text(f"w[case + {p + at.IGNITION}] = w[{lights(motor.name)} + l]")
+            text(f"w[case + {p + at.IGNITION}] = w[{ignition_time(motor.name)} + l]")
             text(f"w[case + {p + at.IGNITION_DELAY}] = 0.0")
     text("end = min(w[END + l], next_load_switch(t, m, w, case))", "w[END + l] = end")
     text("set_active_loads(0.5 * (t + end), m, w, case)")

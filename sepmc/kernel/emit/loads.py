@@ -13,7 +13,7 @@ from sepmc.kernel.emit.context import (
     rejection_unless,
 )
 from sepmc.kernel.emit.geometry import Line, State
-from sepmc.kernel.emit.ignition import lights
+from sepmc.kernel.emit.ignition import ignition_time
 from sepmc.kernel.emit.tables import looks_up
 from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
@@ -269,8 +269,8 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     else:
         burning, share, slope = scope.load(f"BURNING_{name}", 3)
         if motor.trigger is not None:
-            s.c.start(lights(name), math.inf)
-            ignition = scope.load(lights(name))
+            s.c.start(ignition_time(name), math.inf)
+            ignition = scope.load(ignition_time(name))
         else:
             ignition = (case.number(p + at.IGNITION) + case.number(p + at.IGNITION_DELAY)).called(
                 "ignition"
