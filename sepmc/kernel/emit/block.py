@@ -419,7 +419,7 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
         scope.store(f"PREVIOUS_{segment.name}_{event.name}", math.inf)
     scope.write(text)
     if c.spec.load_switches:
-        text("next_load_switch(w, a)")
+        text("end_at_load_switch(w, a)")
     if segment.max_intervals > 1:
         text("going = False")
         text.lanes()("going = going or w[T + l] < w[END + l]")
@@ -592,7 +592,7 @@ def emit_load_switch(out: Text, c: Context) -> None:
         return
     docstring = "End the interval at the next load switch; update the loads that act until then."
     c.workspace.add("CASES", int(c.model.size_w))  # read by `sepmc.routines.load_intervals`
-    text = out.function("next_load_switch(w, a: Arrays)", docstring)
+    text = out.function("end_at_load_switch(w, a: Arrays)", docstring)
     text("m = Model(record(a, 10), indices(a, 11), vector(a, 12))")
     text = text.lanes()
     text(f"case = CASES + {int(c.model.size_w)} * l", "t = w[T + l]")

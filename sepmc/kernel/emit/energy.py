@@ -5,7 +5,7 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.emit.loads import add_all
+from sepmc.kernel.emit.loads import vector_sum
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import ZERO, scalar, vec3
 from sepmc.kernel.tracer.text import Text
@@ -48,7 +48,7 @@ def _mean_speed(s: State) -> Any:
     if int(s.c.model.ground) >= 0:
         return ZERO
     whole = total([s.case.mass(body) for body in s.spec.bodies])
-    return add_all(
+    return vector_sum(
         [
             vec3.scale((s.case.mass(body) / whole).called("share"), s.speed(body))
             for body in s.spec.bodies

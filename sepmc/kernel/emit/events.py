@@ -12,7 +12,7 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, component, height, reject_if, stroke_end_time
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.emit.loads import add_all
+from sepmc.kernel.emit.loads import vector_sum
 from sepmc.kernel.emit.steps import mark_inactive
 from sepmc.kernel.spec.kernel_spec import Event, Segment
 from sepmc.kernel.spec.variant import Variant
@@ -353,7 +353,7 @@ def _angle(s: State, joint: str, threshold: Expr) -> tuple[Any, Any, Any]:
         )
     half = (0.125 * square).called("half")  # squared sine of half the angle
     angle = 2.0 * scalar.arctan2(square_root(half), square_root(where(half < 1.0, 1.0 - half, 0.0)))
-    axis_sum, axis_sum_rate = add_all(products).called("axis_sum"), add_all(product_rates)
+    axis_sum, axis_sum_rate = vector_sum(products).called("axis_sum"), vector_sum(product_rates)
     length = square_root(vec3.dot(axis_sum, axis_sum)).called("length")
     rotated = length > 0.0
     inverse = 1.0 / where(rotated, length, 1.0)

@@ -117,21 +117,21 @@ class FullSystem:
                 line += 1
 
     def _put_constraint(self, line: int, first: int, one: JointRow) -> None:
-        held = one.held
+        mask = one.mask
         for body, sign in zip(
             self.s.spec.scene.joint[one.row.joint].bodies, (-1.0, 1.0), strict=True
         ):
             if body == GROUND:
                 continue
             for i in range(3):
-                self.entries[line, self.of_body[body] + 3 + i] = held * one.normals[body][i]
+                self.entries[line, self.of_body[body] + 3 + i] = mask * one.normals[body][i]
                 if not one.row.turns:
-                    self.entries[line, self.of_body[body] + i] = held * (sign * one.e[i])
-        self.side[line] = held * one.gamma
+                    self.entries[line, self.of_body[body] + i] = mask * (sign * one.e[i])
+        self.side[line] = mask * one.gamma
         if one.row.kinds:  # 1 of it if it is held, or else 1 of what it would carry
             column, along = (_MOMENT_B, one.arms[1]) if one.row.turns else (_FORCE_B, one.e)
             for k in range(3):
-                self.entries[line, first + column + k] = (1.0 - held) * along[k]
+                self.entries[line, first + column + k] = (1.0 - mask) * along[k]
 
     def _unpushed(self, joint: str, rows: list[JointRow]) -> list[Any]:
         """Directions in which a joint carries no force."""

@@ -207,9 +207,9 @@ class State:
     def sliding(self, joint: str) -> Any:
         """1 while the pins of a joint may slide, 0 before or after, in a phase in which they
         may."""
-        return self.while_held(joint, self.segment.sliding_kinds(joint))
+        return self.is_active(joint, self.segment.sliding_kinds(joint))
 
-    def while_held(self, joint: str, kinds: tuple[int, ...]) -> Any:
+    def is_active(self, joint: str, kinds: tuple[int, ...]) -> Any:
         """1 while a joint holds one of some kinds, 0 before or after."""
         if len(kinds) == len(self.segment.joint_kinds[joint]):
             return 1.0

@@ -38,7 +38,7 @@ def emit_friction(out: Text, c: Context, segment: Segment) -> None:
     c.workspace.add("FRICTION", len(c.spec.scene.joint))
     c.workspace.add(f"PIN_FORCES_{segment.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
     s = State(c, c.scope(), segment, "S")
-    motion, place = make_motion(s, rubs=False), 0
+    motion, place = make_motion(s, with_friction=False), 0
     drives = [make_drive(s, motion, joint) for joint in joints]
     for joint in joints:
         s.scope.comment(f"pins of {joint}")
@@ -56,7 +56,7 @@ def emit_friction(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _friction_per_newton(s: State, joint: str) -> Any:
-    """What 1 N on the pins of a joint rubs, along the direction of separation."""
+    """What 1 N on the pins of a joint with_friction, along the direction of separation."""
     p, speed = s.case.joint(joint), s.separation(joint).rate
     friction = guides.friction_force(
         s.case.number(p + at.FRICTION), 1.0, speed, s.case.number(p + at.SLIP_SPEED)

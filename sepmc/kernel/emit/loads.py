@@ -37,9 +37,9 @@ class _Loads:
     on_ground_axes: list[Any] = field(default_factory=list)
 
 
-def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
+def body_loads(s: State, with_friction: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
     """Force and moment on every body; with the friction of guides, which has to be known, if it
-    ``rubs``."""
+    ``with_friction``."""
     scene, found = s.spec.scene, {body: _Loads() for body in s.spec.bodies}
     for body, acting in found.items():
         if s.spec.feels_air(body):
@@ -56,16 +56,16 @@ def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, A
     for i, spring in enumerate(scene.spring):
         s.scope.comment(f"spring {spring.name}")
         _spring(s, spring, i, found)
-    for joint in s.spec.friction_joints(s.segment) if rubs else []:
+    for joint in s.spec.friction_joints(s.segment) if with_friction else []:
         s.scope.comment(f"friction of {joint}")
         push = (s.case.separation_sign(joint) * s.friction(joint)).called("rub")
         _push_apart(s, scene.joint[joint].bodies, s.separation(joint), push, found)
     s.scope.comment("sums of loads")
     force = {body: _force(s, body, acting) for body, acting in found.items()}
-    return force, {body: add_all(acting.moments) for body, acting in found.items()}
+    return force, {body: vector_sum(acting.moments) for body, acting in found.items()}
 
 
-def add_all(vectors: list[Any]) -> Any:
+def vector_sum(vectors: list[Any]) -> Any:
     """Sum of vectors; zero if there are none."""
     there = [vector for vector in vectors if vector is not ZERO]
     found = there[0] if there else ZERO
@@ -78,8 +78,8 @@ def _force(s: State, body: str, acting: _Loads) -> Any:
     """All force on a body, ground axes, its weight along y."""
     terms = list(acting.on_ground_axes)
     if acting.forces:
-        terms.insert(0, vec3.rotate(s.attitude(body), add_all(acting.forces)))
-    force, weight = add_all(terms), _weight(s, body)
+        terms.insert(0, vec3.rotate(s.attitude(body), vector_sum(acting.forces)))
+    force, weight = vector_sum(terms), _weight(s, body)
     return (
         (force[0], force[1] - weight if terms else -weight, force[2])
         if weight is not None
