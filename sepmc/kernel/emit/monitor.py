@@ -9,7 +9,7 @@ import math
 
 from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.emit.guides import note_guides, start_guides, watch_guide
+from sepmc.kernel.emit.guides import guide_loads, reset_guides, update_guides
 from sepmc.kernel.emit.steps import emit_broadcast, emit_cut_attitudes
 from sepmc.kernel.emit.wrenches import before_wrenches, make_wrenches, store_wrenches
 from sepmc.kernel.spec.kernel_spec import ANY_PHASE, Event, Segment
@@ -36,7 +36,7 @@ def emit_monitor(out: Text, c: Context) -> None:
         for k in range(6 * len(c.output_joints)):
             c.case.scope.store(component("PEAKS", k), _INITIAL[k % 3])
         c.workspace.add("PEAKS", 6 * len(c.output_joints))
-    start_guides(c)
+    reset_guides(c)
     if not segments:
         return
     numbers = c.node_size
@@ -100,7 +100,7 @@ def _emit_peaks(out: Text, c: Context, segments: dict[int, Segment]) -> None:
         )
     for number, segment in segments.items():
         if any(map(segment.sliding_kinds, c.output_guides)):
-            note_guides(inner.block(f"if phase == {number}:"), c, segment)
+            update_guides(inner.block(f"if phase == {number}:"), c, segment)
 
 
 def _other_peak(k: int) -> int:
@@ -194,7 +194,7 @@ def _emit_wrenches(out: Text, c: Context, segment: Segment) -> None:
     store_wrenches(s, motion)
     for joint, first, _, _ in c.guide_fields:
         for k, vector in enumerate(
-            watch_guide(s, motion, joint) if segment.sliding_kinds(joint) else []
+            guide_loads(s, motion, joint) if segment.sliding_kinds(joint) else []
         ):
             s.scope.store(component("WRENCH", first + 3 * k), vector)
     s.scope.write(text)

@@ -103,8 +103,10 @@ class Rows:
         assert own is not None
         mask = self.s.is_active(row.joint, row.kinds) if row.kinds else 1.0
         inverse = self.s.scope.localize(self.inverse[own.leader])
-        turned = tuple(
-            called(product(own.lever, tuple(inverse[3 * i + k] for k in range(3))), "turned")
+        inverse_normal = tuple(
+            called(
+                product(own.lever, tuple(inverse[3 * i + k] for k in range(3))), "inverse_normal"
+            )
             for i in range(3)
         )
         return JointRow(
@@ -112,7 +114,7 @@ class Rows:
             line.e,
             (line.arm_a, line.arm_b),
             {own.leader: own.lever},
-            {own.leader: turned},
+            {own.leader: inverse_normal},
             self._stabilised(line.gamma, line.length, line.rate),
             mask * line.length,
             mask * line.rate,
