@@ -10,7 +10,13 @@ from sepmc.kernel.emit.context import Context, change_time, component, reject_un
 from sepmc.kernel.emit.history import fit_curves
 from sepmc.kernel.emit.ignition import ignition, ignition_time, store_ignitions
 from sepmc.kernel.emit.monitor import load_side
-from sepmc.kernel.emit.outcomes import emit_results, kept, kept_angle, tip_off, tip_offs
+from sepmc.kernel.emit.outcomes import (
+    emit_results,
+    event_angle,
+    event_field,
+    tip_off_field,
+    tip_off_fields,
+)
 from sepmc.kernel.emit.steps import advance
 from sepmc.kernel.emit.tables import has_tables
 from sepmc.kernel.spec.kernel_spec import (
@@ -98,13 +104,13 @@ def _begin(out: Text, c: Context) -> None:
         "    w[NOT_FINITE + l] += w[P + slots[k] * LANES + l] - w[P + slots[k] * LANES + l]",
     )
     text("prepare(w)")
-    for field in tip_offs(c):
+    for field in tip_off_fields(c):
         c.workspace.add(field, 3, optional=True)
         text.block("for e in range(3 * LANES):")(f"w[{field} + e] = math.nan")
     for event in c.spec.scene.event:
-        c.workspace.add(kept(event.name), c.size + 2 * len(c.spec.bodies), optional=True)
-        text.block(f"for e in range({c.workspace.counts[kept(event.name)]} * LANES):")(
-            f"w[{kept(event.name)} + e] = math.nan"
+        c.workspace.add(event_field(event.name), c.size + 2 * len(c.spec.bodies), optional=True)
+        text.block(f"for e in range({c.workspace.counts[event_field(event.name)]} * LANES):")(
+            f"w[{event_field(event.name)} + e] = math.nan"
         )
     if c.history == at.FULL_HISTORY:
         c.workspace.add("WANTS_ROWS", 1, optional=True)
@@ -302,7 +308,7 @@ def _record_events(text: Text, c: Context, segment: Segment) -> None:
 def _store_event_state(text: Text, c: Context, segment: Segment, event: str) -> None:
     """Store the state of lanes in which an event occurs now; every body that finally rotates by
     itself gets its attitude and angles, whichever body leads its group now."""
-    path = kept(event)
+    path = event_field(event)
     text.block(f"for k in range({c.size}):").lanes()(
         f"w[{path} + k * LANES + l] = w[Y + k * LANES + l] "
         f"if w[OCCURS_NOW_{event} + l] > 0.0 else w[{path} + k * LANES + l]"
@@ -330,7 +336,7 @@ def _store_event_state(text: Text, c: Context, segment: Segment, event: str) -> 
                         component(field, k), where(now, value[k], scope.load(component(field, k)))
                     )
         for k, value in enumerate(angles):
-            angle = kept_angle(c, event, body, k)
+            angle = event_angle(c, event, body, k)
             scope.store(angle, where(now, value, scope.load(angle)))
     scope.write(text)
 
@@ -564,7 +570,7 @@ def _tip_off(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator
             if body != GROUND:
                 leader = segment.leader(body)
                 yield (
-                    tip_off(joint, body),
+                    tip_off_field(joint, body),
                     ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3),
                 )
 

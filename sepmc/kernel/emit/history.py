@@ -9,7 +9,7 @@ from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import pin_forces
 from sepmc.kernel.emit.motion import Motion
-from sepmc.kernel.emit.outcomes import of_body
+from sepmc.kernel.emit.outcomes import body_outcomes
 from sepmc.kernel.emit.steps import emit_broadcast, restore_stage
 from sepmc.kernel.emit.wrenches import before_wrenches, force_of, make_wrenches, moment_of
 from sepmc.kernel.spec.kernel_spec import Segment
@@ -131,7 +131,7 @@ def _everything(out: Text, c: Context, segment: Segment) -> None:
     before_wrenches(text, c, segment)
     s = State(c, c.scope(), segment, "S")
     motion, joints = make_wrenches(s), c.spec.scene.joint
-    row = [x for body in c.spec.bodies for x in of_body(s, body, _angles)]
+    row = [x for body in c.spec.bodies for x in body_outcomes(s, body, _angles)]
     row += [x for line in map(s.separation, joints) for x in (line.rate, line.length)]
     origin = (0.0, s.scope.load("ORIGIN_HEIGHT"), 0.0)
     for body in c.spec.bodies:

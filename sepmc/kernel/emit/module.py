@@ -18,7 +18,7 @@ from sepmc.kernel.emit.monitor import emit_monitor
 from sepmc.kernel.emit.motion import emit_correct
 from sepmc.kernel.emit.outcomes import emit_outcomes
 from sepmc.kernel.emit.rates import emit_rates
-from sepmc.kernel.emit.start import ZERO_AT_FIRST, emit_prepare, shared_size
+from sepmc.kernel.emit.start import INITIALLY_ZERO, emit_prepare, shared_size
 from sepmc.kernel.emit.steps import (
     coefficients,
     emit_advance,
@@ -157,7 +157,7 @@ def _add_common_fields(c: Context) -> None:
         "DONE",
         "REJECTED",
         "MAX_NEXT_STEP",
-        *ZERO_AT_FIRST,
+        *INITIALLY_ZERO,
     ):
         c.workspace.add(name, 1)
     (
