@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from sepmc.kernel.emit.clearances import clearance_now, counts_from_start
+from sepmc.kernel.emit.clearances import emit_clearance_at, is_active_at_start
 from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import guide_outcomes
@@ -128,9 +128,9 @@ def _event_clearances(text: Text, end: State, event: str, end_index: int) -> Non
     s = State(c, end.scope, end.segment, event_field(event), f"EVENT_TIME_{event}")
     for i, entry in enumerate(clearances):
         counts = f"w[EVENT_TIME_{event} + l] < math.inf"
-        if not counts_from_start(c, i):
+        if not is_active_at_start(c, i):
             counts += f" and w[EVENT_TIME_{event} + l] >= w[RELEASE_{entry.after} + l]"
-        clearance_now(
+        emit_clearance_at(
             text, s, i, counts, component("EVENT_OUTCOMES", end_index - len(clearances) + i)
         )
 
