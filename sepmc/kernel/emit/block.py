@@ -56,11 +56,6 @@ def emit_block(out: Text, c: Context) -> None:
 
     Its arrays are in the order of `sepmc.engine.blocks.integrate`. The functions are split so that
     an output changes short compile units only.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
     """
     functions = Text()
     _begin(functions, c)
@@ -587,13 +582,7 @@ def _after_step(c: Context, number: int) -> list[str]:
 
 def emit_load_switch(out: Text, c: Context) -> None:
     """Write the function that ends an interval at the next load switch and updates the acting
-    loads.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    loads."""
     if not c.spec.load_switches:
         return
     docstring = "End the interval at the next load switch; update the loads that act until then."

@@ -15,13 +15,7 @@ from sepmc.scene.model import GROUND, Clearance
 
 def emit_clearances(out: Text, c: Context) -> None:
     """Write the function that searches the step of a lane, and for every segment the one that
-    searches those of all lanes.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    searches those of all lanes."""
     powers, entries = c.extended.dense.shape[1], c.spec.scene.clearance
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(component("CLEARANCES", k), math.nan)

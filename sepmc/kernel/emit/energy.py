@@ -62,14 +62,7 @@ def _relative_speed(s: State, body: str, mean: Any) -> Any:
 
 
 def emit_energy(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function for the energy defect in a segment.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    segment : Segment
-    """
+    """Write the function for the energy defect in a segment."""
     docstring = (
         "Largest energy defect (kinetic energy about the mass centre minus its initial value "
         "and the work of all loads) and its reference, into ENERGY;"

@@ -35,12 +35,6 @@ def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
     Each condition is a scalar g(t) of the state, below zero before the event. Its Taylor polynomial
     to third order gives the time to the event (`sepmc.routines.lanes.time_left`); the jerk is the
     difference quotient of accelerations at the last two steps.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    segment : Segment
     """
     docstring = (
         "Predict the step to the next event, at most to END, into STEP: from value, rate, "
@@ -381,13 +375,7 @@ def _spin_rate(s: State, body: str) -> Any:
 
 
 def emit_event_flags(out: Text, c: Context) -> None:
-    """Write the function that sets the flags of conditions that are met.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    """Write the function that sets the flags of conditions that are met."""
     text = out.function(
         "set_event_flags(w, phase: int)",
         "After the last step to an event: set the flags of the conditions that are met.",

@@ -11,13 +11,7 @@ from sepmc.kernel.tracer.tracer import total
 
 def emit_extension(out: Text, c: Context) -> None:
     """Write the functions for the coefficients of the extension and for a state between the ends of
-    a step.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    a step."""
     c.workspace.add("BEGIN", c.size), c.workspace.add("THETA", c.size)
     # start and length of the step, and the end of its phase as a fraction of it: about 1
     for name in ("BEGIN_T", "LENGTH", "REACH"):

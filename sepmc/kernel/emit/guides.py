@@ -29,12 +29,6 @@ def emit_friction(out: Text, c: Context, segment: Segment) -> None:
 
     Pin loads are linear in the friction forces: those without friction, and their change per newton
     of each, are passed to `sepmc.routines.friction.balance`.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    segment : Segment
     """
     joints = c.spec.friction_joints(segment)
     if not joints:
@@ -180,12 +174,7 @@ def _guide_components(
 
 
 def reset_guides(c: Context) -> None:
-    """Set the initial values of guide outcomes.
-
-    Parameters
-    ----------
-    c : Context
-    """
+    """Set the initial values of guide outcomes."""
     for _, _, time, peaks in c.guide_fields:
         for index, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
             c.case.scope.store(component("GUIDES", index), value)
@@ -195,14 +184,7 @@ def reset_guides(c: Context) -> None:
 
 def update_guides(text: Text, c: Context, segment: Segment) -> None:
     """Append lines of a lane that update the guide outcomes of a segment by the step just made, of
-    length h.
-
-    Parameters
-    ----------
-    text : Text
-    c : Context
-    segment : Segment
-    """
+    length h."""
     for joint, first, time, peaks in c.guide_fields:
         sliding = segment.sliding_kinds(joint)
         if not sliding:

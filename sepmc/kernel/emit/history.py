@@ -20,13 +20,7 @@ from sepmc.routines import layout as at
 
 
 def emit_history(out: Text, c: Context) -> None:
-    """Write the functions for the rows of a history.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    """Write the functions for the rows of a history."""
     if c.history == at.SEPARATION_HISTORY:
         _emit_curves(out, c)
         return

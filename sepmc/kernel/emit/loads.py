@@ -114,13 +114,7 @@ _BORDER = 1e-6  # m, hysteresis of layer borders
 
 def emit_recentre_air(out: Text, c: Context) -> None:
     """Write the function that expands density and gravity about the present height of bodies that
-    are far from that of the last expansion.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    are far from that of the last expansion."""
     bodies = [body for body in c.spec.bodies if c.spec.in_layers(body)]
     if not bodies:
         return
@@ -165,11 +159,6 @@ def emit_layers(out: Text, c: Context) -> None:
 
     Borders are crossed `_BORDER` beyond their height, so that a body that has just crossed one is
     not at it; a body that starts on a border belongs to the layer that it moves into.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
     """
     text = out.function(
         "enter_layers(w)",

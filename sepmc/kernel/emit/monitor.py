@@ -20,13 +20,7 @@ _INITIAL = (0.0, math.nan, 0.0)  # peak, its time, integral
 
 
 def emit_monitor(out: Text, c: Context) -> None:
-    """Write the functions that monitor joint loads over a step.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    """Write the functions that monitor joint loads over a step."""
     segments = {
         number: segment
         for number, segment in enumerate(c.spec.segments)

@@ -185,14 +185,7 @@ def _added(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
 
 def emit_correct(out: Text, c: Context, segment: Segment) -> None:
     """Write the function that updates the constraint residuals of a segment and, if the scene asks
-    for it, projects the state onto the constraints.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    segment : Segment
-    """
+    for it, projects the state onto the constraints."""
     if c.emit_alias(out, segment, "correct"):
         return
     corrects = c.spec.scene.solver.drift == "projection"

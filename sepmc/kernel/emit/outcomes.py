@@ -25,13 +25,7 @@ AT_EVENT = 6  # last outcomes of a body, reported at events too: rates and attit
 
 
 def emit_outcomes(out: Text, c: Context) -> None:
-    """Write the function for the outcomes of all lanes.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    """Write the function for the outcomes of all lanes."""
     spec, segment = c.spec, c.spec.segments[-1]
     text = out.function(
         "compute_outcomes(w)",
@@ -177,11 +171,6 @@ def emit_results(text: Text, c: Context) -> None:
 
     Whole columns are copied for all lanes at once: one number at a time took a tenth of the run
     time.
-
-    Parameters
-    ----------
-    text : Text
-    c : Context
     """
     spec, bodies = c.spec, len(c.spec.bodies)
     n_own = bodies * at.BODY_OUTCOMES + len(spec.scene.joint) * at.JOINT_OUTCOMES

@@ -13,13 +13,7 @@ from sepmc.kernel.tracer.text import Text
 
 def emit_rates(out: Text, c: Context) -> None:
     """Write the functions for the derivative in every segment, and the one that calls that of the
-    present segment.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    present segment."""
     for segment in c.spec.segments:
         emit_look_up(out, c, segment)
         if not c.emit_alias(out, segment, "rates"):

@@ -36,13 +36,7 @@ def shared_size(c: Context) -> int:
 
 def emit_prepare(out: Text, c: Context) -> None:
     """Write the function that prepares a case; it is written last, when all needed values are
-    known.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    known."""
     spec, workspace, case = c.spec, c.workspace, c.case
     text = out.function(
         "prepare(w)",

@@ -72,13 +72,7 @@ def advance(rk: Method) -> str:
 
 
 def emit_step_length(out: Text, c: Context) -> None:
-    """Write the function for the step lengths of all lanes.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    """Write the function for the step lengths of all lanes."""
     docstring = (
         "Length of the first of ``parts`` steps to END or to the next event, into all of STEP; "
         "at first, an event is predicted no later than"
@@ -187,14 +181,7 @@ def emit_broadcast(text: Text, c: Context, field: str) -> None:
 
 def emit_advance(out: Text, c: Context, rk: Method) -> None:
     """Write the function for one step by a method; if the step has an extension, its start is
-    stored.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    rk : Method
-    """
+    stored."""
     docstring = (
         f"One of ``left`` steps of a phase by {rk.name}, of ``size`` components of the state."
     )
@@ -239,13 +226,7 @@ def _extends(text: Text, c: Context) -> None:
 
 
 def emit_event_polish(out: Text, c: Context) -> None:
-    """Write the function for the last step to an event: it is short, so RK4 is accurate enough.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    """Write the function for the last step to an event: it is short, so RK4 is accurate enough."""
     rk = method("rk4")
     docstring = (
         f"Last step to an event: a short step by {rk.name}, then a correction along the derivative."
@@ -337,13 +318,7 @@ def _emit_stages(
 
 
 def emit_finish_step(out: Text, c: Context) -> None:
-    """Write the function that completes a step.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    """Write the function that completes a step."""
     spec = c.spec
     docstring = (
         "After a step: normalise attitudes, count full turns of pitch and roll, project onto "
@@ -520,13 +495,7 @@ def _finish_height(scope: Scope, c: Context, body: str) -> None:
 
 
 def emit_indicators(out: Text, c: Context) -> None:
-    """Write the function that updates the maximum embedded error of all steps.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    """
+    """Write the function that updates the maximum embedded error of all steps."""
     text = out.function(
         "note_indicators(w, phase: int)",
         "Update the maximum embedded error of the steps of every body, into INDICATORS.",

@@ -53,14 +53,7 @@ def _has_air(spec: KernelSpec, body: str) -> bool:
 
 
 def emit_look_up(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function for the table values at a state of a segment.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    segment : Segment
-    """
+    """Write the function for the table values at a state of a segment."""
     if not has_tables(c.spec) or c.emit_alias(out, segment, "look_up"):
         return
     text = Text(out.indent + 1)  # the functions of the tables come before it

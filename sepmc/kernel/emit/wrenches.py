@@ -16,14 +16,7 @@ from sepmc.scene.model import GROUND
 
 def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
     """Write the function for the joint loads of a segment with redundant rows: the multipliers of
-    minimum norm.
-
-    Parameters
-    ----------
-    out : Text
-    c : Context
-    segment : Segment
-    """
+    minimum norm."""
     if not segment.needs_min_norm:
         return
     docstring = (
