@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from sepmc import schema
-from sepmc.analysis.rare_values import Rare, rare_values
+from sepmc.analysis.rare_values import RareValue, rare_values
 from sepmc.analysis.variance_indices import LHS, PLAN
 from sepmc.campaign import cases
 from sepmc.campaign.case_selection import CaseSelection
@@ -113,7 +113,7 @@ class Definition:
         return frozenset(d.parameter.path for d in self.file.dispersions)
 
     @cached_property
-    def rare_values(self) -> tuple[Rare, ...]:
+    def rare_values(self) -> tuple[RareValue, ...]:
         """Values and pairs of values that the file gives a probability."""
         return rare_values(self.file.dispersions, self.file.copulas)
 

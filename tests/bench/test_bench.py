@@ -28,7 +28,7 @@ from sepmc.bench import (
 )
 from sepmc.bench.folder import open_folder
 from sepmc.bench.reference import make_reference
-from sepmc.bench.study import Study, drawn
+from sepmc.bench.study import Study, sample_inputs
 from sepmc.campaign.execution.integration import by_name
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store.untrusted import StoreError
@@ -48,7 +48,9 @@ def silent(_):
 
 def study_of(name, cases, threads=1, settings=None):
     campaign = sepmc.load(name, {"run.history_step_s": 0.0, **(settings or {})})
-    return Study(campaign, select_steps(campaign), drawn(campaign, cases), 1, threads, True, silent)
+    return Study(
+        campaign, select_steps(campaign), sample_inputs(campaign, cases), 1, threads, True, silent
+    )
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import threading
 import numpy as np
 import pandas as pd
 import pytest
-from measure_library import measure
+from support.host_processes import measure
 
 import sepmc
 from sepmc.engine import cache_files
@@ -306,7 +306,7 @@ def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
     assert held == [True]
 
 
-# hosts, a few answers of each; `python tests/measure_library.py` asks for a hundred
+# hosts, a few answers of each; `python tests/measure/library.py` asks for a hundred
 
 
 @needs_fork

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from oracles.independent import fly
+from oracles.independent import simulate
 from small_scenes import SCENES, scene
 from turning_pair import by_independent_flights
 
@@ -391,7 +391,7 @@ def flown_independently(campaign, drawn, numbers):
     for number in numbers:
         values = {law.parameter.path: float(x) for law, x in zip(laws, drawn[number], strict=True)}
         flown.append(
-            fly(
+            simulate(
                 dataclasses.replace(
                     campaign.nominal(), scene=parameters.replace(campaign.nominal().scene, values)
                 ).to_dict()

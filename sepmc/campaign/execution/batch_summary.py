@@ -41,7 +41,7 @@ class BatchSummary(msgspec.Struct, frozen=True):
     indicators : tuple of float
         Largest error indicators; see `sepmc.campaign.execution.error_estimate.Estimate.largest`.
     occurred : tuple of int
-        Occurrences of rare values; see `sepmc.analysis.rare_values.count`.
+        Occurrences of rare values; see `sepmc.analysis.rare_values.count_values`.
     """
 
     failures: int = 0
@@ -113,7 +113,7 @@ def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummar
         count_missing(campaign, outcomes, block.status == Status.OK),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
         tuple(again.indicators.tolist()) if again else (),
-        rare_values.count(campaign.rare_values, inputs),
+        rare_values.count_values(campaign.rare_values, inputs),
     )
 
 

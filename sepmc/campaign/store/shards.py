@@ -14,7 +14,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from sepmc.analysis.stored_statistics import Told
+from sepmc.analysis.stored_statistics import StoredStatistics
 from sepmc.campaign.store import folders, ledger
 from sepmc.campaign.store.untrusted import StoreError, file_fault, table_fault
 from sepmc.paths import readable
@@ -484,7 +484,7 @@ def write_histograms(folder: Path, bins: pd.DataFrame) -> Path:
     return path
 
 
-def read_stored_statistics(folder: Path) -> Told:
+def read_stored_statistics(folder: Path) -> StoredStatistics:
     """Statistics and histograms of a run that kept no cases. Raises StoreError if they are not
     there as they were written."""
     held, frames = ledger.read(folder), []
@@ -496,7 +496,7 @@ def read_stored_statistics(folder: Path) -> Told:
             )
         frames.append(pd.read_csv(readable(folder / name), index_col=index))
     table, bins = frames
-    return Told(table.drop(columns="unit"), bins)
+    return StoredStatistics(table.drop(columns="unit"), bins)
 
 
 def statistics_as_json(

@@ -69,13 +69,13 @@ def _plan(
         now = block.outcomes[:, : len(units)], sound
         if before is not None and (both := sound & before[1]).any():
             errors = relative_error(before[0][both], now[0][both], units, own)
-        settled = errors.max() <= step_selection.SAFE * scene.solver.accuracy
+        snapped = errors.max() <= step_selection.SAFE * scene.solver.accuracy
         if (
-            settled
+            snapped
             or 2 * steps.max() > _MOST_STEPS
             or (steps.max() >= _HOPELESS and not sound.any())
         ):
-            flown = before if settled and before is not None else now
+            flown = before if snapped and before is not None else now
             if low_order:  # a step and its half can be off by the same
                 block, _ = integrate_cases(
                     kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws
@@ -89,7 +89,7 @@ def _plan(
             # flown again
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), len(draws))
             scale = scales(now[0][sound], units, own)
-            chosen = steps // 2 if settled else steps
+            chosen = steps // 2 if snapped else steps
             left = step_selection.fallbacks(campaign, history)
             return Integration(
                 kernel=kernel,
