@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from sepmc.kernel.emit.tables import sum_of_cell
+from sepmc.kernel.emit.tables import cell_sum_lines
 from sepmc.kernel.spec.splines import pack
 from sepmc.physics.outlines import gap, gap_bound, inside_gap, wall_gap
 from sepmc.physics.rims import rim_gap
@@ -99,7 +99,7 @@ def test_cells_that_lanes_hold_give_what_is_looked_up(counts):
     w = np.concatenate([pack_of, np.zeros(found + 6 * LANES - at - len(pack_of))])
     for n in range(3):
         w[cell + 3 * n * LANES : cell + (3 * n + 1) * LANES] = math.inf
-    lines = "\n".join(sum_of_cell(str(cell), str(place), str(found), 6, seen))
+    lines = "\n".join(cell_sum_lines(str(cell), str(place), str(found), 6, seen))
     random, held = np.random.default_rng(4), 0
     lanes = inside(axes, LANES)
     for turn in range(60):
