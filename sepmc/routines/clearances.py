@@ -122,13 +122,7 @@ def _part(p, cg, w):
     """Part of a body's outline, stored at w[p], in body axes from the centre of mass."""
     start = (cg[0] - w[p + 1], w[p + 2] - cg[1], w[p + 3] - cg[2])
     length = w[p + 4]
-    return (
-        start,
-        (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0),
-        abs(length),
-        w[p + 5],
-        w[p + 6],
-    )
+    return (start, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0), abs(length), w[p + 5], w[p + 6])
 
 
 @routine
