@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
+from spline_values import curve, grid6
 
 from sepmc.kernel.emit.tables import sum_of_cell
 from sepmc.kernel.spec.splines import pack
@@ -16,7 +17,7 @@ from sepmc.physics.rims import rim_gap
 from sepmc.physics.separation import widest_gap
 from sepmc.routines import layout
 from sepmc.routines.lanes import LANES
-from sepmc.routines.splines import curve, grid6, in_cell, load_cell
+from sepmc.routines.splines import in_cell, load_cell
 
 X = [-1.0, -0.2, 0.1, 0.9, 1.4]
 Y = [0.0, 1.0, 1.5, 2.5]
