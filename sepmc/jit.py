@@ -139,9 +139,9 @@ class _Lowering(NativeLowering):
 
 class Lean(CompilerBase):
     """Numba's compiler without passes that compile units do not need: closures, constant branches,
-    overloads to inline; static single assignment, which took half of the time of `fly_block` (a
-    variable has one type in a function: `kernel.tracer.text.Text`); lifetimes of variables, since a
-    unit owns no memory."""
+    overloads to inline; static single assignment, which took half of the time of `integrate_block`
+    (a variable has one type in a function: `kernel.tracer.text.Text`); lifetimes of variables,
+    since a unit owns no memory."""
 
     before_lowering: Any = ()
     lowering: type[NativeLowering] = _Lowering

@@ -117,7 +117,7 @@ def integrate(
         values = [as_python(array, any(array is result for result in results)) for array in arrays]
         with np.errstate(all="ignore"):  # as in compiled code
             for first in range(0, samples.shape[1], kernel.plain.LANES):
-                kernel.plain.fly_block([math.nan] * kernel.plain.SIZE_W, first, values)
+                kernel.plain.integrate_block([math.nan] * kernel.plain.SIZE_W, first, values)
         return
     if not kernel.address:
         raise RuntimeError("a copy of a kernel has no machine code: load the kernel again")

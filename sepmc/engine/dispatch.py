@@ -17,7 +17,7 @@ import numpy as np
 from sepmc import schema
 from sepmc.engine.host_process import loading
 from sepmc.engine.written_kernel import Kernel
-from sepmc.kernel.spec.parameter_layout import Plan
+from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.checks import MOST_ROWS
 from sepmc.scene.messages import InputError, shorten
 from sepmc.scene.model import Scene
@@ -144,7 +144,7 @@ class Block:
 
 def integrate_cases(
     kernel: Kernel,
-    plan: Plan,
+    plan: ParameterLayout,
     steps: np.ndarray,
     typical: np.ndarray,
     slots: np.ndarray,
@@ -214,7 +214,11 @@ def integrate_cases(
 
 
 def integrate_nominal(
-    kernel: Kernel, plan: Plan, steps: np.ndarray, typical: np.ndarray, instants: np.ndarray
+    kernel: Kernel,
+    plan: ParameterLayout,
+    steps: np.ndarray,
+    typical: np.ndarray,
+    instants: np.ndarray,
 ) -> tuple[np.ndarray, int, bool, np.ndarray, np.ndarray]:
     """Integrate the nominal case with a kernel written for full histories.
 

@@ -239,9 +239,9 @@ def load(text: str) -> Kernel:
             _in_python(plain)
         _loaded.clear()  # keep one scene: a thousand would fill the memory
         _loaded[text] = Kernel(
-            n_indicators=module.GUARDS,
-            n_segments=module.STAGES,
-            n_changes=module.CHANGES,
+            n_indicators=module.N_INDICATORS,
+            n_segments=module.N_SEGMENTS,
+            n_changes=module.N_CHANGES,
             methods=module.METHODS,
             plain=module,
         )

@@ -16,7 +16,7 @@ from sepmc.engine.compile_units import table
 from sepmc.engine.compile_workers import Progress, compile_all
 from sepmc.engine.written_kernel import Kernel
 from sepmc.jit import CACHE_FOLDER, cache_lock, machine_code
-from sepmc.kernel.emit.compile_units import ALIKE, split, told
+from sepmc.kernel.emit.compile_units import ENTRY, kernel_properties, split
 
 # Objects between two garbage collections, which took a fifth of the compile time.
 _GC_THRESHOLD = 1_000_000
@@ -58,7 +58,9 @@ def compile_units_of(text: str) -> CompileUnits:
         units = msgspec.json.decode(stored, type=CompileUnits)
         if all(cache_files.is_stored(name) or _is_written(name) for name in units.names):
             return units
-    units = CompileUnits(tuple(write_modules([unit.text for unit in split(text)])), **told(text))
+    units = CompileUnits(
+        tuple(write_modules([unit.text for unit in split(text)])), **kernel_properties(text)
+    )
     cache_files.put_sealed(known, msgspec.json.encode(units))
     return units
 
@@ -111,7 +113,7 @@ def _compile(name: str) -> None:
     if name == blocks.NAME:
         blocks.compile_blocks()
     else:
-        cache_files.store(name, *machine_code(getattr(load_module(name), ALIKE)))
+        cache_files.store(name, *machine_code(getattr(load_module(name), ENTRY)))
 
 
 def load(units: CompileUnits) -> Kernel:

@@ -5,14 +5,14 @@ import hashlib
 import pickle
 
 from sepmc.engine.host_process import loading
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.routines.layout import NO_HISTORY
 
 # sources of the texts, in addition to the compiled ones: a change asks for new texts
 _WRITERS = ("kernel/**/*.py", "schema.py")
 
 
-def written(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
+def written(shape: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
     """Text of a kernel (`sepmc.kernel.emit.module.emit`), loaded from the cache folder or written.
 
     Parameters
@@ -33,7 +33,7 @@ def written(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
     from sepmc.engine.cache_files import put_sealed, read_sealed  # noqa: PLC0415
     from sepmc.jit import CACHE_FOLDER, digest_of  # noqa: PLC0415
 
-    structure = shape.plan, shape.names, sorted(shape.dispersed), shape.care
+    structure = shape.layout, shape.names, sorted(shape.dispersed), shape.variant
     key = pickle.dumps((*structure, method_name, history))
     digest = hashlib.sha256(key + digest_of(_WRITERS)).hexdigest()[:32]
     path = CACHE_FOLDER / f"text_{digest}.sealed"

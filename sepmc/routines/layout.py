@@ -63,10 +63,9 @@ LOADS_OUTCOMES, CLEARANCE_OUTCOMES = 6, 6
 # Part of an outline in ``numbers``: hollow, layout point of its start, length aft, radius at both
 # ends.
 PART_SIZE = 7
-# Status of a case that a kernel rejects, by the remedy: shorter steps; the kernel variant with
-# releases in any order; the variant that also solves all rows by least squares.
-FINER_STEPS, ANY_ORDER, LEAST_SQUARES = -1, -2, -3
-STANDARD = 0  # kernel variant without these
+# Status of a case that a kernel rejects because its steps are too long; other rejected cases have
+# the code of the variant (`sepmc.kernel.spec.variant`) that may integrate them.
+FINER_STEPS = -1
 
 # Data of an interval between load switches, after the parameters of a case. Of a motor: burning,
 # tailing off or off, and the line of its profile.

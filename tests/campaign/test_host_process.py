@@ -11,7 +11,7 @@ import threading
 import numpy as np
 import pandas as pd
 import pytest
-from measure_library import measure
+from support.host_processes import measure
 
 import sepmc
 from sepmc.engine import cache_files
@@ -41,7 +41,7 @@ def test_copies_of_campaigns_and_cases(name, way):
     for again in (WAYS[way](first), WAYS[way](WAYS[way](first))):
         assert (again.digest, again.settings) == (first.digest, {"run.seed": "7"})
         assert again.scene == first.scene
-        np.testing.assert_array_equal(again.draw(0, 9), first.draw(0, 9))
+        np.testing.assert_array_equal(again.sample(0, 9), first.sample(0, 9))
         assert again.case(4).scene == WAYS[way](first.case(4)).scene == first.case(4).scene
         for one, other in zip(again.file.dispersions, first.file.dispersions, strict=True):
             assert one.parameter.field == other.parameter.field
@@ -306,7 +306,7 @@ def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
     assert held == [True]
 
 
-# hosts, a few answers of each; `python tests/measure_library.py` asks for a hundred
+# hosts, a few answers of each; `python tests/measure/library.py` asks for a hundred
 
 
 @needs_fork

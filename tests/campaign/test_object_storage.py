@@ -80,7 +80,7 @@ def test_the_same_rows(campaign, alone):
 
 def test_workers_write_it(campaign, alone):
     with crew(2, threads=1) as workers:
-        found = campaign.run(cases=CASES, out=as_path("s3://bucket/workers"), crew=workers)
+        found = campaign.run(cases=CASES, out=as_path("s3://bucket/workers"), executor=workers)
     same(found.folder, alone.folder)
     assert found.statistics().equals(alone.statistics())
 
@@ -91,7 +91,7 @@ def test_what_is_lost_is_flown_again(campaign, alone):
     first, second, *_ = sorted((folder / "cases").glob("part-*"))
     first.unlink()
     second.write_bytes(b"some bytes")
-    said = [finding.said for finding in manifests.diagnose(folder)]
+    said = [finding.text for finding in manifests.diagnose(folder)]
     assert any("is gone" in text for text in said)
     assert any("was changed" in text for text in said)
     with pytest.raises(folders.StoreError, match="resume=True"):
@@ -117,21 +117,25 @@ def test_command_line(alone, tmp_path):
     assert f"wrote {where}" in told.output
     assert "is as it was written" in call("doctor", where).output
     assert call("plot", where).exit_code == 0
-    assert call("drivers", where).exit_code == 0
+    assert call("sensitivity", where).exit_code == 0
     ok = alone.to_pandas().query("status == 'ok'")["case"].iloc[0]
     one = call("replay", where, "--case", ok, "--no-plots", "--out", tmp_path / "one")
     assert one.exit_code == 0, one.output
     assert "is the same bit by bit" in one.output
     more = ["--cases", 2 * CASES, "--out", where, "--resume", "--no-plots"]
     assert call("campaign", where, *more).exit_code == 0
-    assert np.array_equal(shards.cases_done(as_path(where)), np.arange(2 * CASES))
+    assert np.array_equal(shards.stored_cases(as_path(where)), np.arange(2 * CASES))
     replaced = call(
         "campaign", "table2", "--cases", 50, "--out", where, "--overwrite", "--keep", "every:10"
     )
     assert replaced.exit_code == 0, replaced.output
-    assert not shards.parts(as_path(where), folders.CASES)
+    assert not shards.entries(as_path(where), folders.CASES)
     assert (
-        len(shards.read_part(as_path(where), shards.parts(as_path(where), folders.KEPT)[0])["case"])
+        len(
+            shards.read_shard(as_path(where), shards.entries(as_path(where), folders.SELECTED)[0])[
+                "case"
+            ]
+        )
         == 5
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
-from oracles.independent import fly
+from oracles.independent import simulate
 from small_scenes import scene
 
 import sepmc
@@ -106,7 +106,11 @@ LEAVES = {
 def test_a_case_that_fails(pair):
     """It has rows as far as it got: to where alpha, 2 deg to begin with, leaves its table."""
     found = pair(LEAVES).simulate(step_s=0.02)
-    assert found.attrs["status"] == fly(pair(LEAVES).nominal().to_dict()).status == "outside-table"
+    assert (
+        found.attrs["status"]
+        == simulate(pair(LEAVES).nominal().to_dict()).status
+        == "outside-table"
+    )
     assert np.isnan(found.attrs["outcomes"]["fore_omega_z_deg_s"])
     assert 3 < len(found) < 26
     alpha = found["aft_alpha_deg"].to_numpy()

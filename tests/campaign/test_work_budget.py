@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from sepmc.campaign.execution import single_case, step_selection
 from sepmc.campaign.execution.step_search import Search
-from sepmc.cli import app, checks
+from sepmc.cli import app, check
 from sepmc.scene.messages import nobody
 
 # a mote of 1e-4 kg on 1e5 kg that turn 50 times a second
@@ -54,7 +54,7 @@ def test_check_tells_what_it_knows_before_it_flies(tmp_path, monkeypatch):
     file = tmp_path / "mote.toml"
     file.write_text(MOTE + '[[load]]\nname = "idle"\nbody = "fore"\n')
     flown = Campaign.simulate
-    monkeypatch.setattr(checks, "_WORK", 1e6)
+    monkeypatch.setattr(check, "_WORK", 1e6)
     monkeypatch.setattr(
         Campaign, "simulate", lambda *given, **more: (seen.append(1), flown(*given, **more))[1]
     )
@@ -154,7 +154,7 @@ def test_trial_cases_are_flown_no_more_than_needed(plainly, pair, monkeypatch):
         {"solver": {"accuracy": 1e-6}, "run.history_step_s": 0.1,
          "dispersion": {"body.aft.mass_kg": {"uniform": 0.1}}}
     )  # fmt: skip
-    found = step_selection.plan_flight(campaign, history=True)
+    found = step_selection.select_steps(campaign, history=True)
     all_of_them = step_selection.CORNERS + 1 + step_selection.SAMPLE
     assert sum(n >= step_selection.SAMPLE for n in flights) == 2
     assert flights.count(all_of_them) == 2

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measure_clearance import exact
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from support.exact_clearances import exact
 
 import sepmc
 from sepmc.campaign.execution import step_selection
