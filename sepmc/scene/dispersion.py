@@ -8,10 +8,10 @@ import numpy as np
 from sepmc.scene.fields import allowed
 from sepmc.scene.input_table import InputTable, check_column
 from sepmc.scene.messages import Problems
-from sepmc.scene.model import Law, Scene
+from sepmc.scene.model import Distribution, Scene
 from sepmc.scene.parameters import Parameter, UnknownPath, find, value
 
-LAWS = ("uniform", "normal", "triangular", "discrete", "constant")
+DISTRIBUTIONS = ("uniform", "normal", "triangular", "discrete", "constant")
 
 _CENTRED = ("uniform", "triangular", "normal")
 _FAR_FROM_NOMINAL = 10.0  # times the nominal: a law so far off was meant in the unit of its key
@@ -105,7 +105,7 @@ class Dispersion:
 
 
 def resolve(
-    scene: Scene, laws: dict[str, Law], problems: Problems, table: InputTable | None = None
+    scene: Scene, laws: dict[str, Distribution], problems: Problems, table: InputTable | None = None
 ) -> tuple[Dispersion, ...]:
     """Resolve the laws of a file against the scene's nominal values, and against the columns of a
     plan, which come before laws, noting every problem."""
@@ -146,12 +146,16 @@ def resolve(
 
 
 def _of_column(
-    law: Law, parameter: Parameter, table: InputTable | None, place: str, problems: Problems
+    law: Distribution,
+    parameter: Parameter,
+    table: InputTable | None,
+    place: str,
+    problems: Problems,
 ) -> Dispersion | None:
     """A parameter that takes its values from a column of the plan: one that is named, or that has
     the name of its own column in a case table."""
     if law.column is not None:
-        if [name for name in LAWS if getattr(law, name) is not None] or law.weights:
+        if [name for name in DISTRIBUTIONS if getattr(law, name) is not None] or law.weights:
             problems.add(place, "give a column of run.plan, or a law")
             return None
         if table is None:
@@ -176,14 +180,14 @@ def _is_structure(parts: list[str]) -> bool:
 
 
 def _resolve_one(
-    law: Law, parameter: Parameter, nominal: float, place: str, problems: Problems
+    law: Distribution, parameter: Parameter, nominal: float, place: str, problems: Problems
 ) -> Dispersion | None:
-    given = [name for name in LAWS if getattr(law, name) is not None]
+    given = [name for name in DISTRIBUTIONS if getattr(law, name) is not None]
     if len(given) != 1:
         problems.add(
             place,
             "give exactly one of "
-            + ", ".join((*LAWS, "column"))
+            + ", ".join((*DISTRIBUTIONS, "column"))
             + (f", not {' and '.join(given)}" if given else ""),
         )
         return None

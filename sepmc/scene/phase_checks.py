@@ -8,7 +8,7 @@ from sepmc.scene.kinds import KINDS, is_part, rows_of
 from sepmc.scene.limits import SMALLEST
 from sepmc.scene.load_checks import check_known
 from sepmc.scene.messages import Problems, nearest
-from sepmc.scene.model import GROUND, Scene, Until
+from sepmc.scene.model import GROUND, Condition, Scene
 
 _OF_JOINT = {
     "stroke": "stroke_m",
@@ -79,7 +79,7 @@ def check_phases(scene: Scene, problems: Problems) -> None:
 
 
 def _check_can_move(
-    place: str, until: Until, kinds: dict[str, str], scene: Scene, problems: Problems
+    place: str, until: Condition, kinds: dict[str, str], scene: Scene, problems: Problems
 ) -> None:
     """A joint that holds along x has no stroke, one that holds all rotations no angle: such a
     condition is never met."""
@@ -112,7 +112,7 @@ def _check_kind(place: str, joint: str, kind: str, scene: Scene, problems: Probl
         problems.add(f"{place}.{joint}", f"no such joint kind; {nearest(kind, kinds)}", kind)
 
 
-def _check_condition(place: str, until: Until, scene: Scene, problems: Problems) -> None:
+def _check_condition(place: str, until: Condition, scene: Scene, problems: Problems) -> None:
     """A condition must compare something, and name what it compares."""
     on_joint = [key for key in _OF_JOINT if getattr(until, key) is not None]
     of_body = [key for key in _OF_BODY if getattr(until, key) is not None]
@@ -171,7 +171,7 @@ def _check_condition(place: str, until: Until, scene: Scene, problems: Problems)
             _check_condition(f"{place}.{key}.{number}", item, scene, problems)
 
 
-def _refuse_direction(place: str, until: Until, given: list[str], problems: Problems) -> None:
+def _refuse_direction(place: str, until: Condition, given: list[str], problems: Problems) -> None:
     """A direction is that of the one quantity in its table that crosses a threshold."""
     keys = _OF_JOINT | _OF_BODY
     said = (

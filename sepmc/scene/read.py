@@ -18,7 +18,7 @@ from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
-from sepmc.scene.initial_rates import check_swings
+from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.input_table import CASE, InputTable, Reader
 from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, content
 from sepmc.scene.messages import (
@@ -36,7 +36,7 @@ from sepmc.scene.model import (
     VIOLATION,
     XYZ,
     Correlation,
-    Law,
+    Distribution,
     Reference,
     Requirement,
     Scene,
@@ -259,7 +259,7 @@ def _parse(
         check_dispersion(dispersion, scene, problems)
     if not problems:
         check_shapes(dispersions, scene, problems)
-        check_swings(scene, frozenset(d.parameter.path for d in dispersions), problems)
+        check_initial_rates(scene, frozenset(d.parameter.path for d in dispersions), problems)
     if len(dispersions) == len(laws):
         copulas = resolve_correlations(correlations, scene, dispersions, problems)
         if copulas and scene.run.sampler == SALTELLI:
@@ -358,7 +358,7 @@ def _check_requirement(
         problems.add(f"{place}.at_most", f"must be at least at_least = {low:g}", high)
 
 
-def _read_laws(tree: Any, problems: Problems) -> dict[str, Law]:
+def _read_laws(tree: Any, problems: Problems) -> dict[str, Distribution]:
     if not isinstance(tree, dict):
         problems.add("dispersion", "must be a table", tree)
         return {}
@@ -373,7 +373,7 @@ def _read_laws(tree: Any, problems: Problems) -> dict[str, Law]:
         if not isinstance(law, dict):
             problems.add(f"dispersion.{key}", "must be a table, such as { uniform = 20.0 }", law)
             continue
-        read = read_table(Law, law, f"dispersion.{key}", problems)
+        read = read_table(Distribution, law, f"dispersion.{key}", problems)
         if read is not None:
             laws[key] = read
     return laws
@@ -405,7 +405,7 @@ def _of_no_effect(
     scene: Scene,
     settings: dict[str, Any],
     dispersions: tuple[Dispersion, ...],
-    laws: dict[str, Law],
+    laws: dict[str, Distribution],
 ) -> Iterator[str]:
     """A sentence for each value that is set and that only the nominal case has, because a law gives
     all others theirs whatever it is."""
@@ -436,7 +436,7 @@ def _of_no_effect(
             )
 
 
-def _has_ends(law: Law) -> bool:
+def _has_ends(law: Distribution) -> bool:
     """Whether a law says where its values lie, not how far from the nominal."""
     return (
         law.discrete is not None

@@ -4,7 +4,7 @@ from typing import Any
 
 from sepmc.scene.fields import fields_of
 from sepmc.scene.messages import Problems
-from sepmc.scene.model import Law, Scene
+from sepmc.scene.model import Distribution, Scene
 from sepmc.scene.units import split_unit
 
 # tables whose keys are names, in which nothing is a unit
@@ -13,7 +13,9 @@ _ARRAYS = frozenset(
     ["requirement", "correlation"]
     + [field.name for field in fields_of(Scene).values() if field.array_of_tables]
 )
-_LAWS = frozenset(key for field in fields_of(Law).values() for key in field.keys)
+_DISTRIBUTION_KEYS = frozenset(
+    key for field in fields_of(Distribution).values() for key in field.keys
+)
 
 
 def parts(key: str) -> list[str]:
@@ -23,7 +25,7 @@ def parts(key: str) -> list[str]:
     if table != "dispersion" or not rest:
         return key.split(".")
     parameter, _, last = rest.rpartition(".")
-    return [table, parameter, last] if parameter and last in _LAWS else [table, rest]
+    return [table, parameter, last] if parameter and last in _DISTRIBUTION_KEYS else [table, rest]
 
 
 def _without_units(key: str) -> tuple[str, ...]:

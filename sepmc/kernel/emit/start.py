@@ -9,7 +9,7 @@ from sepmc.kernel.tracer.formulas import quat, vec3, vehicle
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total, where
 from sepmc.routines import layout as at
-from sepmc.scene.initial_rates import swings
+from sepmc.scene.initial_rates import initial_rates
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
@@ -81,7 +81,7 @@ def _start(c: Context) -> None:
     """
     shape, slabs, case, scope = c.shape, c.slabs, c.case, c.case.scope
     r, omega = quat.matrix(case.attitude).called("r"), case.vector(at.OMEGA)
-    pivot, found = _pivot(c), dict(swings(shape.scene, shape.dispersed))
+    pivot, found = _pivot(c), dict(initial_rates(shape.scene, shape.dispersed))
     sound: Any = None
     for body in shape.bodies:
         offset = vec3.scale(

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from sepmc.routines import layout as at
-from sepmc.scene.model import Scene, Until
+from sepmc.scene.model import Condition, Scene
 
 _ON_JOINT = {
     "stroke": at.AT_STROKE,
@@ -45,7 +45,7 @@ class Conditions:
     clauses: list[int] = field(default_factory=list)
     clause_leaves: list[int] = field(default_factory=list)
 
-    def add(self, until: Until | None, path: str) -> None:
+    def add(self, until: Condition | None, path: str) -> None:
         """The next event: met when ``until`` is; never if that is None."""
         self._close(self._clauses(until, path) if until is not None else [])
 
@@ -63,7 +63,7 @@ class Conditions:
         self.leaves.append(Leaf(what, which, len(self.events) // 2, path, direction))
         return len(self.leaves) - 1
 
-    def _clauses(self, until: Until, path: str) -> list[list[int]]:
+    def _clauses(self, until: Condition, path: str) -> list[list[int]]:
         """Any of clauses, each all of leaves."""
         found = []
         if until.time is not None:

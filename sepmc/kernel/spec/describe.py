@@ -4,7 +4,7 @@ import numpy as np
 
 from sepmc.kernel.spec.parameter_layout import Plan
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import Motor, Scene, Until
+from sepmc.scene.model import Condition, Motor, Scene
 
 
 def lines(plan: Plan) -> list[str]:
@@ -92,7 +92,7 @@ def _names(names) -> str:
     return ", ".join(names) or "none"
 
 
-def condition(until: Until) -> str:
+def condition(until: Condition) -> str:
     """A condition in words."""
     parts = [f"{until.time:g} s"] if until.time is not None else []
     parts += [f"burn-out of {until.burn_out}"] if until.burn_out is not None else []

@@ -7,7 +7,7 @@ from dataclasses import replace
 from msgspec.structs import replace as change
 
 from sepmc.kernel.spec.parameter_layout import Plan
-from sepmc.scene.model import GROUND, Ignition, Phase, Scene, Until
+from sepmc.scene.model import GROUND, Condition, Ignition, Phase, Scene
 
 # Tables whose items have a name of the user's, and the word their items are numbered by.
 _WORDS = {
@@ -158,7 +158,7 @@ class Names:
         waits = {key: getattr(ignition, key) for key in ("event", "release", "joint")}
         return change(ignition, **{key: name and self.of[key][name] for key, name in waits.items()})
 
-    def _until(self, until: Until) -> Until:
+    def _until(self, until: Condition) -> Condition:
         """A condition, and its parts."""
         return change(
             until,

@@ -12,7 +12,7 @@ from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import Plan, is_ground_named
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import GROUND, Phase, Scene, Until
+from sepmc.scene.model import GROUND, Condition, Phase, Scene
 from sepmc.scene.redundancy import dependent_rows
 
 _ON_STATE = {
@@ -48,7 +48,7 @@ def _needs_any_order(shape: Shape) -> bool:
     )
 
 
-def _is_manifold(scene: Scene, until: Until) -> bool:
+def _is_manifold(scene: Scene, until: Condition) -> bool:
     """Whether a phase ends by several conditions, or as one of several would: by a spring, or by
     the burn-out of a motor whose ignition is not known beforehand."""
     keys = ("time", "burn_out", *_ON_LOAD, *_ON_STATE)

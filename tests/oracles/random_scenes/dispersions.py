@@ -11,9 +11,9 @@ from oracles.random_scenes.rng import Dice, rounded
 from sepmc.scene.checks import check_dispersion
 from sepmc.scene.dispersion import resolve
 from sepmc.scene.fields import Field, fields_of
-from sepmc.scene.initial_rates import check_swings
+from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.messages import Problems
-from sepmc.scene.model import Law, NotNegative, Scene
+from sepmc.scene.model import Distribution, NotNegative, Scene
 from sepmc.scene.parameters import item_names, value
 
 # angles that laws take all round
@@ -132,12 +132,12 @@ def add_dispersions(tree: dict[str, Any], scene: Scene, dice: Dice) -> None:
 def _allowed(scene: Scene, key: str, law: dict[str, Any]) -> bool:
     problems = Problems()
     try:
-        model = msgspec.convert(law, Law)
+        model = msgspec.convert(law, Distribution)
     except msgspec.ValidationError:
         return False
     for dispersion in resolve(scene, {key: model}, problems):
         check_dispersion(dispersion, scene, problems)
-        check_swings(scene, frozenset({dispersion.parameter.path}), problems)
+        check_initial_rates(scene, frozenset({dispersion.parameter.path}), problems)
     return not problems
 
 
