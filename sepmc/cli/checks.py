@@ -176,14 +176,14 @@ def _nominal_told(loaded: "Campaign", warned: list[str]) -> bool:
     it was flown to its end in the work that a check may take."""
     from sepmc.campaign.execution.diagnostics import of_nominal
     from sepmc.campaign.execution.single_case import UnknownError
-    from sepmc.scene.messages import SceneWarning, nobody
+    from sepmc.scene.messages import SceneWarning, no_log
 
     with warnings.catch_warnings():  # the file's are told already
         warnings.simplefilter("ignore", SceneWarning)
         rough = loaded.with_settings({"solver.accuracy": _ROUGH})
     try:
         flown = rough.simulate(
-            step_s=rough.scene.run.end_time, announce=nobody, plain_work=_WORK
+            step_s=rough.scene.run.end_time, announce=no_log, plain_work=_WORK
         ).attrs
     except UnknownError as unknown:
         click.echo("  nominal      not flown to its end")

@@ -45,7 +45,7 @@ from sepmc.report.drawing import draw_vehicle
 from sepmc.report.history_figures import run_figures
 from sepmc.report.sensitivity_figures import scatter_figure, tornado_figure
 from sepmc.scene.limits import CAMPAIGN_BYTES, content
-from sepmc.scene.messages import nearest, nobody
+from sepmc.scene.messages import nearest, no_log
 from sepmc.scene.model import SALTELLI, VIOLATION, Requirement
 from sepmc.schema import Status, is_yes_or_no
 
@@ -338,7 +338,7 @@ def _laws(run: Campaign) -> dict[str, tuple[Any, ...]]:
     """Law of each input, by column, and what it varies together with."""
     laws_of = run.file.dispersions
     found: dict[str, tuple[Any, ...]] = {
-        d.parameter.column: (d.law, d.numbers, d.weights) for d in laws_of
+        d.parameter.column: (d.distribution, d.numbers, d.weights) for d in laws_of
     }
     for copula in run.file.copulas:
         names = tuple(laws_of[place].parameter.column for place in copula.places)
@@ -376,7 +376,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
         loaded,
         summary,
         table,
-        say=nobody,
+        say=no_log,
         page=into,
         verdicts=verdicts_of(loaded, summary, accuracy, table, summary.audit()),
         converging=True,

@@ -114,7 +114,7 @@ def _wide_laws(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]
     for law in dispersions:
         path = law.parameter.path
         is_signed = path.startswith("load.") or any(part in path for part in _SIGNED)
-        if is_signed or law.law in ("discrete", "constant"):
+        if is_signed or law.distribution in ("discrete", "constant"):
             continue
         nominal = value(scene, path) / law.parameter.factor
         low, high = law.reach

@@ -46,7 +46,7 @@ _LISTED = 24  # words that a message lists
 _TOLD = 100  # problems of a file: it is read no further then
 
 
-def nobody(_: str) -> None:
+def no_log(_: str) -> None:
     """Listens to what is announced, and tells no one."""
 
 
