@@ -66,8 +66,8 @@ def matching_rows(
 
 def filter_outcomes(columns: Mapping[str, str], terms: Sequence[str]) -> list[str]:
     """Return the columns of a filter that are outcomes, not inputs."""
-    terms = [_read(columns, alternative, term) for term in terms for alternative in _OR.split(term)]
-    names = dict.fromkeys(name for columns_of_term, _, _ in terms for name in columns_of_term)
+    parsed = [_read(columns, each, term) for term in terms for each in _OR.split(term)]
+    names = dict.fromkeys(name for matches, _, _ in parsed for name in matches)
     return [name for name in names if not name.startswith("in_") and name != "case"]
 
 
