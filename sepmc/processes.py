@@ -26,7 +26,7 @@ def _uninterrupted() -> Iterator[None]:
 def _begin() -> None:
     """What a process does first: it will hear of no interruption, and puts off garbage."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    gc_tuning.put_off()
+    gc_tuning.reduce_collections()
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from sepmc.scene.dispersion import Dispersion
 from sepmc.wording import option
 
 # Occurrences required before a mean or a sigma is reported: with fewer, intervals of a mean that
-# depends on the value have too low a coverage (tests/measure_until.py).
+# depends on the value have too low a coverage (tests/measure/until.py).
 MIN_OCCURRENCES = 10
 _COMMON = 0.05  # a value of at least this probability shows in the intervals once sampled
 _MIN_RATIO = 1.001  # of a counted pair's probability to that of independent parameters

@@ -133,7 +133,7 @@ def input_sensitivities(
         numbers = np.asarray(cases["case"]) if "case" in cases else np.arange(len(y))
         note = _by_saltelli(table, numbers, x, varied, np.where(has_outcome, y, np.nan))
     elif indices and estimator.first == BY_ROWS and too_even:
-        note = PATTERNED.format(what="run.plan" if sampler == PLAN else "the sample of cases")
+        note = PATTERNED.format(what="run.samples" if sampler == PLAN else "the sample of cases")
     elif indices and estimator.first == BY_ROWS:
         _by_rows(table, varied_inputs, outcomes, has_few_values)
     if table["first"].notna().any() and (

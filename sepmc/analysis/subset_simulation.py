@@ -177,7 +177,7 @@ def mean_interval(estimates: np.ndarray, confidence: float = CONFIDENCE) -> tupl
 
     The mean times exp(+-t s), with Student's t of r - 1 degrees of freedom and the relative
     standard error s of the mean: estimates scatter as their logarithms do. Coverage:
-    `tests/measure_rare.py`.
+    `tests/measure/rare.py`.
     """
     from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s that other commands do not need)
 

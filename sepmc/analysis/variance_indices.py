@@ -31,21 +31,21 @@ PATTERNED = (
     "first-order indices are not given: {what} is patterned, and an input without effect can "
     "appear to have that of two others together; use run.sampler random, lhs or saltelli"
 )
-# Coverage of 95 % intervals: python tests/measure_sensitivity.py
+# Coverage of 95 % intervals: python tests/measure/sensitivity.py
 ESTIMATORS: Mapping[str, ValidEstimator] = {
     "random": ValidEstimator(BY_ROWS),
     LHS: ValidEstimator(
         BY_ROWS, "sampler lhs: intervals of indices are those of random cases, at least 95 %"
     ),
     PLAN: ValidEstimator(
-        BY_ROWS, "run.plan: intervals of indices hold if its rows are independent cases"
+        BY_ROWS, "run.samples: intervals of indices hold if its rows are independent cases"
     ),
     SOBOL: ValidEstimator(NONE, PATTERNED.format(what="a Sobol sequence")),
     SALTELLI: ValidEstimator(BY_GROUPS),
 }
 # Largest fourth cumulant of an outcome (less the means of its groups) over its squared variance and
 # over n with which intervals are given: the coverage of 95 % intervals is 92 % and more, above it
-# 70 to 91 % (tests/measure_sensitivity.py)
+# 70 to 91 % (tests/measure/sensitivity.py)
 MAX_TAIL = 0.01
 # samplers of dependent cases, for which tests of counts are invalid
 PATTERNS = (SOBOL, SALTELLI)
@@ -155,7 +155,7 @@ def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Saltel
         changed = np.where(np.arange(len(x))[:, None] == k, last, first)
         if not (x[:, :, k + 1] == changed).all():
             raise ValueError(
-                "the inputs are not those of a Saltelli design (run.plan gives some of them)"
+                "the inputs are not those of a Saltelli design (run.samples gives some of them)"
             )
     whole = np.isfinite(y).all(axis=1)
     n_left_out = len(y) - int(whole.sum())

@@ -22,13 +22,13 @@ from sepmc.bench import (
 )
 from sepmc.bench.folder import SUMMARY, open_folder
 from sepmc.bench.reference import Reference, make_reference, reference_times
-from sepmc.bench.study import Log, Study, sample_inputs
+from sepmc.bench.study import Study, sample_inputs
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store import folders
 from sepmc.engine.dispatch import check_threads, use_threads, using_threads
 from sepmc.engine.threads import max_threads
-from sepmc.scene.messages import SceneWarning
+from sepmc.scene.messages import Log, SceneWarning
 
 CASES, QUICK_CASES = 10_000, 1000
 REPEATS, QUICK_REPEATS = 7, 3
@@ -99,7 +99,7 @@ def _study(
     campaign: Campaign, cases: int | None, repeats: int, threads: int, quick: bool, say: Log
 ) -> Study:
     bare = campaign.with_settings({"run.history_step_s": 0.0})
-    flight = plan_flight(bare, announce=say)
+    flight = select_steps(bare, announce=say)
     wanted = cases or (QUICK_CASES if quick else CASES)
     study = Study(bare, flight, sample_inputs(bare, wanted), repeats, threads, quick, say)
     fit = max(QUICK_CASES, int(_REFERENCE_S / (reference_times() * study.seconds)))

@@ -102,7 +102,7 @@ def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, f
     began = time.perf_counter()
     dispatch.load_kernel(step_selection.kernel_text(campaign, history=history))
     found["load kernel"] = time.perf_counter() - began
-    found["pilot"] = seconds(lambda: step_selection.plan_flight(campaign, history))
+    found["pilot"] = seconds(lambda: step_selection.select_steps(campaign, history))
     sample_inputs(campaign, 1)
     found["sample"] = seconds(lambda: sample_inputs(campaign, cases))
     result = campaign.run(

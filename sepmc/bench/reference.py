@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sepmc.bench.study import FULL, SolverVariant, Study
-from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.schema import Status
 
 METHOD = "dop853"
@@ -55,7 +55,7 @@ def reference_times() -> int:
 def make_reference(study: Study) -> Reference:
     """The reference of a study."""
     campaign = study.with_settings({"solver.method": METHOD})
-    flight = study.flight if study.method == METHOD else plan_flight(campaign, announce=study.say)
+    flight = study.flight if study.method == METHOD else select_steps(campaign, announce=study.say)
     first = SolverVariant(flight, campaign, study.own_cases)
     outcomes, sound, change, flown = _refined(study, first)
     times = int(flown.flight.steps[0] // first.flight.steps[0])
@@ -75,7 +75,7 @@ def _refined(
     last = way.fly(study.draws)
     best = None
     for _ in range(_DOUBLINGS):
-        way = replace(way, flight=way.flight.sharper())
+        way = replace(way, flight=way.flight.refined())
         block = way.fly(study.draws)
         outcomes, sound = block.outcomes[:, : len(study.names)], block.status == Status.OK
         change, _ = study.error(last, outcomes, sound)
@@ -92,4 +92,4 @@ def _other(study: Study, own: SolverVariant, times: int) -> SolverVariant:
     other = "reduced" if own.formulation == FULL else FULL
     way = own.by_formulation(study, other)
     cases = min(own.cases, _CHECKED // (10 if study.quick else 1))
-    return replace(way, flight=way.flight.sharper(times), cases=cases)
+    return replace(way, flight=way.flight.refined(times), cases=cases)

@@ -11,8 +11,8 @@ import pandas as pd
 from sepmc.bench.clock import rounds, spread
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import FULL, SolverVariant, Study
-from sepmc.campaign.execution.step_selection import Flight, plan_flight
-from sepmc.engine.dispatch import Block, now_and_then
+from sepmc.campaign.execution.step_selection import Integration, select_steps
+from sepmc.engine.dispatch import Block, progress_reporter
 from sepmc.kernel.spec.methods import AUTO, METHODS
 
 # asked of the pilot, to get steps that a user might fly with
@@ -47,7 +47,7 @@ def _without(reference: Reference, study: Study, ways: list[SolverVariant]) -> l
 
 def rows_of(study: Study, reference: Reference, ways: list[SolverVariant]) -> pd.DataFrame:
     """Fly some ways and time them, in rounds; a row each."""
-    flown, tell = [], now_and_then(study.say, _EVERY_S)
+    flown, tell = [], progress_reporter(study.say, _EVERY_S)
     for number, way in enumerate(ways):
         block = way.fly(study.draws)
         tell(partial(_so_far, number + 1, len(ways)))
@@ -73,8 +73,8 @@ def _so_far(done: int, total: int, seconds: float) -> str:
 
 def _flown_again(block: Block) -> float:
     """Share of the cases of a block that were flown again."""
-    assert block.again is not None
-    return block.again.finer / len(block.status)
+    assert block.refinement is not None
+    return block.refinement.n_refined / len(block.status)
 
 
 def _row(
@@ -115,7 +115,7 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
         first = study.default
     else:
         first = SolverVariant(
-            plan_flight(campaign, announce=study.say), campaign, cases, study.default.asked
+            select_steps(campaign, announce=study.say), campaign, cases, study.default.asked
         )
     ways = [first]
     if first.flight.step is None:  # the pilot has something to choose
@@ -123,7 +123,7 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
             if accuracy != first.asked:
                 ways.append(
                     SolverVariant(
-                        plan_flight(campaign.with_settings({"solver.accuracy": accuracy})),
+                        select_steps(campaign.with_settings({"solver.accuracy": accuracy})),
                         campaign,
                         cases,
                         accuracy,
@@ -153,12 +153,12 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
     return sorted(left, key=lambda way: way.evaluations)
 
 
-def _multiples(flight: Flight) -> list[Flight]:
+def _multiples(flight: Integration) -> list[Integration]:
     """A flight in half, twice and four times as many steps; a step that the scene gives is only
     divided."""
     half = np.maximum(1, np.round(0.5 * flight.steps)).astype(np.int64)
     fewer = [replace(flight, steps=half)] if flight.step is None else []
     return [
         replace(one, limits=None, angles={}, most=np.inf)
-        for one in (*fewer, flight.sharper(2), flight.sharper(4))
+        for one in (*fewer, flight.refined(2), flight.refined(4))
     ]

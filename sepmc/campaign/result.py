@@ -19,13 +19,13 @@ from sepmc.analysis import (
 from sepmc.analysis.row_filter import describe_filter, filter_names, matching_rows
 from sepmc.analysis.row_statistics import index_by_case
 from sepmc.analysis.statistics import ok_rows, statistics
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Case
-from sepmc.campaign.execution.accuracy import Achieved, with_errors, with_scales
-from sepmc.campaign.execution.integration import Flight
-from sepmc.campaign.execution.sinks import Kept
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors, with_scales
+from sepmc.campaign.execution.integration import Integration
+from sepmc.campaign.execution.sinks import RunOutput
 from sepmc.campaign.store import shards
-from sepmc.engine.dispatch import text, whole
+from sepmc.engine.dispatch import check_int, check_text
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError, RunWarning, nearest, warn
 from sepmc.scene.model import Requirement
@@ -44,15 +44,15 @@ class Result:
     """
 
     campaign: Any  # `sepmc.campaign.campaign.Campaign`
-    kept: Kept
+    kept: RunOutput
     timing: dict[str, float]
     seed: int
-    numbers: Numbers  # of the cases
+    numbers: CaseSelection  # of the cases
     total: int  # cases that these are drawn of
     folder: Path | None = None
     notes: list[str] = field(default_factory=list)
-    flight: Flight | None = None
-    accuracy: Achieved | None = None
+    flight: Integration | None = None
+    accuracy: AchievedAccuracy | None = None
     resumed: int = 0  # cases that the folder held already
     stopped: bool = False  # as more cases failed than may
 
@@ -101,7 +101,7 @@ class Result:
         is 0. Raises StoreError if the folder no longer holds what this run wrote."""
         self._rows()
         if self.folder:
-            return shards.read_histories(self.folder, held=self.kept.history_parts)
+            return shards.read_histories(self.folder, held=self.kept.history_shards)
         return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
 
     def statistics(self, *given: str) -> pd.DataFrame:
@@ -110,9 +110,9 @@ class Result:
         (`sepmc.analysis.constant_outcomes`): of all cases, or of those for which all terms
         ``given`` hold, such as ``"joint.bolt.fails=1"``."""
         if given:
-            rows, outcomes = self._rows(), self.campaign.summarised[0]
+            rows, outcomes = self._rows(), self.campaign.summary_inputs[0]
             for term in given:
-                text("given", term, "joint.bolt.fails=1")
+                check_text("given", term, "joint.bolt.fails=1")
             held = matching_rows(
                 rows, filter_names(self.campaign.file.dispersions, list(rows)), given
             )
@@ -179,7 +179,7 @@ class Result:
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
         no such case."""
-        number, flown = whole("case", number, 0, CASES - 1), self._flown
+        number, flown = check_int("case", number, 0, CASES - 1), self._flown
         if number not in flown:
             raise InputError(f"case = {number}: must be one of those flown, {flown}")
         found = self.campaign.case(number, self.seed, self.total)
@@ -187,12 +187,12 @@ class Result:
         return replace(found, scene=msgspec.structs.replace(found.scene, run=run))
 
     @property
-    def _flown(self) -> Numbers:
+    def _flown(self) -> CaseSelection:
         """Numbers of the cases that were flown: fewer than asked for if too many of them failed."""
         if not self.stopped:
             return self.numbers
         if self.kept.rows is not None:
-            return Numbers.of(np.asarray(self.kept.rows["case"]))
+            return CaseSelection.of(np.asarray(self.kept.rows["case"]))
         return self.numbers.before(sum(self.status_counts.values()))  # counted in their order
 
     @property

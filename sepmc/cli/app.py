@@ -40,7 +40,7 @@ def main() -> None:
     --check: a requirement is not shown), 2 bad input, 3 flown but the audit failed or the accuracy
     asked was not met, 130 interrupted. SEPMC_CACHE_DIR moves the folder of compiled kernels.
     """
-    gc_tuning.put_off()
+    gc_tuning.reduce_collections()
 
 
 for _command in (

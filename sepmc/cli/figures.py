@@ -153,7 +153,7 @@ def _draw_bands(
     """Draw bands of the histories that a run folder holds; returns their paths."""
     from sepmc.campaign.store import shards
 
-    below = shards.number_after(folder, _BANDED)
+    below = shards.case_after(folder, _BANDED)
     histories = shards.read_histories(folder, below)
     if histories is None:
         return []

@@ -9,7 +9,7 @@ from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
-    from sepmc.campaign.case_selection import Numbers
+    from sepmc.campaign.case_selection import CaseSelection
 
 
 def _files(ctx: click.Context, param: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -30,7 +30,7 @@ class CaseNumbers(click.ParamType):
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> "int | Numbers":
+    ) -> "int | CaseSelection":
         """The number, or the numbers."""
         from sepmc.campaign.case_selection import read
         from sepmc.scene.messages import InputError
@@ -76,11 +76,11 @@ class Place(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Its path."""
-        from sepmc.paths import PlaceError, place
+        from sepmc.paths import PathError, as_path
 
         try:
-            return place(value)
-        except PlaceError as error:
+            return as_path(value)
+        except PathError as error:
             self.fail(str(error), param, ctx)
 
 
@@ -118,7 +118,7 @@ def load_campaign(
     if sampler:
         given["run.sampler"] = sampler
     if plan:
-        given["run.plan"] = str(plan.absolute())
+        given["run.samples"] = str(plan.absolute())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         from sepmc.campaign.campaign import load

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sepmc.cli.figures import draw_figures
-from sepmc.paths import is_of_storage
+from sepmc.paths import is_storage_error
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -96,7 +96,7 @@ def plain_errors(quiet: bool) -> Iterator[None]:
     except Exception as error:
         # by name: their modules take a while to import
         known = ("StoreError", "ClusterError", "OutOfStepError")
-        if any(kind.__name__ in known for kind in type(error).__mro__) or is_of_storage(error):
+        if any(kind.__name__ in known for kind in type(error).__mro__) or is_storage_error(error):
             click.echo(f"error: {error}", err=True)
             sys.exit(2)
         raise
@@ -220,7 +220,7 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
             else f"it was interrupted; to go on: sepmc campaign {folder} --out {folder} --resume"
         )
         of = (
-            "and those rows that --keep chose, in kept/"
+            "and those rows that --keep chose, in selected/"
             if manifest.get("keep")
             else "only and no cases"
         )
@@ -238,13 +238,13 @@ def summary_of(folder: Path, loaded: "Campaign") -> "TableStatistics | Streaming
     from sepmc.campaign.store import folders, shards
 
     cases = shards.CaseColumns(folder)
-    outcomes = loaded.summarised[0]
+    outcomes = loaded.summary_inputs[0]
     if lost := [name for name in ("case", "status", *outcomes) if name not in cases]:
         raise folders.StoreError(
             f"{folder}: its cases have no column {lost[0]}: they were flown by another version of "
             "sepmc, or changed; fly them again"
         )
-    return summarise(cases, *loaded.summarised)
+    return summarise(cases, *loaded.summary_inputs)
 
 
 def tell_results(
@@ -313,7 +313,7 @@ def tell_results(
         written += draw_figures(
             folder, loaded, summary, table, say=say, verdicts=verdicts, second=second
         )
-    manifests.note(folder, written)
+    manifests.record_derived(folder, written)
     say(f"wrote {folder}")
     faults = (
         (not ok, 1, "no case was flown to the end; see the column status"),
@@ -369,7 +369,7 @@ def tell_given(
     held = matching_rows(cases, names, given)
     if not held.any():
         raise InputError(f"{describe_filter(given)}: holds in none of {cases.rows} cases")
-    outcomes, audits, bounds, required = loaded.summarised
+    outcomes, audits, bounds, required = loaded.summary_inputs
     kept = {name: cases[name][held] for name in ("case", "status", *outcomes, *audits)}
     summary = TableStatistics(kept, outcomes, audits, bounds, required)
     units, width = {c.name: c.unit for c in loaded.outcome_columns}, screen_width()
@@ -517,7 +517,7 @@ def accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
         if place
         else ""
     )
-    finer, spare = accuracy.get("finer_cases"), accuracy.get("spare_cases")
+    finer, spare = accuracy.get("n_refined"), accuracy.get("n_fallback")
     why = "to learn their error" if "step_s" in accuracy else "of their own"
     others = f", {finer} case{'s' * (finer != 1)} flown again at finer steps {why}" if finer else ""
     others += f", {spare} cases by a second kernel" if spare else ""

@@ -172,7 +172,7 @@ def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
     sampler = loaded.scene.run.sampler
     folded(distributions.render_fits(found.loc[told], table, units, screen_width(), sampler))
     folders.write_text(folder / "laws.csv", found.to_csv())
-    manifests.note(folder, [folder / "laws.csv"])
+    manifests.record_derived(folder, [folder / "laws.csv"])
     click.echo(folder / "laws.csv")
 
 
@@ -200,14 +200,14 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
     )
     if plots:
         written += draw_drivers(driven, folder, loaded, folder)
-    manifests.note(folder, written)
+    manifests.record_derived(folder, written)
     for path in written:
         click.echo(path)
 
 
 def _told_before(folder: Path, columns: list[str]) -> pd.DataFrame:
     """What ``drivers.csv`` has, if it is as it was written."""
-    path, noted = folder / "drivers.csv", manifests.noted(folder, "drivers.csv")
+    path, noted = folder / "drivers.csv", manifests.is_recorded(folder, "drivers.csv")
     if noted:
         with suppress(ValueError):  # what pandas raises of what is no table, too
             found = pd.read_csv(BytesIO(content(path, CAMPAIGN_BYTES)))
@@ -360,7 +360,7 @@ def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[st
         report, driven = _found(folder, loaded, replays, into, say)
         drivers = draw_drivers(driven, folder, loaded, into, ".svg")
         path = page.write_report(report, folder / "report.html", *drawn.result(), drivers)
-        manifests.note(folder, [path])
+        manifests.record_derived(folder, [path])
         return path
 
 

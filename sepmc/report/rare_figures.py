@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from sepmc.analysis.subset_simulation import mean_interval
-from sepmc.campaign.execution.rare_event import Rare
+from sepmc.campaign.execution.rare_event import RareEventEstimate
 from sepmc.report.style import (
     BLUE,
     BOUND,
@@ -24,7 +24,11 @@ _MEAN, _JUMP = "mean of the replicas", "many cases have this margin"
 
 
 def rare_figure(
-    found: Rare, folder: Path, keys: Mapping[str, str], about: str, suffix: str = ".png"
+    found: RareEventEstimate,
+    folder: Path,
+    keys: Mapping[str, str],
+    about: str,
+    suffix: str = ".png",
 ) -> Path:
     """Draw the probability of coming to each level over its margin, of every replica and of their
     mean with its 95 % interval, and the normal scores of the inputs in the cases that violate; into

@@ -19,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sepmc.paths import is_local, place
+from sepmc.paths import as_path, is_local
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 # of bodies: what fills them, and their edges
@@ -48,7 +48,7 @@ def resolution(per_inch: int) -> Iterator[None]:
 
 def make_folder(folder: Path) -> Path:
     """A folder, made if it is not there."""
-    folder = place(folder)
+    folder = as_path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 

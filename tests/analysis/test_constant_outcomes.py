@@ -321,7 +321,7 @@ def test_counted_statistics_say_constant(tmp_path):
             "campaign", tmp_path / "sliding.toml", "--out", tmp_path / "run", "--stats-only"
         )
     assert f"{GAP}: constant 0 mm" in told.output
-    found = shards.read_told(tmp_path / "run")
+    found = shards.read_stored_statistics(tmp_path / "run")
     assert constant_outcomes.is_constant(found.table, GAP)
     assert (
         constant_outcomes.collapse_constant(found.histogram(GAP), found.table, GAP).edges.size == 0

@@ -11,8 +11,8 @@ import sepmc
 from sepmc.analysis.requirements import render_missing
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.campaign import campaign as campaigns
-from sepmc.campaign.execution.limit_state import Flights, target
-from sepmc.campaign.execution.missing_events import awaited
+from sepmc.campaign.execution.limit_state import MarginEvaluator, limit_state
+from sepmc.campaign.execution.missing_events import expected_events
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.cli import app
 from sepmc.scene.model import Requirement
@@ -126,14 +126,14 @@ def expected(run):
 
 def test_what_is_waited_for(file):
     """Events, motors and joints that something frees; not a joint that holds all along."""
-    columns = awaited(sepmc.load(file))
+    columns = expected_events(sepmc.load(file))
     assert columns == {
         "joint.bolt": "bolt_release_time_s",
         "event.far": "far_time_s",
         "motor.kick": "kick_ignition_time_s",
     }
     kept = sepmc.load(file, {"release": []})  # nothing frees the cap
-    assert set(awaited(kept)) == {"event.far", "motor.kick"}
+    assert set(expected_events(kept)) == {"event.far", "motor.kick"}
 
 
 def test_they_are_counted_in_notes_and_manifest(run, expected):
@@ -209,12 +209,12 @@ def test_rare_events_count_them_too(file):
     """Cases whose margin is not known, though they came to their end, are counted by themselves."""
     campaign = sepmc.load(file)
     with flown_plainly():
-        flight = campaigns.plan_flight(campaign)  # by few trial cases
-        flights = Flights(campaign, flight, target(campaign, "calm"), _nothing, None)
+        flight = campaigns.select_steps(campaign)  # by few trial cases
+        flights = MarginEvaluator(campaign, flight, limit_state(campaign, "calm"), _nothing, None)
         margin, _ = flights.margins(np.linspace(-2.0, 2.0, 21)[:, None])
-    assert 0 < np.isnan(margin).sum() == flights.lacking < 21
-    assert flights.tally.missing["event.far"] == flights.lacking
-    assert flights.tally.failures == 0
+    assert 0 < np.isnan(margin).sum() == flights.n_without_outcome < 21
+    assert flights.summary.missing["event.far"] == flights.n_without_outcome
+    assert flights.summary.failures == 0
 
 
 def _nothing(count, failures):

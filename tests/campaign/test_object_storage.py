@@ -14,7 +14,7 @@ import sepmc
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.cli import app
 from sepmc.cluster import crew
-from sepmc.paths import place
+from sepmc.paths import as_path
 
 SETTINGS = {"run.chunk": 300, "run.history_step_s": 0.1, "run.end_time_s": 0.26}
 CASES = 900
@@ -33,7 +33,7 @@ def server():
         AWS_DEFAULT_REGION="us-east-1",
         AWS_ENDPOINT_URL=f"http://{host}:{port}",
     )
-    place("s3://bucket").mkdir()
+    as_path("s3://bucket").mkdir()
     yield
     os.environ.clear()
     os.environ.update(before)
@@ -72,7 +72,7 @@ def test_storage_that_is_not_reached_is_told(monkeypatch, words):
 
 
 def test_the_same_rows(campaign, alone):
-    found = campaign.run(cases=CASES, out=place("s3://bucket/one"))
+    found = campaign.run(cases=CASES, out=as_path("s3://bucket/one"))
     same(found.folder, alone.folder)
     assert found.statistics().equals(alone.statistics())
     assert not manifests.diagnose(found.folder)
@@ -80,18 +80,18 @@ def test_the_same_rows(campaign, alone):
 
 def test_workers_write_it(campaign, alone):
     with crew(2, threads=1) as workers:
-        found = campaign.run(cases=CASES, out=place("s3://bucket/workers"), crew=workers)
+        found = campaign.run(cases=CASES, out=as_path("s3://bucket/workers"), crew=workers)
     same(found.folder, alone.folder)
     assert found.statistics().equals(alone.statistics())
 
 
 def test_what_is_lost_is_flown_again(campaign, alone):
-    folder = place("s3://bucket/lost")
+    folder = as_path("s3://bucket/lost")
     campaign.run(cases=CASES, out=folder)
     first, second, *_ = sorted((folder / "cases").glob("part-*"))
     first.unlink()
     second.write_bytes(b"some bytes")
-    said = [finding.said for finding in manifests.diagnose(folder)]
+    said = [finding.text for finding in manifests.diagnose(folder)]
     assert any("is gone" in text for text in said)
     assert any("was changed" in text for text in said)
     with pytest.raises(folders.StoreError, match="resume=True"):
@@ -107,8 +107,8 @@ def test_command_line(alone, tmp_path):
     where = "s3://bucket/typed"
     done = call("campaign", "table2", *options, "--cases", CASES, "--out", where, "--quiet")
     assert done.exit_code == 0, done.output
-    same(place(where), alone.folder)
-    assert place(f"{where}/histograms.png").read_bytes().startswith(b"\x89PNG")
+    same(as_path(where), alone.folder)
+    assert as_path(f"{where}/histograms.png").read_bytes().startswith(b"\x89PNG")
     again = call("campaign", "table2", *options, "--out", where)
     assert again.exit_code == 2
     assert "add --resume" in again.stderr
@@ -124,14 +124,18 @@ def test_command_line(alone, tmp_path):
     assert "is the same bit by bit" in one.output
     more = ["--cases", 2 * CASES, "--out", where, "--resume", "--no-plots"]
     assert call("campaign", where, *more).exit_code == 0
-    assert np.array_equal(shards.cases_done(place(where)), np.arange(2 * CASES))
+    assert np.array_equal(shards.stored_cases(as_path(where)), np.arange(2 * CASES))
     replaced = call(
         "campaign", "table2", "--cases", 50, "--out", where, "--overwrite", "--keep", "every:10"
     )
     assert replaced.exit_code == 0, replaced.output
-    assert not shards.parts(place(where), folders.CASES)
+    assert not shards.entries(as_path(where), folders.CASES)
     assert (
-        len(shards.read_part(place(where), shards.parts(place(where), folders.KEPT)[0])["case"])
+        len(
+            shards.read_shard(as_path(where), shards.entries(as_path(where), folders.SELECTED)[0])[
+                "case"
+            ]
+        )
         == 5
     )
 

@@ -78,7 +78,7 @@ def test_a_row_that_was_changed(folder, tmp_path):
     """One bit in one column of a row is found, and named, though the checksum is of what is
     there."""
     folder = shutil.copytree(folder, tmp_path / "run")
-    manifest, (one,) = manifests.read_manifest(folder), shards.parts(folder, "cases")
+    manifest, (one,) = manifests.read_manifest(folder), shards.entries(folder, "cases")
     table = pd.read_parquet(folder / one.file)
     table.loc[table["case"] == 7, "upper_pitch_deg"] *= 1.0 + 2.0**-52
     table.to_parquet(folder / one.file)
@@ -86,7 +86,7 @@ def test_a_row_that_was_changed(folder, tmp_path):
     code, said = command("replay", folder, *words)
     assert (code, "was changed" in said) == (2, True), said
     content = (folder / one.file).read_bytes()
-    ledger.add(folder, ledger.entry(one.file, content, one.first, one.cases))
+    ledger.add(folder, ledger.make_entry(one.file, content, one.first, one.cases))
     manifests.seal(folder, manifest)
     code, said = command("replay", folder, *words, "--overwrite")
     assert (code, "row 7 differs in 1 columns: upper_pitch_deg" in said) == (1, True), said

@@ -7,10 +7,10 @@ import pytest
 from click.testing import CliRunner
 from oracles.random_scenes.interpreted import flown_plainly
 from scipy.special import stdtrit
-from test_case_selection import SPRUNG
+from small_scenes import SPRUNG
 
 import sepmc
-from sepmc.campaign.execution import chunks
+from sepmc.campaign.execution import runner
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.cli import figures
 from sepmc.cli.app import main
@@ -46,8 +46,8 @@ def _plainly(monkeypatch):
     """Small first looks and pieces, and what is counted is written after each."""
     monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK_OF_MOMENTS", 16)
     monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK", 16)
-    for name, value in (("_SAVE_S", 0.0), ("_PART_S", 0.0), ("_FIRST", 8), ("_CALL_S", 1e-9)):
-        monkeypatch.setattr(chunks, name, value)
+    for name, value in (("_SAVE_S", 0.0), ("_SHARD_S", 0.0), ("_FIRST", 8), ("_CALL_S", 1e-9)):
+        monkeypatch.setattr(runner, name, value)
     with flown_plainly():
         yield
 

@@ -142,19 +142,19 @@ def test_a_long_flight_is_foretold(pair, monkeypatch):
 
 def test_trial_cases_are_flown_no_more_than_needed(plainly, pair, monkeypatch):
     """All of the sample twice, in the steps found and in half of these, histories among it."""
-    flights, fly_cases = [], step_selection.fly_cases
+    flights, integrate_cases = [], step_selection.integrate_cases
 
     def counted(kernel, plan, steps, usual, slots, draws, *more, **named):
         flights.append(len(draws))
-        return fly_cases(kernel, plan, steps, usual, slots, draws, *more, **named)
+        return integrate_cases(kernel, plan, steps, usual, slots, draws, *more, **named)
 
-    monkeypatch.setattr(step_selection, "fly_cases", counted)
-    monkeypatch.setattr("sepmc.campaign.execution.integration.fly_cases", counted)
+    monkeypatch.setattr(step_selection, "integrate_cases", counted)
+    monkeypatch.setattr("sepmc.campaign.execution.integration.integrate_cases", counted)
     campaign = pair(
         {"solver": {"accuracy": 1e-6}, "run.history_step_s": 0.1,
          "dispersion": {"body.aft.mass_kg": {"uniform": 0.1}}}
     )  # fmt: skip
-    found = step_selection.plan_flight(campaign, history=True)
+    found = step_selection.select_steps(campaign, history=True)
     all_of_them = step_selection.CORNERS + 1 + step_selection.SAMPLE
     assert sum(n >= step_selection.SAMPLE for n in flights) == 2
     assert flights.count(all_of_them) == 2

@@ -82,9 +82,9 @@ def random(
     """
     from oracles.random_scenes import run
 
-    found = run.gate(count, seed, compiled, speaker(quiet), rows, limit_s, kinds)
-    click.echo(run.table(found))
-    sys.exit(1 if any(map(run.fails, found)) else 0)
+    verdicts = run.judge_scenes(count, seed, compiled, speaker(quiet), rows, limit_s, kinds)
+    click.echo(run.table(verdicts))
+    sys.exit(1 if any(map(run.fails, verdicts)) else 0)
 
 
 @main.command()

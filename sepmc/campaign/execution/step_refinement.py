@@ -8,7 +8,7 @@ import numpy as np
 
 from sepmc.campaign.cases import extremes, quantile
 from sepmc.campaign.execution.accuracy import decisive, errors, scales, scene_scales
-from sepmc.engine.dispatch import one_of
+from sepmc.engine.dispatch import status_in
 from sepmc.kernel.spec.heights import rows_step
 from sepmc.kernel.spec.methods import method
 from sepmc.scene.dispersion import Dispersion
@@ -37,7 +37,7 @@ DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)
 _SURE = 64.0  # times as short are steps that tell whether a case truly ends so
 
 # step and cases to outcomes (n, o) and status (n,)
-Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Integrate = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
@@ -63,7 +63,7 @@ def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0
 
 
 @dataclass
-class Settled:
+class Converged:
     """Steps (n,) in s at which cases were flown last, the status (n,) they ended with, what the
     last halvings changed, (n, o), and whether that has settled, (n,)."""
 
@@ -85,23 +85,25 @@ def changes(
     case that ends otherwise there is infinitely wrong, and one that both steps are too long for is
     wrong altogether. A case that cannot be flown has no error."""
     table = errors(found, finer, scale)
-    table[(status == finer_status) & ~one_of(status, _FLOWN)] = 0.0
-    table[np.ix_((status == finer_status) & one_of(status, TOO_LONG), decides)] = 1.0
+    table[(status == finer_status) & ~status_in(status, _FLOWN)] = 0.0
+    table[np.ix_((status == finer_status) & status_in(status, TOO_LONG), decides)] = 1.0
     table[np.ix_(status != finer_status, decides)] = np.inf
     return table
 
 
-def _too_early(fly: Fly, step: float, cases: np.ndarray, status: np.ndarray) -> np.ndarray:
+def _too_early(
+    integrate: Integrate, step: float, cases: np.ndarray, status: np.ndarray
+) -> np.ndarray:
     """Which of some cases (n,) or draws (n, d), flown at a step, left the air or a table or jammed
     only because it is far too long."""
-    found = one_of(status, DOUBTFUL)
+    found = status_in(status, DOUBTFUL)
     if found.any():
-        found[found] = ~one_of(fly(step / _SURE, cases[found])[1], DOUBTFUL)
+        found[found] = ~status_in(integrate(step / _SURE, cases[found])[1], DOUBTFUL)
     return found
 
 
-def settle(
-    fly: Fly,
+def refine_steps(
+    integrate: Integrate,
     count: int,
     step: float,
     goal: float,
@@ -109,7 +111,7 @@ def settle(
     decides: np.ndarray,
     most_lost: int = HALVINGS,
     agreements: int = AGREEMENTS,
-) -> Settled:
+) -> Converged:
     """Halve the step of each of ``count`` cases until two halvings in a row, or as many as
     ``agreements``, change its outcomes by no more than the goal.
 
@@ -119,20 +121,20 @@ def settle(
     ``most_lost`` halvings.
     """
     left = np.arange(count)
-    outcomes, status = fly(step, left)
-    early = _too_early(fly, step, left, status)
+    outcomes, status = integrate(step, left)
+    early = _too_early(integrate, step, left, status)
     steps, change = np.full(count, step), np.full((count, len(scale)), np.inf)
     last, least = np.full((count, len(scale)), np.inf), np.full(count, np.inf)
     agreed, stale = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
     for halving in range(1, HALVINGS + 1):
         step *= 0.5
-        finer, finer_status = fly(step, left)
+        finer, finer_status = integrate(step, left)
         now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
-        waiting = early[left] & one_of(finer_status, DOUBTFUL)
+        waiting = early[left] & status_in(finer_status, DOUBTFUL)
         now[np.ix_(waiting & (status[left] == finer_status), decides)] = 1.0
         worst = now[:, decides].max(axis=1, initial=0.0)
         agreed[left] = np.where(worst <= goal, agreed[left] + 1, 0)
-        fell = (worst <= 0.5 * least[left]) | one_of(finer_status, TOO_LONG) | waiting
+        fell = (worst <= 0.5 * least[left]) | status_in(finer_status, TOO_LONG) | waiting
         stale[left] = np.where(fell, 0, stale[left] + 1)
         least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
         first = np.isinf(last[left]) | (agreements == 1)
@@ -142,11 +144,11 @@ def settle(
         left = left[(agreed[left] < agreements) & (stale[left] < _PATIENCE) & ~lost]
         if not len(left):
             break
-    return Settled(steps, status, change, agreed >= agreements)
+    return Converged(steps, status, change, agreed >= agreements)
 
 
-def settle_one(
-    fly: Fly, step: float, scene: Scene, columns: list[Column]
+def refine_case_steps(
+    integrate: Integrate, step: float, scene: Scene, columns: list[Column]
 ) -> tuple[float, np.ndarray, list[str]]:
     """The longest of ``step``, half of it, ... at which one case has settled; by how much its
     outcomes (o,) still changed; what is to be told of that. ``fly`` takes a step and the case,
@@ -154,10 +156,10 @@ def settle_one(
     units, decides = [c.unit for c in columns], decisive(columns)
     one, goal = np.zeros(1, dtype=np.int64), scene.solver.accuracy
     least = step / 2.0**HALVINGS
-    scale = scales(fly(step, one)[0], units, scene_scales(scene, units))
+    scale = scales(integrate(step, one)[0], units, scene_scales(scene, units))
     before, first = math.inf, step
     while True:
-        found = settle(fly, 1, step, goal, scale, decides)
+        found = refine_steps(integrate, 1, step, goal, scale, decides)
         step = float(found.step[0])
         change = np.where(decides, found.change[0], 0.0)
         if found.settled[0] and change.max() <= goal:

@@ -10,12 +10,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import csv
 
-from sepmc.paths import source
+from sepmc.paths import readable
 from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.limits import CASES, PLAN_BYTES, PLAN_NUMBERS, TEXT, text_fault
 from sepmc.scene.messages import Problems, printable, shorten
 
-_PLACE = "run.plan"
+_PLACE = "run.samples"
 _PARQUET = ".parquet"
 _ENDINGS = (_PARQUET, ".csv", ".txt")
 
@@ -27,7 +27,7 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
     if not fault:
         kind = "Parquet" if path.suffix.lower() == _PARQUET else "CSV"
         try:
-            table = _parquet(path) if kind == "Parquet" else csv.read_csv(source(path))
+            table = _parquet(path) if kind == "Parquet" else csv.read_csv(readable(path))
             names = [name.strip() for name in table.column_names]
         except _TooLarge as error:
             fault = str(error)
@@ -81,14 +81,14 @@ def _file_fault(path: Path) -> str:
 
 def _parquet(path: Path) -> pa.Table:
     """A Parquet table, whose text stays a dictionary: a small file can hold a word many times."""
-    with pq.ParquetFile(source(path)) as file:
+    with pq.ParquetFile(readable(path)) as file:
         told = file.metadata
         rows = max(
             told.num_rows, sum(told.row_group(k).num_rows for k in range(told.num_row_groups))
         )
         _check_size(rows, told.num_columns)
         texts = [field.name for field in file.schema_arrow if _is_text(field.type)]
-    with pq.ParquetFile(source(path), read_dictionary=texts) as file:
+    with pq.ParquetFile(readable(path), read_dictionary=texts) as file:
         return file.read()
 
 

@@ -1,22 +1,8 @@
-"""Damage a run folder in every way and see that it is told: ``python tests/measure_damage.py
-[--count 10000] [--mended 200] [--seed 1]``.
+"""Run folders, random damage to their files, and checks of what ``sepmc doctor`` does about it."""
 
-Files are deleted, cut short, flipped in some bits, swapped, edited or added to, one or several at
-once; of a run that keeps all rows, and of one that counts them and keeps some, in turn. Of each
-damage it is asked: does `sepmc doctor` tell it; do rows and histories that can still be read have
-the bits they had; and of some, does ``--repair`` bring all bits back? Exit code 1 if not.
-"""
-
-import argparse
 import contextlib
 import json
-import shutil
-import sys
-import tempfile
-from collections import Counter
-from pathlib import Path
 
-import numpy as np
 from click.testing import CliRunner
 
 from sepmc.campaign.store import folders, manifests, shards
@@ -103,7 +89,7 @@ def meant(contents):
     return said
 
 
-def is_told(folder, before, was):
+def is_reported(folder, before, was):
     """Whether a damage is told, or did nothing, and no other numbers are read than before."""
     changed = meant({name: (folder / name).read_bytes() for name in files(folder)}) != meant(before)
     told = manifests.diagnose(folder)
@@ -111,51 +97,11 @@ def is_told(folder, before, was):
     return (bool(told) or not changed) and (found is None or found == was or bool(told))
 
 
-def is_mended(folder, before):
+def is_repaired(folder, before):
     """Whether ``--repair`` brings back all but the campaign that was flown, and refuses where
     nothing tells any more what that was: the manifest and every part are damaged."""
-    path, known = folder / folders.CAMPAIGN, bool(manifests.made_by(folder))
+    path, known = folder / folders.CAMPAIGN, bool(manifests.read_provenance(folder))
     code = call("doctor", str(folder), "--repair", "--quiet")
     if not known or not path.is_file() or path.read_bytes() != before[folders.CAMPAIGN]:
         return code == 2
     return code == 0 and contents(folder) == before
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=10_000)
-    parser.add_argument("--mended", type=int, default=200, help="of how many it is tried")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--kept", type=Path, help="where folders go that were not mended")
-    asked = parser.parse_args()
-    rng, seen, missed = np.random.default_rng(asked.seed), Counter(), []
-    with tempfile.TemporaryDirectory() as temporary:
-        folder, wholes = Path(temporary) / "damaged", []
-        for name, words in RUNS.items():
-            whole = fly(Path(temporary) / name, *words)
-            before = {name: (whole / name).read_bytes() for name in files(whole)}
-            wholes.append((whole, before, rows(whole), contents(whole)))
-        for number in range(asked.count):
-            whole, before, was, kept = wholes[number % len(wholes)]
-            shutil.rmtree(folder, ignore_errors=True)
-            shutil.copytree(whole, folder)
-            done = [damage(folder, rng) for _ in range(int(rng.integers(1, 4)))]
-            seen.update(done)
-            if not is_told(folder, before, was):
-                missed.append(("not told", done))
-            if number < asked.mended and not is_mended(folder, kept):
-                missed.append(("not mended", done))
-                if asked.kept:
-                    shutil.copytree(folder, asked.kept / str(number))
-    by_way = Counter()
-    for (way, _), count in seen.items():
-        by_way[way] += count
-    print(json.dumps({"damages": sum(seen.values()), **by_way}))
-    print(f"{asked.count} folders, {asked.mended} of them mended: {len(missed)} missed")
-    for one in missed[:20]:
-        print(*one)
-    sys.exit(1 if missed else 0)
-
-
-if __name__ == "__main__":
-    main()

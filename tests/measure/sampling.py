@@ -1,5 +1,5 @@
 """Print how many fewer cases a Latin hypercube and a Sobol sequence need than random ones for the
-same error of means: ``python tests/measure_sampling.py [CASES [CAMPAIGN]]``.
+same error of means: ``python tests/measure/sampling.py [CASES [CAMPAIGN]]``.
 
 The error of a mean is the root of the mean square of its difference, over repeats with other seeds,
 from the mean of many Sobol cases. That of random cases falls with the root of their number, so the

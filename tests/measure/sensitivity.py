@@ -1,5 +1,5 @@
 """Print how often the 95 % intervals of sensitivity indices hold what is known:
-``python tests/measure_sensitivity.py [REPEATS [CASES]]``.
+``python tests/measure/sensitivity.py [REPEATS [CASES]]``.
 
 A line for each sampler and function; first-order indices of each input, and total ones of a
 Saltelli design. An interval holds an index of exactly 0 or 1 if it is within 0.002 of it. Intervals

@@ -1,5 +1,5 @@
 """Print how far the clearances of campaign rows are from exact geometry: ``python
-tests/measure_clearance.py [CASES [CAMPAIGN ...]]``.
+tests/measure/clearance.py [CASES [CAMPAIGN ...]]``.
 
 Every row is held against a fine flight of the same case, whose outlines are compared by
 `sepmc.validation.geometry`. The fine flights are compiled,
@@ -10,42 +10,23 @@ import sys
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import numpy as np
+from support.exact_clearances import ROWS_S, exact
 
 import sepmc
 from sepmc.campaign.execution import single_case
-from sepmc.validation import geometry
 
 CAMPAIGNS = (
     "srb.toml",
     "hyper-x.toml",
     "residual-thrust.toml",
-    str(Path(__file__).parent / "data" / "nozzle.toml"),
+    str(Path(__file__).parents[1] / "data" / "nozzle.toml"),
 )
 # of the fine flight, by a method of order eight, and of its rows: where a clearance is further off
 # than is told, they are as much denser
-STEP_S, ROWS_S, DENSER = 0.01, 0.0005, 4
-
-
-def exact(campaign, case, history=None, every_s=ROWS_S):
-    """Clearances of one case, mm, and their times, s, by the name of the clearance."""
-    if history is None:
-        history = campaign.simulate(case, step_s=every_s)
-    outcomes, scene, found = history.attrs["outcomes"], case.scene, {}
-    for clearance in scene.clearance:
-        a, b = clearance.bodies
-        first = 0.0
-        if clearance.after:
-            name = f"{clearance.after}_release_time_s"
-            first = outcomes[name if name in outcomes else "release_time_s"]
-        times = history["time_s"].to_numpy()
-        times = np.unique(np.concatenate([[first], times[times > first]]))
-        parts = (geometry.parts_of(scene.body[name]) for name in (a, b))
-        least, when = geometry.least_clearance(
-            geometry.relative_motion(history, a, b), *parts, times
-        )
-        found[clearance.name] = 1e3 * least, when
-    return found
+STEP_S, DENSER = 0.01, 4
 
 
 def measure(name, cases):

@@ -1,5 +1,5 @@
 """Print how long the nominal case of every shipped campaign takes, and that of hard scenes, each by
-`sepmc run` and `sepmc check` in a process of its own: ``python tests/measure_single.py [NAME]``.
+`sepmc run` and `sepmc check` in a process of its own: ``python tests/measure/single.py [NAME]``.
 
 Cold is with an empty cache of compiled code and of kernels, warm is the same again. Beside seconds
 stands what was said of long flights before they began.

@@ -1,4 +1,4 @@
-"""Hold the error that campaigns report against their true one: ``python tests/measure_error.py
+"""Hold the error that campaigns report against their true one: ``python tests/measure/error.py
 [FILE ...] [--set PATH=VALUE]``.
 
 Flies the cases of each campaign as a run does, and again at eight times the resolution and a
@@ -17,7 +17,7 @@ import numpy as np
 import sepmc
 from sepmc.campaign import cases
 from sepmc.campaign.execution import accuracy, step_selection
-from sepmc.campaign.execution.integration import fly
+from sepmc.campaign.execution.integration import integrate
 from sepmc.campaign.execution.step_refinement import changes
 from sepmc.scene.read import parse_setting, shipped_campaigns
 
@@ -87,14 +87,15 @@ VARIANTS = {
 def measure(name, campaign, count, seconds):
     """One row: what is told, what is true."""
     start = time.perf_counter()
-    trial = step_selection.plan_flight(campaign)
+    trial = step_selection.select_steps(campaign)
     planned = time.perf_counter() - start
     draws = (
-        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+        cases.sample(campaign.file.dispersions, campaign.scene.run.seed, 0, count)
+        * campaign.factors
     )
     few = draws[:32]
     start = time.perf_counter()
-    fly(campaign, trial, few)
+    integrate(campaign, trial, few)
     spent = (time.perf_counter() - start) / len(few)
     draws = draws[: max(64, min(count, int(seconds / (10.0 * spent))))]
     result = campaign.run(cases=len(draws))
@@ -102,9 +103,9 @@ def measure(name, campaign, count, seconds):
     fine = campaign.with_settings(
         {"solver.accuracy": max(1e-12, 0.01 * campaign.scene.solver.accuracy)}
     )
-    sharp = trial.sharper().sharper().sharper()
-    reference = fly(fine, sharp, draws)
-    own = fly(campaign, trial, draws)
+    sharp = trial.refined().refined().refined()
+    reference = integrate(fine, sharp, draws)
+    own = integrate(campaign, trial, draws)
     columns = campaign.outcome_columns
     n, decides = len(columns), accuracy.decisive(columns)
     units = [c.unit for c in columns]
@@ -120,8 +121,8 @@ def measure(name, campaign, count, seconds):
     worst = int(np.where(decides, true, 0.0).argmax())
     ratio = told.worst[1] / true[worst] if true[worst] else np.inf
     place = (
-        f"; places {told.worst_place[1]:.1e} for {true[~decides].max():.1e}"
-        if told.worst_place
+        f"; places {told.worst_position[1]:.1e} for {true[~decides].max():.1e}"
+        if told.worst_position
         else ""
     )
     asked = (
@@ -139,9 +140,9 @@ def measure(name, campaign, count, seconds):
         ratio < 1 / 3 or share.max() > 3.0 or (asked.endswith(" met") and true[worst] > told.asked)
     )
     how = trial.steps.tolist() if trial.step is None else f"{trial.step:.4g} s"
-    lost = f", {own.again.finer} finer" if own.again.finer else ""
-    lost += f", {own.again.spare} by a spare kernel" if own.again.spare else ""
-    lost += f", {own.again.unsettled} unsettled" if own.again.unsettled else ""
+    lost = f", {own.refinement.n_refined} finer" if own.refinement.n_refined else ""
+    lost += f", {own.refinement.n_fallback} by a spare kernel" if own.refinement.n_fallback else ""
+    lost += f", {own.refinement.n_unconverged} unsettled" if own.refinement.n_unconverged else ""
     other = np.count_nonzero((own.status != reference.status) & (own.status == 0))
     print(
         f"| {name} | {len(draws)} | {told.worst[1]:.1e} ({told.worst[0]}) | {true[worst]:.1e} "

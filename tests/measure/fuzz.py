@@ -1,4 +1,4 @@
-"""Try strangers' files by the million: ``python tests/measure_fuzz.py [--count 1000000] [--seed 1]
+"""Try strangers' files by the million: ``python tests/measure/fuzz.py [--count 1000000] [--seed 1]
 [--seconds 3600] [--part NAME]``.
 
 Campaign files, plans and run folders are changed at random and given to the doors that a user has.
@@ -12,6 +12,9 @@ import argparse
 import json
 import os
 import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fuzz import campaigns, flights, run_folders, tables
 from fuzz.watch import spread

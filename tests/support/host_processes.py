@@ -1,14 +1,12 @@
-"""Fly in processes and threads of a host: ``python tests/measure_library.py [--times 100]
-[--ways fork,spawn]``.
+"""Runs in processes and threads of a host program: fork, spawn, daemons, threads, joblib, Jupyter
+and pytest-xdist. ``measure`` counts the answers of one way.
 
-The host flies a campaign first, so that the threads of compiled code run; then it has it flown once
-more in each way, so many times. An answer is right if its rows are those of the host to the last
-bit, or if it is refused in one sentence. All waits have an end: what gives no answer by then counts
-as hung. Ways whose package is not installed are told and left out. Exit code 1 if any answer is
-missing or wrong.
+The host runs a campaign first, so that the threads of compiled code exist; then it has the same
+campaign run again in the way asked for. An answer is right if its rows are those of the host to the
+last bit, or if the run is refused in one sentence. Waits are limited: no answer by then counts as
+hung. A way whose package is not installed is reported and left out.
 """
 
-import argparse
 import contextlib
 import hashlib
 import importlib.util
@@ -193,8 +191,8 @@ def _of_cell(client) -> str:
     def hear(message) -> None:
         said.append(message["content"].get("text", "") if message["msg_type"] == "stream" else "")
 
-    code = f"import sys; sys.path.insert(0, {str(HERE.parent)!r})\nimport measure_library as m\n"
-    code += "print('ANSWER', m.answer())"
+    code = f"import sys; sys.path.insert(0, {str(HERE.parents[1])!r})\n"
+    code += "from support import host_processes as m\nprint('ANSWER', m.answer())"
     try:
         client.execute_interactive(code, timeout=WAIT_S, output_hook=hear)
     except TimeoutError:
@@ -212,8 +210,8 @@ def xdist(times: int) -> Iterator[str]:
         path = Path(folder) / "test_host.py"
         path.write_text(
             "import sys, pytest\n"
-            f"sys.path.insert(0, {str(HERE.parent)!r})\n"
-            "import measure_library as m\n"
+            f"sys.path.insert(0, {str(HERE.parents[1])!r})\n"
+            "from support import host_processes as m\n"
             f"@pytest.mark.parametrize('k', range({times}))\n"
             "def test_answer(k, tmp_path_factory):\n"
             f"    with open({folder!r} + f'/answer-{{k}}', 'w') as file:\n"
@@ -269,7 +267,7 @@ def measure(way: str, times: int, layer: str = "default") -> Counter[str]:
     environment = {**os.environ, "NUMBA_THREADING_LAYER": layer}
     # more threads than one, whatever the machine: with one nothing is shared
     environment.setdefault("NUMBA_NUM_THREADS", str(max(2, os.cpu_count() or 1)))
-    words = [sys.executable, str(HERE), "--tell", way, "--times", str(times)]
+    words = [sys.executable, str(HERE), way, str(times)]
     host = subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment,
         start_new_session=True,
@@ -299,25 +297,5 @@ def _kill(group: int) -> None:
         os.killpg(group, 9)
 
 
-def main() -> int:
-    """Measure the ways asked for, a line each."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--times", type=int, default=100)
-    parser.add_argument("--ways", default=",".join(WAYS))
-    parser.add_argument("--tell", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.tell:
-        tell(options.tell, options.times)
-        return 0
-    good = True
-    for way in options.ways.split(","):
-        for layer in LAYERS.get(way, ("default",)):
-            found = measure(way, options.times, layer)
-            good &= found["right"] + found["sentence"] == options.times or MISSING in found
-            said = ", ".join(f"{count} {what}" for what, count in found.items())
-            print(f"{way} ({layer}), of {options.times}: {said}", flush=True)
-    return 0 if good else 1
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    tell(sys.argv[1], int(sys.argv[2]))

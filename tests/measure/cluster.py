@@ -1,4 +1,4 @@
-"""Runs by workers of a Dask scheduler: ``python tests/measure_cluster.py [--times 50] [--cases 1e7]
+"""Runs by workers of a Dask scheduler: ``python tests/measure/cluster.py [--times 50] [--cases 1e7]
 [--seed 1]``.
 
 So many times, two workers on this machine fly a run of rows and histories, and one of them is
@@ -19,8 +19,10 @@ import threading
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import numpy as np
-from measure_kills import same
+from support.runs import same, statistics_of
 
 import sepmc
 from sepmc.campaign.store import manifests
@@ -28,10 +30,6 @@ from sepmc.cluster import crew
 
 OFTEN = {"run.chunk": 2048, "run.history_step_s": 0.1}
 CASES = 60_000
-
-
-def statistics_of(result):
-    return result.statistics().to_csv(float_format="%.17g")
 
 
 def one_killed(campaign, folder, after, which):

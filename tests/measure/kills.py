@@ -1,4 +1,4 @@
-"""Kill a run at random moments and resume it: ``python tests/measure_kills.py [--kills 500]
+"""Kill a run at random moments and resume it: ``python tests/measure/kills.py [--kills 500]
 [--seed 1] [--disk DIR]``.
 
 Runs keep all rows, or count cases, or count them and keep some, in turn. Each is killed (SIGKILL,
@@ -21,45 +21,27 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-import pyarrow.parquet as pq
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from sepmc.campaign.store import folders, manifests, shards
+import numpy as np
+from support.runs import same
+
+from sepmc.campaign.store import folders, manifests
 
 OPTIONS = ["table2.toml", "--cases", "60000", "--set", "run.chunk=4096", "--no-plots", "--quiet"]
 OPTIONS += ["--set", "run.history_step_s=0.1"]
 FULL = 0.25  # share of times in which a small disk is filled
 MANNERS = [], ["--stats-only"], ["--keep", "failed,every:7"]
 # what is counted is written far more often than every ten seconds
-PROGRAM = "from sepmc.campaign import chunks; chunks._SAVE_S = 0.05; import sepmc.__main__"
+PROGRAM = (
+    "from sepmc.campaign.execution import runner; runner._SAVE_S = 0.05; import sepmc.__main__"
+)
 
 
 def command(folder, *more):
     own = [] if "--resume" in more else MANNERS[int(folder.name.rpartition("-")[2]) % len(MANNERS)]
     words = ["campaign", *OPTIONS, "--out", str(folder), *own, *more]
     return [sys.executable, "-c", PROGRAM, *words]
-
-
-def table(folder, kind, order):
-    """All parts of a run, in order."""
-    parts = [pq.read_table(folder / one.file) for one in shards.parts(folder, kind)]
-    frame = pd.concat([part.to_pandas() for part in parts], ignore_index=True)
-    frame["status"] = frame["status"].astype(str) if "status" in frame else ""
-    return frame.sort_values(order, ignore_index=True)
-
-
-def same(one, other):
-    """Whether two runs hold the same bits."""
-    told = one / "statistics.csv"
-    if told.is_file() and told.read_bytes() != (other / told.name).read_bytes():
-        return False
-    orders = {"cases": ["case"], "histories": ["case", "time_s"], "kept": ["case"]}
-    return all(
-        table(one, kind, order).equals(table(other, kind, order))
-        for kind, order in orders.items()
-        if (one / kind).is_dir()
-    )
 
 
 def fill(disk):

@@ -1,5 +1,5 @@
-"""Print how good estimates of rare events are: ``python tests/measure_rare.py [REPEATS]`` on
-problems of known probability 1e-6, ``python tests/measure_rare.py plain [CASES]`` beside plain
+"""Print how good estimates of rare events are: ``python tests/measure/rare.py [REPEATS]`` on
+problems of known probability 1e-6, ``python tests/measure/rare.py plain [CASES]`` beside plain
 cases of shipped campaigns.
 
 Coverage: how often the 95 % interval holds the probability; of 100 repeats, 90 to 99 are what
@@ -12,10 +12,13 @@ import sys
 import time
 import tomllib
 import warnings
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
-from conftest import _PAIR
 from scipy import optimize, stats
+from small_scenes import PAIR
 
 import sepmc
 from sepmc.analysis import subset_simulation
@@ -179,7 +182,7 @@ def spinning(coefficient):
             {"name": "roll", "metric": "fore_omega_x_deg_s", "at_most": 1.0 - 2.0 * P},
         ],
     }
-    return Campaign(parse_campaign(tomllib.loads(_PAIR), "spinning", settings))
+    return Campaign(parse_campaign(tomllib.loads(PAIR), "spinning", settings))
 
 
 def plain(name, cases, repeats=10):
