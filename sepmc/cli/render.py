@@ -395,7 +395,7 @@ def tell_given(
     else:
         folded(render_summary(_matching(table, shown), summary.counts, units, width=width))
     if verdicts:
-        folded(requirements.render_verdicts(verdicts, units, width, population="such cases"))
+        folded(requirements.render_verdicts(verdicts, units, width, "such cases"))
         if too_few := requirements.render_cases_needed(verdicts):
             folded(too_few)
     if by := filter_outcomes(names, given):

@@ -107,7 +107,7 @@ def find_drivers(
                 name,
                 loaded.design,
                 correlated=loaded.correlated,
-                within=constant_outcomes.max_spread(table, name),
+                spread=constant_outcomes.max_spread(table, name),
             )
         except ValueError as error:
             click.echo(f"warning: {error}", err=True)

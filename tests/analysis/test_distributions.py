@@ -105,7 +105,7 @@ def test_through_a_run_folder(pair, plainly, tmp_path):
     result = pair(settings).run(cases=60, seed=3, out=tmp_path / "run")
     told = CliRunner().invoke(app.main, ["laws", str(tmp_path / "run"), "separation_speed_m_s"])
     assert told.exit_code == 0, told.output
-    assert "99.865 %: law" in told.stdout
+    assert "99.865 %: fitted" in told.stdout
     assert "not independent" not in told.stdout
     kept = pd.read_csv(tmp_path / "run" / "laws.csv", index_col="outcome")
     row = result.laws().loc["separation_speed_m_s"]
