@@ -45,7 +45,7 @@ from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.setting_checks import NAMES, check_settings, parts
 from sepmc.scene.shape_checks import check_shapes
 from sepmc.scene.tables import read_array, read_table
-from sepmc.scene.units import UNITS, split_unit
+from sepmc.scene.units import UNITS, split_unit, unit_kind
 from sepmc.schema import Status, is_yes_or_no, outcome_columns
 from sepmc.wording import setting
 
@@ -481,13 +481,14 @@ def _put(
         None,
     )
     if other is not None:
-        held = node.pop(other)
-        if rest and isinstance(held, list | dict) and _kind(unit) == _kind(split_unit(other)[1]):
-            factor = UNITS[_kind(unit)][split_unit(other)[1]] / UNITS[_kind(unit)][unit]
+        previous, previous_unit = node.pop(other), split_unit(other)[1]
+        units = UNITS[unit_kind(unit)]
+        if rest and isinstance(previous, list | dict) and previous_unit in units:
+            factor = units[previous_unit] / units[unit]
             node[head] = (
-                to_si(held, factor)
-                if isinstance(held, list)
-                else {k: to_si(v, factor) for k, v in held.items()}
+                to_si(previous, factor)
+                if isinstance(previous, list)
+                else {k: to_si(v, factor) for k, v in previous.items()}
             )
     if not rest:
         node[head] = value
@@ -508,10 +509,6 @@ def _put(
             )
     else:
         _put(node.setdefault(head, {}), rest, value, problems, key, head)
-
-
-def _kind(unit: str) -> str:
-    return next(kind for kind, table in UNITS.items() if unit in table)
 
 
 def _vector_components(kind: type[msgspec.Struct]) -> dict[str, tuple[str, ...]]:
