@@ -40,8 +40,8 @@ def tornado_figure(
     suffix: str = ".png",
 ) -> Path:
     """Draw for each outcome a tornado chart, and beside it the indices of the inputs with their 95
-    % intervals, into ``drivers.png``, or with another ``suffix``; returns its path. Bars are pale
-    where neither the swing of the mean nor the first-order index is told from 0.
+    % intervals, into ``sensitivity.png``, or with another ``suffix``; returns its path. Bars are
+    pale where neither the swing of the mean nor the first-order index is told from 0.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def tornado_figure(
     if isinstance(layout, ConstrainedLayoutEngine):  # names of inputs would touch the edge
         layout.set(w_pad=_PAD)
     order = (_LOWEST, _HIGHEST, _UNTOLD)
-    return save(figure, make_folder(folder) / f"drivers{suffix}", order)
+    return save(figure, make_folder(folder) / f"sensitivity{suffix}", order)
 
 
 def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:

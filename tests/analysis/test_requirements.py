@@ -376,7 +376,7 @@ def test_all_together_through_a_run(tmp_path):
     assert row["worst_case"] == rows["case"][either].min()
     cause = result.causes("clean")[0]
     assert cause.violations == either.sum()
-    told = CliRunner().invoke(app.main, ["drivers", str(folder)])
+    told = CliRunner().invoke(app.main, ["sensitivity", str(folder)])
     assert told.exit_code == 0, told.output
     assert f"clean, {either.sum()} of 150 cases" in told.output
     told = CliRunner().invoke(app.main, ["report", str(folder), "--no-replay"])

@@ -351,10 +351,10 @@ def test_through_a_run_folder(tmp_path):
     campaign = sepmc.load("table2", {"run.end_time_s": 0.26, "requirement": [slow]})
     with flown_plainly():
         result = campaign.run(cases=150, seed=7, out=tmp_path / "run")
-    told = call("drivers", tmp_path / "run", "separation_speed_m_s", "--no-plots")
+    told = call("sensitivity", tmp_path / "run", "separation_speed_m_s", "--no-plots")
     assert told.exit_code == 0, told.output
-    table = result.drivers("separation_speed_m_s")
-    kept = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    table = result.sensitivity("separation_speed_m_s")
+    kept = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     assert kept["input"].tolist() == table.index.tolist()
     assert_allclose(kept["rank"], table["rank"], rtol=1e-14)
     order = "by first-order index (lower bound), then by shift of the mean"
@@ -369,17 +369,17 @@ def test_through_a_run_folder(tmp_path):
     of_release = causes_kept[causes_kept["violated"] == "never-released"].iloc[0]
     assert of_release["input"] == first.inputs[0]
     assert f"never-released, {first.violations} of 150 cases: what sets" in told.stdout
-    assert not (tmp_path / "run" / "drivers.png").exists()
-    assert call("drivers", tmp_path / "run").exit_code == 0
-    assert (tmp_path / "run" / "drivers.png").stat().st_size > 20_000
-    told = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    assert not (tmp_path / "run" / "sensitivity.png").exists()
+    assert call("sensitivity", tmp_path / "run").exit_code == 0
+    assert (tmp_path / "run" / "sensitivity.png").stat().st_size > 20_000
+    told = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     one, other = told["outcome"].unique()[:2]
-    assert call("drivers", tmp_path / "run", other, "--no-plots").exit_code == 0
-    again = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    assert call("sensitivity", tmp_path / "run", other, "--no-plots").exit_code == 0
+    again = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     assert again["outcome"].unique()[-1] == other  # what was told of others stays
     pd.testing.assert_frame_equal(again[again["outcome"] == one], told[told["outcome"] == one])
     assert len(again) == len(told)
-    wrong = call("drivers", tmp_path / "run", "separation_sped_m_s")
+    wrong = call("sensitivity", tmp_path / "run", "separation_sped_m_s")
     assert wrong.exit_code == 2
     assert "did you mean 'separation_speed_m_s'" in wrong.stderr
     with pytest.raises(InputError, match="no such requirement or status; did you mean 'slow'"):
@@ -398,7 +398,7 @@ def test_a_saltelli_campaign(tmp_path):
     with flown_plainly():
         result = campaign.run(cases=256, out=tmp_path / "run")
     assert any("repeat each other" in note for note in result.notes)
-    table = result.drivers("upper_pitch_deg")
+    table = result.sensitivity("upper_pitch_deg")
     assert table.index[0] == "in_initial_pitch_deg"
     # ranks are of the cases that do not repeat each other: the first and the last of each four
     alone = result.to_pandas()[lambda rows: (rows["case"] % 4).isin([0, 3])]

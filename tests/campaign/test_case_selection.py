@@ -336,7 +336,7 @@ def test_dry_run_names_a_command_that_compiles(file, tmp_path, monkeypatch):
     """The file as it was given, what was set and the table, so that the command can be copied."""
     table, told = tmp_path / "plan.csv", {}
     assert call("sample", file, "--cases", 3, "--out", table).exit_code == 0
-    more = ["--set", "run.end_time_s=0.2", "--plan", table, "--stats-only"]
+    more = ["--set", "run.end_time_s=0.2", "--samples", table, "--stats-only"]
     monkeypatch.setattr(
         "sepmc.campaign.execution.step_selection.units_to_compile", lambda text: (1, 2)
     )

@@ -172,7 +172,7 @@ def test_values_that_were_rarely_drawn_are_told_beside_statistics(written, tmp_p
     assert said in " ".join(called.stderr.split())
     (told,) = json.loads((tmp_path / "run" / "statistics.json").read_text())["rarely_drawn"]
     assert said in told
-    figures._share_figures(
+    figures.draw_fractions(
         tmp_path / "run",
         sepmc.load(tmp_path / "run"),
         (),

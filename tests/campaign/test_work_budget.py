@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from sepmc.campaign.execution import single_case, step_selection
 from sepmc.campaign.execution.step_search import Search
-from sepmc.cli import app, checks
+from sepmc.cli import app, check
 from sepmc.scene.messages import no_log
 
 # a mote of 1e-4 kg on 1e5 kg that turn 50 times a second
@@ -54,7 +54,7 @@ def test_check_tells_what_it_knows_before_it_flies(tmp_path, monkeypatch):
     file = tmp_path / "mote.toml"
     file.write_text(MOTE + '[[load]]\nname = "idle"\nbody = "fore"\n')
     flown = Campaign.simulate
-    monkeypatch.setattr(checks, "_WORK", 1e6)
+    monkeypatch.setattr(check, "_WORK", 1e6)
     monkeypatch.setattr(
         Campaign, "simulate", lambda *given, **more: (seen.append(1), flown(*given, **more))[1]
     )

@@ -93,7 +93,7 @@ def sampled(campaign: Definition, numbers: CaseSelection) -> Iterator[str]:
     if sampler == SALTELLI:
         yield (
             "run.sampler = 'saltelli': cases repeat each other but for one parameter, so intervals "
-            "are too narrow and requirements get no verdict; sepmc drivers tells its indices"
+            "are too narrow and requirements get no verdict; sepmc sensitivity tells its indices"
         )
         return
     yield (
