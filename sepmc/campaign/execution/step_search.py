@@ -16,10 +16,10 @@ _MOST_STEPS = 2048  # of a stage
 _REFINED = 4  # times as many as there are at first, if that is more
 _FINER = 8  # times as fine as a step that is given is what it is held against
 _MAY_BE_LOST = 0.1  # of the cases may find steps of their own
-# Work of a search: steps times calibration cases. Shipped campaigns take 4e3 to 2e5. Beyond this it
-# returns what it has; and no finer reference is computed once a quarter of it (a minute) is done.
-_MOST_SEARCH = 20_000_000
-_MOST_REFERENCE = _MOST_SEARCH // 4
+# steps of a stage, over all trial cases, that the search of a reference may take: a minute
+_MOST_WORK = 5_000_000
+# that the whole search may take: then it makes do with what it has. Shipped ones take 4e3 to 2e5
+_MOST_SEARCH = 4 * _MOST_WORK
 # of an outcome, what cases of a given step differ by from finer ones however short it is
 _ROUND_OFF = 2e-12
 VOUCHED, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
@@ -130,24 +130,25 @@ class Search:
     def _refer(self, first: np.ndarray) -> np.ndarray:
         """Fly the reference; returns its steps."""
         steps, most = first, max(_MOST_STEPS, _REFINED * int(first.max()))
+        work = 0
         self.reference, self.verdict = self.flown(steps, self.draws)
         while self.settled > 0.02 * self.goal and 2 * steps.max() <= most:
-            coarse, steps = (self.reference, self.verdict), 2 * steps
+            coarse, steps = steps, 2 * steps
             self.reference, self.verdict = self.flown(steps, self.draws)
             # steps are far too long: what the few others say is not what it is about
             if not mostly(self.verdict):
                 continue
-            changes = self._compared(*coarse)
-            now = float(changes[self.decides].max(initial=0.0))
+            now = self.error(coarse)
             # round-off, which some cases let grow: no steps come nearer than that
             if self.goal >= self.settled <= now < np.inf:
                 self.settled = 2.0 * now
                 break
+            work += len(self.draws) * int(steps.sum())
             if now <= self.settled:
-                self.of_reference = changes
+                self.of_reference = self._errors(coarse)
             self.settled = min(self.settled, now)
-            if self.settled < np.inf and self.work > _MOST_REFERENCE:
-                break  # a finer one takes too long: the error that is reached is reported
+            if self.settled < np.inf and work > _MOST_WORK:
+                break  # more take too long: what is reached is told
         return steps
 
     def _enough(self, first: np.ndarray, most: np.ndarray) -> np.ndarray:
@@ -161,11 +162,7 @@ class Search:
 
     def _errors(self, steps: np.ndarray) -> np.ndarray:
         """Largest error of each outcome, (o,); infinite if more cases are lost than may be."""
-        return self._compared(*self.flown(steps, self.draws))
-
-    def _compared(self, found: np.ndarray, verdict: np.ndarray) -> np.ndarray:
-        """Largest error (o,) of outcomes (n, o) with verdicts (n,) against the reference; infinite
-        if more cases are lost than may be."""
+        found, verdict = self.flown(steps, self.draws)
         both = (verdict == VOUCHED) & self.fair
         if np.count_nonzero(self.fair & ~both) > _MAY_BE_LOST * len(self.draws) or not both.any():
             return np.full(len(self.scale), np.inf)
