@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sepmc.routines import layout as at
-from sepmc.scene.kinds import KINDS, hanging_together, joint_axes, rows_of
+from sepmc.scene.kinds import KINDS, connected_bodies, joint_axes, rows_of
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import GROUND, Joint, Scene
 
@@ -26,7 +26,7 @@ def initial_rates(
 def _beyond(scene: Scene, joint: str) -> set[str]:
     """What hangs together with the second body of a joint in the first phase, if the joint itself
     is left out."""
-    groups = hanging_together(scene, scene.phase[0], without=joint)
+    groups = connected_bodies(scene, scene.phase[0], without=joint)
     return next(group for group in groups if scene.joint[joint].bodies[1] in group)
 
 

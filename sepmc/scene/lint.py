@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sepmc.scene.dispersion import Dispersion
-from sepmc.scene.kinds import centres, toward_second
+from sepmc.scene.kinds import axial_offset, mass_centres
 from sepmc.scene.model import GROUND, Condition, Part, Scene
 from sepmc.scene.parameters import value
 
@@ -52,8 +52,8 @@ def _level(scene: Scene) -> Iterator[str]:
     """Joints whose bodies lie beside each other but for a little, so that it is by chance which
     side is apart."""
     for name, joint in scene.joint.items():
-        along = toward_second(scene, joint)
-        if joint.apart is None and abs(along) < _LEVEL * math.dist(*centres(scene, joint)):
+        along = axial_offset(scene, joint)
+        if joint.apart is None and abs(along) < _LEVEL * math.dist(*mass_centres(scene, joint)):
             side = "positive along its x axis" if along >= 0.0 else "negative along its x axis"
             yield (
                 f"joint.{name}: the mass centres of {joint.bodies[0]} and {joint.bodies[1]} are "

@@ -4,7 +4,7 @@ that end."""
 import math
 
 from sepmc.routines import layout as at
-from sepmc.scene.kinds import KINDS, is_part, rows_of
+from sepmc.scene.kinds import KINDS, is_subset, rows_of
 from sepmc.scene.limits import SMALLEST
 from sepmc.scene.load_checks import check_known
 from sepmc.scene.messages import Problems, nearest
@@ -192,7 +192,7 @@ def _check_letting_go(scene: Scene, problems: Problems) -> None:
         for before, after, first, then in zip(
             scene.phase, scene.phase[1:], kinds, kinds[1:], strict=False
         ):
-            if not is_part(rows_of(joint, then), rows_of(joint, first)):
+            if not is_subset(rows_of(joint, then), rows_of(joint, first)):
                 unnamed = "" if name in before.joints else " (a joint not named in a phase is free)"
                 said = (
                     f"in phase {before.name!r} it is {first!r}{unnamed}; a joint cannot take "
@@ -201,7 +201,7 @@ def _check_letting_go(scene: Scene, problems: Problems) -> None:
                 problems.add(f"phase.{after.name}.joints.{name}", said, then)
         for release in scene.release:
             if release.joint == name and not any(
-                is_part(rows_of(joint, release.to), rows_of(joint, kind))
+                is_subset(rows_of(joint, release.to), rows_of(joint, kind))
                 and rows_of(joint, release.to) != rows_of(joint, kind)
                 for kind in kinds
             ):
@@ -220,7 +220,7 @@ def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Probl
             continue
         for kind in may:
             pair = rows_of(joint, release.to), rows_of(joint, kind)
-            if not is_part(*pair) and not is_part(pair[1], pair[0]):
+            if not is_subset(*pair) and not is_subset(pair[1], pair[0]):
                 said = (
                     f"{name} may be {kind!r} by then, which does not hold all that "
                     f"{release.to!r} holds; a joint cannot take hold again"
