@@ -9,7 +9,7 @@ from sepmc.scene.contents import contents
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.fields import convert
 from sepmc.scene.ignition_checks import check_ignitions
-from sepmc.scene.kinds import KINDS, rows_of, slides
+from sepmc.scene.kinds import KINDS, leaves_pins_sliding, rows_of
 from sepmc.scene.limits import LARGEST, SMALLEST
 from sepmc.scene.load_checks import (
     check_air,
@@ -149,7 +149,7 @@ def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
     kinds = [phase.joints.get(name, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == name]
     known = [kind for kind in kinds if kind in KINDS or kind in joint.kind]
-    if not any(slides(rows_of(joint, kind)) for kind in known):
+    if not any(leaves_pins_sliding(rows_of(joint, kind)) for kind in known):
         said = (
             "does nothing: its pins act while the joint holds y, z and at least two rotations "
             "but not x (slider, cylindrical, or a kind "
