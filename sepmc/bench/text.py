@@ -5,6 +5,8 @@ from typing import Any
 
 import pandas as pd
 
+from sepmc.text_table import text_table
+
 _FORMATS = {
     "error": "{:.1e}", "asked": "{:.0e}", "ms": "{:.3g}",
     "best_ms": "{:.3g}", "us_per_case": "{:.3g}", "time_ratio": "{:.3f}", "flop_ratio": "{:.3f}",
@@ -103,14 +105,9 @@ def table(name: str, frame: pd.DataFrame) -> str:
         }
     )
     shown = shown.loc[:, [bool((shown[column] != "").any()) for column in shown]]
-    wide = [max(len(str(column)), int(shown[column].str.len().max())) for column in shown]
-    sides = [str.ljust if column in _WORDS else str.rjust for column in shown]
+    left = [k for k, column in enumerate(shown) if column in _WORDS]
     rows = [[str(column) for column in shown], *shown.to_numpy().tolist()]
-    lines = [
-        "  ".join(side(cell, width) for side, cell, width in zip(sides, row, wide, strict=True))
-        for row in rows
-    ]
-    return "\n".join([_TITLES[name], "", *(line.rstrip() for line in lines)])
+    return "\n".join([_TITLES[name], "", *text_table(rows, left)])
 
 
 def _cell(column: str, value: Any) -> str:

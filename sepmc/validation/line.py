@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sepmc.text_table import text_table
+
 # relative; what every comparison with a closed form or another formulation is held to
 CLOSE = 1e-10
 _TEXT = (33, 36)  # widest case and quantity that are shown whole
@@ -68,14 +70,7 @@ def table(lines: Sequence[Line]) -> str:
         rows.append(
             (x.case[: _TEXT[0]], x.quantity[: _TEXT[1]], *numbers, "pass" if x.passes else "FAIL")
         )
-    widths = [max(len(row[i]) for row in rows) for i in range(6)]
-    text = []
-    for row in rows:
-        cells = [
-            cell.ljust(w) if i < 2 else cell.rjust(w)
-            for i, (cell, w) in enumerate(zip(row, widths, strict=False))
-        ]
-        text.append("  ".join([*cells, row[6]]).rstrip())
+    text = text_table(rows, left=(0, 1, 6))
     failed = sum(not x.passes for x in lines)
     return "\n".join(
         [*text, "", f"{len(lines)} lines, " + (f"{failed} FAILED" if failed else "all pass")]

@@ -14,6 +14,7 @@ from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.layout import FULL_HISTORY
 from sepmc.schema import AUDIT_BOUNDS
+from sepmc.text_table import text_table
 from sepmc.validation.flights import NominalFlight, tensor, to_ground
 from sepmc.validation.stresses.line import EPS, Bound, Stress, judge, relative
 from sepmc.validation.stresses.scenes import (
@@ -215,12 +216,4 @@ def hours_table() -> str:
                 f"{x.step_s / base:.3f}",
             )
         )
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    text = [
-        "  ".join(
-            c.ljust(w) if i < 2 else c.rjust(w)
-            for i, (c, w) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in rows
-    ]
-    return "\n".join(line.rstrip() for line in text)
+    return "\n".join(text_table(rows, left=(0, 1)))

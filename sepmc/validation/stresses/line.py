@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sepmc.schema import AUDIT_BOUNDS, Status
+from sepmc.text_table import text_table
 from sepmc.validation.flights import NominalFlight
 from sepmc.validation.line import CLOSE
 
@@ -131,20 +132,8 @@ def table(lines: Sequence[Stress]) -> str:
         rows.append(
             (cells[0], cells[1], cells[2], cells[3], error, f"{x.bound.value:.1e}", verdict)
         )
-    widths = [max(len(row[i]) for row in rows) for i in range(7)]
-    order = (0, 1, 4, 5, 2, 3)
-    out = [
-        "  ".join(
-            [
-                *(
-                    row[i].rjust(widths[i]) if i in (4, 5) else row[i].ljust(widths[i])
-                    for i in order
-                ),
-                row[6],
-            ]
-        ).rstrip()
-        for row in rows
-    ]
+    order = (0, 1, 4, 5, 2, 3, 6)
+    out = text_table([[row[i] for i in order] for row in rows], left=(0, 1, 4, 5, 6))
     count = {
         verdict: sum(x.verdict == verdict for x in lines) for verdict in (ACCURATE, FLAGGED, SILENT)
     }
