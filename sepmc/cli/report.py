@@ -414,11 +414,11 @@ def _found(
             for label, count in summary.counts.items()
             if count and label != Status.OK.label
         ],
-        shares=render_proportions(table),
+        proportions=render_proportions(table),
         statistics=table,
-        telling=telling_outcomes(loaded, table)[:_TOLD],
+        leading=telling_outcomes(loaded, table)[:_TOLD],
         units=units,
-        every=every,
+        all_statistics=every,
         accuracy=accuracy_text(
             accuracy, accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
         )
@@ -427,8 +427,8 @@ def _found(
         audit=render_audit(audited),
         sessions=manifest["sessions"],
         campaign=loaded.file.toml,
-        drivers=texts[0],
-        causes=texts[1],
+        sensitivities=texts[0],
+        attributions=texts[1],
         replays=_worst(loaded, verdicts, manifest["seed"], into, say) if replays else [],
     )
     return report, driven
