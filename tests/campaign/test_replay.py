@@ -193,7 +193,7 @@ def test_film_begins_at_the_size_of_the_vehicle(pair):
     campaign = pair(apart)
     history = campaign.simulate(step_s=0.01)
     frames = [_Frame(history, campaign.scene, row) for row in (0, len(history) - 1)]
-    views, length = animation._views(frames, campaign.scene)
+    views, length = animation._frame_views(frames, campaign.scene)
     widths = [high - low for low, high in (view[0] for view in views)]
     assert length == pytest.approx(2.0)  # from centre of mass to centre of mass
     assert widths[0] < 2.0 * length
