@@ -456,7 +456,7 @@ def test_bars_of_what_is_not_told_from_nothing_are_pale(tmp_path, drawn):
             name = table.index[::-1][round(patch.get_y() + patch.get_height() / 2.0)]
             strong.setdefault(name, set()).add(patch.get_alpha() == 1.0)
     assert strong == {"a": {True}, "b": {True}, "c": {False}, "d": {False}}
-    assert "pale: effect by itself not told from 0 (95 %)" in bars.get_legend_handles_labels()[1]
+    assert "pale: effect alone not significant (95 %)" in bars.get_legend_handles_labels()[1]
     (_, _, (reach,)), top = indices.containers[0], table[::-1]
     ends = np.array([segment[:, 0] for segment in reach.get_segments()])
     assert_allclose(ends, top[["first_low", "first_high"]])
