@@ -286,7 +286,7 @@ def test_random_scenes_of_named_kinds():
 
 
 def test_a_kind_of_scenes_that_there_is_not():
-    with pytest.raises(InputError, match="optionl.*optional"):
+    with pytest.raises(InputError, match=r"optionl.*optional"):
         run.judge_scenes(1, kinds=["optionl"])
 
 

@@ -120,6 +120,12 @@ def _told(line: Stress) -> str:
     )
 
 
+def counts(lines: Sequence[Stress]) -> tuple[int, int]:
+    """Number of accurate and of flagged lines."""
+    verdicts = [line.verdict for line in lines]
+    return verdicts.count(ACCURATE), verdicts.count(FLAGGED)
+
+
 def table(lines: Sequence[Stress]) -> str:
     """The lines as plain text of at most 140 columns, with a count below."""
     rows = [("input", "quantity", "why this bound", "told", "error", "bound", "verdict")]
