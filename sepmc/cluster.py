@@ -34,7 +34,7 @@ class ClusterError(RuntimeError):
 
 
 @dataclass
-class DaskCrew:
+class DaskExecutor:
     """Workers of a Dask scheduler: those of this machine, or those at an ``address``. Each flies
     with so many ``threads``, or as many as it was started with."""
 
@@ -49,7 +49,7 @@ class DaskCrew:
         function: Callable[[Any, int, int, int], Any],
         ranges: Iterable[tuple[int, int]],
     ) -> Generator[Any]:
-        """As `sepmc.campaign.execution.work_ranges.Crew.map`. A range whose worker was lost is
+        """As `sepmc.campaign.execution.work_ranges.Executor.map`. A range whose worker was lost is
         handed out again; where the scheduler itself is gone, so is all that was not done, once it
         is back."""
         source = iter(ranges)
@@ -156,7 +156,7 @@ def _work(function: Any, job: Any, first: int, end: int, threads: int | None) ->
 @contextmanager
 def crew(
     workers: int | None = None, address: str | None = None, threads: int | None = None
-) -> Iterator[DaskCrew]:
+) -> Iterator[DaskExecutor]:
     """Workers: so many processes on this machine, or those of the scheduler at an ``address``.
 
     Parameters
@@ -190,14 +190,14 @@ def crew(
             ) as cluster,
             Client(cluster) as client,
         ):
-            yield DaskCrew(client, None, workers, own)
+            yield DaskExecutor(client, None, workers, own)
         return
     try:
         client = Client(address, timeout=10)
         client.wait_for_workers(1, timeout=30)
     except (OSError, TimeoutError, ValueError) as error:
         raise ClusterError(f"{address}: no Dask scheduler with a worker there: {error}") from None
-    found = DaskCrew(client, address, max(1, len(client.scheduler_info()["workers"])), threads)
+    found = DaskExecutor(client, address, max(1, len(client.scheduler_info()["workers"])), threads)
     try:
         yield found
     finally:

@@ -1,5 +1,5 @@
-"""Folders and files by name: of this machine, or of object storage (``s3://bucket/run``) by fsspec,
-through a path that has the methods of `pathlib.Path`."""
+"""Paths of local files and of object storage (``s3://bucket/run``, by fsspec), all with the methods
+of `pathlib.Path`."""
 
 import os
 from io import BytesIO
@@ -9,17 +9,32 @@ from typing import Any, cast
 EXTRA = "pip install '.[{}]' in the folder that sepmc was installed from"
 
 
-# packages whose errors say that object storage cannot be reached
+# packages of the clients of object storage
 _CLIENTS = ("botocore", "aiobotocore", "aiohttp", "gcsfs", "google", "adlfs", "azure")
 
 
 class PathError(ValueError):
-    """A name of a place that this installation cannot reach; its argument is the sentence."""
+    """A path that this installation cannot reach; its argument is the message."""
 
 
 def as_path(name: str | Path) -> Path:
-    """The path of a name. Raises PathError if it is none, or if what reaches such a place is not
-    installed, or does not reach it."""
+    """Path of a name.
+
+    Parameters
+    ----------
+    name : str or path
+        A local path or the address of an object.
+
+    Returns
+    -------
+    Path
+        A local path, or a `upath.UPath` of object storage.
+
+    Raises
+    ------
+    PathError
+        If it is no path, or if its storage is not installed or cannot be reached.
+    """
     if hasattr(name, "is_dir"):  # a path, of object storage too
         return cast(Path, name)
     if isinstance(name, os.PathLike):
@@ -31,7 +46,7 @@ def as_path(name: str | Path) -> Path:
     try:
         from upath import UPath  # noqa: PLC0415  (an extra)
 
-        # other processes write there: no list of files is good for long
+        # other processes write there, so lists of files must not be cached
         path = UPath(name, use_listings_cache=False)
         system = path.fs
     except (ImportError, ValueError) as error:
@@ -39,10 +54,10 @@ def as_path(name: str | Path) -> Path:
             f"{name}: cannot be reached: {error}; object storage comes with the extra cluster "
             f"({EXTRA.format('cluster')}), s3:// by itself, others with their clients"
         ) from None
-    # what asks whether a file is there takes a network that is down for "no"
+    # `exists` would return False if the network is down
     try:
         system.info(path.path)
-    except OSError:  # nothing of this name yet, or the bucket may not be listed
+    except OSError:  # no such object, or the bucket does not allow listing
         pass
     except Exception as error:
         if not is_storage_error(error):
@@ -52,18 +67,18 @@ def as_path(name: str | Path) -> Path:
 
 
 def is_storage_error(error: Exception) -> bool:
-    """Whether an error is one of a client of object storage."""
-    modules = (kind.__module__.partition(".")[0] for kind in type(error).__mro__)
+    """Return True for errors of the clients of object storage."""
+    modules = (base.__module__.partition(".")[0] for base in type(error).__mro__)
     return any(module in _CLIENTS for module in modules)
 
 
 def is_local(path: Path) -> bool:
-    """Whether a path is one of this machine."""
+    """Return True for paths of this machine."""
     return isinstance(path, PurePath)
 
 
 def readable(path: Path) -> Any:
-    """What readers of files take: the path, or the content of a file of object storage."""
+    """Argument for readers of files: the path, or the content of an object as a buffer."""
     if is_local(path):
         return path
     return BytesIO(path.read_bytes())

@@ -22,13 +22,13 @@ from sepmc.bench import (
 )
 from sepmc.bench.folder import SUMMARY, open_folder
 from sepmc.bench.reference import Reference, make_reference, reference_times
-from sepmc.bench.study import Say, Study, drawn
+from sepmc.bench.study import Study, sample_inputs
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store import folders
 from sepmc.engine.dispatch import check_threads, use_threads, using_threads
 from sepmc.engine.threads import max_threads
-from sepmc.scene.messages import SceneWarning
+from sepmc.scene.messages import Log, SceneWarning
 
 CASES, QUICK_CASES = 10_000, 1000
 REPEATS, QUICK_REPEATS = 7, 3
@@ -38,7 +38,7 @@ _REFERENCE_S = 60.0  # that the reference takes at most, unless a number of case
 def bench(
     campaign: Campaign,
     out: Path,
-    say: Say,
+    say: Log,
     *,
     cases: int | None = None,
     repeats: int | None = None,
@@ -96,12 +96,12 @@ def bench(
 
 
 def _study(
-    campaign: Campaign, cases: int | None, repeats: int, threads: int, quick: bool, say: Say
+    campaign: Campaign, cases: int | None, repeats: int, threads: int, quick: bool, say: Log
 ) -> Study:
     bare = campaign.with_settings({"run.history_step_s": 0.0})
-    flight = plan_flight(bare, announce=say)
+    flight = select_steps(bare, announce=say)
     wanted = cases or (QUICK_CASES if quick else CASES)
-    study = Study(bare, flight, drawn(bare, wanted), repeats, threads, quick, say)
+    study = Study(bare, flight, sample_inputs(bare, wanted), repeats, threads, quick, say)
     fit = max(QUICK_CASES, int(_REFERENCE_S / (reference_times() * study.seconds)))
     if cases is None and fit < wanted:
         say(f"{fit} cases, as the reference of {wanted} would take more than {_REFERENCE_S:g} s")

@@ -113,7 +113,7 @@ def _flight(study: Study, variant: Variant) -> Callable[[], object]:
         kernel = load_kernel(text, study.say)
     methods = by_name(kernel, flight.method_names)
     return lambda: integrate_cases(
-        kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room, methods
+        kernel, campaign.plan, flight.steps, flight.durations, campaign.slots, draws, room, methods
     )
 
 

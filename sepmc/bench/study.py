@@ -2,7 +2,6 @@
 things are timed."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,11 +10,11 @@ import numpy as np
 
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.accuracy import decisive, scene_scales
-from sepmc.campaign.execution.step_selection import Flight, fly, relative_error, unpacked
+from sepmc.campaign.execution.step_selection import Integration, integrate, relative_error, unpacked
 from sepmc.engine.dispatch import Block
+from sepmc.scene.messages import Log
 from sepmc.schema import Status
 
-Say = Callable[[str], None]
 FULL = "full"  # the formulation that takes some 50 times as long as the reduced one
 # of so many cases one is flown by the full formulation, but no fewer than these; times are scaled
 _PART, _FEWEST = 16, 16
@@ -43,12 +42,12 @@ class Study:
     """
 
     campaign: Campaign
-    flight: Flight
+    flight: Integration
     draws: np.ndarray
     repeats: int
     threads: int
     quick: bool
-    say: Say
+    say: Log
 
     @property
     def cases(self) -> int:
@@ -94,9 +93,9 @@ class Study:
         return self.part(self.formulation)
 
     @property
-    def default(self) -> "Way":
+    def default(self) -> "SolverVariant":
         """The way that the pilot chose."""
-        return Way(
+        return SolverVariant(
             self.flight, self.campaign, self.own_cases, self.campaign.scene.solver.accuracy, True
         )
 
@@ -144,11 +143,11 @@ class Study:
 
 
 @dataclass(frozen=True)
-class Way:
+class SolverVariant:
     """A way to fly: a flight, the campaign with the method and formulation that it was planned for,
     and how many of the cases."""
 
-    flight: Flight
+    flight: Integration
     campaign: Campaign
     cases: int
     asked: float = np.nan  # accuracy that the pilot was given
@@ -182,7 +181,7 @@ class Way:
         """About how many a case takes; with a step that is given, only in proportion."""
         return self.flight.evaluations
 
-    def by_formulation(self, study: Study, other: str) -> "Way":
+    def by_formulation(self, study: Study, other: str) -> "SolverVariant":
         """The same steps by the other formulation of the equations, with nothing flown again."""
         given = {"solver.method": self.method, "solver.formulation": other}
         campaign = study.with_settings(given)
@@ -193,13 +192,13 @@ class Way:
             estimate=None,
             most=np.inf,
         )
-        return Way(flight, campaign, study.part(other), self.asked)
+        return SolverVariant(flight, campaign, study.part(other), self.asked)
 
     def fly(self, draws: np.ndarray) -> Block:
         """Fly as many cases as the way has, the first of ``draws`` (n, d), SI."""
-        return fly(self.campaign, self.flight, draws[: self.cases])
+        return integrate(self.campaign, self.flight, draws[: self.cases])
 
 
-def drawn(campaign: Campaign, count: int) -> np.ndarray:
+def sample_inputs(campaign: Campaign, count: int) -> np.ndarray:
     """The first ``count`` cases of a campaign, (count, d), SI."""
-    return campaign.draw(0, count) * campaign.factors
+    return campaign.sample(0, count) * campaign.factors

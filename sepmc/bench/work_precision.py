@@ -10,8 +10,8 @@ import pandas as pd
 
 from sepmc.bench.clock import rounds, spread
 from sepmc.bench.reference import METHOD, Reference
-from sepmc.bench.study import FULL, Study, Way
-from sepmc.campaign.execution.step_selection import Flight, plan_flight
+from sepmc.bench.study import FULL, SolverVariant, Study
+from sepmc.campaign.execution.step_selection import Integration, select_steps
 from sepmc.engine.dispatch import Block, progress_reporter
 from sepmc.kernel.spec.methods import AUTO, METHODS
 
@@ -26,26 +26,26 @@ _MOST = 25  # times as many evaluations as by default are left out
 def measure(study: Study, reference: Reference) -> pd.DataFrame:
     """One row a way to fly; times are medians, for 10,000 cases, ms; ``scaled`` if fewer than the
     study's were flown."""
-    ways = _ways(study, "reduced")
+    ways = _variants(study, "reduced")
     if study.formulation == FULL:
-        ways += _ways(study, FULL)
+        ways += _variants(study, FULL)
     else:  # at the steps that reduced equations are flown in: they agree to round-off
         own = [way for way in ways if way.method == study.method and np.isfinite(way.asked)]
         ways += [way.by_formulation(study, FULL) for way in own]
     return rows_of(study, reference, _without(reference, study, ways))
 
 
-def own_ways(study: Study, reference: Reference) -> list[Way]:
+def own_variants(study: Study, reference: Reference) -> list[SolverVariant]:
     """Ways to fly by the scene's own formulation; not that of the reference."""
-    return _without(reference, study, _ways(study, study.formulation))
+    return _without(reference, study, _variants(study, study.formulation))
 
 
-def _without(reference: Reference, study: Study, ways: list[Way]) -> list[Way]:
+def _without(reference: Reference, study: Study, ways: list[SolverVariant]) -> list[SolverVariant]:
     known = (study.formulation, METHOD, reference.setting)
     return [way for way in ways if (way.formulation, way.method, way.setting) != known]
 
 
-def rows_of(study: Study, reference: Reference, ways: list[Way]) -> pd.DataFrame:
+def rows_of(study: Study, reference: Reference, ways: list[SolverVariant]) -> pd.DataFrame:
     """Fly some ways and time them, in rounds; a row each."""
     flown, tell = [], progress_reporter(study.say, _EVERY_S)
     for number, way in enumerate(ways):
@@ -77,7 +77,9 @@ def _flown_again(block: Block) -> float:
     return block.refinement.n_refined / len(block.status)
 
 
-def _row(way: Way, times: list[float], error: float, worst: str, few: bool) -> dict[str, Any]:
+def _row(
+    way: SolverVariant, times: list[float], error: float, worst: str, few: bool
+) -> dict[str, Any]:
     scale = 1e3 * PER / way.cases
     return {
         "formulation": way.formulation,
@@ -97,7 +99,7 @@ def _row(way: Way, times: list[float], error: float, worst: str, few: bool) -> d
     }
 
 
-def _ways(study: Study, formulation: str) -> list[Way]:
+def _variants(study: Study, formulation: str) -> list[SolverVariant]:
     """Each method in the steps that the pilot chooses for several accuracies, and in multiples of
     those for the accuracy asked. By the full formulation only the scene's own method, without
     multiples."""
@@ -106,20 +108,22 @@ def _ways(study: Study, formulation: str) -> list[Way]:
     return [way for method in methods for way in _of_method(study, method, formulation)]
 
 
-def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
+def _of_method(study: Study, method: str, formulation: str) -> list[SolverVariant]:
     campaign = study.with_settings({"solver.method": method, "solver.formulation": formulation})
     cases, most = study.part(formulation), _MOST * study.default.evaluations
     if (method, formulation) == (study.method, study.formulation):
         first = study.default
     else:
-        first = Way(plan_flight(campaign, announce=study.say), campaign, cases, study.default.asked)
+        first = SolverVariant(
+            select_steps(campaign, announce=study.say), campaign, cases, study.default.asked
+        )
     ways = [first]
     if first.flight.step is None:  # the pilot has something to choose
         for accuracy in ACCURACIES[::8] if study.quick else ACCURACIES:
             if accuracy != first.asked:
                 ways.append(
-                    Way(
-                        plan_flight(campaign.with_settings({"solver.accuracy": accuracy})),
+                    SolverVariant(
+                        select_steps(campaign.with_settings({"solver.accuracy": accuracy})),
                         campaign,
                         cases,
                         accuracy,
@@ -128,8 +132,8 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
             if ways[-1].evaluations > most:
                 break  # it takes still more for the next ones
     if formulation != FULL:
-        ways += [Way(flight, campaign, cases) for flight in _multiples(first.flight)]
-    found: dict[tuple[Any, ...], Way] = {}
+        ways += [SolverVariant(flight, campaign, cases) for flight in _multiples(first.flight)]
+    found: dict[tuple[Any, ...], SolverVariant] = {}
     for way in ways:
         found.setdefault((*way.flight.steps.tolist(), *way.flight.method_names), way)
     for way in found.values():
@@ -149,12 +153,12 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
     return sorted(left, key=lambda way: way.evaluations)
 
 
-def _multiples(flight: Flight) -> list[Flight]:
+def _multiples(flight: Integration) -> list[Integration]:
     """A flight in half, twice and four times as many steps; a step that the scene gives is only
     divided."""
     half = np.maximum(1, np.round(0.5 * flight.steps)).astype(np.int64)
     fewer = [replace(flight, steps=half)] if flight.step is None else []
     return [
         replace(one, limits=None, angles={}, most=np.inf)
-        for one in (*fewer, flight.sharper(2), flight.sharper(4))
+        for one in (*fewer, flight.refined(2), flight.refined(4))
     ]

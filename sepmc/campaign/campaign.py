@@ -10,24 +10,28 @@ from typing import Any
 import pandas as pd
 
 from sepmc import schema
-from sepmc.analysis.stopping import Until, read_until
-from sepmc.campaign.case_selection import Numbers
+from sepmc.analysis.stopping import StoppingRule, parse_stopping_rule
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.execution import previous_run
-from sepmc.campaign.execution.batch import Draws
-from sepmc.campaign.execution.chunks import Chunks, Earlier, Orders
+from sepmc.campaign.execution.chunk import SampleSpec
 from sepmc.campaign.execution.diagnostics import together
 from sepmc.campaign.execution.forecast import forecast
-from sepmc.campaign.execution.limit_state import target
-from sepmc.campaign.execution.rare_event import MOST, Rare, seek
-from sepmc.campaign.execution.single_case import fly_single, invalid
-from sepmc.campaign.execution.step_selection import plan_flight
-from sepmc.campaign.execution.work_ranges import Crew
+from sepmc.campaign.execution.limit_state import limit_state
+from sepmc.campaign.execution.rare_event import (
+    DEFAULT_FLIGHTS,
+    RareEventEstimate,
+    estimate_rare_event,
+)
+from sepmc.campaign.execution.runner import ExecutionOptions, PreviousRun, Runner
+from sepmc.campaign.execution.single_case import invalid, simulate_case
+from sepmc.campaign.execution.step_selection import select_steps
+from sepmc.campaign.execution.work_ranges import Executor
 from sepmc.campaign.label import as_text
 from sepmc.campaign.result import Result
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.campaign.store.row_selection import ALL, Keep, read_keep
+from sepmc.campaign.store.row_selection import ALL, KeepRules, parse_keep_rules
 from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.engine.dispatch import (
     check_history_step,
@@ -37,12 +41,12 @@ from sepmc.engine.dispatch import (
     thread_notes,
     using_threads,
 )
-from sepmc.kernel.spec.parameter_layout import make_plan
+from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.paths import as_path
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
-from sepmc.scene.messages import InputError, RunWarning, warn
+from sepmc.scene.messages import InputError, Log, RunWarning, warn
 from sepmc.scene.read import find_file, parse_campaign, read_campaign
 
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
@@ -74,7 +78,7 @@ def load(
     if file.name == folders.CAMPAIGN and folders.is_run(file.parent):
         if verify:
             manifests.read_manifest(file.parent)
-        before = manifests.made_by(file.parent).get("settings", {})
+        before = manifests.read_provenance(file.parent).get("settings", {})
     read = read_campaign(path, settings, read_input_table)
     return Campaign(read, before | as_text(settings or {}))
 
@@ -109,7 +113,7 @@ class Campaign(Definition):
         self,
         case: Case | int | None = None,
         step_s: float = 0.001,
-        announce: Callable[[str], None] | None = None,
+        announce: Log | None = None,
         plain_work: float | None = None,
     ) -> pd.DataFrame:
         """Time history of one case (the nominal if None, or that of a number), a row every
@@ -136,7 +140,7 @@ class Campaign(Definition):
         """
         check_history_step(step_s, self.scene)
         if isinstance(case, Case):
-            if make_plan(case.scene).contents != self.plan.contents:
+            if make_parameter_layout(case.scene).contents != self.plan.contents:
                 said = "must be a case of this campaign: it has other columns"
                 raise InputError(f"case = {case!r}: {said}")
         elif case is not None:
@@ -146,7 +150,7 @@ class Campaign(Definition):
             scene = self.nominal().scene
             found = invalid(scene, len(self.result_columns))
         else:
-            found = fly_single(scene, self.outcome_columns, step_s, announce, plain_work)
+            found = simulate_case(scene, self.outcome_columns, step_s, announce, plain_work)
         columns = schema.history_columns(found.plan.contents)
         data: dict[str, Any] = {
             "time_s": found.times,
@@ -195,7 +199,7 @@ class Campaign(Definition):
 
     def run(
         self,
-        cases: int | str | Numbers | Iterable[int] | None = None,
+        cases: int | str | CaseSelection | Iterable[int] | None = None,
         seed: int | None = None,
         threads: int | None = None,
         out: str | Path | None = None,
@@ -207,10 +211,10 @@ class Campaign(Definition):
         keep: str | None = None,
         keep_columns: str | None = None,
         float32: bool = False,
-        crew: Crew | None = None,
+        crew: Executor | None = None,
         max_failures: int | None = None,
         progress: Progress | None = None,
-        announce: Callable[[str], None] | None = None,
+        announce: Log | None = None,
     ) -> Result:
         """Fly the campaign.
 
@@ -243,7 +247,7 @@ class Campaign(Definition):
             Statistics of all cases as with ``stats_only``, and of some also their rows, into the
             folder ``kept`` of ``out``, in the column ``kept_as`` why: ``"failed"``, ``"violating"``
             a requirement, the ``"worst:20"`` of each, ``"every:1000"``, ``"all"``, or several with
-            commas between; see `sepmc.campaign.store.row_selection.Keep`.
+            commas between; see `sepmc.campaign.store.row_selection.KeepRules`.
         keep_columns : str, optional
             Patterns of the names of columns that are kept of these: ``"in_*,separation_*"``.
         float32 : bool
@@ -276,7 +280,7 @@ class Campaign(Definition):
         """
         if resume and cases is None and out is not None:
             cases = previous_run.own_cases(self, as_path(out))
-        numbers, total = self.asked(cases)
+        numbers, total = self.select_cases(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
         if max_failures is not None:
@@ -285,12 +289,12 @@ class Campaign(Definition):
         if kept is None and (keep_columns or float32):
             raise InputError("keep_columns and float32 are of rows that are kept by keep")
         if resume and out is not None:
-            stats_only, kept, until = previous_run.as_it_began(
+            stats_only, kept, until = previous_run.original_mode(
                 as_path(out), stats_only, kept, until
             )
         stop = None if until is None else self.until(until, numbers)
         _check_crew(crew, out, until, (stats_only or bool(kept)) and not numbers.are_first)
-        orders = Orders(
+        orders = ExecutionOptions(
             threads,
             crew,
             stop,
@@ -302,9 +306,11 @@ class Campaign(Definition):
         )
         into = nullcontext() if out is None else folders.opened(as_path(out), overwrite, resume)
         with using_threads(threads), into as folder:
-            return self._run(folder, Draws(seed, numbers, total), resume, orders)
+            return self._run(folder, SampleSpec(seed, numbers, total), resume, orders)
 
-    def _run(self, folder: Path | None, draws: Draws, resume: bool, orders: Orders) -> Result:
+    def _run(
+        self, folder: Path | None, draws: SampleSpec, resume: bool, orders: ExecutionOptions
+    ) -> Result:
         """`run`, in memory or into a folder that is open."""
         seed, numbers = draws.seed, draws.numbers
         stats_only, announce, crew, stop = (
@@ -314,9 +320,9 @@ class Campaign(Definition):
             orders.until,
         )
         earlier, wanted = (
-            previous_run.earlier(self, folder, draws, stats_only, announce)
+            previous_run.read_previous(self, folder, draws, stats_only, announce)
             if folder and resume
-            else (Earlier(), numbers)
+            else (PreviousRun(), numbers)
         )
         left = wanted.count
         if announce:
@@ -329,7 +335,7 @@ class Campaign(Definition):
             over_time = self.has_histories and not stats_only
             forecast(self, left, over_time, keep).check_disk(folder)
         begun = time.perf_counter()
-        flight = plan_flight(
+        flight = select_steps(
             self, history=self.scene.run.history_step > 0.0 and not stats_only, announce=announce
         )
         timing = {
@@ -338,68 +344,68 @@ class Campaign(Definition):
             "kernel": 0.0,
             "write": 0.0,
         }
-        if announce and earlier.held:
-            announce(f"{folder}: {earlier.held} cases are there, {left} are left to fly")
-        chunks = Chunks(self, flight, draws, timing, earlier, folder, orders)
+        if announce and earlier.n_stored:
+            announce(f"{folder}: {earlier.n_stored} cases are there, {left} are left to fly")
+        runner = Runner(self, flight, draws, timing, earlier, folder, orders)
         if folder:
             if self.file.input_table:
                 shards.write_input_table(folder, self.file.input_table, self.input_columns)
-            chunks.write_manifest(complete=False)
+            runner.write_manifest(complete=False)
         try:
-            with chunks:
+            with runner:
                 if orders.progress:
                     orders.progress(0, left, 0)
 
                 def tell() -> None:
                     if orders.progress:
-                        orders.progress(chunks.flown, left, chunks.failures)
+                        orders.progress(runner.n_run, left, runner.failures)
 
                 if crew:
-                    chunks.fly_by(crew, wanted, tell)
+                    runner.run_on(crew, wanted, tell)
                 parts = [numbers]
                 if stop:
                     parts = list(numbers.growing(stop.first(self.rare_values)))
                 for part in [] if crew else parts:
-                    for first, end in wanted.within(part).pieces(chunks.size):
-                        if not chunks.too_many_failed:
-                            chunks.fly(first, end, tell)
-                    if stop and chunks.is_known(stop, part.end, len(parts)):
+                    for first, end in wanted.within(part).pieces(runner.size):
+                        if not runner.too_many_failed:
+                            runner.run(first, end, tell)
+                    if stop and runner.statistic_is_known(stop, part.end, len(parts)):
                         break
-                chunks.finish()
+                runner.finish()
         finally:
             if folder:
-                chunks.save()
-                chunks.write_manifest(complete=chunks.held == chunks.wanted)
-        notes = [*chunks.notes, *thread_notes(orders.threads)]
+                runner.save()
+                runner.write_manifest(complete=runner.n_stored == runner.n_wanted)
+        notes = [*runner.notes, *thread_notes(orders.threads)]
         _warn(notes, announce)
         return Result(
             self,
-            chunks.kept(),
+            runner.output(),
             timing,
             seed,
-            chunks.draws.numbers,
-            chunks.draws.total,
+            runner.spec.numbers,
+            runner.spec.total,
             folder,
             notes,
             flight,
-            chunks.accuracy,
-            resumed=earlier.held,
-            stopped=chunks.too_many_failed,
+            runner.accuracy,
+            resumed=earlier.n_stored,
+            stopped=runner.too_many_failed,
         )
 
-    def _keep(self, keep: str, columns: str | None, single: bool, out: Any) -> Keep:
+    def _keep(self, keep: str, columns: str | None, single: bool, out: Any) -> KeepRules:
         """Rules by which rows are kept. Raises InputError with what is allowed."""
         if out is None:
             raise InputError(f"keep = {keep}: rows are kept in a folder; give out")
         check_text("keep", keep, "failed,worst:20")
         if columns is not None:
             check_text("keep_columns", columns, "in_*,separation_*")
-        return read_keep(keep, columns, single, self.file.requirements, self.columns)
+        return parse_keep_rules(keep, columns, single, self.file.requirements, self.columns)
 
     def rare(
         self,
         requirement: str,
-        most: int = MOST,
+        most: int = DEFAULT_FLIGHTS,
         seed: int | None = None,
         out: str | Path | None = None,
         *,
@@ -407,8 +413,8 @@ class Campaign(Definition):
         overwrite: bool = False,
         resume: bool = False,
         progress: Progress | None = None,
-        announce: Callable[[str], None] | None = None,
-    ) -> Rare:
+        announce: Log | None = None,
+    ) -> RareEventEstimate:
         """How rarely a requirement is violated, where plain cases are too few to count: subset
         simulation, see `sepmc.analysis.subset_simulation`.
 
@@ -429,20 +435,22 @@ class Campaign(Definition):
             If ``out`` cannot be used as asked, or the requirement cannot be sought.
         """
         check_threads(threads)
-        target(self, check_text("requirement", requirement, "a name"))
+        limit_state(self, check_text("requirement", requirement, "a name"))
         if resume and out is None:
             raise InputError("resume: needs out, the folder of the estimate")
         into = nullcontext() if out is None else folders.opened(as_path(out), overwrite, resume)
         with using_threads(threads), into as folder:
-            found = seek(self, requirement, most, seed, threads, folder, progress, announce, resume)
+            found = estimate_rare_event(
+                self, requirement, most, seed, threads, folder, progress, announce, resume
+            )
         found.notes.extend(thread_notes(threads))
         _warn(found.notes, announce)
         return found
 
-    def until(self, asked: str, numbers: Numbers) -> Until:
+    def until(self, asked: str, numbers: CaseSelection) -> StoppingRule:
         """When to stop. Raises InputError if that cannot be told of these cases."""
         check_text("until", asked, "separation_speed_m_s:0.01")
-        found = read_until(asked, [column.name for column in self.outcome_columns])
+        found = parse_stopping_rule(asked, [column.name for column in self.outcome_columns])
         if not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:
             what = "a sampler whose cases depend on how many there are"
             what = what if numbers.are_first else "cases that are named"
@@ -451,7 +459,7 @@ class Campaign(Definition):
         return found
 
 
-def _check_crew(crew: Crew | None, out: Any, until: str | None, some_counted: bool) -> None:
+def _check_crew(crew: Executor | None, out: Any, until: str | None, some_counted: bool) -> None:
     """Raise InputError if workers cannot fly what is asked for."""
     if crew is None:
         return
@@ -463,7 +471,7 @@ def _check_crew(crew: Crew | None, out: Any, until: str | None, some_counted: bo
         raise InputError("stats_only of cases that are named: excludes workers")
 
 
-def _warn(notes: list[str], announce: Callable[[str], None] | None) -> None:
+def _warn(notes: list[str], announce: Log | None) -> None:
     """Give notes as warnings, where nothing is announced to anyone."""
     for note in notes if announce is None else ():
         warn(note, RunWarning)

@@ -14,13 +14,13 @@ _ASKED = "must be how many, as 1000 or 1e6, or which, as 25:50,73 (25 to 49, and
 
 
 @dataclass(frozen=True)
-class Numbers:
+class CaseSelection:
     """Numbers of cases, as ranges (first, end) that rise and do not touch."""
 
     ranges: tuple[tuple[int, int], ...]
 
     @classmethod
-    def of(cls, numbers: Iterable[int]) -> "Numbers":
+    def of(cls, numbers: Iterable[int]) -> "CaseSelection":
         """Of the numbers given, in any order."""
         given = numbers if isinstance(numbers, np.ndarray) else np.fromiter(numbers, dtype=np.int64)
         sorted_ = np.unique(given).astype(np.int64)
@@ -30,7 +30,7 @@ class Numbers:
         return cls(tuple(zip(firsts.tolist(), (lasts + 1).tolist(), strict=True)))
 
     @classmethod
-    def of_ranges(cls, ranges: Iterable[tuple[int, int]]) -> "Numbers":
+    def of_ranges(cls, ranges: Iterable[tuple[int, int]]) -> "CaseSelection":
         """Of ranges (first, end) in any order, which may overlap."""
         merged: list[tuple[int, int]] = []
         for first, end in sorted(ranges):
@@ -41,7 +41,7 @@ class Numbers:
         return cls(tuple(merged))
 
     @classmethod
-    def first(cls, count: int) -> "Numbers":
+    def first(cls, count: int) -> "CaseSelection":
         """The first so many."""
         return cls(((0, count),) if count else ())
 
@@ -66,7 +66,7 @@ class Numbers:
     def __str__(self) -> str:
         return ",".join(str(a) if b == a + 1 else f"{a}:{b}" for a, b in self.ranges)
 
-    def without(self, done: np.ndarray) -> "Numbers":
+    def without(self, done: np.ndarray) -> "CaseSelection":
         """Those that are not among the sorted numbers ``done`` (n,)."""
         left: list[tuple[int, int]] = []
         for first, end in self.ranges:
@@ -74,9 +74,9 @@ class Numbers:
             fences = np.concatenate([[first - 1], inside, [end]])
             gaps = np.flatnonzero(np.diff(fences) > 1)
             left += zip((fences[gaps] + 1).tolist(), fences[gaps + 1].tolist(), strict=True)
-        return Numbers(tuple(left))
+        return CaseSelection(tuple(left))
 
-    def after(self, count: int) -> "Numbers":
+    def after(self, count: int) -> "CaseSelection":
         """Those that come after the first so many of them."""
         left = []
         for first, end in self.ranges:
@@ -84,9 +84,9 @@ class Numbers:
             count -= skipped
             if first + skipped < end:
                 left.append((first + skipped, end))
-        return Numbers(tuple(left))
+        return CaseSelection(tuple(left))
 
-    def before(self, count: int) -> "Numbers":
+    def before(self, count: int) -> "CaseSelection":
         """The first so many of them."""
         kept = []
         for first, end in self.ranges:
@@ -94,16 +94,16 @@ class Numbers:
             count -= taken
             if taken:
                 kept.append((first, first + taken))
-        return Numbers(tuple(kept))
+        return CaseSelection(tuple(kept))
 
-    def within(self, other: "Numbers") -> "Numbers":
+    def within(self, other: "CaseSelection") -> "CaseSelection":
         """Those that are also among ``other``."""
         pairs = [
             (max(first, its_first), min(end, its_end))
             for first, end in self.ranges
             for its_first, its_end in other.ranges
         ]
-        return Numbers(tuple(pair for pair in pairs if pair[0] < pair[1]))
+        return CaseSelection(tuple(pair for pair in pairs if pair[0] < pair[1]))
 
     def leave_out(self, done: np.ndarray) -> bool:
         """Whether some of the sorted numbers ``done`` (n,) are not among these."""
@@ -112,15 +112,15 @@ class Numbers:
         )
         return bool(held < len(done))
 
-    def common(self, other: "Numbers") -> int:
+    def common(self, other: "CaseSelection") -> int:
         """How many of them are also among ``other``."""
         return self.within(other).count
 
-    def growing(self, first: int) -> "Iterator[Numbers]":
+    def growing(self, first: int) -> "Iterator[CaseSelection]":
         """The first so many, of which none is left out, then as many again, and so on."""
         start, end = 0, first
         while start < self.end:
-            yield Numbers(((start, min(end, self.end)),))
+            yield CaseSelection(((start, min(end, self.end)),))
             start, end = end, 2 * end
 
     def pieces(self, size: int) -> Iterator[tuple[int, int]]:
@@ -130,29 +130,29 @@ class Numbers:
                 yield start, min(start + size, end)
 
 
-def named(text: str) -> Numbers:
+def named(text: str) -> CaseSelection:
     """The cases that a text names, ``25:50,73``, or the first so many."""
     found = read(text)
-    return Numbers.first(found) if isinstance(found, int) else found
+    return CaseSelection.first(found) if isinstance(found, int) else found
 
 
-def read(asked: Any, name: str = "cases") -> int | Numbers:
+def read(asked: Any, name: str = "cases") -> int | CaseSelection:
     """How many cases are asked for, or which: a whole number, text as the command line takes it, or
     the numbers themselves in any order, of a set too. Raises InputError with what is allowed."""
-    if isinstance(asked, Numbers):
+    if isinstance(asked, CaseSelection):
         return asked
     if isinstance(asked, str):
         return _of_text(asked.strip(), name)
     several = isinstance(asked, Iterable) and not isinstance(asked, bytes | Mapping)
     if several and getattr(asked, "ndim", None) != 0:
-        found = Numbers.of(check_int(name, number, 0, CASES - 1) for number in asked)
+        found = CaseSelection.of(check_int(name, number, 0, CASES - 1) for number in asked)
         if not found.count:
             raise InputError(f"{name} = []: {_ASKED}")
         return found
     return check_int(name, asked, 1, CASES)
 
 
-def _of_text(text: str, name: str) -> int | Numbers:
+def _of_text(text: str, name: str) -> int | CaseSelection:
     fault = InputError(f"{name} = {text}: {_ASKED}")
     if "," not in text and ":" not in text:
         try:
@@ -169,4 +169,4 @@ def _of_text(text: str, name: str) -> int | Numbers:
         if not first < end <= CASES:
             raise fault
         ranges.append((first, end))
-    return Numbers.of_ranges(ranges)
+    return CaseSelection.of_ranges(ranges)

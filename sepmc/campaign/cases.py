@@ -206,7 +206,7 @@ def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
     return np.interp(u, np.linspace(0.0, 1.0, len(numbers)), np.array(numbers))
 
 
-def draw(
+def sample(
     dispersions: tuple[Dispersion, ...],
     seed: int,
     first: int,

@@ -12,14 +12,18 @@ import msgspec
 import numpy as np
 
 from sepmc import schema
-from sepmc.analysis.rare_values import Rare, rare_values
+from sepmc.analysis.rare_values import RareValue, rare_values
 from sepmc.analysis.variance_indices import LHS, PLAN
 from sepmc.campaign import cases
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.case_selection import read as read_numbers
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.engine.dispatch import check_int
-from sepmc.kernel.spec.parameter_layout import Plan, apart, make_plan
+from sepmc.kernel.spec.parameter_layout import (
+    ParameterLayout,
+    make_parameter_layout,
+    separation_sign,
+)
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.limits import CASES, SEED
@@ -30,6 +34,8 @@ from sepmc.scene.read import CampaignFile
 from sepmc.scene.units import unit_text
 from sepmc.schema import Column
 
+# keys of [run] that change no row, and the path of the sample table, which has a digest of its own
+_NOT_IN_DIGEST = ("cases", "seed", "chunk", "samples")
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
 
@@ -88,10 +94,10 @@ class Definition:
         return self.file.scene
 
     @cached_property
-    def plan(self) -> Plan:
+    def plan(self) -> ParameterLayout:
         """What the scene needs of a kernel. Raises SceneError if two columns of the case table
         would have one name."""
-        plan = make_plan(self.scene, dispersed=self.dispersed)
+        plan = make_parameter_layout(self.scene, dispersed=self.dispersed)
         plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
         names = Counter(
             column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)]
@@ -107,7 +113,7 @@ class Definition:
         return frozenset(d.parameter.path for d in self.file.dispersions)
 
     @cached_property
-    def rare_values(self) -> tuple[Rare, ...]:
+    def rare_values(self) -> tuple[RareValue, ...]:
         """Values and pairs of values that the file gives a probability."""
         return rare_values(self.file.dispersions, self.file.copulas)
 
@@ -116,7 +122,7 @@ class Definition:
         """Whether rows come with separation over time: asked for, of a scene with joints."""
         return self.scene.run.history_step > 0.0 and bool(self.scene.joint)
 
-    def over_time(self, wanted: bool = True) -> list[Column]:
+    def stored_history_columns(self, wanted: bool = True) -> list[Column]:
         """Columns of the separations over time that rows come with; none if they have none, or
         these are not ``wanted``."""
         joints = list(self.plan.joints)
@@ -160,7 +166,7 @@ class Definition:
         return [*head, *self.input_columns, *self.result_columns]
 
     @property
-    def summarised(
+    def summary_inputs(
         self,
     ) -> tuple[list[str], list[str], dict[str, float], tuple[Requirement, ...]]:
         """What statistics are made of: names of outcomes and of audit columns, the bounds of these,
@@ -212,11 +218,9 @@ class Definition:
         rows."""
         told = ("title", "name", "requirement", "reference")
         tree = {k: v for k, v in self.file.tree.items() if k not in told}
-        tree["run"] = {
-            k: v for k, v in tree.get("run", {}).items() if k not in ("cases", "seed", "chunk")
-        }
+        tree["run"] = {k: v for k, v in tree.get("run", {}).items() if k not in _NOT_IN_DIGEST}
         if self.file.input_table:
-            tree["run"]["plan"] = self.inputs_digest
+            tree["run"]["plan"] = self.inputs_digest  # the key that digests were made with
         return hashlib.sha256(msgspec.json.encode(tree, order="deterministic")).hexdigest()[:16]
 
     @property
@@ -225,19 +229,19 @@ class Definition:
         used = [d.column for d in self.file.dispersions if d.column]
         return self.file.input_table.digest(used) if self.file.input_table else ""
 
-    def draw(
+    def sample(
         self, first: int, count: int, seed: int | None = None, total: int | None = None
     ) -> np.ndarray:
         """Case table (count, d) of cases ``first`` to ``first + count`` of ``total``, as the file
         says that they are drawn, or as its plan gives them, in the units of its keys. Raises
         InputError if there is no such case: of the plan, or of a sampler whose cases depend on how
         many there are."""
-        sampling = self.drawn_as(total)
+        sampling = self.sampling_of(total)
         first = check_int("first", first, 0, CASES - 1)
         last = sampling.cases if self.scene.run.sampler in OF_ITS_SIZE else CASES
         count = check_int("count", count, 0, max(last - first, 0))
         laws, inputs = self.file.dispersions, self.file.input_table
-        table = cases.draw(laws, self._seed(seed), first, count, sampling)
+        table = cases.sample(laws, self._seed(seed), first, count, sampling)
         if inputs is not None:
             try:
                 rows = inputs.rows(first, count)
@@ -249,12 +253,16 @@ class Definition:
         return table
 
     @property
-    def numbers(self) -> Numbers:
+    def numbers(self) -> CaseSelection:
         """Cases that the file asks for: the first so many, or those of its plan."""
         inputs = self.file.input_table
-        return Numbers.first(self.scene.run.cases) if inputs is None else Numbers.of(inputs.numbers)
+        return (
+            CaseSelection.first(self.scene.run.cases)
+            if inputs is None
+            else CaseSelection.of(inputs.numbers)
+        )
 
-    def asked(self, cases: Any = None) -> tuple[Numbers, int]:
+    def select_cases(self, cases: Any = None) -> tuple[CaseSelection, int]:
         """Cases that are asked for, as `sepmc.campaign.case_selection.read` takes them or as the
         file has them, and how many they are drawn of. Raises InputError if there are no such
         cases."""
@@ -262,19 +270,19 @@ class Definition:
         found = own if cases is None else read_numbers(cases)
         if isinstance(found, int):
             if inputs is None:
-                self.drawn_as(found)
-                return Numbers.first(found), found
+                self.sampling_of(found)
+                return CaseSelection.first(found), found
             if found > own.count:
                 raise InputError(f"cases = {found}: {inputs.path.name} has {own.count}")
-            found = Numbers.of(inputs.numbers[:found])
+            found = CaseSelection.of(inputs.numbers[:found])
         fixed = inputs is not None or self.scene.run.sampler in OF_ITS_SIZE
         if fixed and (missing := found.count - found.common(own)):
             raise InputError(f"cases = {found}: {missing} of them are not among {own}")
         total = max(own.end, found.end)
-        self.drawn_as(total)
+        self.sampling_of(total)
         return found, total
 
-    def drawn_as(self, total: int | None = None) -> cases.Sampling:
+    def sampling_of(self, total: int | None = None) -> cases.Sampling:
         """How so many cases are drawn. Raises InputError if so many cannot be."""
         run = self.scene.run
         size = run.cases if total is None else check_int("total", total, 1, CASES)
@@ -303,7 +311,7 @@ class Definition:
         total = self.scene.run.cases if total is None else total
         of_its_size = self.scene.run.sampler in cases.OF_ITS_SIZE
         number = check_int("case", number, 0, (total if of_its_size else CASES) - 1)
-        drawn = self.draw(number, 1, seed, total)[0]
+        drawn = self.sample(number, 1, seed, total)[0]
         values = {
             d.parameter.path: float(x)
             for d, x in zip(self.file.dispersions, drawn * self.factors, strict=True)
@@ -321,7 +329,7 @@ class Definition:
         if initial.path_reference is None:
             initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
         joints = {
-            name: msgspec.structs.replace(joint, apart=apart(self.scene, name))
+            name: msgspec.structs.replace(joint, apart=separation_sign(self.scene, name))
             for name, joint in self.scene.joint.items()
         }
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})

@@ -42,6 +42,6 @@ def as_text(settings: Mapping[str, Any]) -> dict[str, str]:
     fits."""
     shown = {}
     for path, value in settings.items():
-        text = Path(value).name if path == "run.plan" else str(value)
+        text = Path(value).name if path == "run.samples" else str(value)
         shown[path] = text if len(text) <= _LONG else text[: _LONG - 3] + "..."
     return shown

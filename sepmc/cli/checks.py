@@ -95,9 +95,9 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         loaded = load_campaign(file, settings)
         from sepmc.campaign.execution import step_selection
         from sepmc.kernel.emit.module import features
-        from sepmc.kernel.spec.structure import make_shape
+        from sepmc.kernel.spec.structure import make_kernel_spec
 
-        shape = make_shape(loaded.plan, loaded.dispersed)
+        shape = make_kernel_spec(loaded.plan, loaded.dispersed)
         if code:
             for line in shape.names.legend:
                 click.echo(fill(line, 100, initial_indent="# ", subsequent_indent="#   "))
@@ -105,9 +105,9 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
                 step_selection.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0)
             )
             return
-        from sepmc.analysis.requirements import sentence
-        from sepmc.campaign.execution.chunks import implausible_note
-        from sepmc.campaign.execution.diagnostics import of_file, sampled
+        from sepmc.analysis.requirements import requirement_sentence
+        from sepmc.campaign.execution.diagnostics import file_notes, sampled
+        from sepmc.campaign.execution.runner import implausible_note
         from sepmc.kernel.spec.describe import lines
         from sepmc.scene.units import unit_text
 
@@ -118,7 +118,9 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         inside, outside = features(shape)
         click.echo("  kernel       written for the scene (print it with --code)")
         called = shape.names.back
-        for stage, stage_name in zip(shape.stages, step_selection.stage_names(loaded), strict=True):
+        for stage, stage_name in zip(
+            shape.segments, step_selection.stage_names(loaded), strict=True
+        ):
             groups = [
                 " and ".join(called.get(body, body) for body in group)
                 for group in stage.groups
@@ -133,7 +135,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             click.echo(f"    {stage_name:14s} {together}{rows}")
         click.echo(f"    has in it      {', '.join(inside)}")
         click.echo(f"    left out       {', '.join(outside)}")
-        numbers, total = loaded.asked()
+        numbers, total = loaded.select_cases()
         which = "" if numbers.are_first else f" ({numbers})"
         click.echo(
             f"  cases        {numbers.count}{which}, seed {settings_of_run.seed}, "
@@ -152,13 +154,13 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         )
         click.echo(f"  required     {len(required) or 'nothing'}")
         for item in required:
-            click.echo("    " + sentence(item, units.get(item.metric, "")))
+            click.echo("    " + requirement_sentence(item, units.get(item.metric, "")))
         broken = drawn = 0
         for first, end in islice(numbers.pieces(_DRAWN), _TIMES):
-            broken += loaded.implausible_inertias(loaded.draw(first, end - first, None, total))
+            broken += loaded.implausible_inertias(loaded.sample(first, end - first, None, total))
             drawn += end - first
         note = implausible_note(broken, drawn)
-        warned = [*sampled(loaded, numbers), *of_file(loaded)]
+        warned = [*sampled(loaded, numbers), *file_notes(loaded)]
         warned += undispersed(loaded)
         warned += ([note] if note else []) + redundant(loaded)
         for warning in warned:
@@ -213,7 +215,7 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
     with plain_errors(False):
         loaded = load_campaign(file, settings)
         from sepmc.campaign.label import of_settings
-        from sepmc.report.drawing import drawing
+        from sepmc.report.drawing import draw_vehicle
         from sepmc.scene.messages import InputError
 
         path = out or Path(f"{loaded.name}.png")
@@ -225,7 +227,7 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
         title = f"{loaded.name}: {said}" if said else loaded.name
         title += of_settings(loaded.settings)
         try:
-            click.echo(f"wrote {drawing(loaded.scene, loaded.file.dispersions, title, path)}")
+            click.echo(f"wrote {draw_vehicle(loaded.scene, loaded.file.dispersions, title, path)}")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
@@ -259,14 +261,17 @@ def compile_(
         loaded = load_campaign(file, settings)
         from sepmc.campaign.execution import step_selection
         from sepmc.engine.dispatch import load_kernel
-        from sepmc.kernel.spec.structure import make_shape
-        from sepmc.routines.layout import STANDARD
+        from sepmc.kernel.spec.structure import make_kernel_spec
+        from sepmc.kernel.spec.variant import Variant
 
         history = loaded.scene.run.history_step > 0.0 and not stats_only
-        cares = [STANDARD, *(make_shape(loaded.plan, loaded.dispersed).spares if spares else [])]
+        cares = [
+            Variant.STANDARD,
+            *(make_kernel_spec(loaded.plan, loaded.dispersed).fallbacks if spares else []),
+        ]
         start = time.perf_counter()
         for care in cares:
-            load_kernel(step_selection.kernel_text(loaded, history=history, care=care), say)
+            load_kernel(step_selection.kernel_text(loaded, history=history, variant=care), say)
         what = "its kernel is" if len(cares) == 1 else f"its {len(cares)} kernels are"
         say(f"{loaded.name}: {what} in the cache, after {time.perf_counter() - start:.1f} s")
 

@@ -23,11 +23,11 @@ def mend(folder: Path, found: Sequence[manifests.Finding], say: Callable[[str], 
         If what was flown is gone or was changed: nothing tells what it was.
     """
     for finding in found:
-        if not finding.mends:
-            raise folders.StoreError(f"{finding.said}. It cannot be mended; {finding.advice}")
-    known = folders.knows_all(folder)
-    manifests.trust(folder)
-    manifest = manifests.made_by(folder)
+        if not finding.repairable:
+            raise folders.StoreError(f"{finding.text}. It cannot be mended; {finding.advice}")
+    known = folders.ledger_is_intact(folder)
+    manifests.ensure_ledger(folder)
+    manifest = manifests.read_provenance(folder)
     loaded = load(folder, verify=False)
     result = loaded.run(
         manifest.get("numbers", manifest.get("cases")),
@@ -40,10 +40,10 @@ def mend(folder: Path, found: Sequence[manifests.Finding], say: Callable[[str], 
     figures = not known or any(finding.file.endswith(FIGURES) for finding in found)
     tell_results(folder, loaded, result.kept.summary, lambda text: None, plots=figures)
     say(f"{folder}: {flown} cases flown again{', figures drawn again' if figures else ''}")
-    lost = manifests.forget(folder, FIGURES + TABLES)
+    lost = manifests.forget_damaged(folder, FIGURES + TABLES)
     if lost:
         say(f"not made again: {', '.join(lost)}; sepmc plot, drivers, laws and report make them")
     left = manifests.diagnose(folder)
     for finding in left:
-        click.echo(finding.said, err=True)
+        click.echo(finding.text, err=True)
     return 1 if left else 0

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sepmc.analysis.requirements import Verdict
-    from sepmc.analysis.row_statistics import Rows
-    from sepmc.analysis.stored_statistics import Told
-    from sepmc.analysis.streaming import Stream
+    from sepmc.analysis.row_statistics import TableStatistics
+    from sepmc.analysis.stored_statistics import StoredStatistics
+    from sepmc.analysis.streaming import StreamingStatistics
     from sepmc.campaign.campaign import Campaign
 
 
@@ -48,7 +48,7 @@ _BANDED = 20_000
 def draw_figures(
     folder: Path,
     loaded: "Campaign",
-    summary: "Rows | Stream | Told",
+    summary: "TableStatistics | StreamingStatistics | StoredStatistics",
     table: "pd.DataFrame | None" = None,
     every: bool = False,
     say: Callable[[str], None] = click.echo,
@@ -64,7 +64,7 @@ def draw_figures(
     rank, side by side and, if asked for, each ``alone``, into the run folder; those of a ``page``,
     in one style for it, into that folder instead. A ``second`` process draws histograms meanwhile.
     Returns their paths."""
-    from sepmc.analysis.constant_outcomes import flat, is_constant, settled_value
+    from sepmc.analysis.constant_outcomes import collapse_constant, constant_value, is_constant
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table = summary.statistics() if table is None else table
@@ -77,7 +77,7 @@ def draw_figures(
         outcomes = outcomes[:_DRAWN]
     histograms = partial(
         _draw_histograms,
-        {name: flat(summary.histogram(name), table, name) for name in outcomes},
+        {name: collapse_constant(summary.histogram(name), table, name) for name in outcomes},
         into,
         units,
         loaded.reference,
@@ -89,7 +89,7 @@ def draw_figures(
     )
     drawn = _begun(histograms, second)
     written = _draw_bands(folder, into, units, about, suffix)
-    alike = {name: settled_value(table, name) for name in outcomes if is_constant(table, name)}
+    alike = {name: constant_value(table, name) for name in outcomes if is_constant(table, name)}
     written += _share_figures(folder, loaded, verdicts, converged, into, suffix, alike)
     return written + drawn()
 
@@ -153,7 +153,7 @@ def _draw_bands(
     """Draw bands of the histories that a run folder holds; returns their paths."""
     from sepmc.campaign.store import shards
 
-    below = shards.number_after(folder, _BANDED)
+    below = shards.case_after(folder, _BANDED)
     histories = shards.read_histories(folder, below)
     if histories is None:
         return []
@@ -184,7 +184,7 @@ def _share_figures(
 
     from sepmc.analysis.statistics import column, ok_rows
     from sepmc.campaign.store import manifests, shards
-    from sepmc.report.convergence_figures import beyond_figure, convergence_figure
+    from sepmc.report.convergence_figures import convergence_figure, exceedance_figure
 
     required = [v.metric for v in verdicts if v.worst is not None and not is_yes_or_no(v.metric)]
     manifest = manifests.read_manifest(folder)
@@ -199,7 +199,7 @@ def _share_figures(
     written = []
     if required:
         of = {name: values[name] for name in required}
-        written.append(beyond_figure(of, verdicts, into, units, about, suffix))
+        written.append(exceedance_figure(of, verdicts, into, units, about, suffix))
     known = {name: values[name][np.isfinite(values[name])] for name in converged}
     if shown := {name: x for name, x in known.items() if len(x) > 1}:
         rarely = manifest.get("rarely_drawn", ())

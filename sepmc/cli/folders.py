@@ -109,11 +109,11 @@ def plot(folder: Path, every: bool, ending: str) -> None:
     with plain_errors(False):
         from sepmc.campaign.label import of_case
         from sepmc.campaign.store import manifests, shards
-        from sepmc.report.figures import run_figures
-        from sepmc.report.style import PRINTED, dots
+        from sepmc.report.history_figures import run_figures
+        from sepmc.report.style import PRINTED, resolution
 
         history, suffix = shards.read_history(folder), f".{ending}"
-        with dots(PRINTED):
+        with resolution(PRINTED):
             if history is not None:
                 told = manifests.read_manifest(folder)
                 about = of_case(told["campaign"], told["case"], told.get("settings", {}))
@@ -140,7 +140,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                 )
                 loaded = load_campaign(str(folder), (), warn=False)
                 if told.get("stats_only"):
-                    written = draw(folder, loaded, shards.read_told(folder))
+                    written = draw(folder, loaded, shards.read_stored_statistics(folder))
                 else:
                     summary, accuracy = summary_of(folder, loaded), told.get("accuracy") or {}
                     table = statistics_of(loaded, summary, accuracy)
@@ -148,7 +148,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                     written = draw(
                         folder, loaded, summary, table, verdicts=verdicts, converging=True
                     )
-                manifests.note(folder, written)
+                manifests.record_derived(folder, written)
         for path in written:
             click.echo(path)
 
@@ -174,12 +174,12 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
 
         found = manifests.diagnose(folder)
         for finding in found:
-            click.echo(finding.said)
+            click.echo(finding.text)
         if not found:
             say(f"{folder}: is as it was written")
             return
         if not repair:
-            how = (one.advice for one in found if not one.mends)
+            how = (one.advice for one in found if not one.repairable)
             click.echo(next(how, f"to mend it: sepmc doctor {folder} --repair"), err=True)
             sys.exit(1)
         from sepmc.cli.doctor import mend

@@ -9,7 +9,7 @@ from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
-    from sepmc.campaign.case_selection import Numbers
+    from sepmc.campaign.case_selection import CaseSelection
 
 
 def _files(ctx: click.Context, param: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -30,7 +30,7 @@ class CaseNumbers(click.ParamType):
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> "int | Numbers":
+    ) -> "int | CaseSelection":
         """The number, or the numbers."""
         from sepmc.campaign.case_selection import read
         from sepmc.scene.messages import InputError
@@ -118,7 +118,7 @@ def load_campaign(
     if sampler:
         given["run.sampler"] = sampler
     if plan:
-        given["run.plan"] = str(plan.absolute())
+        given["run.samples"] = str(plan.absolute())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         from sepmc.campaign.campaign import load

@@ -11,7 +11,7 @@ from sepmc.cli.options import load_campaign, redundant
 from sepmc.cli.render import accuracy_text, for_screen, progress_bar, speaker, stopped
 
 if TYPE_CHECKING:
-    from sepmc.campaign.execution.rare_event import Rare
+    from sepmc.campaign.execution.rare_event import RareEventEstimate
 
 RARE = click.option(
     "--rare",
@@ -50,7 +50,10 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
     from sepmc.campaign.execution import limit_state, rare_event
     from sepmc.campaign.store import folders, manifests
 
-    aim, most = limit_state.target(loaded, requirement), given["cases"] or rare_event.MOST
+    aim, most = (
+        limit_state.limit_state(loaded, requirement),
+        given["cases"] or rare_event.DEFAULT_FLIGHTS,
+    )
     overwrite, resume, folder = given["overwrite"], given["resume"], given["out"]
     folder = folder or folders.next_folder(f"{loaded.name}-rare")
     if given["dry_run"]:
@@ -90,7 +93,7 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
 
             keys = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
             about = f"{loaded.name}, {aim.sentence}"
-            manifests.note(folder, [rare_figure(found, folder, keys, about)])
+            manifests.record_derived(folder, [rare_figure(found, folder, keys, about)])
         say(f"wrote {folder}")
     faults = (
         (not found.statuses.get("ok"), 1, "no case was flown to the end"),
@@ -103,10 +106,10 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
     return code
 
 
-def text(found: "Rare") -> str:
+def text(found: "RareEventEstimate") -> str:
     """An estimate as the screen shows it: levels, the probability, what violating cases have in
     common."""
-    from sepmc.analysis.subset_simulation import plain_cases
+    from sepmc.analysis.subset_simulation import equivalent_direct_cases
 
     unit = "" if found.unit == "1" else f" {found.unit}"
     low, high = found.interval
@@ -133,7 +136,7 @@ def text(found: "Rare") -> str:
         )
     if mean and len(found.levels) > 1:
         least, greatest = min(found.replicas), max(found.replicas)
-        plain = plain_cases(mean, found.interval)
+        plain = equivalent_direct_cases(mean, found.interval)
         lines.append(
             f"{len(found.replicas)} independent replicas: {least:.2e} to {greatest:.2e}"
             + (f"; plain cases for the same interval: {plain:.1e}" if plain > 0.0 else "")

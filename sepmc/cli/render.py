@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sepmc.analysis.requirements import Verdict
-    from sepmc.analysis.row_statistics import Rows
-    from sepmc.analysis.stored_statistics import Told
-    from sepmc.analysis.streaming import Stream
+    from sepmc.analysis.row_statistics import TableStatistics
+    from sepmc.analysis.stored_statistics import StoredStatistics
+    from sepmc.analysis.streaming import StreamingStatistics
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.result import Result
 
@@ -109,7 +109,7 @@ def speaker(quiet: bool) -> Callable[[str], None]:
 
 def screen_width() -> int:
     """Characters of a line of a table: of the terminal or of COLUMNS, or else of plain tables."""
-    from sepmc.analysis.statistics import WIDTH
+    from sepmc.analysis.statistics_text import WIDTH
 
     if not sys.stdout.isatty() and "COLUMNS" not in os.environ:
         return WIDTH
@@ -220,7 +220,7 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
             else f"it was interrupted; to go on: sepmc campaign {folder} --out {folder} --resume"
         )
         of = (
-            "and those rows that --keep chose, in kept/"
+            "and those rows that --keep chose, in selected/"
             if manifest.get("keep")
             else "only and no cases"
         )
@@ -232,25 +232,25 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def summary_of(folder: Path, loaded: "Campaign") -> "Rows | Stream":
+def summary_of(folder: Path, loaded: "Campaign") -> "TableStatistics | StreamingStatistics":
     """Statistics of a run folder, from its case rows."""
     from sepmc.analysis.row_statistics import summarise
     from sepmc.campaign.store import folders, shards
 
     cases = shards.CaseColumns(folder)
-    outcomes = loaded.summarised[0]
+    outcomes = loaded.summary_inputs[0]
     if lost := [name for name in ("case", "status", *outcomes) if name not in cases]:
         raise folders.StoreError(
             f"{folder}: its cases have no column {lost[0]}: they were flown by another version of "
             "sepmc, or changed; fly them again"
         )
-    return summarise(cases, *loaded.summarised)
+    return summarise(cases, *loaded.summary_inputs)
 
 
 def tell_results(
     folder: Path,
     loaded: "Campaign",
-    summary: "Rows | Stream",
+    summary: "TableStatistics | StreamingStatistics",
     say: Callable[[str], None],
     plots: bool,
     check: bool = False,
@@ -263,9 +263,9 @@ def tell_results(
     audit failed or the accuracy asked was not met, 1 if it is to ``check`` requirements and one is
     not passed, or else 0."""
     from sepmc.analysis import requirements
-    from sepmc.analysis.constant_outcomes import flat
-    from sepmc.analysis.statistics import audit_text, summary_text
-    from sepmc.analysis.stored_statistics import bins_of
+    from sepmc.analysis.constant_outcomes import collapse_constant
+    from sepmc.analysis.statistics_text import render_audit, render_summary
+    from sepmc.analysis.stored_statistics import histogram_table
     from sepmc.campaign.store import manifests, shards
     from sepmc.schema import Status
 
@@ -281,7 +281,7 @@ def tell_results(
     shards.write_statistics(folder, table, units, told)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     width = screen_width()
-    say(summary_text(chosen, counts, units, source, width))
+    say(render_summary(chosen, counts, units, source, width))
     sentences = {status.label: status.sentence for status in Status}
     for label, count in counts.items():
         if label != Status.OK.label and count:
@@ -297,21 +297,23 @@ def tell_results(
             "others",
             err=True,
         )
-    say(audit_text(audited, width))
+    say(render_audit(audited, width))
     if "errors" in accuracy:
         stages = accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
         say(for_screen(accuracy_text(accuracy, stages)))
     if verdicts:
-        say(requirements.text(verdicts, units, width))
+        say(requirements.render_verdicts(verdicts, units, width))
     written = [folder / "statistics.csv", folder / "statistics.json"]
     if manifest.get("stats_only"):  # no rows to count them of again
-        bins = bins_of({n: flat(summary.histogram(n), table, n) for n in map(str, table.index)})
+        bins = histogram_table(
+            {n: collapse_constant(summary.histogram(n), table, n) for n in map(str, table.index)}
+        )
         written.append(shards.write_histograms(folder, bins))
     if plots:
         written += draw_figures(
             folder, loaded, summary, table, say=say, verdicts=verdicts, second=second
         )
-    manifests.note(folder, written)
+    manifests.record_derived(folder, written)
     say(f"wrote {folder}")
     faults = (
         (not ok, 1, "no case was flown to the end; see the column status"),
@@ -349,20 +351,27 @@ def tell_given(
     import pandas as pd
 
     from sepmc.analysis import requirements
-    from sepmc.analysis.row_filter import in_words, names_of, outcomes_of, units_taken, where
-    from sepmc.analysis.row_statistics import Rows
-    from sepmc.analysis.statistics import ok_rows, summary_text
+    from sepmc.analysis.row_filter import (
+        assumed_units,
+        describe_filter,
+        filter_names,
+        filter_outcomes,
+        matching_rows,
+    )
+    from sepmc.analysis.row_statistics import TableStatistics
+    from sepmc.analysis.statistics import ok_rows
+    from sepmc.analysis.statistics_text import render_summary
     from sepmc.campaign.store import folders, manifests, shards
     from sepmc.scene.messages import InputError
 
     cases = shards.CaseColumns(folder)
-    names = names_of(loaded.file.dispersions, list(cases))
-    held = where(cases, names, given)
+    names = filter_names(loaded.file.dispersions, list(cases))
+    held = matching_rows(cases, names, given)
     if not held.any():
-        raise InputError(f"{in_words(given)}: holds in none of {cases.rows} cases")
-    outcomes, audits, bounds, required = loaded.summarised
+        raise InputError(f"{describe_filter(given)}: holds in none of {cases.rows} cases")
+    outcomes, audits, bounds, required = loaded.summary_inputs
     kept = {name: cases[name][held] for name in ("case", "status", *outcomes, *audits)}
-    summary = Rows(kept, outcomes, audits, bounds, required)
+    summary = TableStatistics(kept, outcomes, audits, bounds, required)
     units, width = {c.name: c.unit for c in loaded.outcome_columns}, screen_width()
     ok = int(ok_rows(cases)[held].sum())
     accuracy = manifests.read_manifest(folder).get("accuracy") or {}
@@ -376,20 +385,20 @@ def tell_given(
         )
         click.echo(folders.json_text(told), nl=False)
         return
-    folded(f"{in_words(given)}: {held.sum()} of {cases.rows} cases")
-    for said in units_taken(names, given):
+    folded(f"{describe_filter(given)}: {held.sum()} of {cases.rows} cases")
+    for said in assumed_units(names, given):
         folded(said)
     if not ok:
         ends = pd.Series(cases["status"][held]).value_counts()
         said = ", ".join(f"{count} {label}" for label, count in ends.items())
         folded(f"none of them came to its end as asked, so there are no statistics: {said}")
     else:
-        folded(summary_text(_matching(table, shown), summary.counts, units, width=width))
+        folded(render_summary(_matching(table, shown), summary.counts, units, width=width))
     if verdicts:
-        folded(requirements.text(verdicts, units, width, of="such cases"))
-        if too_few := requirements.lacking(verdicts):
+        folded(requirements.render_verdicts(verdicts, units, width, population="such cases"))
+        if too_few := requirements.render_cases_needed(verdicts):
             folded(too_few)
-    if by := outcomes_of(names, given):
+    if by := filter_outcomes(names, given):
         folded(
             f"chosen by what they did ({', '.join(by)}), not by inputs: what is required of these "
             "cases may follow from the choice"
@@ -418,7 +427,7 @@ def _error(number: float | None) -> str:
 
 def statistics_of(
     loaded: "Campaign",
-    summary: "Rows | Stream | Told",
+    summary: "TableStatistics | StreamingStatistics | StoredStatistics",
     accuracy: dict[str, Any],
     beside: bool = True,
 ) -> "pd.DataFrame":
@@ -432,7 +441,7 @@ def statistics_of(
 
 def verdicts_of(
     loaded: "Campaign",
-    summary: "Rows | Stream",
+    summary: "TableStatistics | StreamingStatistics",
     accuracy: dict[str, Any],
     table: "pd.DataFrame",
     audited: "pd.DataFrame",
@@ -508,7 +517,7 @@ def accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
         if place
         else ""
     )
-    finer, spare = accuracy.get("finer_cases"), accuracy.get("spare_cases")
+    finer, spare = accuracy.get("n_refined"), accuracy.get("n_fallback")
     why = "to learn their error" if "step_s" in accuracy else "of their own"
     others = f", {finer} case{'s' * (finer != 1)} flown again at finer steps {why}" if finer else ""
     others += f", {spare} cases by a second kernel" if spare else ""

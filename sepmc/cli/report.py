@@ -20,16 +20,10 @@ from sepmc.analysis import (
     sensitivity,
 )
 from sepmc.analysis.requirements import FAIL
-from sepmc.analysis.row_statistics import Rows
-from sepmc.analysis.statistics import (
-    WIDTH,
-    audit_text,
-    column,
-    ok_rows,
-    share_lines,
-    summary_text,
-)
-from sepmc.analysis.streaming import Stream
+from sepmc.analysis.row_statistics import TableStatistics
+from sepmc.analysis.statistics import column, ok_rows
+from sepmc.analysis.statistics_text import WIDTH, render_audit, render_proportions, render_summary
+from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.label import of_run, of_settings
@@ -47,8 +41,8 @@ from sepmc.cli.render import (
 from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.compare_figures import overlay_figure
-from sepmc.report.drawing import drawing
-from sepmc.report.figures import run_figures
+from sepmc.report.drawing import draw_vehicle
+from sepmc.report.history_figures import run_figures
 from sepmc.report.sensitivity_figures import scatter_figure, tornado_figure
 from sepmc.scene.limits import CAMPAIGN_BYTES, content
 from sepmc.scene.messages import nearest, nobody
@@ -71,7 +65,7 @@ class Driven:
     sentence on how many these are; the paths of inputs in the file, by column."""
 
     drivers: dict[str, pd.DataFrame]
-    causes: dict[str, list[failure_attribution.Cause]]
+    causes: dict[str, list[failure_attribution.Attribution]]
     violated: dict[str, str]
     keys: dict[str, str]
     design: str = "random"
@@ -80,11 +74,11 @@ class Driven:
         """Both as a screen of so many characters shows them."""
         return (
             [
-                sensitivity.text(table, name, self.keys, width=width)
+                sensitivity.render_sensitivities(table, name, self.keys, width=width)
                 for name, table in self.drivers.items()
             ],
             [
-                failure_attribution.text(
+                failure_attribution.render_attribution(
                     said, self.causes[name], self.keys, width=width, design=self.design
                 )
                 for name, said in self.violated.items()
@@ -95,7 +89,7 @@ class Driven:
 def find_drivers(
     folder: Path,
     loaded: Campaign,
-    summary: Rows | Stream,
+    summary: TableStatistics | StreamingStatistics,
     table: pd.DataFrame,
     named: tuple[str, ...] = (),
 ) -> Driven:
@@ -107,13 +101,13 @@ def find_drivers(
     found = {}
     for name in named or telling_outcomes(loaded, table)[:_DRIVEN]:
         try:
-            found[name] = sensitivity.drivers(
+            found[name] = sensitivity.input_sensitivities(
                 rows,
                 list(keys),
                 name,
                 loaded.design,
                 correlated=loaded.correlated,
-                within=constant_outcomes.reach(table, name),
+                within=constant_outcomes.max_spread(table, name),
             )
         except ValueError as error:
             click.echo(f"warning: {error}", err=True)
@@ -123,21 +117,23 @@ def find_drivers(
     items = [*loaded.file.requirements, *(Requirement(name=each, metric=each) for each in failed)]
     required = loaded.file.requirements
     apart = {
-        item.name: failure_attribution.of_requirement(
+        item.name: failure_attribution.attribute_violations(
             item, rows, list(keys), required, loaded.design
         )
         for item in items
     }
     violated = {}
     for item in items:
-        violates, there = failure_attribution.violating(item, rows, required)
+        violates, there = failure_attribution.violation_masks(item, rows, required)
         if count := int((violates & there).sum()):
             unknown = rows.rows - int(there.sum())
             lack = "are not known to" if item.metric == VIOLATION else "have no such outcome"
             left = f" ({unknown} others {lack})" if unknown else ""
             violated[item.name] = f"{item.name}, {count} of {there.sum()} cases{left}"
         if item.metric in table.index:
-            count, of = failure_attribution.of_missing(item.metric, rows, list(keys), loaded.design)
+            count, of = failure_attribution.attribute_missing(
+                item.metric, rows, list(keys), loaded.design
+            )
             if count:
                 name = f"{item.name}, missing"
                 violated[name] = f"{item.name}, {count} ok cases without {item.metric}"
@@ -145,7 +141,9 @@ def find_drivers(
     return Driven(found, apart, violated, keys, loaded.design)
 
 
-def _statistics(folder: Path, loaded: Campaign, summary: Rows | Stream) -> pd.DataFrame:
+def _statistics(
+    folder: Path, loaded: Campaign, summary: TableStatistics | StreamingStatistics
+) -> pd.DataFrame:
     """`statistics_of` a run by the manifest of its folder."""
     return statistics_of(loaded, summary, manifests.read_manifest(folder).get("accuracy") or {})
 
@@ -168,13 +166,13 @@ def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
         if name not in every:
             raise folders.StoreError(f"{name}: is yes or no, so it has no law")
     alike = [name for name in every if constant_outcomes.is_constant(table, name)]
-    found = distributions.laws(shards.CaseColumns(folder), every, alike)
+    found = distributions.fit_distributions(shards.CaseColumns(folder), every, alike)
     told = list(named) or telling_outcomes(loaded, table)[:_TOLD]
     units = {c.name: c.unit for c in loaded.outcome_columns}
     sampler = loaded.scene.run.sampler
-    folded(distributions.text(found.loc[told], table, units, screen_width(), sampler))
+    folded(distributions.render_fits(found.loc[told], table, units, screen_width(), sampler))
     folders.write_text(folder / "laws.csv", found.to_csv())
-    manifests.note(folder, [folder / "laws.csv"])
+    manifests.record_derived(folder, [folder / "laws.csv"])
     click.echo(folder / "laws.csv")
 
 
@@ -188,7 +186,7 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
     written = [folder / "causes.csv"]
     if driven.drivers:
         noted = {
-            name: table.assign(note=" ".join(sensitivity.remarks(table, driven.keys)))
+            name: table.assign(note=" ".join(sensitivity.index_notes(table, driven.keys)))
             for name, table in driven.drivers.items()
         }
         table = pd.concat(noted, names=["outcome", "input"]).reset_index()
@@ -197,18 +195,19 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
         folders.write_text(folder / "drivers.csv", table.to_csv(index=False))
         written.insert(0, folder / "drivers.csv")
     folders.write_text(
-        folder / "causes.csv", failure_attribution.table(driven.causes).to_csv(index=False)
+        folder / "causes.csv",
+        failure_attribution.attribution_table(driven.causes).to_csv(index=False),
     )
     if plots:
         written += draw_drivers(driven, folder, loaded, folder)
-    manifests.note(folder, written)
+    manifests.record_derived(folder, written)
     for path in written:
         click.echo(path)
 
 
 def _told_before(folder: Path, columns: list[str]) -> pd.DataFrame:
     """What ``drivers.csv`` has, if it is as it was written."""
-    path, noted = folder / "drivers.csv", manifests.noted(folder, "drivers.csv")
+    path, noted = folder / "drivers.csv", manifests.is_recorded(folder, "drivers.csv")
     if noted:
         with suppress(ValueError):  # what pandas raises of what is no table, too
             found = pd.read_csv(BytesIO(content(path, CAMPAIGN_BYTES)))
@@ -232,7 +231,7 @@ def draw_drivers(
     every = np.zeros(cases.rows, dtype=bool)
     for item in loaded.file.requirements:
         violates = np.logical_and(
-            *failure_attribution.violating(item, cases, loaded.file.requirements)
+            *failure_attribution.violation_masks(item, cases, loaded.file.requirements)
         )
         by_metric[item.metric] = by_metric.get(item.metric, False) | violates
         every |= violates
@@ -262,7 +261,7 @@ def tell_comparison(
     tables = [_statistics(*each) for each in zip(places, runs, summaries, strict=True)]
     recorded = [manifests.read_manifest(folder) for folder in places]
     told_of = [manifest.get("accuracy") or {} for manifest in recorded]
-    found = compare.differences(_but_cases(runs[0].file.tree), _but_cases(runs[1].file.tree))
+    found = compare.tree_differences(_but_cases(runs[0].file.tree), _but_cases(runs[1].file.tree))
     flown = [str(manifest.get("numbers") or f"0:{manifest['cases']}") for manifest in recorded]
     found += [f"cases: {' -> '.join(flown)}"] if flown[0] != flown[1] else []
     lines = "\n".join("  " + line for line in found or ["nothing"])
@@ -293,11 +292,11 @@ def tell_comparison(
         if (draws[0] != draws[1] and name not in given)
         or laws_of[0].get(name) != laws_of[1].get(name)
     ]
-    sizes = {name: constant_outcomes.comparable(tables[0], tables[1], name) for name in outcomes}
+    sizes = {name: constant_outcomes.joint_error(tables[0], tables[1], name) for name in outcomes}
     table = compare.compare(rows[0], rows[1], inputs, outcomes, redrawn, sizes)
     telling = _common(telling_outcomes(runs[0], tables[0]), outcomes)[:_TOLD]
-    click.echo(compare.text(table.loc[telling], screen_width()))
-    if said := compare.dependent([run.scene.run.sampler for run in runs]):
+    click.echo(compare.render_comparison(table.loc[telling], screen_width()))
+    if said := compare.dependence_warning([run.scene.run.sampler for run in runs]):
         folded(said)
     if out is None:
         return
@@ -308,7 +307,7 @@ def tell_comparison(
     for name in telling:
         both = [column(cases, name)[ok_rows(cases)] for cases in rows]
         one, two = (
-            np.full(len(x), constant_outcomes.settled_value(t, name))
+            np.full(len(x), constant_outcomes.constant_value(t, name))
             if constant_outcomes.is_constant(t, name)
             else x
             for t, x in zip(tables, (x[np.isfinite(x)] for x in both), strict=True)
@@ -361,7 +360,7 @@ def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[st
         report, driven = _found(folder, loaded, replays, into, say)
         drivers = draw_drivers(driven, folder, loaded, into, ".svg")
         path = page.write_report(report, folder / "report.html", *drawn.result(), drivers)
-        manifests.note(folder, [path])
+        manifests.record_derived(folder, [path])
         return path
 
 
@@ -371,7 +370,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
     summary = summary_of(folder, loaded)
     table, manifest = _statistics(folder, loaded, summary), manifests.read_manifest(folder)
     accuracy = manifest.get("accuracy") or {}
-    vehicle = drawing(loaded.scene, loaded.file.dispersions, loaded.name, into / "vehicle.svg")
+    vehicle = draw_vehicle(loaded.scene, loaded.file.dispersions, loaded.name, into / "vehicle.svg")
     outcomes = draw_figures(
         folder,
         loaded,
@@ -387,7 +386,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
 
 def _found(
     folder: Path, loaded: Campaign, replays: bool, into: Path, say: Callable[[str], None]
-) -> tuple[page.Report, Driven]:
+) -> tuple[page.ReportContent, Driven]:
     """What the report of a run tells, with its worst cases flown again and drawn into a folder, and
     what drives its outcomes."""
     summary, manifest = summary_of(folder, loaded), manifests.read_manifest(folder)
@@ -399,9 +398,9 @@ def _found(
     units = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     sentences = {status.label: status.sentence for status in Status}
-    every = summary_text(table, summary.counts, units, source, _ACROSS)
+    every = render_summary(table, summary.counts, units, source, _ACROSS)
     last = manifest["sessions"][-1]
-    report = page.Report(
+    report = page.ReportContent(
         name=loaded.name,
         title=loaded.file.title,
         facts=f"{loaded.name}, {manifest['cases']:,} cases, seed {manifest['seed']}, sampler "
@@ -415,7 +414,7 @@ def _found(
             for label, count in summary.counts.items()
             if count and label != Status.OK.label
         ],
-        shares=share_lines(table),
+        shares=render_proportions(table),
         statistics=table,
         telling=telling_outcomes(loaded, table)[:_TOLD],
         units=units,
@@ -425,7 +424,7 @@ def _found(
         )
         if "errors" in accuracy
         else "",
-        audit=audit_text(audited),
+        audit=render_audit(audited),
         sessions=manifest["sessions"],
         campaign=loaded.file.toml,
         drivers=texts[0],
@@ -437,7 +436,7 @@ def _found(
 
 def _worst(
     loaded: Campaign, verdicts: list[Any], seed: int, into: Path, say: Callable[[str], None]
-) -> list[page.Replay]:
+) -> list[page.CaseReplay]:
     """The worst cases of the requirements, flown again and drawn into a folder."""
     told = [v for v in verdicts if v.worst_case is not None and v.metric != VIOLATION]
     # what fails goes first, then what is violated, of each the cases that have the outcome
@@ -468,5 +467,5 @@ def _worst(
             required=clearance_bounds(loaded),
             marks=marks_of(history.attrs),
         )
-        found.append(page.Replay(title.rstrip(), figures))
+        found.append(page.CaseReplay(title.rstrip(), figures))
     return found

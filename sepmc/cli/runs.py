@@ -39,8 +39,8 @@ from sepmc.cli.render import (
 from sepmc.paths import EXTRA
 
 if TYPE_CHECKING:
-    from sepmc.campaign.case_selection import Numbers
-    from sepmc.cluster import DaskCrew
+    from sepmc.campaign.case_selection import CaseSelection
+    from sepmc.cluster import DaskExecutor
 
 
 @click.command(short_help="Fly the dispersed cases of FILE into a run folder.")
@@ -110,7 +110,7 @@ if TYPE_CHECKING:
 @QUIET
 def campaign(
     file: str,
-    cases: "int | Numbers | None",
+    cases: "int | CaseSelection | None",
     seed: int | None,
     sampler: str | None,
     plan: Path | None,
@@ -169,7 +169,7 @@ def campaign(
         folder = out or folders.next_folder(loaded.name)
         if resume and cases is None:
             cases = own_cases(loaded, folder)
-        numbers, _ = loaded.asked(cases)
+        numbers, _ = loaded.select_cases(cases)
         if dry_run:
             from sepmc.cli.plan import tell_plan
 
@@ -177,7 +177,7 @@ def campaign(
             if until:
                 loaded.until(until, numbers)
                 click.echo(f"stops as soon as {until} is known, of at most:")
-            counts, more = stats_only or bool(keep), [f"run.plan={plan}"] if plan else []
+            counts, more = stats_only or bool(keep), [f"run.samples={plan}"] if plan else []
             compiling = ["sepmc", "compile", file]
             compiling += [word for each in (*settings, *more) for word in ("--set", each)]
             compiling += ["--stats-only"] if counts else []
@@ -235,7 +235,7 @@ def campaign(
 
 def _crew(
     workers: int | None, address: str | None, threads: int | None
-) -> "AbstractContextManager[DaskCrew | None]":
+) -> "AbstractContextManager[DaskExecutor | None]":
     """Workers that are asked for, if there are any."""
     if workers is None and address is None:
         return nullcontext()
@@ -262,7 +262,7 @@ def _crew(
 @click.option("--overwrite", is_flag=True, help="Replace the table in --out.")
 def sample(
     file: str,
-    cases: "int | Numbers | None",
+    cases: "int | CaseSelection | None",
     seed: int | None,
     sampler: str | None,
     settings: tuple[str, ...],

@@ -35,7 +35,7 @@ def tell_single(
     """Fly a case, or the nominal one, into a folder of its own; as a case of a ``run``, whose row
     is checked. Returns the exit code: 1 if its status is not ok, or its row differs."""
     from sepmc import schema
-    from sepmc.campaign.execution.accuracy import without_noise
+    from sepmc.campaign.execution.accuracy import zero_below_error
     from sepmc.campaign.store import folders, manifests
     from sepmc.engine.dispatch import check_history_step
     from sepmc.paths import is_local
@@ -58,7 +58,7 @@ def tell_single(
     flown = history.attrs
     status = schema.Status[flown["status"].upper().replace("-", "_")]
     say(f"{loaded.name}, {about}: {status.label}: {status.sentence}")
-    outcomes = without_noise(loaded, flown["outcomes"], flown["errors"])
+    outcomes = zero_below_error(loaded, flown["outcomes"], flown["errors"])
     for name, value in [*case.inputs.items(), *outcomes.items()]:
         say(f"  {name:44s} {value:.9g}")
     if number is not None and number not in loaded.numbers:
@@ -74,7 +74,7 @@ def tell_single(
     written: list[Path] = []
     if plots:
         from sepmc.campaign.label import of_case
-        from sepmc.report.figures import run_figures
+        from sepmc.report.history_figures import run_figures
 
         behind = None if run is None else loaded.simulate(None, every_s, say)
         written += run_figures(
@@ -91,9 +91,9 @@ def tell_single(
         from sepmc.report import animation
 
         path = folder / f"film.{film}"
-        animation.film(history, case.scene, f"{loaded.name}, {about}", path)
+        animation.animate(history, case.scene, f"{loaded.name}, {about}", path)
         written.append(path)
-    manifests.note(folder, written)
+    manifests.record_derived(folder, written)
     say(f"wrote {folder}")
     return 0 if status is schema.Status.OK and same else 1
 
@@ -140,8 +140,8 @@ def _check_row(loaded: "Campaign", run: Path, number: int, say: Callable[[str], 
 
     manifest = manifests.read_manifest(run)
     total = manifest.get("of", manifest["cases"])
-    flight = replay.flown_before(loaded, say)
-    found = replay.check_row(loaded, flight, run, number, manifest["seed"], total)
+    flight = replay.earlier_integration(loaded, say)
+    found = replay.compare_row(loaded, flight, run, number, manifest["seed"], total)
     other = _other_versions(manifest)
     said = f"{found.sentence}{'; the run was made with ' + other if other else ''}"
     if found.columns:
@@ -176,12 +176,12 @@ def chosen(
         summary = summary_of(folder, loaded)
         told = errors_told(manifests.read_manifest(folder).get("accuracy") or {})
         errors = with_scales(loaded, told, summary.statistics())
-        number, said = replay.worst(summary, loaded, errors, asked)
+        number, said = replay.worst_case(summary, loaded, errors, asked)
     elif way == "nearest":
-        number, what = replay.near(cases, asked)
+        number, what = replay.nearest_case(cases, asked)
         said = f"is nearest to {what}"
     else:
-        number, said = replay.extreme(cases, asked, way == "least"), f"{_SAID[way]}: {asked}"
+        number, said = replay.extreme_case(cases, asked, way == "least"), f"{_SAID[way]}: {asked}"
     say(f"{folder}: case {number} {said}")
     return number
 
@@ -199,7 +199,7 @@ def check_held(file: Path, number: int | None, seed: int | None, has_plan: bool 
             return
         raise folders.StoreError(
             f"{file}: holds {folders.RARE}, whose cases are those of rare.parquet: add "
-            "--set run.plan=rare.parquet"
+            "--set run.samples=rare.parquet"
         )
     held, which = manifest.get("cases"), manifest.get("numbers")
     if which and number not in named(which):

@@ -98,11 +98,9 @@ LOADS_OUTCOMES, CLEARANCE_OUTCOMES = 6, 6
 # of a part of an outline in ``numbers``: hollow, layout point of its start, length aft, radius at
 # both ends
 PART_SIZE = 7
-# What a kernel says of a case that it does not vouch for: it may at shorter steps; or one may that
-# takes more care: in which joints let go in any order; or that, besides, solves for all rows by
-# least sum of squares.
-FINER_STEPS, ANY_ORDER, LEAST_SQUARES = -1, -2, -3
-STANDARD = 0  # care
+# Status of a case that a kernel rejects because its steps are too long; other rejected cases have
+# the code of the variant (`sepmc.kernel.spec.variant`) that may integrate them.
+FINER_STEPS = -1
 
 # What a stretch of time between switches knows of loads stands behind the parameters of a case. Per
 # motor: whether it burns or tails off, and the line its profile follows.

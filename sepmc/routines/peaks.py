@@ -310,8 +310,8 @@ def first_reached(w, nodes, apart, scratch, threshold):
     """Where in a step, as a share of it, the size of a vector first reaches a threshold, and its
     rate there by the share; 2 if nowhere.
 
-    The arguments are those of `update_size`. A size that is there at the start, but for round-off, is
-    so at 0.
+    The arguments are those of `update_size`. A size that is there at the start, but for round-off,
+    is so at 0.
     """
     noinline()
     sizes, touch = scratch + 3 * COUNT, threshold - _TOUCH * max(1.0, abs(threshold))

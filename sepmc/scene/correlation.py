@@ -43,7 +43,9 @@ def resolve(
             continue
         for key, place in zip(item.parameters, places, strict=True):
             if key in by_plan:
-                problems.add(f"{where}.parameters", "is given by run.plan, unlike the others", key)
+                problems.add(
+                    f"{where}.parameters", "is given by run.samples, unlike the others", key
+                )
             if place in taken:
                 problems.add(f"{where}.parameters", f"correlated already, in {taken[place]}", key)
             elif dispersions[place].law == "constant":

@@ -39,7 +39,7 @@ class Dispersion:
         """The law in words: ``body.upper.mass_kg: uniform (438, 478)``."""
         if self.column:
             low, high = self.support
-            return f"{self.parameter.key}: column {self.column} of run.plan ({low:g}, {high:g})"
+            return f"{self.parameter.key}: column {self.column} of run.samples ({low:g}, {high:g})"
         weights = f", weights ({', '.join(f'{x:g}' for x in self.weights)})" if self.weights else ""
         return (
             f"{self.parameter.key}: {self.law} "
@@ -152,10 +152,10 @@ def _of_column(
     the name of its own column in a case table."""
     if law.column is not None:
         if [name for name in LAWS if getattr(law, name) is not None] or law.weights:
-            problems.add(place, "give a column of run.plan, or a law")
+            problems.add(place, "give a column of run.samples, or a law")
             return None
         if table is None:
-            problems.add(f"{place}.column", "needs run.plan, the table that has it", law.column)
+            problems.add(f"{place}.column", "needs run.samples, the table that has it", law.column)
             return None
     assert table is not None
     name = law.column or parameter.column

@@ -4,6 +4,9 @@ import difflib
 import re
 import sys
 import warnings
+from collections.abc import Callable
+
+Log = Callable[[str], None]  # receives one line of progress or result text
 
 
 class InputError(ValueError):

@@ -359,7 +359,7 @@ class Run(_Table, frozen=True, kw_only=True):
     cases: Annotated[int, Meta(ge=1, le=CASES)] = 1000
     seed: Annotated[int, Meta(ge=0, le=SEED)] = 0
     sampler: Literal["random", "lhs", "sobol", "saltelli"] = "random"
-    plan: str | None = None  # a table of inputs, a row for each case
+    samples: str | None = None  # a table of inputs, a row for each case
     history_step: Time = 0.0  # 0: no histories
     chunk: Annotated[int, Meta(ge=1)] = 16384
 
@@ -394,15 +394,15 @@ class Scene(_Table, frozen=True, kw_only=True):
 
 
 class Law(_Table, frozen=True, kw_only=True):
-    """How one parameter varies. Exactly one law, or a column of ``run.plan``; numbers in the unit
-    of the parameter's key."""
+    """How one parameter varies. Exactly one law, or a column of ``run.samples``; numbers in the
+    unit of the parameter's key."""
 
     uniform: float | tuple[float, float] | None = None
     normal: float | tuple[float, float] | None = None
     triangular: float | tuple[float, float, float] | None = None
     discrete: tuple[float, ...] | None = None
     constant: float | None = None
-    column: str | None = None  # of run.plan, in the unit of the key
+    column: str | None = None  # of run.samples, in the unit of the key
     weights: tuple[float, ...] | None = None
     truncate_sigma: Annotated[float, Positive] | None = None
     relative: bool = False

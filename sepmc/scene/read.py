@@ -126,7 +126,7 @@ def read_campaign(
     settings : dict, optional
         Values to put in place first, by TOML path: ``{"body.upper.mass_kg": 460.0}``.
     reader : callable, optional
-        Reads the table that ``run.plan`` names.
+        Reads the table that ``run.samples`` names.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def read_campaign(
     except OSError as error:
         raise SceneError([f"{path}: cannot be read: {error.strerror}"]) from None
     tree = read_text(written, str(path))
-    _check_plan_place(tree, path)
+    _check_sample_path(tree, path)
     return parse_campaign(tree, str(path.name), settings, path.stem, path.parent, reader)
 
 
@@ -157,10 +157,10 @@ def read_text(written: bytes, source: str) -> dict[str, Any]:
         raise SceneError([f"{source}: is not TOML: {printable(str(error))}"]) from None
 
 
-def _check_plan_place(tree: dict[str, Any], path: Path) -> None:
+def _check_sample_path(tree: dict[str, Any], path: Path) -> None:
     """A file names a table of inputs beside it only: a stranger's file reads no other ones."""
     run = tree.get("run")
-    plan = run.get("plan") if isinstance(run, dict) else None
+    plan = run.get("samples") if isinstance(run, dict) else None
     if not isinstance(plan, str) or not plan.isprintable():
         return
     try:
@@ -170,8 +170,8 @@ def _check_plan_place(tree: dict[str, Any], path: Path) -> None:
         is_beside = False
     if not is_beside:
         said = "must lie beside the campaign, or in a folder there"
-        any_other = f"{setting('run.plan', 'PATH')} takes any"
-        raise SceneError([f"{path.name}: run.plan = {shorten(plan)}: {said}; {any_other}"])
+        any_other = f"{setting('run.samples', 'PATH')} takes any"
+        raise SceneError([f"{path.name}: run.samples = {shorten(plan)}: {said}; {any_other}"])
 
 
 def parse_campaign(
@@ -243,11 +243,11 @@ def _parse(
     problems.raise_if_any(source)
     check_scene(scene, problems)
     table = None
-    if scene.run.plan is not None:
+    if scene.run.samples is not None:
         if reader is None:
-            problems.add("run.plan", "needs the reader of tables that sepmc.load has")
+            problems.add("run.samples", "needs the reader of tables that sepmc.load has")
         else:
-            table = reader(folder / scene.run.plan, problems)
+            table = reader(folder / scene.run.samples, problems)
         problems.raise_if_any(source)
     dispersions = resolve(scene, laws, problems, table)
     if table is not None:
@@ -300,12 +300,14 @@ def _check_input_table(
     for name in (*table.columns, *table.words):
         meant = of_letters.get(_letters(name))
         if meant and name not in used and name not in known:
-            problems.add(f"run.plan, column {name}", f"no such column; it must be called {meant}")
+            problems.add(
+                f"run.samples, column {name}", f"no such column; it must be called {meant}"
+            )
         elif name.startswith("in_") and name not in used and name not in known:
             said = f"{nearest(name, known)}; a plan gives what [dispersion] lists"
-            problems.add(f"run.plan, column {name}", f"no such input here: {said}")
+            problems.add(f"run.samples, column {name}", f"no such input here: {said}")
     if not used - {""} and not problems:
-        problems.add("run.plan", f"gives no input; {nearest('', known)}", table.path.name)
+        problems.add("run.samples", f"gives no input; {nearest('', known)}", table.path.name)
 
 
 def _letters(name: str) -> str:

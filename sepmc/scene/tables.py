@@ -16,6 +16,7 @@ from sepmc.scene.units import split_unit
 
 _TERM = re.compile(r"^(const|(alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)$")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_RENAMED = {"plan": "samples"}  # keys of earlier versions
 
 
 def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems) -> Any:
@@ -145,6 +146,8 @@ def read_array(
 
 def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
     """The field that was probably meant, and what to say of a key that is none."""
+    if (renamed := _RENAMED.get(key, "")) in fields:
+        return renamed, f"unknown key; it is now called {renamed!r}"
     stem, unit = split_unit(key)
     field = fields.get(stem) or fields.get(key)
     if field is None:

@@ -310,13 +310,14 @@ def test_joint_residuals(sample):
 
 def si_draws(campaign, count):
     return (
-        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+        cases.sample(campaign.file.dispersions, campaign.scene.run.seed, 0, count)
+        * campaign.factors
     )
 
 
 def fly(campaign, draws):
     """Outcomes by name of cases given by their draws in SI."""
-    block = step_selection.fly(campaign, step_selection.plan_flight(campaign), draws)
+    block = step_selection.integrate(campaign, step_selection.select_steps(campaign), draws)
     return {c.name: block.outcomes[:, i] * c.scale for i, c in enumerate(campaign.outcome_columns)}
 
 

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
-from sepmc.analysis.row_filter import where
+from sepmc.analysis.row_filter import matching_rows
 from sepmc.analysis.statistics import statistics
 from sepmc.cli.app import main
 from sepmc.scene.messages import InputError, nearest
@@ -37,7 +37,7 @@ NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}
 def test_terms(terms, found):
     """All terms must hold, or one of several with or between them, of any name that matches; what
     is no number meets none but !=."""
-    assert np.flatnonzero(where(ROWS, NAMES, terms)).tolist() == found
+    assert np.flatnonzero(matching_rows(ROWS, NAMES, terms)).tolist() == found
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_terms(terms, found):
 def test_terms_that_cannot_be(term, said):
     """What is wrong with a term is told."""
     with pytest.raises(InputError, match=said):
-        where(ROWS, NAMES, [term])
+        matching_rows(ROWS, NAMES, [term])
 
 
 def test_given_an_input(tmp_path):
@@ -146,4 +146,4 @@ def test_what_is_offered_has_its_unit(tmp_path):
     # what such cases lack stands once, not with each requirement
     assert full.count("more such cases") == 1
     assert "2 requirements not shown: " in full
-    assert "more cases, none of which violates it" not in full
+    assert "more cases without a violation" not in full

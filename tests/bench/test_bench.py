@@ -28,12 +28,12 @@ from sepmc.bench import (
 )
 from sepmc.bench.folder import open_folder
 from sepmc.bench.reference import make_reference
-from sepmc.bench.study import Study, drawn
+from sepmc.bench.study import Study, sample_inputs
 from sepmc.campaign.execution.integration import by_name
-from sepmc.campaign.execution.step_selection import plan_flight
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.execution.step_selection import select_steps
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
-from sepmc.kernel.spec.structure import make_shape
+from sepmc.kernel.spec.structure import make_kernel_spec
 
 STAGES = ("import", "pilot", "kernel", "statistics")
 
@@ -48,7 +48,9 @@ def silent(_):
 
 def study_of(name, cases, threads=1, settings=None):
     campaign = sepmc.load(name, {"run.history_step_s": 0.0, **(settings or {})})
-    return Study(campaign, plan_flight(campaign), drawn(campaign, cases), 1, threads, True, silent)
+    return Study(
+        campaign, select_steps(campaign), sample_inputs(campaign, cases), 1, threads, True, silent
+    )
 
 
 @pytest.fixture(scope="module")
@@ -242,7 +244,7 @@ def test_flops_of_a_case(study):
     steps, names = np.array([1, 1, 1]), ["tp7", "sharp9", "sharp9"]
     methods = by_name(study.flight.kernel, names)
     flight = dataclasses.replace(
-        study.flight, steps=steps, usual=np.full(3, np.inf), methods=methods
+        study.flight, steps=steps, durations=np.full(3, np.inf), methods=methods
     )
     assert flight.method_names == names
     counted = flops.count(study.campaign, flight)
@@ -250,8 +252,8 @@ def test_flops_of_a_case(study):
     assert (counted.evaluations["locked"], counted.evaluations["free"]) == (9, 15)
     assert 300.0 < counted.evaluation < 3000.0
     active = [
-        make_shape(study.campaign.plan).active(stage)
-        for stage in make_shape(study.campaign.plan).stages
+        make_kernel_spec(study.campaign.plan).active_size(segment)
+        for segment in make_kernel_spec(study.campaign.plan).segments
     ]
     assert counted.sums > 12 * sum(active)
 

@@ -14,13 +14,13 @@ from small_scenes import SPRUNG
 from support.stopping_problems import coverage
 
 import sepmc
-from sepmc.analysis.proportions import interval
-from sepmc.analysis.row_statistics import Rows
-from sepmc.analysis.stopping import read_until
-from sepmc.campaign.case_selection import Numbers, read
+from sepmc.analysis.proportions import binomial_interval
+from sepmc.analysis.row_statistics import TableStatistics
+from sepmc.analysis.stopping import parse_stopping_rule
+from sepmc.campaign.case_selection import CaseSelection, read
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.campaign.store.manifests import read_manifest
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli.app import main
 from sepmc.scene.messages import InputError, RunWarning, SceneError
 
@@ -61,7 +61,7 @@ def command(*words):
 @given(st.sets(st.integers(0, 60), min_size=1), st.sets(st.integers(0, 70)), st.integers(1, 9))
 def test_numbers_are_a_set(numbers, others, size):
     """Ranges behave as the set of the numbers that they stand for, and as text they come back."""
-    found, held = Numbers.of(numbers), np.array(sorted(others), dtype=np.int64)
+    found, held = CaseSelection.of(numbers), np.array(sorted(others), dtype=np.int64)
     assert [i for a, b in found.ranges for i in range(a, b)] == sorted(numbers)
     assert all(b < c for (_, b), (c, _) in zip(found.ranges, found.ranges[1:], strict=False))
     assert (found.count, found.end) == (len(numbers), max(numbers) + 1)
@@ -70,7 +70,7 @@ def test_numbers_are_a_set(numbers, others, size):
     assert [i for a, b in left.pieces(size) for i in range(a, b)] == sorted(numbers - others)
     assert all(0 < b - a <= size for a, b in left.pieces(size))
     assert found.leave_out(held) == bool(others - numbers)
-    assert found.common(Numbers.of(others)) == len(numbers & others)
+    assert found.common(CaseSelection.of(others)) == len(numbers & others)
     assert [i in found for i in range(75)] == [i in numbers for i in range(75)]
     assert read(f"{found},{found}") == found
 
@@ -80,9 +80,9 @@ def test_numbers_are_a_set(numbers, others, size):
     [
         ("1e4", 10_000),
         (" 300 ", 300),
-        ("25:28,73", Numbers(((25, 28), (73, 74)))),
-        ("5,3,4", Numbers(((3, 6),))),
-        ("7:900000000,0:9,3", Numbers(((0, 900_000_000),))),  # and takes no memory
+        ("25:28,73", CaseSelection(((25, 28), (73, 74)))),
+        ("5,3,4", CaseSelection(((3, 6),))),
+        ("7:900000000,0:9,3", CaseSelection(((0, 900_000_000),))),  # and takes no memory
         ("7,", None),
         ("4:4", None),
         ("-3", None),
@@ -147,7 +147,7 @@ def test_a_plan_is_flown_exactly(file, tmp_path, ending):
     assert (code, "5 cases, 2 inputs" in said) == (0, True), said
     assert command("sample", file, "--out", table)[0] == 2  # is not overwritten
     drawn = sepmc.load(file)
-    other = {"run.plan": str(table), "dispersion": {"body.fore.mass_kg": {"constant": 3.0}}}
+    other = {"run.samples": str(table), "dispersion": {"body.fore.mass_kg": {"constant": 3.0}}}
     other["dispersion"]["spring.push.force_N"] = {"uniform": [1.0, 2.0]}
     result = sepmc.load(file, other).run(out=folder)
     rows = result.to_pandas()
@@ -158,14 +158,16 @@ def test_a_plan_is_flown_exactly(file, tmp_path, ending):
     again = sepmc.load(folder)
     assert again.digest == result.campaign.digest
     assert again.case(9).inputs == drawn.case(9).inputs
-    with pytest.raises(InputError, match=r"case = 7: no such case in plan\.parquet"):
+    with pytest.raises(InputError, match=r"case = 7: no such case in samples\.parquet"):
         again.case(7)
     assert again.run(out=folder, resume=True).resumed == 5
-    changed = pd.read_parquet(folder / "plan.parquet")
+    changed = pd.read_parquet(folder / "samples.parquet")
     changed.loc[0, INPUTS[0]] += 1e-9
     changed.to_parquet(tmp_path / "changed.parquet")
-    with pytest.raises(StoreError, match=r"another campaign.* It differs in .*; rows of run\.plan"):
-        again.with_settings({"run.plan": str(tmp_path / "changed.parquet")}).run(
+    with pytest.raises(
+        StoreError, match=r"another campaign.* It differs in .*; rows of run\.samples"
+    ):
+        again.with_settings({"run.samples": str(tmp_path / "changed.parquet")}).run(
             out=folder, resume=True
         )
 
@@ -179,7 +181,7 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
     text = SPRUNG.replace(
         "[dispersion]", '[dispersion]\n"initial.speed_m_s" = { column = "V_sep" }'
     )
-    file.write_text(text.replace("cases = 12", 'plan = "trajectories.csv"'), encoding="utf-8")
+    file.write_text(text.replace("cases = 12", 'samples = "trajectories.csv"'), encoding="utf-8")
     campaign = sepmc.load(file)
     rows = flown(campaign)
     assert rows["in_initial_speed_m_s"].tolist() == speeds.tolist()
@@ -193,7 +195,7 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
         },
     )
     assert flown(drawn, 5)[INPUTS[0]].equals(rows[INPUTS[0]][:5])
-    assert "column V_sep of run.plan (10, 20)" in campaign.input_columns[0].meaning
+    assert "column V_sep of run.samples (10, 20)" in campaign.input_columns[0].meaning
     assert campaign.file.dispersions[0].law == "given"  # trial cases: over all its range
     assert campaign.file.dispersions[0].support == (10.0, 20.0)
 
@@ -224,7 +226,7 @@ def test_plans_that_cannot_be(file, tmp_path, table, law, said):
     text = SPRUNG.replace(
         "[dispersion]", f'[dispersion]\n"initial.speed_m_s" = {{ column = "{law}" }}'
     )
-    file.write_text(text.replace("cases = 12", 'plan = "plan.csv"'), encoding="utf-8")
+    file.write_text(text.replace("cases = 12", 'samples = "plan.csv"'), encoding="utf-8")
     with pytest.raises(SceneError, match=said):
         sepmc.load(file)
 
@@ -239,10 +241,10 @@ def test_a_plan_meets_correlations(file, tmp_path):
     }
     table = tmp_path / "plan.csv"
     pd.DataFrame({INPUTS[0]: [3.0, 3.1]}).to_csv(table, index=False)
-    with pytest.raises(SceneError, match=r"mass_kg'?: is given by run\.plan, unlike the others"):
-        sepmc.load(file, {"run.plan": str(table), **together})
+    with pytest.raises(SceneError, match=r"mass_kg'?: is given by run\.samples, unlike the others"):
+        sepmc.load(file, {"run.samples": str(table), **together})
     pd.DataFrame({INPUTS[0]: [3.0, 3.1], INPUTS[1]: [30.0, 29.0]}).to_csv(table, index=False)
-    assert flown(sepmc.load(file, {"run.plan": str(table), **together}))[INPUTS[1]].tolist() == [
+    assert flown(sepmc.load(file, {"run.samples": str(table), **together}))[INPUTS[1]].tolist() == [
         30.0,
         29.0,
     ]
@@ -251,7 +253,7 @@ def test_a_plan_meets_correlations(file, tmp_path):
 def test_until_a_statistic_is_known(file, tmp_path, monkeypatch):
     """A campaign ends with the first 64, 128, ... cases (2,048 and so on as it comes) whose
     interval is narrow enough, as the first cases of the whole, and says so."""
-    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_OF_MOMENTS", 64)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK_OF_MOMENTS", 64)
     campaign = sepmc.load(file)
     row = campaign.run(128).statistics().loc["separation_speed_m_s"]
     looks = 3  # at 64, 128 and 200 cases
@@ -276,20 +278,20 @@ def test_intervals_that_until_looks_at():
     longer side is to be short enough."""
     x = np.random.default_rng(3).normal(2.0, 0.1, 400)
     rows = {"case": np.arange(400), "status": np.full(400, "ok", dtype=object), "speed_m_s": x}
-    summary, names = Rows(rows, ["speed_m_s"], [], {}), ["speed_m_s"]
+    summary, names = TableStatistics(rows, ["speed_m_s"], [], {}), ["speed_m_s"]
     row = summary.statistics().loc["speed_m_s"]
     half = stdtrit(399, 0.975) * row["mean_se"]
-    assert read_until("speed_m_s:1", names).known(summary) == pytest.approx(
+    assert parse_stopping_rule("speed_m_s:1", names).interval(summary) == pytest.approx(
         (row["mean"], row["mean"] - half, row["mean"] + half)
     )
-    found = read_until("speed_m_s.p95:1%", names)
+    found = parse_stopping_rule("speed_m_s.p95:1%", names)
     assert (found.tolerance, found.relative) == (0.01, True)
-    assert found.known(summary) == (row["p95"], row["p95_low"], row["p95_high"])
-    ends = interval(0, 400)
+    assert found.interval(summary) == (row["p95"], row["p95_low"], row["p95_high"])
+    ends = binomial_interval(0, 400)
     for tolerance, enough in ((0.99 * ends[1], False), (1.01 * ends[1], True)):
-        found = read_until(f"never-released:{tolerance}", names)
-        assert found.known(summary) == (0.0, *ends)
-        assert found.is_met(*found.known(summary)) == enough
+        found = parse_stopping_rule(f"never-released:{tolerance}", names)
+        assert found.interval(summary) == (0.0, *ends)
+        assert found.is_met(*found.interval(summary)) == enough
 
 
 def test_a_mean_is_not_known_before_a_rare_value_occurred(file):
@@ -336,7 +338,7 @@ def test_dry_run_names_a_command_that_compiles(file, tmp_path, monkeypatch):
     assert call("sample", file, "--cases", 3, "--out", table).exit_code == 0
     more = ["--set", "run.end_time_s=0.2", "--plan", table, "--stats-only"]
     monkeypatch.setattr(
-        "sepmc.campaign.execution.step_selection.left_to_compile", lambda text: (1, 2)
+        "sepmc.campaign.execution.step_selection.units_to_compile", lambda text: (1, 2)
     )
     monkeypatch.setattr(
         "sepmc.engine.dispatch.load_kernel", lambda text, say: told.update(text=text)
@@ -348,7 +350,7 @@ def test_dry_run_names_a_command_that_compiles(file, tmp_path, monkeypatch):
     assert program == "sepmc"
     found = call(*words)
     assert found.exit_code == 0, found.output
-    campaign = sepmc.load(file, {"run.end_time_s": 0.2, "run.plan": str(table)})
+    campaign = sepmc.load(file, {"run.end_time_s": 0.2, "run.samples": str(table)})
     assert told["text"] == kernel_text(campaign, history=False)
 
 
@@ -363,3 +365,8 @@ def test_dry_run_writes_nothing(file, tmp_path):
     (folder / "mine").write_text("x", encoding="utf-8")
     for more in (["--out", folder], ["--until", "separation_speed_m_s:0"]):
         assert command("campaign", file, "--dry-run", *more)[0] == 2
+
+
+def test_the_earlier_name_of_the_sample_table_is_answered_with_the_new_one(file):
+    with pytest.raises(SceneError, match=r"run\.plan.*'samples'"):
+        sepmc.load(file, {"run.plan": "table.csv"})

@@ -32,7 +32,7 @@ def laws(dispersion):
 
 
 def yaw(law, seed=1, count=N):
-    return cases.draw(laws({"initial.yaw_rad": law}), seed, 0, count)[:, 0]
+    return cases.sample(laws({"initial.yaw_rad": law}), seed, 0, count)[:, 0]
 
 
 def philox(key, block):
@@ -109,26 +109,26 @@ def test_largest_number_is_below_one(monkeypatch):
 
 def test_case_drawn_alone():
     dispersions = parse_campaign(TREE, "t.toml").dispersions
-    table = cases.draw(dispersions, 2019, 0, 50)
+    table = cases.sample(dispersions, 2019, 0, 50)
     assert table.shape == (50, len(TREE["dispersion"]))
     for i in (0, 1, 2, 3, 4, 7, 49):
-        np.testing.assert_array_equal(cases.draw(dispersions, 2019, i, 1)[0], table[i])
-    np.testing.assert_array_equal(cases.draw(dispersions, 2019, 0, 5000)[:50], table)
-    assert not np.any(cases.draw(dispersions, 2020, 0, 50) == table)
+        np.testing.assert_array_equal(cases.sample(dispersions, 2019, i, 1)[0], table[i])
+    np.testing.assert_array_equal(cases.sample(dispersions, 2019, 0, 5000)[:50], table)
+    assert not np.any(cases.sample(dispersions, 2020, 0, 50) == table)
 
 
 def test_one_more_variable_changes_no_other_draw():
     few = {"initial.yaw_deg": {"uniform": 1.0}, "body.upper.mass_kg": {"normal": 3.0}}
     more = {"initial.roll_deg": {"uniform": 1.0}, **few, "body.lower.cg_mm.x": {"uniform": 1.0}}
     np.testing.assert_array_equal(
-        cases.draw(laws(more), 7, 0, 99)[:, 1:3], cases.draw(laws(few), 7, 0, 99)
+        cases.sample(laws(more), 7, 0, 99)[:, 1:3], cases.sample(laws(few), 7, 0, 99)
     )
 
 
 @pytest.mark.parametrize("law", ["uniform", "normal", "triangular"])
 def test_unit_of_the_key_does_not_matter(law):
-    kilograms = cases.draw(laws({"body.upper.mass_kg": {law: 20.0}}), 7, 0, 1000)
-    grams = cases.draw(laws({"body.upper.mass_g": {law: 20e3}}), 7, 0, 1000)
+    kilograms = cases.sample(laws({"body.upper.mass_kg": {law: 20.0}}), 7, 0, 1000)
+    grams = cases.sample(laws({"body.upper.mass_g": {law: 20e3}}), 7, 0, 1000)
     np.testing.assert_allclose(grams * 1e-3, kilograms, rtol=4e-16)
 
 
@@ -223,7 +223,7 @@ def test_relative_laws(law, support):
     """Numbers of a relative law are multiples of the nominal 458 kg."""
     (dispersion,) = laws({"body.upper.mass_kg": {**law, "relative": True}})
     assert dispersion.support == pytest.approx(support, rel=1e-14)
-    drawn = cases.draw((dispersion,), 3, 0, 5000)
+    drawn = cases.sample((dispersion,), 3, 0, 5000)
     assert drawn.min() >= dispersion.support[0]
     assert drawn.max() <= dispersion.support[1]
     assert np.ptp(drawn) >= 0.9 * (support[1] - support[0])
@@ -251,7 +251,7 @@ def test_independent_inertias_warn_and_are_counted():
     }
     with pytest.warns(SceneWarning, match=r"body\.lower\.inertia.*triangle inequality"):
         campaign = Campaign(parse_campaign({**TREE, "dispersion": laws}, "t.toml"))
-    xx, yy, zz = (drawn := cases.draw(campaign.file.dispersions, 2019, 0, 200)).T
+    xx, yy, zz = (drawn := cases.sample(campaign.file.dispersions, 2019, 0, 200)).T
     broken = np.sum(np.maximum(yy, zz) > xx + np.minimum(yy, zz))
     assert 0 < campaign.implausible_inertias(drawn) == broken < 200
 

@@ -14,13 +14,13 @@ from support.runs import same, statistics_of
 
 import sepmc
 from sepmc import cluster
-from sepmc.analysis.quantile_sketch import ROOM
-from sepmc.analysis.streaming import GRAIN
-from sepmc.campaign.execution import chunks
-from sepmc.campaign.execution.work_ranges import OutOfStepError
+from sepmc.analysis.quantile_sketch import EXACT_VALUES
+from sepmc.analysis.streaming import ACCUMULATION_BLOCK
+from sepmc.campaign.execution import runner
+from sepmc.campaign.execution.work_ranges import StaleWorkerError
 from sepmc.campaign.store import manifests, shards
 from sepmc.cli import app
-from sepmc.cluster import ClusterError, DaskCrew, crew
+from sepmc.cluster import ClusterError, DaskExecutor, crew
 from sepmc.scene.messages import InputError
 
 SETTINGS = {"run.chunk": 300, "run.history_step_s": 0.1, "run.end_time_s": 0.26}
@@ -50,16 +50,16 @@ def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
     assert statistics_of(found) == statistics_of(alone)
     assert not manifests.diagnose(tmp_path / "run")
     one, other = (manifests.read_manifest(folder) for folder in (alone.folder, tmp_path / "run"))
-    for name in ("failures", "accuracy", "notes", "complete", "cases_held"):
+    for name in ("failures", "accuracy", "notes", "complete", "n_stored"):
         assert one[name] == other[name], name
-    (kind, flown), *more = other["sessions"][0]["flown_by"].items()
+    (kind, flown), *more = other["sessions"][0]["workers"].items()
     assert kind.startswith(f"sepmc {sepmc.__version__}, ")
     assert (flown, more) == (CASES, [])
 
 
 def test_statistics_alone(campaign, workers, tmp_path):
     """After the cases that lay out their grids, and a last range that is no whole grain."""
-    cases = ROOM + 9 * GRAIN + 7
+    cases = EXACT_VALUES + 9 * ACCUMULATION_BLOCK + 7
     given = {"cases": cases, "stats_only": True}
     one = campaign.run(**given)
     other = campaign.run(**given, out=tmp_path / "run", crew=workers)
@@ -94,7 +94,7 @@ def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
 
     with pytest.raises(Enough):
         campaign.run(cases=CASES, out=tmp_path / "run", crew=workers, progress=progress)
-    assert 0 < len(shards.cases_done(tmp_path / "run")) < CASES
+    assert 0 < len(shards.stored_cases(tmp_path / "run")) < CASES
     campaign.run(cases=CASES, out=tmp_path / "run", resume=True)
     assert same(alone.folder, tmp_path / "run")
     (tmp_path / "run" / "cases" / "part-0000000000.parquet").unlink()
@@ -104,9 +104,13 @@ def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
 
 def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatch):
     """By one process, which ends within a grain, and by workers again."""
-    monkeypatch.setattr(chunks, "_SAVE_S", 0.0)
-    given = {"cases": ROOM + 12 * GRAIN + 7, "out": tmp_path / "run", "resume": True}
-    for most, by in ((ROOM + 1, workers), (2 * GRAIN + 99, None)):
+    monkeypatch.setattr(runner, "_SAVE_S", 0.0)
+    given = {
+        "cases": EXACT_VALUES + 12 * ACCUMULATION_BLOCK + 7,
+        "out": tmp_path / "run",
+        "resume": True,
+    }
+    for most, by in ((EXACT_VALUES + 1, workers), (2 * ACCUMULATION_BLOCK + 99, None)):
 
         def progress(done, total, failures, most=most):
             if done >= most:
@@ -114,8 +118,8 @@ def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatc
 
         with pytest.raises(InterruptedError):
             campaign.run(**given, stats_only=True, crew=by, progress=progress)
-    held = shards.counted(tmp_path / "run").first
-    assert ROOM + GRAIN < held < given["cases"]
+    held = shards.accumulator_entry(tmp_path / "run").first
+    assert EXACT_VALUES + ACCUMULATION_BLOCK < held < given["cases"]
     result = campaign.run(**given, crew=workers)
     assert result.resumed == held
     whole = campaign.run(cases=given["cases"], stats_only=True)
@@ -148,12 +152,12 @@ def test_a_scheduler_that_is_started_again(campaign, alone, tmp_path):
 def test_a_worker_that_sees_another_folder(campaign, tmp_path):
     """It says which, and what it takes."""
 
-    class Elsewhere(DaskCrew):
+    class Elsewhere(DaskExecutor):
         def map(self, job, function, ranges):
             (Path(job.folder) / "campaign.toml").write_text("other = 1")
             return super().map(job, function, ranges)
 
-    with crew(1) as own, pytest.raises(OutOfStepError, match="sees another campaign there"):
+    with crew(1) as own, pytest.raises(StaleWorkerError, match="sees another campaign there"):
         campaign.run(cases=CASES, out=tmp_path / "run", crew=Elsewhere(own.client, None, 1, 1))
 
 
@@ -168,7 +172,7 @@ def test_a_worker_that_sees_another_folder(campaign, tmp_path):
 def test_what_workers_do_not_fly(campaign, tmp_path, monkeypatch, given, said):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=said):
-        campaign.run(**{"cases": 9} | given, crew=DaskCrew(None, None, 1, 1))
+        campaign.run(**{"cases": 9} | given, crew=DaskExecutor(None, None, 1, 1))
     assert not (tmp_path / "run").exists()
 
 
@@ -187,7 +191,7 @@ def test_command_line(alone, tmp_path):
     assert found.exit_code == 0, found.output
     assert same(alone.folder, tmp_path / "run")
     told = json.loads((tmp_path / "run" / "manifest.json").read_text())
-    assert told["sessions"][0]["flown_by"]
+    assert told["sessions"][0]["workers"]
     both = CliRunner().invoke(
         app.main, ["campaign", "table2", "--workers", "2", "--cluster", "tcp://h:1"]
     )
@@ -225,7 +229,7 @@ def test_workers_that_are_gone_are_not_waited_for(monkeypatch):
     monkeypatch.setattr(cluster, "wait", wait)
     monkeypatch.setattr(cluster, "_PATIENCE_S", 0.0)
     with pytest.raises(ClusterError, match="all workers are gone for 0 s; what is flown is kept"):
-        DaskCrew(Client(), None, 1, 1)._done({"future": 0})
+        DaskExecutor(Client(), None, 1, 1)._done({"future": 0})
     assert len(looks) == 3
     assert all(timeout <= 10.0 for timeout in looks)
 

@@ -20,7 +20,7 @@ from support.damaged_runs import (
 )
 
 import sepmc
-from sepmc.campaign.store import folders, ledger, manifests, shards
+from sepmc.campaign.store import folders, ledger, manifest_schema, manifests, shards
 from sepmc.cli import app
 
 
@@ -58,7 +58,7 @@ def test_what_is_damaged_is_mended(wholes, tmp_path, seed):
     assert is_repaired(folder, contents(whole)), done
 
 
-@pytest.mark.parametrize("lost", ["kept", "counted"])
+@pytest.mark.parametrize("lost", ["selected", "accumulators"])
 def test_what_is_counted_is_mended(wholes, tmp_path, lost):
     """Also where the list of files forgot some: rows that were kept are not let go unseen."""
     whole, folder = wholes[1], shutil.copytree(wholes[1], tmp_path / "run")
@@ -88,7 +88,7 @@ def test_what_told_of_fewer_cases_goes(folder):
     assert call(*words, "--cases", "14") == 0
     assert all((folder / name).is_file() for name in told)
     (folder / "notes.txt").write_text("mine")  # whatever the list of files says
-    manifests.note(folder, [folder / "notes.txt"])
+    manifests.record_derived(folder, [folder / "notes.txt"])
     assert call(*words, "--cases", "20") == 0
     assert (folder / "notes.txt").read_text() == "mine"
     assert not any((folder / name).exists() for name in told)
@@ -133,7 +133,7 @@ def test_what_differs_is_named(folder):
 def test_a_run_that_was_killed_knows_its_errors(whole, folder):
     """Without a last manifest: what was counted of its parts stands in them."""
     told = manifests.read_manifest(folder)
-    lost = shards.parts(folder, folders.CASES)[-1]
+    lost = shards.entries(folder, folders.CASES)[-1]
     ledger.rewrite(folder, [one for one in ledger.read(folder).values() if one != lost])
     said = told | {"complete": False, "accuracy": {}, "failures": 0}
     manifests.seal(folder, said)
@@ -141,18 +141,20 @@ def test_a_run_that_was_killed_knows_its_errors(whole, folder):
     campaign.run(cases=14, out=folder, resume=True)
     again = manifests.read_manifest(folder)
     assert again["accuracy"] == told["accuracy"]
-    assert [again[key] for key in ("failures", "complete", "cases_held")] == [0, True, 14]
+    assert [again[key] for key in ("failures", "complete", "n_stored")] == [0, True, 14]
 
 
-def test_a_folder_without_checksums_is_trusted_if_asked(folder):
-    """As other versions left it."""
-    told = manifests.read_manifest(folder)
-    (folder / ledger.LEDGER).unlink()
-    kept = ("sha256", "files", "files_sha256", "campaign_sha256")
-    folders.write_json(folder / folders.MANIFEST, {k: v for k, v in told.items() if k not in kept})
-    assert call("stats", str(folder)) == 2
-    assert call("doctor", str(folder)) == 1
-    assert call("doctor", str(folder), "--repair") == 0
+def test_a_folder_of_an_earlier_format_is_refused_with_the_remedy(folder):
+    manifest = manifests.read_manifest(folder)
+    assert manifest.pop("format") == manifest_schema.FORMAT
+    folders.write_json(folder / folders.MANIFEST, manifest)
+    for command in ("stats", "doctor"):
+        assert call(command, str(folder)) in (1, 2)
+    assert call("doctor", str(folder), "--repair") == 2
+    campaign = sepmc.load("table2", {"run.chunk": 4, "run.history_step_s": 0.1})
+    with pytest.raises(folders.StoreError, match="folder format 1, this version reads 2"):
+        campaign.run(cases=14, out=folder, resume=True)
+    campaign.run(cases=14, out=folder, overwrite=True)
     assert call("stats", str(folder)) == 0
 
 
@@ -213,7 +215,7 @@ def test_the_cases_that_are_flown_stay(tmp_path):
         (folder / lost).unlink()
         again = ["campaign", str(folder), "--out", str(folder), "--resume", "--no-plots", "--quiet"]
         assert call(*again) == 0
-        assert shards.cases_done(folder).tolist() == [5, 6, 7, 8, 20]
+        assert shards.stored_cases(folder).tolist() == [5, 6, 7, 8, 20]
 
 
 @pytest.mark.parametrize("left", [0, 1])
@@ -239,7 +241,7 @@ def test_figures_of_a_single_run_are_told(tmp_path):
     assert call("run", "table1.toml", "--every-s", "0.05", "--quiet", "--out", folder) == 0
     (tmp_path / "one" / "angles.png").write_bytes(b"")
     (told,) = manifests.diagnose(tmp_path / "one")
-    assert "angles.png: was changed" in told.said
+    assert "angles.png: was changed" in told.text
 
 
 @pytest.mark.parametrize("with_ledger", [False, True])

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import sepmc
 from sepmc.campaign.execution.accuracy import decisive, errors
 from sepmc.campaign.execution.error_estimate import estimate as estimate_of
-from sepmc.campaign.execution.integration import fly
-from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.integration import integrate
+from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.schema import Status
 
 RANDOM = np.random.default_rng(12)
@@ -133,13 +133,13 @@ def test_without_trial_cases():
 def flown(request):
     """A campaign, its flight, draws, and the block."""
     campaign = sepmc.load(request.param, {"run.history_step_s": 0.0})
-    flight = plan_flight(campaign)
-    draws = campaign.in_si(campaign.draw(0, 400, 3, 400))
-    return campaign, flight, draws, fly(campaign, flight, draws)
+    flight = select_steps(campaign)
+    draws = campaign.in_si(campaign.sample(0, 400, 3, 400))
+    return campaign, flight, draws, integrate(campaign, flight, draws)
 
 
 def true_errors(campaign, flight, draws, block):
-    finer = fly(campaign, replace(flight.sharper(4), most=np.inf), draws)
+    finer = integrate(campaign, replace(flight.refined(4), most=np.inf), draws)
     n, decides = len(campaign.outcome_columns), decisive(campaign.outcome_columns)
     return errors(block.outcomes[:, :n], finer.outcomes[:, :n], flight.scale)[:, decides].max(
         axis=1
@@ -169,9 +169,9 @@ def test_too_large_an_error_is_flown_again(flown):
     """Cases beyond what is allowed fly at finer steps; the others are left as they are, bit for
     bit."""
     campaign, flight, draws, _ = flown
-    block = fly(campaign, replace(flight, most=np.inf), draws)
+    block = integrate(campaign, replace(flight, most=np.inf), draws)
     most = float(np.quantile(block.error, 0.95))
-    again = fly(campaign, replace(flight, most=most), draws)
+    again = integrate(campaign, replace(flight, most=most), draws)
     beyond = block.error > most
     assert again.refinement.n_refined == np.count_nonzero(beyond) == 20
     assert_array_equal(again.outcomes[~beyond], block.outcomes[~beyond])

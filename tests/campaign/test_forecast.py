@@ -8,7 +8,7 @@ import pytest
 
 import sepmc
 from sepmc.campaign.execution.forecast import forecast
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 
 
 def size_of(folder):
@@ -19,7 +19,7 @@ def size_of(folder):
 def test_a_folder_is_as_large_as_foretold(settings, tmp_path):
     campaign = sepmc.load("table2", settings)
     campaign.run(cases=20_000, out=tmp_path / "run")
-    least, most = forecast(campaign, 20_000, campaign.has_histories).disk
+    least, most = forecast(campaign, 20_000, campaign.has_histories).disk_bytes
     assert least < size_of(tmp_path / "run") < most
 
 
@@ -43,4 +43,4 @@ def test_what_takes_long_is_said():
     assert takes.sentence(1e-9, on_disk=False) == ""
     said = takes.sentence(1e-4, on_disk=True)
     assert said.startswith("about 17 min for 10000000 cases (100 us each), up to 21.3 GB on disk, ")
-    assert takes.memory < 1e9
+    assert takes.memory_bytes < 1e9

@@ -41,7 +41,7 @@ def test_copies_of_campaigns_and_cases(name, way):
     for again in (WAYS[way](first), WAYS[way](WAYS[way](first))):
         assert (again.digest, again.settings) == (first.digest, {"run.seed": "7"})
         assert again.scene == first.scene
-        np.testing.assert_array_equal(again.draw(0, 9), first.draw(0, 9))
+        np.testing.assert_array_equal(again.sample(0, 9), first.sample(0, 9))
         assert again.case(4).scene == WAYS[way](first.case(4)).scene == first.case(4).scene
         for one, other in zip(again.file.dispersions, first.file.dispersions, strict=True):
             assert one.parameter.field == other.parameter.field
@@ -82,7 +82,7 @@ def test_a_copied_kernel_holds_no_address(campaign):
     flight = campaign.run(cases=2).flight
     assert flight.kernel.address
     for way in WAYS.values():
-        assert (way(flight).kernel.address, len(way(flight).kernel.calls)) == (0, 0)
+        assert (way(flight).kernel.address, len(way(flight).kernel.table)) == (0, 0)
 
 
 # processes made by fork
@@ -204,7 +204,7 @@ def test_a_child_forked_while_others_compile_does_not_wait_for_them(tmp_path):
         """
 inside, go = threading.Event(), threading.Event()
 def hold():
-    with compile_workers._compiling, cache_lock("pieces"):
+    with compile_workers._compiling, cache_lock("units"):
         inside.set()
         go.wait()
 other = threading.Thread(target=hold)
@@ -216,12 +216,12 @@ if number == 0:
     signal.alarm(60)
     os.read(go_on[0], 1)  # the other thread has let go
     assert not compile_workers._compiling.locked()
-    with cache_lock("pieces"):
+    with cache_lock("units"):
         os.write(1, b"child\\n")
     os._exit(0)
 go.set()
 other.join()
-with cache_lock("pieces"):  # the child is there still, and holds nothing
+with cache_lock("units"):  # the child is there still, and holds nothing
     os.write(1, b"parent\\n")
 os.write(go_on[1], b"1")
 assert os.waitpid(number, 0)[1] == 0

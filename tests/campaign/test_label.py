@@ -27,11 +27,11 @@ def test_a_run_tells_what_was_set(tmp_path):
 
 
 def test_a_title_stays_short():
-    settings = label.as_text({f"a.b{k}": k for k in range(6)} | {"run.plan": "/a/b/plan.csv"})
+    settings = label.as_text({f"a.b{k}": k for k in range(6)} | {"run.samples": "/a/b/plan.csv"})
     assert label.of_case("a", None, settings) == (
         "a, nominal case\nset: a.b0 = 0, a.b1 = 1, a.b2 = 2, a.b3 = 3, and 3 more"
     )
-    assert settings["run.plan"] == "plan.csv"
+    assert settings["run.samples"] == "plan.csv"
     assert len(label.as_text({"a": "b" * 100})["a"]) == 48
     assert label.of_run({"campaign": "a", "cases": 3, "seed": 1}) == "a, 3 cases, seed 1"
     assert label.of_run({"campaign": "a", "cases": 10**7, "seed": 1}) == (

@@ -8,11 +8,11 @@ from click.testing import CliRunner
 from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
-from sepmc.analysis.requirements import missing_text
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.requirements import render_missing
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.campaign import campaign as campaigns
-from sepmc.campaign.execution.limit_state import Flights, target
-from sepmc.campaign.execution.missing_events import awaited
+from sepmc.campaign.execution.limit_state import MarginEvaluator, limit_state
+from sepmc.campaign.execution.missing_events import expected_events
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.cli import app
 from sepmc.scene.model import Requirement
@@ -126,14 +126,14 @@ def expected(run):
 
 def test_what_is_waited_for(file):
     """Events, motors and joints that something frees; not a joint that holds all along."""
-    columns = awaited(sepmc.load(file))
+    columns = expected_events(sepmc.load(file))
     assert columns == {
         "joint.bolt": "bolt_release_time_s",
         "event.far": "far_time_s",
         "motor.kick": "kick_ignition_time_s",
     }
     kept = sepmc.load(file, {"release": []})  # nothing frees the cap
-    assert set(awaited(kept)) == {"event.far", "motor.kick"}
+    assert set(expected_events(kept)) == {"event.far", "motor.kick"}
 
 
 def test_they_are_counted_in_notes_and_manifest(run, expected):
@@ -187,7 +187,7 @@ def test_missing_does_not_pass(run, expected):
         assert one["verdict"] != "pass"
         said = f"{expected[place]} of them have no such outcome"
         assert said in " ".join(told.output.split())
-    assert "did not come to their end" not in told.output
+    assert "did not finish" not in told.output
 
 
 def test_what_did_not_end_is_told_apart():
@@ -198,23 +198,23 @@ def test_what_did_not_end_is_told_apart():
         "x_mm": np.array([1.0, np.nan, np.nan, np.nan, 2.0, 3.0]),
     }
     item = Requirement(name="a", metric="x_mm", at_most=5.0, probability=0.5, confidence=0.9)
-    summary = Rows(rows, ["x_mm"], [], {}, [item])
+    summary = TableStatistics(rows, ["x_mm"], [], {}, [item])
     (verdict,) = summary.verdicts({"x_mm": (0.0, 1.0)}, summary.audit())
     assert (verdict.violations, verdict.missing, verdict.lacking) == (3, 3, 2)
-    told = "2 of them have no such outcome, 1 of them did not come to their end"
-    assert missing_text(verdict) == told
+    told = "2 of them have no such outcome, 1 of them did not finish"
+    assert render_missing(verdict) == told
 
 
 def test_rare_events_count_them_too(file):
     """Cases whose margin is not known, though they came to their end, are counted by themselves."""
     campaign = sepmc.load(file)
     with flown_plainly():
-        flight = campaigns.plan_flight(campaign)  # by few trial cases
-        flights = Flights(campaign, flight, target(campaign, "calm"), _nothing, None)
+        flight = campaigns.select_steps(campaign)  # by few trial cases
+        flights = MarginEvaluator(campaign, flight, limit_state(campaign, "calm"), _nothing, None)
         margin, _ = flights.margins(np.linspace(-2.0, 2.0, 21)[:, None])
-    assert 0 < np.isnan(margin).sum() == flights.lacking < 21
-    assert flights.tally.missing["event.far"] == flights.lacking
-    assert flights.tally.failures == 0
+    assert 0 < np.isnan(margin).sum() == flights.n_without_outcome < 21
+    assert flights.summary.missing["event.far"] == flights.n_without_outcome
+    assert flights.summary.failures == 0
 
 
 def _nothing(count, failures):

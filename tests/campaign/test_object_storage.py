@@ -91,7 +91,7 @@ def test_what_is_lost_is_flown_again(campaign, alone):
     first, second, *_ = sorted((folder / "cases").glob("part-*"))
     first.unlink()
     second.write_bytes(b"some bytes")
-    said = [finding.said for finding in manifests.diagnose(folder)]
+    said = [finding.text for finding in manifests.diagnose(folder)]
     assert any("is gone" in text for text in said)
     assert any("was changed" in text for text in said)
     with pytest.raises(folders.StoreError, match="resume=True"):
@@ -124,14 +124,18 @@ def test_command_line(alone, tmp_path):
     assert "is the same bit by bit" in one.output
     more = ["--cases", 2 * CASES, "--out", where, "--resume", "--no-plots"]
     assert call("campaign", where, *more).exit_code == 0
-    assert np.array_equal(shards.cases_done(as_path(where)), np.arange(2 * CASES))
+    assert np.array_equal(shards.stored_cases(as_path(where)), np.arange(2 * CASES))
     replaced = call(
         "campaign", "table2", "--cases", 50, "--out", where, "--overwrite", "--keep", "every:10"
     )
     assert replaced.exit_code == 0, replaced.output
-    assert not shards.parts(as_path(where), folders.CASES)
+    assert not shards.entries(as_path(where), folders.CASES)
     assert (
-        len(shards.read_part(as_path(where), shards.parts(as_path(where), folders.KEPT)[0])["case"])
+        len(
+            shards.read_shard(as_path(where), shards.entries(as_path(where), folders.SELECTED)[0])[
+                "case"
+            ]
+        )
         == 5
     )
 

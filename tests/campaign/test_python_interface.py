@@ -58,7 +58,7 @@ def test_result(campaign, result):
     assert list(result.timing) == ["compile", "sample", "kernel", "write"]
     assert all(seconds >= 0.0 for seconds in result.timing.values())
     assert (result.seed, result.folder, result.notes) == (7, None, [])
-    drawn = cases.draw(campaign.file.dispersions, 7, 0, 40)
+    drawn = cases.sample(campaign.file.dispersions, 7, 0, 40)
     np.testing.assert_array_equal(frame.filter(like="in_").to_numpy(), drawn)
 
 

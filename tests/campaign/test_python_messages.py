@@ -131,16 +131,16 @@ def test_runs_that_cannot_be_meant(campaign, arguments, said):
 )
 def test_draws_of_cases_that_do_not_exist(campaign, arguments, said):
     with pytest.raises(ValueError, match=said):
-        campaign.draw(*arguments)
+        campaign.sample(*arguments)
 
 
 @pytest.mark.parametrize("sampler", ["lhs", "saltelli"])
 def test_draws_beyond_a_design(campaign, sampler):
     """A design has no other cases than its own."""
     design = campaign.with_settings({"run.sampler": sampler, "run.cases": 12})
-    assert len(design.draw(10, 2)) == 2
+    assert len(design.sample(10, 2)) == 2
     with pytest.raises(ValueError, match="count = 3: must be >= 0 and <= 2"):
-        design.draw(10, 3)
+        design.sample(10, 3)
 
 
 def test_history_rows_need_a_number(campaign):

@@ -17,7 +17,7 @@ import sepmc
 from sepmc.analysis import subset_simulation
 from sepmc.campaign import cases
 from sepmc.campaign.execution import flight_log
-from sepmc.campaign.execution.limit_state import Target, target
+from sepmc.campaign.execution.limit_state import LimitState, limit_state
 from sepmc.campaign.store import manifests, shards
 from sepmc.campaign.store.folders import StoreError
 from sepmc.cli import app
@@ -80,7 +80,7 @@ def test_what_never_happens():
     assert known.interval[1] < 1e-5
     assert (
         "did not come beyond the bound, only to a margin of 1"
-        in subset_simulation.remarks(known)[0]
+        in subset_simulation.estimate_warnings(known)[0]
     )
     known, _, _ = estimate(lambda u: np.ones(len(u)), 2)  # as a constant outcome
     assert known.interval == pytest.approx((0.0, 3.9e-4), rel=0.1)
@@ -92,7 +92,7 @@ def test_weights_add_up_to_the_estimate():
     violates = known.last.margin < 0.0
     assert_allclose(known.weight[violates].sum(), known.probability, rtol=1e-12)
     assert_allclose(known.weight.sum(), known.levels[-2].reached, rtol=1e-12)
-    assert_allclose(known.last.told[:, 0], known.last.scores[:, 0])
+    assert_allclose(known.last.records[:, 0], known.last.scores[:, 0])
     assert_allclose(known.last.margin, plane(1e-5, 4)(known.last.scores))
     mean = np.average(known.last.scores.sum(axis=1) / 2.0, weights=known.weight * violates)
     assert_allclose(mean, stats.norm.pdf(stats.norm.isf(1e-5)) / 1e-5, rtol=0.01)
@@ -145,7 +145,7 @@ def test_what_is_doubtful_is_told():
         return np.minimum(6.0 - u[:, 0], late)
 
     known, _, _ = estimate(margin, 4, 3)
-    assert any("replicas disagree" in said for said in subset_simulation.remarks(known))
+    assert any("replicas disagree" in said for said in subset_simulation.estimate_warnings(known))
 
 
 def test_what_is_too_rare_for_so_few_flights():
@@ -153,7 +153,7 @@ def test_what_is_too_rare_for_so_few_flights():
     assert flights <= FLIGHTS
     assert known.probability == 0.0
     assert 1e-13 < known.interval[1] < 1e-5
-    assert "or take more flights" in subset_simulation.remarks(known)[0]
+    assert "or take more flights" in subset_simulation.estimate_warnings(known)[0]
 
 
 def test_scores_follow_the_laws(pair):
@@ -214,7 +214,9 @@ def test_a_campaign_of_known_probability(spinning, name):
     else:
         assert next(iter(found.inputs)) == "in_initial_omega_x_deg_s"
         assert found.inputs["in_initial_omega_x_deg_s"][0] < -4.5
-    assert repr(found).startswith(f"<Rare {name}: probability 1.") or "e-0" in repr(found)
+    assert repr(found).startswith(f"<RareEventEstimate {name}: probability 1.") or "e-0" in repr(
+        found
+    )
 
 
 def test_a_value_that_levels_do_not_see_is_told(spinning):
@@ -253,17 +255,17 @@ def test_what_else_is_refused(spinning, pair, tmp_path):
         pair({"requirement": still}).rare("quiet")
     plan = tmp_path / "plan.csv"
     plan.write_text("case,in_initial_omega_x_deg_s\n0,0.1\n1,0.2\n")
-    with pytest.raises(InputError, match=r"run.plan = plan.csv: rare events are sought beyond"):
-        spinning.with_settings({"run.plan": str(plan)}).rare("quiet")
+    with pytest.raises(InputError, match=r"run.samples = plan.csv: a rare event is sought"):
+        spinning.with_settings({"run.samples": str(plan)}).rare("quiet")
 
 
 def test_a_contact_is_approached_by_its_clearance():
     residual = sepmc.load("residual-thrust")
-    aim = target(residual, "no_recontact")
+    aim = limit_state(residual, "no_recontact")
     assert aim.column.name == "gap_clearance_mm"
     assert aim.sentence == "requirement.no_recontact: no gap_recontact"
     item = Requirement(name="x", metric="gap_recontact", at_most=0.0)
-    aim = Target(item, Column("gap_clearance_mm", "mm", "", 1000.0), 0, 1)
+    aim = LimitState(item, Column("gap_clearance_mm", "mm", "", 1000.0), 0, 1)
     block = SimpleNamespace(
         outcomes=np.array([[0.2, 0], [0, 0], [0, 1], [-0.1, 1], [np.nan, 0], [np.nan, np.nan],
                            [0.2, 0]]),
@@ -274,7 +276,7 @@ def test_a_contact_is_approached_by_its_clearance():
     other = {"name": "x", "metric": "gap_recontact", "at_least": 1.0}
     touching = residual.with_settings({"requirement": [other]})
     with pytest.raises(InputError, match="can be sought with at_most = 0 only: that it is 0"):
-        target(touching, "x")
+        limit_state(touching, "x")
 
 
 def test_threads_change_nothing():
@@ -336,7 +338,7 @@ def test_its_cases_fly_again(folder, tmp_path):
         assert (rows[name] == kept[name][:40]).all()
     name = "separation_speed_m_s"
     assert_allclose(rows[name], kept[name][:40], rtol=1e-9)
-    one = invoke("run", run, "--case", 2, "--set", "run.plan=rare.parquet", "--out",
+    one = invoke("run", run, "--case", 2, "--set", "run.samples=rare.parquet", "--out",
                  tmp_path / "one", "--no-plots")  # fmt: skip
     assert one.exit_code == 0, one.output
     said = next(line for line in one.output.splitlines() if name in line)
@@ -359,7 +361,7 @@ def test_it_is_not_gone_on_with(folder, tmp_path):
     assert said.exit_code == 2
     assert "so there are no cases to go on from" in said.output
     said = invoke("run", run, "--case", 1, "--out", tmp_path / "one")
-    assert "add --set run.plan=rare.parquet" in said.output
+    assert "add --set run.samples=rare.parquet" in said.output
     said = invoke("campaign", run, "--rare", "slow", "--out", run)
     assert "exists; add --overwrite to replace it" in said.output
 
@@ -398,7 +400,7 @@ def test_an_interrupted_estimate_is_resumed(tmp_path, monkeypatch):
     manifest = manifests.read_manifest(folder)
     assert manifest["complete"]
     assert manifest["sessions"][-1]["cases_flown"] <= found.flights - 5_000
-    assert not (folder / "counted").exists()
+    assert not (folder / "accumulators").exists()
     assert manifests.diagnose(folder) == []
 
 
@@ -407,7 +409,7 @@ def test_a_damaged_log_is_flown_again(tmp_path, monkeypatch):
     monkeypatch.setattr(flight_log, "_SAVE_NUMBERS", 100_000)
     campaign, folder = sepmc.load("table2", {"requirement": [SLOW]}), tmp_path / "run"
     _interrupted(campaign, folder, 8_000)
-    first, second, *_ = sorted((folder / "counted").iterdir())
+    first, second, *_ = sorted((folder / "accumulators").iterdir())
     second.write_bytes(first.read_bytes())
     found = campaign.rare("slow", FLIGHTS, 3, folder, resume=True)
     assert found.replicas == campaign.rare("slow", FLIGHTS, 3).replicas
@@ -471,8 +473,10 @@ def test_what_is_not_rare_is_told(bound, told):
     campaign = sepmc.load("table2", {"requirement": [{**SLOW, "at_least": bound}]})
     found = campaign.rare("slow", most=FLIGHTS, announce=lambda said: None)
     assert any("this is not rare: " in said for said in found.notes) == told
-    assert subset_simulation.plain_cases(1e-6, (0.8e-6, 1.25e-6)) == pytest.approx(7.7e7, rel=0.01)
-    assert math.isnan(subset_simulation.plain_cases(1e-6, (0.0, 1e-6)))
+    assert subset_simulation.equivalent_direct_cases(1e-6, (0.8e-6, 1.25e-6)) == pytest.approx(
+        7.7e7, rel=0.01
+    )
+    assert math.isnan(subset_simulation.equivalent_direct_cases(1e-6, (0.0, 1e-6)))
 
 
 def test_replicas_that_come_to_no_threshold_say_nothing():

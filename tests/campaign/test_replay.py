@@ -12,9 +12,9 @@ import sepmc
 from sepmc.campaign.store import ledger, manifests, shards
 from sepmc.cli.app import main
 from sepmc.cli.figures import marks_of
-from sepmc.report import animation, figures
+from sepmc.report import animation, history_figures
 from sepmc.report.animation import _Shot
-from sepmc.report.style import sheet
+from sepmc.report.style import make_axes
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def test_a_row_that_was_changed(folder, tmp_path):
     """One bit in one column of a row is found, and named, though the checksum is of what is
     there."""
     folder = shutil.copytree(folder, tmp_path / "run")
-    manifest, (one,) = manifests.read_manifest(folder), shards.parts(folder, "cases")
+    manifest, (one,) = manifests.read_manifest(folder), shards.entries(folder, "cases")
     table = pd.read_parquet(folder / one.file)
     table.loc[table["case"] == 7, "upper_pitch_deg"] *= 1.0 + 2.0**-52
     table.to_parquet(folder / one.file)
@@ -86,7 +86,7 @@ def test_a_row_that_was_changed(folder, tmp_path):
     code, said = command("replay", folder, *words)
     assert (code, "was changed" in said) == (2, True), said
     content = (folder / one.file).read_bytes()
-    ledger.add(folder, ledger.entry(one.file, content, one.first, one.cases))
+    ledger.add(folder, ledger.make_entry(one.file, content, one.first, one.cases))
     manifests.seal(folder, manifest)
     code, said = command("replay", folder, *words, "--overwrite")
     assert (code, "row 7 differs in 1 columns: upper_pitch_deg" in said) == (1, True), said
@@ -124,7 +124,7 @@ def test_film(folder, tmp_path, monkeypatch):
     campaign = sepmc.load(folder)
     case = campaign.case(9)
     history = campaign.simulate(case, 0.05)
-    path = animation.film(history, case.scene, "title", tmp_path / "film.gif")
+    path = animation.animate(history, case.scene, "title", tmp_path / "film.gif")
     with Image.open(path) as film:
         assert film.n_frames == 3
         frames = []
@@ -203,8 +203,8 @@ def test_film_begins_at_the_size_of_the_vehicle(pair):
 def test_figures_mark_releases_and_events(pair, tmp_path):
     """A release and an event within a phase have a line each, named in the legend."""
     history = pair(_LETS_GO).simulate(step_s=0.05)
-    _figure, (ax,) = sheet(1, 1, (4.0, 3.0))
+    _figure, (ax,) = make_axes(1, 1, (4.0, 3.0))
     ax.set_xlim(0.0, 0.5)
-    figures._mark(ax, marks_of(history.attrs))
+    history_figures._mark(ax, marks_of(history.attrs))
     _, names = ax.get_legend_handles_labels()
     assert names == ["release of pins (0.2 s)", "late (0.4 s)"]

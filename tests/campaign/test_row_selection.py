@@ -9,9 +9,9 @@ import sepmc
 from sepmc.analysis import quantile_sketch, streaming
 from sepmc.analysis.moments import Moments
 from sepmc.analysis.requirements import margins
-from sepmc.campaign.execution import chunks, sinks
+from sepmc.campaign.execution import runner, sinks
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.campaign.store.row_selection import Keep
+from sepmc.campaign.store.row_selection import KeepRules
 from sepmc.cli import app
 from sepmc.scene.messages import InputError
 
@@ -43,7 +43,9 @@ def kept(campaign, tmp_path):
     def run(rule, **more):
         given = {"cases": CASES, "out": tmp_path / "run", "keep": rule, "overwrite": True}
         result = campaign.run(**given | more)
-        frame = pd.read_parquet(tmp_path / "run" / "kept").sort_values("case", ignore_index=True)
+        frame = pd.read_parquet(tmp_path / "run" / "selected").sort_values(
+            "case", ignore_index=True
+        )
         return result, frame
 
     return run
@@ -78,7 +80,7 @@ def expected(campaign, rows, rule):
 @pytest.mark.parametrize("rule", ["failed", "every:250", "violating", "worst:7", "all"])
 def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatch):
     """To the last bit, in one part or in many; statistics are of all cases."""
-    monkeypatch.setattr(chunks, "_FIRST", 100)
+    monkeypatch.setattr(runner, "_FIRST", 100)
     if many:
         monkeypatch.setattr(sinks, "_IN_ONE_PART", 0)
     result, frame = kept(rule)
@@ -93,7 +95,7 @@ def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatc
     every = campaign.run(cases=CASES, stats_only=True)
     pd.testing.assert_frame_equal(result.statistics(), every.statistics(), check_exact=True)
     assert not manifests.diagnose(result.folder)
-    assert (len(shards.parts(result.folder, folders.KEPT)) > 1) == many
+    assert (len(shards.entries(result.folder, folders.SELECTED)) > 1) == many
 
 
 def test_why_rows_are_kept(campaign, rows, kept):
@@ -135,10 +137,10 @@ def until(most):
 @pytest.fixture
 def often(monkeypatch):
     """What is counted is written after every chunk, of which there are many."""
-    monkeypatch.setattr(chunks, "_SAVE_S", 0.0)
-    monkeypatch.setattr(chunks, "_PART_S", 0.0)
-    monkeypatch.setattr(chunks, "_FIRST", 40)
-    monkeypatch.setattr(chunks, "_CALL_S", 1e-9)
+    monkeypatch.setattr(runner, "_SAVE_S", 0.0)
+    monkeypatch.setattr(runner, "_SHARD_S", 0.0)
+    monkeypatch.setattr(runner, "_FIRST", 40)
+    monkeypatch.setattr(runner, "_CALL_S", 1e-9)
 
 
 def contents(folder):
@@ -158,7 +160,7 @@ def test_a_run_that_counts_is_resumed(campaign, tmp_path, often, orders):
         with pytest.raises(Interrupted):
             campaign.run(cases=CASES, out=folder, progress=until(most), resume=True, **orders)
         assert manifests.diagnose(folder)
-        assert 0 < shards.counted(folder).first < CASES
+        assert 0 < shards.accumulator_entry(folder).first < CASES
     result = campaign.run(cases=CASES, out=folder, resume=True)
     assert result.resumed >= 500
     assert contents(folder) == contents(whole)
@@ -172,7 +174,7 @@ def test_a_run_that_counts_is_resumed(campaign, tmp_path, often, orders):
     assert more.status_counts == at_once.status_counts
 
 
-@pytest.mark.parametrize("damaged", ["counted", "kept"])
+@pytest.mark.parametrize("damaged", ["accumulators", "selected"])
 def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
     """It is told, and all cases are flown again."""
     whole, folder = tmp_path / "whole", tmp_path / "run"
@@ -181,7 +183,7 @@ def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
         campaign.run(cases=CASES, out=folder, keep="every:100", progress=until(500))
     (part, *_) = sorted((folder / damaged).glob("part-*.parquet"))
     part.write_bytes(part.read_bytes()[:-9] + b"123456789")
-    assert any(part.name in finding.said for finding in manifests.diagnose(folder))
+    assert any(part.name in finding.text for finding in manifests.diagnose(folder))
     said = []
     result = campaign.run(cases=CASES, out=folder, resume=True, announce=said.append)
     assert any("all are flown" in one for one in said)
@@ -191,12 +193,12 @@ def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
 
 def test_counts_beyond_what_is_kept_exactly(tmp_path, often, monkeypatch):
     """Values in a grid, in its tails, on its points of many values; and those that wait."""
-    monkeypatch.setattr(quantile_sketch, "ROOM", 256)
-    monkeypatch.setattr(streaming, "GRAIN", 64)
+    monkeypatch.setattr(quantile_sketch, "EXACT_VALUES", 256)
+    monkeypatch.setattr(streaming, "ACCUMULATION_BLOCK", 64)
     loaded = sepmc.load("table2", {**SETTINGS, "run.chunk": 70})
     with pytest.raises(Interrupted):
         loaded.run(cases=CASES, out=tmp_path / "run", stats_only=True, progress=until(450))
-    assert shards.counted(tmp_path / "run").first % 64
+    assert shards.accumulator_entry(tmp_path / "run").first % 64
     result = loaded.run(cases=CASES, out=tmp_path / "run", resume=True)
     whole = loaded.run(cases=CASES, stats_only=True)
     pd.testing.assert_frame_equal(result.statistics(), whole.statistics(), check_exact=True)
@@ -223,7 +225,7 @@ def test_statistics_are_written_again(campaign, tmp_path):
     assert "0 cases flown again" in mended.output
     assert contents(folder) == before
     (folder / "manifest.json").unlink()
-    assert manifests.made_by(folder)["stats_only"]
+    assert manifests.read_provenance(folder)["stats_only"]
     assert CliRunner().invoke(app.main, ["doctor", str(folder), "--repair"]).exit_code == 0
     assert contents(folder) == before
 
@@ -248,7 +250,7 @@ def test_what_cannot_be_kept(campaign, tmp_path, given, said):
 def test_without_requirements(tmp_path):
     plain = sepmc.load("table2")
     for rule in ("worst:3", "violating"):
-        with pytest.raises(InputError, match="which is nothing"):
+        with pytest.raises(InputError, match="requirement"):
             plain.run(cases=10, out=tmp_path / "run", keep=rule)
 
 
@@ -268,7 +270,7 @@ def test_command_line(tmp_path):
     for command in ("stats", "drivers"):
         said = call(command, tmp_path / "run")
         assert said.exit_code == 2
-        assert "those rows that --keep chose, in kept/" in said.stderr
+        assert "those rows that --keep chose, in selected/" in said.stderr
     assert call("doctor", tmp_path / "run").exit_code == 0
     again = call("campaign", *options, "--keep", "failed", "--overwrite")
     assert again.exit_code == 0, again.output
@@ -283,11 +285,11 @@ def test_command_line(tmp_path):
     "text", ["all", "failed,worst:20", "every:9; columns in_*,upper_*; float32", "all; float32"]
 )
 def test_rules_of_a_text(text):
-    assert Keep.of_text(text).text == text
+    assert KeepRules.of_text(text).text == text
 
 
 def test_text():
-    assert Keep(("failed", "worst"), 20).text == "failed,worst:20"
+    assert KeepRules(("failed", "worst"), 20).text == "failed,worst:20"
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])

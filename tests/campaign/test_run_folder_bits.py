@@ -11,9 +11,9 @@ from click.testing import CliRunner
 
 import sepmc
 from sepmc.analysis import row_statistics
-from sepmc.campaign.execution import chunks, forecast
+from sepmc.campaign.execution import forecast, runner
 from sepmc.campaign.store import ledger, manifests, shards
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
 
 FIGURES = ["mean", "sigma", "min", "max", "p0_135", "p50", "p99_865", "case_min", "case_max"]
@@ -46,9 +46,9 @@ def same(one, other):
 
 def test_calls_and_parts_change_nothing(campaign, result, tmp_path, monkeypatch):
     """A slow scene: one case a call, and a part as soon as something is flown."""
-    monkeypatch.setattr(chunks, "_FIRST", 3)
-    monkeypatch.setattr(chunks, "_CALL_S", 0.0)
-    monkeypatch.setattr(chunks, "_PART_S", 0.0)
+    monkeypatch.setattr(runner, "_FIRST", 3)
+    monkeypatch.setattr(runner, "_CALL_S", 0.0)
+    monkeypatch.setattr(runner, "_SHARD_S", 0.0)
     same(campaign.run(cases=50, seed=7), result)
     slow = campaign.run(cases=50, seed=7, out=tmp_path / "run")
     same(slow, result)
@@ -58,14 +58,14 @@ def test_calls_and_parts_change_nothing(campaign, result, tmp_path, monkeypatch)
 
 
 def test_a_part_has_a_bound_in_memory(campaign, result, tmp_path, monkeypatch):
-    monkeypatch.setattr(forecast, "_ROOM", 10_000)
+    monkeypatch.setattr(forecast, "_SHARD_BYTES", 10_000)
     same(campaign.run(cases=50, seed=7, out=tmp_path / "run"), result)
     assert len(list((tmp_path / "run" / "cases").iterdir())) > 3
 
 
 def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monkeypatch):
     folder = tmp_path / "run"
-    monkeypatch.setattr(row_statistics, "EXACT", 10)
+    monkeypatch.setattr(row_statistics, "MAX_EXACT_CASES", 10)
     found = campaign.run(cases=50, seed=7, out=folder)
     pd.testing.assert_frame_equal(found.statistics(), result.statistics(), rtol=1e-9)
     before = campaign.run(cases=50, seed=7, out=tmp_path / "again").statistics()
@@ -78,7 +78,7 @@ def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monke
 def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
     """A full disk in the second part: a sentence, no traceback, and the finished part goes on from
     there."""
-    folder, write = tmp_path / "run", ledger.put
+    folder, write = tmp_path / "run", ledger.write_atomically
 
     def full(path, content):
         if "cases" in str(path) and "0000000020" in str(path):
@@ -86,7 +86,7 @@ def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
         return write(path, content)
 
     with monkeypatch.context() as patch:
-        patch.setattr(ledger, "put", full)
+        patch.setattr(ledger, "write_atomically", full)
         with pytest.raises(
             StoreError, match=r"part-0000000020\.parquet: cannot be written: .*No space left"
         ):
@@ -102,7 +102,7 @@ def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
         ) == (2, True, False)
     same(campaign.run(cases=50, seed=7, out=folder, resume=True), result)
     told = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    assert (told["complete"], told["cases_held"], told["failures"]) == (
+    assert (told["complete"], told["n_stored"], told["failures"]) == (
         True,
         50,
         result.status_counts["never-released"],
@@ -123,12 +123,12 @@ def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_p
         if done >= 25:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(chunks, "_FIRST", 3)
-    monkeypatch.setattr(chunks, "_CALL_S", 0.0)
+    monkeypatch.setattr(runner, "_FIRST", 3)
+    monkeypatch.setattr(runner, "_CALL_S", 0.0)
     with pytest.raises(KeyboardInterrupt):
         campaign.run(cases=50, seed=7, out=tmp_path, progress=told)
-    assert shards.cases_done(tmp_path).tolist() == list(range(25))
-    assert manifests.read_manifest(tmp_path)["cases_held"] == 25
+    assert shards.stored_cases(tmp_path).tolist() == list(range(25))
+    assert manifests.read_manifest(tmp_path)["n_stored"] == 25
     same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True), result)
 
 
@@ -176,14 +176,14 @@ def test_statistics_only_on_the_command_line(result, tmp_path):
         "statistics.json",
         "histograms.png",
     } <= names
-    assert "counted" in names
+    assert "accumulators" in names
     assert not names & {"cases", "histories", "separation_speed.png"}
     manifest = manifests.read_manifest(folder)
     assert (
         manifest["complete"],
         manifest["stats_only"],
         manifest["cases"],
-        manifest["cases_held"],
+        manifest["n_stored"],
     ) == (True, True, 50, 0)
     data = json.loads((folder / "statistics.json").read_text(encoding="utf-8"))
     assert data["cases"] == {"ok": 50 - failures, "never-released": failures}
@@ -207,7 +207,7 @@ def test_histograms_of_statistics_only(campaign, tmp_path):
     options = ["--cases", 300, "--set", "run.end_time_s=0.26", "--quiet", "--out", folder]
     assert call("campaign", "table2", *options, "--stats-only").exit_code == 0
     counted = campaign.run(cases=300, stats_only=True).kept.summary
-    told, names = shards.read_told(folder), campaign.outcome_columns
+    told, names = shards.read_stored_statistics(folder), campaign.outcome_columns
     for name in (column.name for column in names):
         one, other = told.histogram(name), counted.histogram(name)
         assert (one is None) == (other is None)
@@ -254,7 +254,7 @@ def test_a_folder_of_statistics_only(tmp_path):
 
 
 def test_an_interrupt_of_statistics_only(tmp_path, monkeypatch):
-    monkeypatch.setattr(chunks.Chunks, "fly", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(runner.Runner, "run", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     said = call(
         "campaign",
         "table2.toml",
@@ -317,8 +317,8 @@ def test_numba_does_not_import_linear_algebra():
 
 def test_too_many_failures_stop_a_run(campaign, result, tmp_path, monkeypatch):
     """Soon after they are more than may be; what is flown is kept, told, and can be resumed."""
-    monkeypatch.setattr(chunks, "_FIRST", 10)
-    monkeypatch.setattr(chunks, "_CALL_S", 0.0)
+    monkeypatch.setattr(runner, "_FIRST", 10)
+    monkeypatch.setattr(runner, "_CALL_S", 0.0)
     failed = result.status_counts["never-released"]
     stopped = campaign.run(cases=50, seed=7, out=tmp_path / "run", max_failures=2)
     assert stopped.stopped
@@ -326,7 +326,7 @@ def test_too_many_failures_stop_a_run(campaign, result, tmp_path, monkeypatch):
     assert any("did not come to their end and no more than 2 may" in n for n in stopped.notes)
     manifest = manifests.read_manifest(tmp_path / "run")
     assert not manifest["complete"]
-    assert manifest["cases_held"] == len(stopped.to_pandas()) < 50
+    assert manifest["n_stored"] == len(stopped.to_pandas()) < 50
     again = campaign.run(cases=50, seed=7, out=tmp_path / "run", resume=True, max_failures=2)
     assert again.stopped
     rest = campaign.run(cases=50, seed=7, out=tmp_path / "run", resume=True, max_failures=failed)

@@ -12,10 +12,10 @@ from oracles.random_scenes.interpreted import flown_plainly
 from scipy import stats
 
 from sepmc.analysis import requirements
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.campaign import cases
 from sepmc.campaign.cases import Sampling, probabilities
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.model import Requirement
@@ -94,7 +94,7 @@ def test_correlation_of_normal_scores(pair, sampler, rho):
             "run.sampler": sampler,
             "run.cases": n,
         }
-    ).draw(0, n)
+    ).sample(0, n)
     bound = 4.5 * (1.0 - rho**2) / math.sqrt(n) + 1e-12
     assert abs(np.corrcoef(drawn[:, 0], drawn[:, 2])[0, 1] - rho) <= bound
     ranks = pair(
@@ -104,7 +104,7 @@ def test_correlation_of_normal_scores(pair, sampler, rho):
             "run.sampler": sampler,
             "run.cases": n,
         }
-    ).draw(0, n)
+    ).sample(0, n)
     found = stats.spearmanr(ranks[:, 0], ranks[:, 1]).statistic
     assert (
         abs(found - 6.0 / math.pi * math.asin(0.5 * rho))
@@ -120,9 +120,9 @@ def test_a_matrix_of_correlations(pair):
     laws["initial.speed_m_s"] = {"normal": 0.2}
     names = list(laws)
     given = {"dispersion": laws, "correlation": [{"parameters": names, "matrix": matrix}]}
-    drawn = pair(given).draw(0, 50_000)
+    drawn = pair(given).sample(0, 50_000)
     assert_allclose(np.corrcoef(drawn.T), matrix, atol=0.02)
-    assert_array_equal(drawn[:, 0], pair({"dispersion": laws}).draw(0, 50_000)[:, 0])
+    assert_array_equal(drawn[:, 0], pair({"dispersion": laws}).sample(0, 50_000)[:, 0])
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_dependent_cases_get_no_verdict():
     item = Requirement(name="clear", metric="gap_mm", at_least=5.0, probability=0.9)
     table = {"case": np.arange(100), "status": np.array(["ok"] * 100, dtype=object)}
     table |= {"gap_mm": np.linspace(6.0, 9.0, 100)}
-    rows = Rows(table, ["gap_mm"], [], {}, [item])
+    rows = TableStatistics(table, ["gap_mm"], [], {}, [item])
     errors = {"gap_mm": (1e-9, 1.0)}
     assert rows.verdicts(errors, rows.audit())[0].verdict == requirements.PASS
     for sampler in ("lhs", "sobol"):

@@ -22,21 +22,21 @@ def flier(error):
     was flown at, last first."""
     flown = {}
 
-    def fly(step, which):
+    def integrate(step, which):
         for case in which:
             flown.setdefault(int(case), []).insert(0, step)
         return np.array([[1.0 + error(step, case), 2.0] for case in which]), np.zeros(
             len(which), dtype=int
         )
 
-    return fly, flown
+    return integrate, flown
 
 
 def test_each_case_settles_by_itself():
     """An error of order 4, ten times as large in each case: the step told is the one each case was
     flown at last."""
-    fly, flown = flier(lambda step, case: 10.0**case * step**4)
-    found = step_refinement.settle(fly, 4, 0.1, 1e-9, ONE, BOTH)
+    integrate, flown = flier(lambda step, case: 10.0**case * step**4)
+    found = step_refinement.refine_steps(integrate, 4, 0.1, 1e-9, ONE, BOTH)
     assert found.settled.all()
     assert np.all(np.diff(found.step) <= 0.0)
     assert found.step[3] < found.step[0]
@@ -49,16 +49,16 @@ def test_each_case_settles_by_itself():
 def test_one_agreement_may_be_luck():
     """Halving changes nothing once, between 0.1 and 0.05, and a lot afterwards: that is not
     settled."""
-    fly, _ = flier(lambda step, case: 1e-3 if step > 0.04 else step**4)
-    found = step_refinement.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
+    integrate, _ = flier(lambda step, case: 1e-3 if step > 0.04 else step**4)
+    found = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
     assert found.settled[0]
     assert found.step[0] ** 4 <= 1e-9
 
 
 def test_a_case_that_does_not_settle_is_given_up():
     """Noise of 1e-6: not after all halvings, and its change is told."""
-    fly, flown = flier(lambda step, case: 1e-6 * np.sin(1.0 / step))
-    found = step_refinement.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
+    integrate, flown = flier(lambda step, case: 1e-6 * np.sin(1.0 / step))
+    found = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
     assert not found.settled[0]
     assert 1e-8 < found.change[0, 0] <= 2e-6
     assert len(flown[0]) < 8
@@ -68,24 +68,24 @@ def test_a_case_that_does_not_settle_is_given_up():
 def test_a_status_that_only_long_steps_give_is_no_result(status):
     """The first of two cases leaves its table at steps beyond 0.01, the second at all."""
 
-    def fly(step, which):
+    def integrate(step, which):
         lost = (which > 0) | (step > 0.01)
         outcomes = np.array([[1.0 + step**4, 2.0] for _ in which])
         return np.where(lost[:, None], np.nan, outcomes), np.where(lost, status, Status.OK)
 
-    found = step_refinement.settle(fly, 2, 0.5, 1e-9, ONE, BOTH)
+    found = step_refinement.refine_steps(integrate, 2, 0.5, 1e-9, ONE, BOTH)
     assert_array_equal(found.status, [Status.OK, status])
     assert_array_equal(found.settled, [True, True])
     assert found.step[0] < 0.01 < found.step[1]
 
 
 def test_a_case_that_ends_otherwise_has_not_settled():
-    def fly(step, which):
+    def integrate(step, which):
         return np.ones((len(which), 2)), np.full(
             len(which), Status.OK if step < 0.06 else Status.NEVER_RELEASED
         )
 
-    found = step_refinement.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
+    found = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
     assert found.settled[0]
     assert found.step[0] == 0.0125
 

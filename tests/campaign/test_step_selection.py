@@ -15,10 +15,10 @@ from oracles.independent import simulate
 
 import sepmc
 from sepmc.campaign import cases
-from sepmc.campaign.execution import batch, step_search, step_selection
+from sepmc.campaign.execution import chunk, step_search, step_selection
 from sepmc.campaign.execution.accuracy import SAFETY, achieved, decisive, errors, scene_scales
 from sepmc.campaign.execution.diagnostics import unmet
-from sepmc.campaign.execution.integration import Flight, _is_like_trials
+from sepmc.campaign.execution.integration import Integration, _is_like_trials
 from sepmc.cli import app
 from sepmc.engine.dispatch import Block
 from sepmc.schema import Status
@@ -42,17 +42,17 @@ def error(found, reference, units=None):
 def test_corners_do_not_depend_on_the_seed(table2):
     """Nor on how many cases there are: how a campaign is flown is a matter of its scene and
     laws."""
-    base = step_selection.corners(table2)
+    base = step_selection.corner_cases(table2)
     assert base.shape == (step_selection.CORNERS + 1, len(table2.file.dispersions))
     assert_array_equal(
-        step_selection.corners(table2.with_settings({"run.seed": 1, "run.cases": 5})), base
+        step_selection.corner_cases(table2.with_settings({"run.seed": 1, "run.cases": 5})), base
     )
 
 
 def test_corners_are_the_nominal_and_the_edges(table2):
     """The middle of every law first; then of each parameter a thousandth of the probability from
     either end, both ends often."""
-    found = step_selection.corners(table2) / table2.factors
+    found = step_selection.corner_cases(table2) / table2.factors
     middle = [cases.quantile(d, np.array([0.5]))[0] for d in table2.file.dispersions]
     assert_allclose(found[0], middle, rtol=1e-12, atol=1e-12)
     for values, law in zip(found[1:].T, table2.file.dispersions, strict=True):
@@ -79,7 +79,7 @@ def test_corners_of_an_angle_all_round(table2, law, wide):
     """Both ends of a full turn are one direction: angles that spread over more than 90 deg are
     spaced over all of it."""
     found = np.sort(
-        step_selection.corners(
+        step_selection.corner_cases(
             table2.with_settings({"dispersion": {"environment.wind.direction_deg": law}})
         )[1:, 0]
     )
@@ -102,10 +102,10 @@ def test_corners_have_every_value_of_a_discrete_law(table2):
         "body.lower.mass_kg": {"uniform": 25.0},
     }
     campaign = table2.with_settings({"dispersion": laws})
-    found = step_selection.corners(campaign)
+    found = step_selection.corner_cases(campaign)
     assert len(found) == 3 * 11 + 1
     assert [np.count_nonzero(found[1:, 0] == value) for value in values] == [3] * 11 + [0]
-    drawn = step_selection.sample(campaign, 40)
+    drawn = step_selection.calibration_sample(campaign, 40)
     assert set(drawn[:, 0]) == set(values[:-1])
     assert set(drawn[:20, 0]) <= set(values[:10])
 
@@ -113,8 +113,10 @@ def test_corners_have_every_value_of_a_discrete_law(table2):
 def test_the_sample_covers_every_law(table2):
     """A Latin hypercube in each half: one case in every share of the probability of each parameter;
     not of the seed."""
-    found = step_selection.sample(table2, 32)
-    assert_array_equal(found, step_selection.sample(table2.with_settings({"run.seed": 5}), 32))
+    found = step_selection.calibration_sample(table2, 32)
+    assert_array_equal(
+        found, step_selection.calibration_sample(table2.with_settings({"run.seed": 5}), 32)
+    )
     for values, law, factor in zip(found.T, table2.file.dispersions, table2.factors, strict=True):
         low, high = law.numbers
         for half in (values[:16], values[16:]):
@@ -124,7 +126,7 @@ def test_the_sample_covers_every_law(table2):
 
 
 def test_corners_without_dispersion(table2):
-    assert step_selection.corners(table2.with_settings({"dispersion": {}})).shape == (
+    assert step_selection.corner_cases(table2.with_settings({"dispersion": {}})).shape == (
         step_selection.CORNERS + 1,
         0,
     )
@@ -142,7 +144,7 @@ def test_corners_without_dispersion(table2):
 def test_corners_of_every_law(table2, law):
     """Finite: tails are cut at a thousandth, a discrete law gives its own values."""
     campaign = table2.with_settings({"dispersion": {"body.upper.mass_kg": law}})
-    found = step_selection.corners(campaign)
+    found = step_selection.corner_cases(campaign)
     assert np.isfinite(found).all()
     assert np.all((found > 400.0) & (found < 500.0))
     if "discrete" in law:
@@ -210,20 +212,20 @@ def test_bodies_that_turn_far_in_a_step():
     """In the eight steps that first tell how far outcomes spread no case can be vouched for: then
     more steps tell it."""
     campaign = sepmc.load("nasa-fixed-joint", {"run.history_step_s": 0.0})
-    flight = step_selection.plan_flight(campaign)
+    flight = step_selection.select_steps(campaign)
     names = [column.name for column in campaign.outcome_columns]
-    draws = cases.draw(campaign.file.dispersions, 3, 0, 100) * campaign.factors
+    draws = cases.sample(campaign.file.dispersions, 3, 0, 100) * campaign.factors
     rate = names.index("A_omega_z_deg_s")
-    spread = step_selection.fly(campaign, flight, draws).outcomes[:, rate].std()
+    spread = step_selection.integrate(campaign, flight, draws).outcomes[:, rate].std()
     assert 0.5 * spread <= flight.scale[rate] <= 2.0 * spread
     assert flight.achieved.met
 
 
 def test_a_given_step_is_taken(table2):
     """No step is longer."""
-    flight = step_selection.plan_flight(table2.with_settings({"solver.step_s": 0.0123}))
+    flight = step_selection.select_steps(table2.with_settings({"solver.step_s": 0.0123}))
     assert (flight.step, flight.steps.tolist()) == (0.0123, [1, 1, 1])
-    assert (flight.sharper().step, flight.sharper().steps.tolist()) == (0.00615, [2, 2, 2])
+    assert (flight.refined().step, flight.refined().steps.tolist()) == (0.00615, [2, 2, 2])
 
 
 def test_a_case_that_is_never_released_settles_too(table2):
@@ -239,11 +241,11 @@ def test_the_pilot_keeps_within_its_share(table2, accuracy):
     """Half of the accuracy, over its own cases; the steps it chose are the fewest: one less in any
     phase is too few."""
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": accuracy})
-    flight = step_selection.plan_flight(campaign)
+    flight = step_selection.select_steps(campaign)
     assert flight.error <= 0.5 * accuracy
-    assert_allclose(flight.usual.sum(), campaign.scene.run.end_time, rtol=1e-9)
-    assert flight.usual[0] == pytest.approx(0.05, rel=1e-9)
-    again = step_selection.plan_flight(campaign.with_settings({"run.seed": 8}))
+    assert_allclose(flight.durations.sum(), campaign.scene.run.end_time, rtol=1e-9)
+    assert flight.durations[0] == pytest.approx(0.05, rel=1e-9)
+    again = step_selection.select_steps(campaign.with_settings({"run.seed": 8}))
     assert_array_equal(again.steps, flight.steps)
     assert again.error == flight.error
 
@@ -291,13 +293,13 @@ def test_a_run_tells_its_error(table2, settings, tmp_path):
     name, worst = achieved.worst
     assert (
         worst
-        == max(error for key, error in achieved.errors.items() if key not in achieved.places)
+        == max(error for key, error in achieved.errors.items() if key not in achieved.positions)
         == achieved.errors[name]
     )
-    assert achieved.places == {
+    assert achieved.positions == {
         key for key in result.outcomes if "peak" in key and key.endswith("time_s")
     }
-    assert written.get("places", []) == sorted(achieved.places)
+    assert written.get("places", []) == sorted(achieved.positions)
     formulation = campaign.scene.solver.formulation
     assert (written["formulation"], written["method"]) == (formulation, "auto")
     assert len(written["methods"]) == len(campaign.scene.phase)
@@ -352,12 +354,13 @@ def true_error(campaign, flight, count):
     """Largest error of the first cases of a campaign, and what is told of those that were flown
     again."""
     drawn = (
-        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+        cases.sample(campaign.file.dispersions, campaign.scene.run.seed, 0, count)
+        * campaign.factors
     )
     exact = campaign.with_settings({"solver.accuracy": 1e-11})
     n, columns = len(campaign.outcome_columns), campaign.outcome_columns
-    here = step_selection.fly(campaign, flight, drawn)
-    fine = step_selection.fly(exact, flight.sharper().sharper().sharper(), drawn)
+    here = step_selection.integrate(campaign, flight, drawn)
+    fine = step_selection.integrate(exact, flight.refined().refined().refined(), drawn)
     ok = (here.status == Status.OK) & (fine.status == Status.OK)
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
     return step_selection.relative_error(
@@ -456,9 +459,9 @@ def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
     behind tells it."""
     calls = []
     monkeypatch.setattr(
-        batch,
-        "fly",
-        lambda *given, **named: calls.append("flown") or step_selection.fly(*given, **named),
+        chunk,
+        "integrate",
+        lambda *given, **named: calls.append("flown") or step_selection.integrate(*given, **named),
     )
 
     def stop(done, total, failures):
@@ -533,7 +536,7 @@ def test_fewer_trial_cases(table2, monkeypatch, corners, sample, settings):
     monkeypatch.setattr(step_selection, "CORNERS", corners)
     monkeypatch.setattr(step_selection, "SAMPLE", sample)
     law = {"dispersion.body.upper.mass_kg": {"discrete": [450.0, 460.0]}, "run.history_step_s": 0.0}
-    flight = step_selection.plan_flight(table2.with_settings(law | settings))
+    flight = step_selection.select_steps(table2.with_settings(law | settings))
     assert flight.achieved.cases == max(corners, 6) + 1 + sample
 
 
@@ -590,13 +593,13 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
     """A spring of constant force along a line that shrinks to nothing in one case of a thousand:
     such are seen and settled, or told."""
     campaign = pair(REEL | settings)
-    flight = step_selection.plan_flight(campaign)
+    flight = step_selection.select_steps(campaign)
     places = np.array([[-6.1e-5], [1.5e-3], [0.5]])
     block, names = (
-        step_selection.fly(campaign, flight, places),
+        step_selection.integrate(campaign, flight, places),
         [column.name for column in campaign.outcome_columns],
     )
-    once = step_selection.fly(campaign, replace(flight, limits=None, most=np.inf), places)
+    once = step_selection.integrate(campaign, replace(flight, limits=None, most=np.inf), places)
     expected = [
         simulate(pair(REEL | {"spring.reel.point_m": [3.0, float(y), 0.0]}).nominal().to_dict())
         for (y,) in places
@@ -664,7 +667,7 @@ def shot(force, stiffness, stroke, time):
 def test_a_stroke_that_is_only_just_reached(pair, settings):
     """With 1e-5 ... 1e-2 to spare or to miss: a long step may jump over such a stroke."""
     campaign = pair(SHOT | settings)
-    flight = step_selection.plan_flight(campaign)
+    flight = step_selection.select_steps(campaign)
     stroke, beyond = campaign.scene.spring[0].stroke, np.geomspace(1e-5, 1e-2, 40)
     stiffness = 75.0 + 5.0 * np.sin(np.arange(80))
     force = 0.5 * stroke * stiffness * (1.0 + np.concatenate([beyond, -beyond]))
@@ -678,7 +681,7 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
     )
     draws = np.where(places[0, :, 0], force[:, None], stiffness[:, None])
     block, names = (
-        step_selection.fly(campaign, flight, draws),
+        step_selection.integrate(campaign, flight, draws),
         [column.name for column in campaign.outcome_columns],
     )
     speed, distance = shot(force, stiffness, stroke, campaign.scene.run.end_time)
@@ -698,7 +701,7 @@ def test_a_trial_case_that_would_be_flown_again_tells_no_error():
     """One that grazes a stroke within a long step was told as an error of 0.2, though no row keeps
     what such a step gives."""
     campaign = sepmc.load(str(Path(__file__).parents[1] / "data" / "grazing.toml"))
-    accuracy = step_selection.plan_flight(campaign).achieved
+    accuracy = step_selection.select_steps(campaign).achieved
     assert accuracy.met, accuracy.worst
 
 
@@ -736,7 +739,7 @@ def test_a_flow_almost_from_the_side(pair):
 
 def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
     """Sideslip of still air; one beyond what trial cases had is."""
-    usual = Flight(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
+    usual = Integration(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
     found = np.array([[0.4], [0.6], [NAN]])
     block = Block(found, *np.zeros((5, 3)), indicators=np.zeros((3, 1)))
     assert_array_equal(_is_like_trials(usual, block), [True, False, True])

@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 from small_scenes import SPRUNG
 
 import sepmc
-from sepmc.campaign.execution import chunks
+from sepmc.campaign.execution import runner
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.cli import figures
 from sepmc.cli.app import main
@@ -44,10 +44,10 @@ def stopping(most):
 @pytest.fixture(autouse=True)
 def _plainly(monkeypatch):
     """Small first looks and pieces, and what is counted is written after each."""
-    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_OF_MOMENTS", 16)
-    monkeypatch.setattr("sepmc.analysis.stopping._FIRST", 16)
-    for name, value in (("_SAVE_S", 0.0), ("_PART_S", 0.0), ("_FIRST", 8), ("_CALL_S", 1e-9)):
-        monkeypatch.setattr(chunks, name, value)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK_OF_MOMENTS", 16)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK", 16)
+    for name, value in (("_SAVE_S", 0.0), ("_SHARD_S", 0.0), ("_FIRST", 8), ("_CALL_S", 1e-9)):
+        monkeypatch.setattr(runner, name, value)
     with flown_plainly():
         yield
 
@@ -158,7 +158,7 @@ def test_workers_are_refused_before_anything_is_flown(written, tmp_path):
 def test_values_that_were_rarely_drawn_are_told_beside_statistics(written, tmp_path, monkeypatch):
     """In the terminal, in statistics.json, and on the figure of convergence."""
     titles = []
-    monkeypatch.setattr(convergence_figures, "entitle", lambda figure, text: titles.append(text))
+    monkeypatch.setattr(convergence_figures, "set_title", lambda figure, text: titles.append(text))
     rare = '"spring.push.factor" = { discrete = [1.0, 0.5], weights = [0.998, 0.002] }\n'
     called = CliRunner().invoke(
         main,

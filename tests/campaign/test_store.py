@@ -17,10 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sepmc
-from sepmc.campaign.case_selection import Numbers
-from sepmc.campaign.execution.replay import check_row, flown_before
+from sepmc.campaign.case_selection import CaseSelection
+from sepmc.campaign.execution.replay import compare_row, earlier_integration
 from sepmc.campaign.store import folders, ledger, manifests, shards
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
 from sepmc.schema import Column
 
@@ -132,7 +132,7 @@ def test_parts_are_named_by_their_first_case(run_folder):
             f"part-{first:010d}.parquet" for first in (0, 4, 8)
         ]
     assert not list(run_folder.rglob("*.tmp"))
-    assert shards.cases_done(run_folder).tolist() == list(range(10))
+    assert shards.stored_cases(run_folder).tolist() == list(range(10))
     pd.testing.assert_frame_equal(
         shards.read_cases(run_folder).drop(columns="status"),
         pd.read_parquet(run_folder / "cases").drop(columns="status"),
@@ -142,15 +142,15 @@ def test_parts_are_named_by_their_first_case(run_folder):
 
 def test_table_round_trip(tmp_path):
     for first in (3, 0):  # written in any order, read in order of case
-        written = shards.write_part(tmp_path, folders.CASES, first, 3, COLUMNS, part(first, 3), {})
-        shards.note_parts(tmp_path, [written])
+        written = shards.write_shard(tmp_path, folders.CASES, first, 3, COLUMNS, part(first, 3), {})
+        shards.record_shards(tmp_path, [written])
     frame = shards.read_cases(tmp_path)
     assert frame["case"].tolist() == list(range(6))
     assert frame["status"].tolist() == ["ok", "not-finite"] * 3
     np.testing.assert_array_equal(frame["speed_m_s"], part(0, 6)["speed_m_s"])
     # NaN is a number that is none, not null
-    assert pq.read_table(shards.part_path(tmp_path, folders.CASES, 3))["speed_m_s"].null_count == 0
-    field = shards.table(COLUMNS, part(0, 2)).schema.field("speed_m_s")
+    assert pq.read_table(shards.shard_path(tmp_path, folders.CASES, 3))["speed_m_s"].null_count == 0
+    field = shards.arrow_table(COLUMNS, part(0, 2)).schema.field("speed_m_s")
     assert field.metadata == {b"unit": b"m/s", b"meaning": b"speed"}
 
 
@@ -255,7 +255,7 @@ def test_numbers_left(cases, done, chunk):
     """Every case not done once, in order, in ranges no longer than a chunk, split only where they
     must be."""
     held = np.array(sorted({i for i in done if i < cases}), dtype=np.int64)
-    ranges = list(Numbers.first(cases).without(held).pieces(chunk))
+    ranges = list(CaseSelection.first(cases).without(held).pieces(chunk))
     assert [i for first, end in ranges for i in range(first, end)] == [
         i for i in range(cases) if i not in done
     ]
@@ -268,7 +268,7 @@ def test_broken_part(tmp_path):
     (tmp_path / "cases").mkdir()
     junk = b"PAR1 junk PAR1"
     (tmp_path / "cases" / "part-0000000000.parquet").write_bytes(junk)
-    ledger.add(tmp_path, ledger.entry("cases/part-0000000000.parquet", junk, 0, 3))
+    ledger.add(tmp_path, ledger.make_entry("cases/part-0000000000.parquet", junk, 0, 3))
     with pytest.raises(StoreError, match="cannot be read"):
         shards.read_cases(tmp_path)
 
@@ -331,16 +331,16 @@ def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(run_folder, folder)
     manifest = manifests.read_manifest(folder)
-    for one in shards.parts(folder, "cases"):
+    for one in shards.entries(folder, "cases"):
         path = folder / one.file
         pq.write_table(pq.ParquetFile(path).read().drop_columns(["error"]), path)
-        ledger.add(folder, ledger.entry(one.file, path.read_bytes(), one.first, one.cases))
+        ledger.add(folder, ledger.make_entry(one.file, path.read_bytes(), one.first, one.cases))
     manifests.seal(folder, manifest)
     campaign = sepmc.load("table2", {"run.chunk": 4})
     with pytest.raises(StoreError, match="another version of sepmc, whose rows differ in error"):
         campaign.run(cases=12, out=folder, resume=True)
     again = sepmc.load(str(folder))
-    found = check_row(again, flown_before(again), folder, 7, campaign.scene.run.seed, 10)
+    found = compare_row(again, earlier_integration(again), folder, 7, campaign.scene.run.seed, 10)
     assert (found.flown, found.columns) == (True, ())
     assert CliRunner().invoke(app.main, ["stats", str(folder)]).exit_code == 0
 

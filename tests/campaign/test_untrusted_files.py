@@ -15,7 +15,7 @@ from support.damaged_runs import call, fly
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.store import folders, ledger, manifest_schema, sample_file, shards
+from sepmc.campaign.store import folders, ledger, manifest_schema, manifests, sample_file, shards
 from sepmc.scene import limits
 from sepmc.scene.messages import InputError, Problems, SceneError
 from sepmc.scene.read import parse_campaign, read_text
@@ -85,8 +85,8 @@ def deep(depth):
         (small(run={f"k{i}": 1 for i in range(2000)}), "there are more problems than these"),
         (small(dispersion={"body.a.mass_kg": {"discrete": [1.0] * 1001}}), "1,001 entries"),
         (small(run={"end_time_s": 0.5, "cases": 10**15}), "must be at most 1000000000"),
-        (small(run={"end_time_s": 0.5, "plan": "x" * 1000 + ".csv"}), "File name too long"),
-        (small(run={"end_time_s": 0.5, "plan": "x\0.csv"}), "without control characters"),
+        (small(run={"end_time_s": 0.5, "samples": "x" * 1000 + ".csv"}), "File name too long"),
+        (small(run={"end_time_s": 0.5, "samples": "x\0.csv"}), "without control characters"),
     ],
 )
 def test_what_is_too_large_is_refused_with_its_size(tree, said):
@@ -116,7 +116,7 @@ def test_a_design_that_is_too_large_is_refused():
     tree = small()
     tree["run"] |= {"cases": 10**9, "sampler": "lhs"}
     with pytest.raises(InputError, match=r"cases = 1000000000: .* must be at most 150,000,000"):
-        Campaign(parse_campaign(tree, "x.toml")).asked()
+        Campaign(parse_campaign(tree, "x.toml")).select_cases()
 
 
 def test_keys_of_many_parts_are_refused_before_they_are_read():
@@ -197,13 +197,13 @@ def test_a_file_names_a_table_beside_it_only(tmp_path, plan):
     (inside / "link.csv").symlink_to(tmp_path / "plan.csv")
     shutil.copy(tmp_path / "plan.csv", inside / "own.csv")
     path = inside / "x.toml"
-    text = mutate.SMALL.replace("end_time_s = 0.5", 'end_time_s = 0.5, plan = "PLAN"')
+    text = mutate.SMALL.replace("end_time_s = 0.5", 'end_time_s = 0.5, samples = "PLAN"')
     path.write_text(text.replace("PLAN", plan))
     with pytest.raises(SceneError, match="must lie beside the campaign, or in a folder there"):
         sepmc.load(path)
     path.write_text(text.replace("PLAN", "own.csv"))
     assert sepmc.load(path).numbers.count == 2
-    assert sepmc.load(path, {"run.plan": str(tmp_path / "plan.csv")}).numbers.count == 2
+    assert sepmc.load(path, {"run.samples": str(tmp_path / "plan.csv")}).numbers.count == 2
 
 
 @pytest.fixture(scope="module")
@@ -254,11 +254,11 @@ def test_a_file_that_is_written_is_a_new_one(tmp_path, monkeypatch):
         other.write_text("precious")
         link(other, tmp_path / draft)
         with pytest.raises(FileExistsError):
-            ledger.put(tmp_path / "x", b"new")
+            ledger.write_atomically(tmp_path / "x", b"new")
         assert other.read_text() == "precious"
         (tmp_path / draft).unlink()
         link(other, tmp_path / "x")
-        ledger.put(tmp_path / "x", b"new")
+        ledger.write_atomically(tmp_path / "x", b"new")
         assert (tmp_path / "x").read_bytes() == b"new"
         assert other.read_text() == "precious"
         (tmp_path / "x").unlink()
@@ -280,7 +280,7 @@ def test_lines_that_tell_of_what_cannot_be_say_nothing(folder, entry):
     held = dict(ledger.read(folder))
     ledger.add(folder, entry)
     assert dict(ledger.read(folder)) == held
-    assert ledger.lost_lines(folder) == 1
+    assert ledger.count_damaged_lines(folder) == 1
 
 
 @pytest.mark.parametrize(
@@ -300,7 +300,7 @@ def test_a_forged_manifest_is_told(folder, changes, said):
         folder, manifest_schema.read((folder / folders.MANIFEST).read_bytes()) | changes
     )
     with pytest.raises(folders.StoreError) as caught:
-        manifest_schema.read_manifest(folder)
+        manifests.read_manifest(folder)
     assert said in str(caught.value)
 
 
@@ -325,7 +325,7 @@ def _changed(table, way):
 @pytest.mark.parametrize(
     ("way", "said"),
     [
-        ("status", "has a status that is none: 'fine'"),
+        ("status", "unknown status: 'fine'"),
         ("rows", "has 8 rows, and should have 4"),
         ("case", "has other cases than 0 to 3"),
         ("text", "of another type: string"),

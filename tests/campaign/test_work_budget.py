@@ -154,7 +154,7 @@ def test_trial_cases_are_flown_no_more_than_needed(plainly, pair, monkeypatch):
         {"solver": {"accuracy": 1e-6}, "run.history_step_s": 0.1,
          "dispersion": {"body.aft.mass_kg": {"uniform": 0.1}}}
     )  # fmt: skip
-    found = step_selection.plan_flight(campaign, history=True)
+    found = step_selection.select_steps(campaign, history=True)
     all_of_them = step_selection.CORNERS + 1 + step_selection.SAMPLE
     assert sum(n >= step_selection.SAMPLE for n in flights) == 2
     assert flights.count(all_of_them) == 2

@@ -92,7 +92,7 @@ def test_run_folder(campaign):
     (session,) = told["sessions"]
     assert set(session["timing_s"]) == {"compile", "sample", "kernel", "write"}
     assert {"python", "numpy", "numba", "pandas", "pyarrow"} <= set(session["versions"])
-    assert (told["cases_held"], session["cases_flown"]) == (CASES, CASES)
+    assert (told["n_stored"], session["cases_flown"]) == (CASES, CASES)
     table = pd.read_csv(campaign / "statistics.csv", index_col="outcome")
     assert table.loc["upper_roll_deg", "max"] == pytest.approx(
         frame["upper_roll_deg"].max(), rel=1e-12
@@ -190,7 +190,7 @@ def test_resume_makes_the_table_of_an_uninterrupted_run(copied, tmp_path, gone, 
         tmp_path / "whole" / "statistics.csv"
     ).read_bytes()
     told = manifest(copied)
-    assert (told["cases"], told["complete"], told["cases_held"], told["failures"]) == (
+    assert (told["cases"], told["complete"], told["n_stored"], told["failures"]) == (
         cases,
         True,
         cases,

@@ -11,7 +11,7 @@ import pytest
 import sepmc
 from sepmc import cache_folder, wording
 from sepmc.campaign.store import shards
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.scene.messages import RunWarning, SceneWarning
 
 FLY = ("campaign", "table2.toml", "--cases", "2", "--no-plots", "--quiet", "--out", "run")

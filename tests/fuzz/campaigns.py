@@ -10,7 +10,7 @@ from pathlib import Path
 from fuzz import mutate
 from fuzz.watch import Wrong, turns
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution import chunks, diagnostics, step_selection
+from sepmc.campaign.execution import diagnostics, runner, step_selection
 from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.kernel.spec import describe
 from sepmc.scene.messages import SceneError
@@ -88,8 +88,8 @@ def again(campaign):
 
 def drawn(campaign):
     """Its cases can be drawn, the first ones, unless there are too many to be drawn as asked."""
-    campaign.asked()
-    table = campaign.in_si(campaign.draw(0, min(64, campaign.scene.run.cases)))
+    campaign.select_cases()
+    table = campaign.in_si(campaign.sample(0, min(64, campaign.scene.run.cases)))
     if table.shape[1] != len(campaign.file.dispersions):
         raise Wrong("other columns are drawn")
 
@@ -97,12 +97,12 @@ def drawn(campaign):
 def checked(campaign):
     """What ``sepmc check`` tells without a flight."""
     drawn(campaign)
-    numbers, total = campaign.asked()
+    numbers, total = campaign.select_cases()
     describe.lines(campaign.plan)
     step_selection.stage_names(campaign)
-    diagnostics.of_file(campaign)
+    diagnostics.file_notes(campaign)
     list(diagnostics.sampled(campaign, numbers))
-    chunks.implausible_note(campaign.implausible_inertias(campaign.draw(0, 1, None, total)), 1)
+    runner.implausible_note(campaign.implausible_inertias(campaign.sample(0, 1, None, total)), 1)
 
 
 def rename(tree, rng):

@@ -13,7 +13,7 @@ from fuzz import mutate
 from fuzz.watch import Wrong, turns
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection
-from sepmc.campaign.execution.integration import fly
+from sepmc.campaign.execution.integration import integrate
 from sepmc.scene.messages import SceneError, nobody
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
@@ -40,10 +40,10 @@ def rows(rng, count, until, tried):
     flights = []
     for tree in _trees().values():
         campaign = _campaign(tree)
-        flights.append((campaign, step_selection.plan_flight(campaign, announce=nobody)))
+        flights.append((campaign, step_selection.select_steps(campaign, announce=nobody)))
     for _ in turns(count, until, tried):
         campaign, flight = rng.choice(flights)
-        draws = campaign.in_si(campaign.draw(rng.randrange(10**6), 64))
+        draws = campaign.in_si(campaign.sample(rng.randrange(10**6), 64))
         odd = np.zeros(draws.shape, dtype=bool)
         for _ in range(rng.choice((1, 2, 8))):
             at = rng.randrange(len(draws)), rng.randrange(draws.shape[1])
@@ -57,7 +57,7 @@ def rows(rng, count, until, tried):
 
 def _rows(campaign, flight, draws):
     bad = ~np.isfinite(draws).all(axis=1)
-    block = fly(campaign, flight, draws)
+    block = integrate(campaign, flight, draws)
     columns = campaign.outcome_columns
     told = {c.name: x for c, x in zip(columns, block.outcomes.T, strict=False)}
     honest(campaign, [Status(int(s)).label for s in block.status], told, bad)
@@ -68,7 +68,7 @@ def numbers(rng, count, until, tried):
     """Campaigns with other numbers, by the kernels that are there."""
     trees = _trees()
     for tree in trees.values():
-        step_selection.plan_flight(_campaign(tree), announce=nobody)
+        step_selection.select_steps(_campaign(tree), announce=nobody)
     for _ in turns(count, until, tried):
         name = rng.choice(list(trees))
         tree = pickle.loads(pickle.dumps(trees[name]))
@@ -90,7 +90,7 @@ def numbers(rng, count, until, tried):
         except SceneError:
             tried.counts["refused"] += 1
             continue
-        if step_selection.left_to_compile(text)[0]:
+        if step_selection.units_to_compile(text)[0]:
             tried.counts["another kernel"] += 1
             continue
         tried.look(tree, lambda c=campaign: _flown(c, tried), _SLOW_S, works=True)

@@ -303,7 +303,7 @@ def _long(tree, size):
 
 def _long_key(tree, size):
     tree["mass" * size] = 1.0
-    tree["run"]["plan"] = "y" * size + ".csv"
+    tree["run"]["samples"] = "y" * size + ".csv"
 
 
 def _cases(tree, size):

@@ -24,7 +24,7 @@ _SETTINGS = ["--set=run.chunk=4", "--set=run.history_step_s=0.1"]
 _NEW = (
     "manifest.json.tmp", "checksums.jsonl.tmp", "campaign.toml.tmp", "statistics.csv.tmp",
     "cases/part-0000000099.parquet", "cases/part-0000000004.parquet.tmp", "report.html",
-    "drivers.csv", "causes.csv", "laws.csv", "plan.parquet", "history.parquet", "separation.png",
+    "drivers.csv", "causes.csv", "laws.csv", "samples.parquet", "history.parquet", "separation.png",
     "cases", "histories",
 )  # fmt: skip
 _LONG = ("replay", "campaign", "run", "compare", "plot", "report")  # they fly or draw
@@ -275,7 +275,7 @@ def _reseal(folder, entries=None):
         for one in _entries(folder).values():
             path = folder / one.file
             if _is_own(path):
-                entries.append(ledger.entry(one.file, path.read_bytes(), one.first, one.cases))
+                entries.append(ledger.make_entry(one.file, path.read_bytes(), one.first, one.cases))
     _own(folder / ledger.LEDGER).write_text("".join(one.line for one in entries))
     _seal(folder, json.loads(_own(folder / folders.MANIFEST).read_text()))
 
@@ -386,7 +386,7 @@ def _campaign(folder, _, rng):
 
 def _vast(folder, _, rng):
     path = folder / rng.choice(
-        ("manifest.json", "checksums.jsonl", "campaign.toml", "plan.parquet", "drivers.csv",
+        ("manifest.json", "checksums.jsonl", "campaign.toml", "samples.parquet", "drivers.csv",
          "statistics.json", "history.parquet", "cases/part-0000000000.parquet", "statistics.csv")
     )  # fmt: skip
     path.parent.mkdir(exist_ok=True)

@@ -44,7 +44,7 @@ def tables(rng, count, until, tried):
                 path.write_bytes(_csv(rng, rows))
             else:
                 _parquet(rng, rows, path)
-            plan = tree | {"run": tree["run"] | {"plan": name}}
+            plan = tree | {"run": tree["run"] | {"samples": name}}
             said = (name, path.read_bytes()[:2000] if path.suffix == ".csv" else _told(path))
             tried.look(said, lambda plan=plan, path=path: _flown_as_given(plan, folder, path))
 
@@ -59,9 +59,9 @@ def _told(path):
 def _flown_as_given(plan, folder, path):
     """What is accepted of a table are the numbers that it has, to the last bit."""
     campaign = Campaign(parse_campaign(plan, "plan.toml", folder=folder, reader=read_input_table))
-    numbers, _ = campaign.asked()
+    numbers, _ = campaign.select_cases()
     first = numbers.ranges[0][0]
-    drawn = campaign.draw(first, 1)[0]
+    drawn = campaign.sample(first, 1)[0]
     _ = campaign.digest, campaign.columns
     used = {d.column: k for k, d in enumerate(campaign.file.dispersions) if d.column}
     if not used:

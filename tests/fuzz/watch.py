@@ -14,7 +14,7 @@ import warnings
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.scene.messages import InputError, SceneWarning
 
 LONGEST_S = 5.0

@@ -159,7 +159,7 @@ def test_outlines_on_both_sides_of_a_shells_wall(pair):
     table = campaign.run(cases=16).to_pandas()
     kernel, draws = (
         load_kernel(step_selection.kernel_text(campaign)),
-        campaign.in_si(campaign.draw(0, 16)),
+        campaign.in_si(campaign.sample(0, 16)),
     )
     steps = np.full(1, 4), np.full(1, np.inf)
     block, _ = integrate_cases(kernel, campaign.plan, *steps, campaign.slots, draws)
@@ -202,7 +202,7 @@ def test_compiled_as_in_plain_python(pair):
         },
     }
     campaign, found = pair(scene), []
-    text, draws = step_selection.kernel_text(campaign), campaign.in_si(campaign.draw(0, 9))
+    text, draws = step_selection.kernel_text(campaign), campaign.in_si(campaign.sample(0, 9))
     assert text.split("def prepare(w):")[1].count("for l in range(LANES):") > 2
     for interpreting in (False, True):
         with interpreted(interpreting):

@@ -25,7 +25,7 @@ from sepmc.engine.dispatch import integrate_cases, interpreted, load_kernel
 from sepmc.engine.threads import max_threads
 from sepmc.kernel.emit.compile_units import split
 from sepmc.kernel.spec.methods import METHODS, method
-from sepmc.kernel.spec.structure import make_shape
+from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.lanes import LANES
 from sepmc.scene import parameters
 from sepmc.scene.read import parse_campaign
@@ -61,7 +61,7 @@ def shipped(name, settings=None):
 def draws(campaign, count=COUNT, seed=None):
     """Draws in SI, (count, d)."""
     return (
-        cases.draw(
+        cases.sample(
             campaign.file.dispersions, campaign.scene.run.seed if seed is None else seed, 0, count
         )
         * campaign.factors
@@ -78,7 +78,7 @@ def special(campaign, flight, drawn, steps=None):
         flight.kernel,
         campaign.plan,
         flight.steps if steps is None else steps,
-        flight.usual,
+        flight.durations,
         campaign.slots,
         drawn,
     )[0]
@@ -109,7 +109,7 @@ def difference(campaign, found, expected):
 def agree(campaign, most=1e-9):
     """At four times the steps, and by independent flights; returns how many cases the kernel does
     not vouch for."""
-    flight = step_selection.plan_flight(campaign, history=campaign.scene.run.history_step > 0.0)
+    flight = step_selection.select_steps(campaign, history=campaign.scene.run.history_step > 0.0)
     assert flight.achieved.met
     drawn = draws(campaign)
     fast = special(campaign, flight, drawn, 4 * flight.steps)
@@ -128,7 +128,7 @@ def quiet():
 
 @pytest.fixture(scope="module")
 def flight(quiet):
-    return step_selection.plan_flight(quiet)
+    return step_selection.select_steps(quiet)
 
 
 # -- agreement
@@ -223,7 +223,7 @@ def test_accuracy_is_kept(quiet, flight, name, accuracies):
     steps = []
     for accuracy in accuracies:
         campaign = quiet.with_settings({"solver.accuracy": accuracy, "solver.method": name})
-        found = step_selection.plan_flight(campaign)
+        found = step_selection.select_steps(campaign)
         error = difference(
             quiet, outcomes(quiet, special(campaign, found, drawn)), outcomes(quiet, finer)
         )
@@ -250,7 +250,7 @@ def test_order_of_the_lanes(quiet, flight, name, counts, less):
     is the method's order, less 0.4, or a little more."""
     assert set(METHODS) == {"rk4", "dopri5", "tp7", "dop853", "sharp9"}
     campaign = quiet.with_settings({"solver.method": name, "solver.accuracy": 1e-3})
-    kernel = step_selection.plan_flight(campaign).kernel
+    kernel = step_selection.select_steps(campaign).kernel
     drawn = draws(campaign, 16)
     places = [
         [d.parameter.path for d in campaign.file.dispersions].index(f"initial.omega.{axis}")
@@ -262,7 +262,7 @@ def test_order_of_the_lanes(quiet, flight, name, counts, less):
     def flown(kernel, n):
         steps = np.full(3, n, dtype=np.int64)
         block, _ = integrate_cases(
-            kernel, campaign.plan, steps, flight.usual, campaign.slots, drawn
+            kernel, campaign.plan, steps, flight.durations, campaign.slots, drawn
         )
         lost = block.outcomes[:, energy]
         # few steps lose more than a row may
@@ -328,8 +328,14 @@ def test_same_bits_where_lanes_are_through_at_different_times():
     """A scene with switches, strokes and late joints within its phases, alone, in reverse and
     shuffled."""
     campaign = with_all_loads(scene(COMPILED))
-    flight, drawn = step_selection.plan_flight(campaign), draws(campaign, 5 * LANES)
-    assert max(stage.stops for stage in make_shape(campaign.plan, campaign.dispersed).stages) > 1
+    flight, drawn = step_selection.select_steps(campaign), draws(campaign, 5 * LANES)
+    assert (
+        max(
+            segment.max_intervals
+            for segment in make_kernel_spec(campaign.plan, campaign.dispersed).segments
+        )
+        > 1
+    )
     base = special(campaign, flight, drawn)
     for order in (np.arange(len(drawn))[::-1], np.random.default_rng(5).permutation(len(drawn))):
         found = special(campaign, flight, drawn[order])
@@ -345,7 +351,7 @@ def test_same_bits_where_lanes_are_through_at_different_times():
 def test_same_bits_where_a_load_is_there_as_its_phase_begins():
     """The least step of a case is a share of the time it has left itself."""
     campaign = sepmc.load(Path(__file__).parents[1] / "scenes" / "load-there-at-another-time.toml")
-    flight, drawn = step_selection.plan_flight(campaign), draws(campaign, 1000)
+    flight, drawn = step_selection.select_steps(campaign), draws(campaign, 1000)
     base = special(campaign, flight, drawn)
     assert_array_equal(special(campaign, flight, drawn[::-1]).outcomes[::-1], base.outcomes)
 
@@ -400,7 +406,7 @@ def flown_independently(campaign, drawn, numbers):
 def compare_statuses(campaign, drawn, numbers, most=3e-9):
     """`fly` gives statuses and outcomes of some of the draws as independent flights do; returns the
     statuses of all."""
-    found = step_selection.fly(campaign, step_selection.plan_flight(campaign), drawn)
+    found = step_selection.integrate(campaign, step_selection.select_steps(campaign), drawn)
     numbers = np.array(numbers)
     statuses, expected = flown_independently(campaign, drawn, numbers)
     assert [Status(int(one)).label for one in found.status[numbers]] == statuses
@@ -458,7 +464,7 @@ def test_across_an_edge_of_the_air(quiet):
             "dispersion.initial.roll_deg": {"uniform": 3.0},
         }
     )
-    flight = step_selection.plan_flight(campaign)
+    flight = step_selection.select_steps(campaign)
     drawn = draws(campaign, 64)
     alone = special(campaign, flight, drawn)
     crossing = (drawn[:, 0] < edge) & (drawn[:, 0] > edge - 2000.0)
@@ -545,8 +551,10 @@ def test_a_stroke_just_missed(pair, monkeypatch):
     monkeypatch.setattr(step_selection, "SAMPLE", 16)
     campaign = pair(settings)
     with interpreted():
-        flight = step_selection.plan_flight(campaign)
-        found = step_selection.fly(campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None])
+        flight = step_selection.select_steps(campaign)
+        found = step_selection.integrate(
+            campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None]
+        )
     turn = np.sqrt(2000.0 * (1.0 / 100.0 + 1.0 / 50.0)) * 0.55
     names = [column.name for column in campaign.outcome_columns]
     distance = outcomes(campaign, found, found.status == Status.OK)[
@@ -688,28 +696,28 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
 @pytest.mark.parametrize(
     ("settings", "history", "apart"),
     [
-        ({}, True, {"begin", "fly_block"}),
+        ({}, True, {"load_cases", "integrate_block"}),
         (
             {"solver.step_s": 0.05},
             False,
             {
                 "advance_sharp9",
                 "advance_tp7",
-                "aim_phase2",
-                "approach",
-                "fly_block",
-                "meet",
-                "set_rest",
+                "event_step_phase2",
+                "polish_event",
+                "integrate_block",
+                "set_event_flags",
+                "set_event_polish_step",
                 "set_step",
-                "settle",
+                "finish_step",
             },
         ),
         (
             {"solver.method": "rk4"},
             False,
-            {"advance_sharp9", "advance_tp7", "begin", "finish", "fly_block"},
+            {"advance_sharp9", "advance_tp7", "load_cases", "write_results", "integrate_block"},
         ),
-        ({"output.tip_off": ["pins"]}, False, {"begin", "finish", "leave_phase2"}),
+        ({"output.tip_off": ["pins"]}, False, {"load_cases", "write_results", "leave_phase2"}),
     ],
     ids=["histories", "a given step", "another method", "rates at release"],
 )
@@ -756,7 +764,7 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 ASSEMBLY = """
 import json, re
 from sepmc.campaign.execution import step_selection
-from sepmc.kernel.emit.compile_units import ALIKE, split
+from sepmc.kernel.emit.compile_units import ENTRY, split
 from sepmc.engine import kernel_cache
 import sepmc
 text = step_selection.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
@@ -764,13 +772,13 @@ code = []
 for piece in split(text):
     if piece.name.startswith("rates_"):
         module = kernel_cache.load_module(kernel_cache.write_modules([piece.text])[0])
-        lines = getattr(module, ALIKE)._library.get_asm_str().splitlines()
+        lines = getattr(module, ENTRY)._library.get_asm_str().splitlines()
         code += [(piece.name, line) for line in lines]
 found, function = {}, None
 for name, line in code:
     label = re.match(r"([A-Za-z_][^\\s:]*):", line)
     if label:  # a cfunc only calls it
-        function = name if ALIKE in label[1] and not label[1].startswith("cfunc") else None
+        function = name if ENTRY in label[1] and not label[1].startswith("cfunc") else None
     if ".cfi_endproc" in line:
         function = None
     if function:
@@ -862,7 +870,7 @@ def test_python_and_compiled_agree(monkeypatch):
 
 
 def test_a_flight_at_twice_the_resolution(flight):
-    sharper = flight.sharper()
-    assert_array_equal(sharper.steps, 2 * flight.steps)
-    assert dataclasses.replace(sharper, steps=flight.steps).kernel is flight.kernel
-    assert dataclasses.replace(flight, step=0.1).sharper().step == 0.05
+    refined = flight.refined()
+    assert_array_equal(refined.steps, 2 * flight.steps)
+    assert dataclasses.replace(refined, steps=flight.steps).kernel is flight.kernel
+    assert dataclasses.replace(flight, step=0.1).refined().step == 0.05

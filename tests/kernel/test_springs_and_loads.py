@@ -10,8 +10,8 @@ from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 from small_scenes import PUSH, REDUCED
 
-from sepmc.campaign.execution.diagnostics import remarks
-from sepmc.campaign.execution.integration import Flight
+from sepmc.campaign.execution.diagnostics import scene_notes
+from sepmc.campaign.execution.integration import Integration
 
 FREE = {"phase": [{"name": "free"}], "solver.step_s": 0.01}
 STILL = FREE | {"initial.speed_m_s": 0.0, "initial.altitude_m": 0.0}
@@ -619,9 +619,9 @@ def test_loads_that_do_nothing_are_said(pair):
         "motor.slow.burn_s": {"uniform": [0.1, 0.2]},
     }
     scene = FREE | {"spring": [spring], "load": [load], "motor": motors}
-    not_flown = Flight(None, None, None)
-    assert remarks(pair(scene | {"dispersion": laws}), not_flown) == []
-    assert [note.partition(" does nothing")[0] for note in remarks(pair(scene), not_flown)] == [
+    not_flown = Integration(None, None, None)
+    assert scene_notes(pair(scene | {"dispersion": laws}), not_flown) == []
+    assert [note.partition(" does nothing")[0] for note in scene_notes(pair(scene), not_flown)] == [
         "motor.push",
         "motor.slow.tail_off_s = 0.5",
         "load.gust",

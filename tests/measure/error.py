@@ -17,7 +17,7 @@ import numpy as np
 import sepmc
 from sepmc.campaign import cases
 from sepmc.campaign.execution import accuracy, step_selection
-from sepmc.campaign.execution.integration import fly
+from sepmc.campaign.execution.integration import integrate
 from sepmc.campaign.execution.step_refinement import changes
 from sepmc.scene.read import parse_setting, shipped_campaigns
 
@@ -87,14 +87,15 @@ VARIANTS = {
 def measure(name, campaign, count, seconds):
     """One row: what is told, what is true."""
     start = time.perf_counter()
-    trial = step_selection.plan_flight(campaign)
+    trial = step_selection.select_steps(campaign)
     planned = time.perf_counter() - start
     draws = (
-        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+        cases.sample(campaign.file.dispersions, campaign.scene.run.seed, 0, count)
+        * campaign.factors
     )
     few = draws[:32]
     start = time.perf_counter()
-    fly(campaign, trial, few)
+    integrate(campaign, trial, few)
     spent = (time.perf_counter() - start) / len(few)
     draws = draws[: max(64, min(count, int(seconds / (10.0 * spent))))]
     result = campaign.run(cases=len(draws))
@@ -102,9 +103,9 @@ def measure(name, campaign, count, seconds):
     fine = campaign.with_settings(
         {"solver.accuracy": max(1e-12, 0.01 * campaign.scene.solver.accuracy)}
     )
-    sharp = trial.sharper().sharper().sharper()
-    reference = fly(fine, sharp, draws)
-    own = fly(campaign, trial, draws)
+    sharp = trial.refined().refined().refined()
+    reference = integrate(fine, sharp, draws)
+    own = integrate(campaign, trial, draws)
     columns = campaign.outcome_columns
     n, decides = len(columns), accuracy.decisive(columns)
     units = [c.unit for c in columns]
@@ -120,8 +121,8 @@ def measure(name, campaign, count, seconds):
     worst = int(np.where(decides, true, 0.0).argmax())
     ratio = told.worst[1] / true[worst] if true[worst] else np.inf
     place = (
-        f"; places {told.worst_place[1]:.1e} for {true[~decides].max():.1e}"
-        if told.worst_place
+        f"; places {told.worst_position[1]:.1e} for {true[~decides].max():.1e}"
+        if told.worst_position
         else ""
     )
     asked = (

@@ -34,7 +34,7 @@ FULL = 0.25  # share of times in which a small disk is filled
 MANNERS = [], ["--stats-only"], ["--keep", "failed,every:7"]
 # what is counted is written far more often than every ten seconds
 PROGRAM = (
-    "from sepmc.campaign.execution import chunks; chunks._SAVE_S = 0.05; import sepmc.__main__"
+    "from sepmc.campaign.execution import runner; runner._SAVE_S = 0.05; import sepmc.__main__"
 )
 
 

@@ -22,7 +22,7 @@ from small_scenes import PAIR
 
 import sepmc
 from sepmc.analysis import subset_simulation
-from sepmc.analysis.proportions import interval as of_share
+from sepmc.analysis.proportions import binomial_interval as of_share
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import generator
 from sepmc.scene.read import parse_campaign
@@ -126,7 +126,7 @@ def known(repeats):
             one, _, flown = subset_simulation.estimate(
                 limit, d, lambda what: generator(seed, what), FLIGHTS
             )
-            return one.known, one.interval, flown, subset_simulation.remarks(one)
+            return one.known, one.interval, flown, subset_simulation.estimate_warnings(one)
 
         tell(name, repeat, repeats)
     for coefficient in (0.0, 0.8):

@@ -25,9 +25,9 @@ def main(names: list[str]) -> None:
             result = sepmc.load(name).run(CASES, out=run)
             again = sepmc.load(run)
             chosen = np.random.default_rng(1).choice(CASES, REPLAYED, replace=False)
-            flight = replay.flown_before(again)
+            flight = replay.earlier_integration(again)
             found = [
-                replay.check_row(again, flight, run, int(n), result.seed, CASES) for n in chosen
+                replay.compare_row(again, flight, run, int(n), result.seed, CASES) for n in chosen
             ]
             same = sum(one.flown and not one.columns for one in found)
             print(f"{name}: {same} of {REPLAYED} rows the same bit by bit", flush=True)

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 from scipy.special import ndtri
 
-from sepmc.analysis.sensitivity import drivers
+from sepmc.analysis.sensitivity import input_sensitivities
 from sepmc.campaign.cases import Sampling, probabilities
 
 NEAR = 0.002
@@ -170,7 +170,7 @@ def coverage(sampler, problem, repeats, cases):
         rows = dict(zip(names, x, strict=True)) | {"y": outcome(x), "case": np.arange(cases)}
         rows["status"] = np.full(cases, "ok")
         try:
-            table = drivers(rows, names, "y", sampler).sort_index()
+            table = input_sensitivities(rows, names, "y", sampler).sort_index()
         except ValueError:  # the outcome does not vary
             continue
         for k, (name, true) in enumerate(zip(("first", "total"), known, strict=True)):

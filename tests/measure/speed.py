@@ -20,10 +20,10 @@ from statistics import median
 import numpy as np
 
 from sepmc.bench.clock import rounds
-from sepmc.bench.study import drawn
+from sepmc.bench.study import sample_inputs
 from sepmc.campaign.campaign import Campaign, load
-from sepmc.campaign.execution.integration import by_name, fly_once
-from sepmc.campaign.execution.step_selection import kernel_text, plan_flight
+from sepmc.campaign.execution.integration import by_name, integrate_once
+from sepmc.campaign.execution.step_selection import kernel_text, select_steps
 from sepmc.engine.dispatch import integrate_cases, load_kernel, use_threads
 from sepmc.scene.read import parse_campaign, shipped_campaigns
 
@@ -36,11 +36,11 @@ import sepmc
 from sepmc.bench.clock import seconds
 from sepmc.bench.study import drawn
 from sepmc.campaign.execution.integration import fly, fly_once
-from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.engine.dispatch import use_threads
 campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.0})
 use_threads(1)
-flight, inputs = plan_flight(campaign), drawn(campaign, 10_000)
+flight, inputs = select_steps(campaign), drawn(campaign, 10_000)
 for work in (fly_once, fly):
     work(campaign, flight, inputs)
     print(min(seconds(lambda: work(campaign, flight, inputs)) for _ in range(9)))
@@ -97,7 +97,7 @@ def campaigns(folder, files):
         times, accuracy = manifest["sessions"][-1]["timing_s"], manifest["accuracy"]
         print(
             f"{file}: kernel {times['kernel']:.3f} s, error {accuracy['achieved']:.1e}, "
-            f"flown again {accuracy.get('finer_cases', 0)}",
+            f"flown again {accuracy.get('n_refined', 0)}",
             flush=True,
         )
 
@@ -131,7 +131,7 @@ def features(file, cases=2000):
     thread."""
     campaign = load(file, BARE)
     use_threads(1)
-    flight, inputs = plan_flight(campaign), drawn(campaign, cases)
+    flight, inputs = select_steps(campaign), sample_inputs(campaign, cases)
     scenes = {"all": campaign}
     if campaign.scene.output.loads:
         scenes["loads"] = without(campaign, True, False)
@@ -147,11 +147,11 @@ def features(file, cases=2000):
         columns = [
             i for i, item in enumerate(campaign.file.dispersions) if item.parameter.path in paths
         ]
-        those, own = np.asfortranarray(inputs[:, columns]), plan_flight(scene)
+        those, own = np.asfortranarray(inputs[:, columns]), select_steps(scene)
         works[name, "same"] = lambda k=kernel, s=scene, d=those, m=methods: integrate_cases(
-            k, s.plan, flight.steps, flight.usual, s.slots, d, 0, m
+            k, s.plan, flight.steps, flight.durations, s.slots, d, 0, m
         )
-        works[name, "own"] = lambda s=scene, o=own, d=those: fly_once(s, o, d)
+        works[name, "own"] = lambda s=scene, o=own, d=those: integrate_once(s, o, d)
     found = {key: median(times) for key, times in rounds(works, REPEATS).items()}
     said = [
         f"{name} {found['all', 'same'] / found[name, 'same']:.2f} x in the same steps, "

@@ -4,7 +4,7 @@
 import numpy as np
 
 import sepmc
-from sepmc.campaign.execution.step_selection import fly, plan_flight
+from sepmc.campaign.execution.step_selection import integrate, select_steps
 from sepmc.validation import lagrange
 
 SEEDS = (2019, 1, 2, 3, 4, 5)
@@ -149,8 +149,8 @@ def same_bits(campaign):
     }
     drawn = base.to_pandas()[[c.name for c in campaign.input_columns]].to_numpy() * campaign.factors
     bare = campaign.with_settings({"run.history_step_s": 0.0})
-    flight = plan_flight(bare)
-    forward, reverse = (fly(bare, flight, rows).outcomes for rows in (drawn, drawn[::-1]))
+    flight = select_steps(bare)
+    forward, reverse = (integrate(bare, flight, rows).outcomes for rows in (drawn, drawn[::-1]))
     equal["case order reversed"] = np.array_equal(reverse[::-1], forward)
     line("same bits: " + ", ".join(equal), "yes", "yes" if all(equal.values()) else str(equal))
 

@@ -10,7 +10,7 @@ from oracles.random_scenes.interpreted import flown_plainly
 from scipy.stats import norm
 
 import sepmc
-from sepmc.campaign.execution.diagnostics import least_at_the_end, of_file
+from sepmc.campaign.execution.diagnostics import file_notes, min_at_end
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.cli import app
 from sepmc.scene.read import shipped_campaigns
@@ -87,7 +87,7 @@ def loaded(name, settings):
 @pytest.mark.parametrize(("name", "settings", "place", "said"), PLANTED)
 def test_planted(name, settings, place, said):
     """Named by place and value; one slip is one sentence, or one of each of its consequences."""
-    found = of_file(loaded(name, settings))
+    found = file_notes(loaded(name, settings))
     found = [one for one in found if "is what the nominal case flies with" not in one]
     if place is None:
         assert found == []
@@ -112,7 +112,7 @@ LATE = {"time_s": [0.02, 0.3], "fraction": [0.5, 1.0]}
 def test_a_profile_that_begins_late(profile, burn, said):
     """That it brings no thrust before its first row is told, with the time."""
     settings = {f"motor.retro.{key}": value for key, value in ({"profile": profile} | burn).items()}
-    found = [one for one in of_file(loaded("table2", settings)) if one.startswith("motor.retro")]
+    found = [one for one in file_notes(loaded("table2", settings)) if one.startswith("motor.retro")]
     assert len(found) == (said is not None)
     assert said is None or (said in found[0] and "0.02 s after the ignition" in found[0])
 
@@ -123,7 +123,7 @@ def test_there_are_thirty():
 
 @pytest.mark.parametrize("name", list(shipped_campaigns()))
 def test_shipped_campaigns_have_none(name):
-    assert of_file(sepmc.load(name)) == []
+    assert file_notes(sepmc.load(name)) == []
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_shipped_campaigns_have_none(name):
 def test_weights_that_do_not_add_up(weights, said):
     """Probabilities should; ratios need not."""
     law = {"dispersion.motor.retro.thrust_N": {"discrete": [500.0, 0.0], "weights": weights}}
-    found = [one for one in of_file(loaded("table2", law)) if "weights" in one]
+    found = [one for one in file_notes(loaded("table2", law)) if "weights" in one]
     assert [said in one for one in found] == ([True] if said else [])
 
 
@@ -155,7 +155,7 @@ PUSHER = "spring.upper_left"
 def test_a_pusher_that_pulls(settings, said):
     """Stiffer than its force over its stroke; failed by its force, which leaves the stiffness; and
     failed by its factor, as it should be."""
-    found = [one for one in of_file(loaded("spring-pushers", settings)) if " pulls with " in one]
+    found = [one for one in file_notes(loaded("spring-pushers", settings)) if " pulls with " in one]
     assert [one.startswith(PUSHER) and said in one for one in found] == ([True] if said else [])
 
 
@@ -187,7 +187,7 @@ def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
         late = sepmc.load(file).run(cases=2)
     note = "gap_clearance_mm is least as the flight ends in 3 cases"
     assert [one for one in early.notes if one.startswith(note)]
-    assert read_manifest(tmp_path / "early")["least_at_the_end"] == {"gap": 3}
+    assert read_manifest(tmp_path / "early")["min_at_end"] == {"gap": 3}
     assert not [one for one in late.notes if "is least as the flight ends" in one]
 
 
@@ -223,7 +223,9 @@ def test_cases_that_a_normal_law_draws_beyond_a_bound(law, expected):
     """How many cases are drawn where their parameter may not be is told before any flies."""
     key = BY_MASS if "relative" in law else "dispersion.motor.retro.burn_s"
     burn = {"motor.retro.burn_s": 0.1}
-    found = [one for one in of_file(loaded("table2", {key: law} | burn)) if "truncate_sigma" in one]
+    found = [
+        one for one in file_notes(loaded("table2", {key: law} | burn)) if "truncate_sigma" in one
+    ]
     assert len(found) == bool(expected)
     for one in found:
         shown = f"{expected:.0f}" if expected >= 100.0 else f"{expected:.2g}"
@@ -243,8 +245,8 @@ def test_what_is_as_far_through_a_shell_as_is_told_may_not_become_less(radius):
     when = np.array([end, end, 0.9 * end, end, end])
     outcomes = {"gap_clearance_mm": least, "gap_clearance_time_s": when}
     drawn = np.array([[4500.0, radius, radius][: len(laws)]] * len(least))
-    assert least_at_the_end(campaign, outcomes, drawn) == {"gap": 3}
-    assert not least_at_the_end(campaign, {k: x[0] for k, x in outcomes.items()})  # the nominal
+    assert min_at_end(campaign, outcomes, drawn) == {"gap": 3}
+    assert not min_at_end(campaign, {k: x[0] for k, x in outcomes.items()})  # the nominal
     assert "at most a tenth of its radius" in next(
         column.meaning for column in campaign.outcome_columns if column.name == "gap_clearance_mm"
     )
@@ -274,7 +276,7 @@ def level_notes(folder, shift, more=""):
     """Notes on a joint whose axis is lateral: the second body lies 4 m aft, and so far beside."""
     file = folder / "level.toml"
     file.write_text(LEVEL.format(shift=shift, more=more), encoding="utf-8")
-    return [note for note in of_file(sepmc.load(file)) if "nearly level" in note]
+    return [note for note in file_notes(sepmc.load(file)) if "nearly level" in note]
 
 
 @pytest.mark.parametrize(("shift", "told"), [(0.0, 1), (-0.05, 1), (0.07, 1), (0.2, 0), (-2.0, 0)])

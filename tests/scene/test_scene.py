@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
-from sepmc.kernel.spec.parameter_layout import make_plan
+from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.scene import model
 from sepmc.scene.fields import fields_of
 from sepmc.scene.messages import SceneError
@@ -126,7 +126,7 @@ def test_to_si():
 def test_parameters_round_trip():
     """Every number a kernel reads can be found, read and replaced, and replacing one changes no
     other."""
-    plan = make_plan(SCENE)
+    plan = make_parameter_layout(SCENE)
     before = {path: value(SCENE, path) for path in plan.slots}
     for path, number in before.items():
         other = replace(SCENE, {path: number + 1.0})
@@ -326,7 +326,7 @@ def test_any_tree_is_refused_or_can_be_flown(edits):
     again = Campaign(parse_campaign(tomllib.loads(campaign.file.toml), "t.toml"))
     assert again.digest == campaign.digest
     assert len(campaign.columns) >= 14 + len(campaign.file.dispersions)
-    drawn = cases.draw(campaign.file.dispersions, 1, 0, 3) * campaign.factors
+    drawn = cases.sample(campaign.file.dispersions, 1, 0, 3) * campaign.factors
     assert np.isfinite(drawn).all()
     assert len(campaign.plan.nominal) > campaign.slots.max(initial=0)
 

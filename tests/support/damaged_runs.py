@@ -100,7 +100,7 @@ def is_reported(folder, before, was):
 def is_repaired(folder, before):
     """Whether ``--repair`` brings back all but the campaign that was flown, and refuses where
     nothing tells any more what that was: the manifest and every part are damaged."""
-    path, known = folder / folders.CAMPAIGN, bool(manifests.made_by(folder))
+    path, known = folder / folders.CAMPAIGN, bool(manifests.read_provenance(folder))
     code = call("doctor", str(folder), "--repair", "--quiet")
     if not known or not path.is_file() or path.read_bytes() != before[folders.CAMPAIGN]:
         return code == 2

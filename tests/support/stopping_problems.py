@@ -12,11 +12,11 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import multivariate_normal, norm
 
-from sepmc.analysis.rare_values import count, occurrences, rare_values
-from sepmc.analysis.row_statistics import Rows
-from sepmc.analysis.stopping import read_until
-from sepmc.campaign.case_selection import Numbers
-from sepmc.campaign.cases import Sampling, draw
+from sepmc.analysis.rare_values import count_values, occurrences, rare_values
+from sepmc.analysis.row_statistics import TableStatistics
+from sepmc.analysis.stopping import parse_stopping_rule
+from sepmc.campaign.case_selection import CaseSelection
+from sepmc.campaign.cases import Sampling, sample
 from sepmc.scene.correlation import Copula
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.parameters import Parameter
@@ -61,7 +61,7 @@ class Problem:
 
     def rows(self, seed, first, end):
         """Draws (n, d) of cases, and their table."""
-        drawn = draw(self.inputs, seed, first, end - first, Sampling(copulas=self.copulas))
+        drawn = sample(self.inputs, seed, first, end - first, Sampling(copulas=self.copulas))
         values = self.outcome(drawn.T)
         lost = np.isnan(values)
         return drawn, {
@@ -148,18 +148,18 @@ PROBLEMS = {
 
 def stopped(problem, seed, most=CASES):
     """Cases after which a problem stops, and the look at them."""
-    until = read_until(problem.until, OUTCOMES)
+    until = parse_stopping_rule(problem.until, OUTCOMES)
     values = rare_values(problem.inputs, problem.copulas)
-    every = list(Numbers.first(most).growing(until.first(values)))
+    every = list(CaseSelection.first(most).growing(until.first(values)))
     tables, counts = [], np.zeros(1 + len(values), dtype=int)
     for numbers in every:
         drawn, table = problem.rows(seed, *numbers.ranges[0])
         tables.append(table)
-        counts += count(values, drawn)
+        counts += count_values(values, drawn)
         rows = {name: np.concatenate([t[name] for t in tables]) for name in table}
         found = occurrences(values, counts.tolist())
-        look = until.look(Rows(rows, OUTCOMES, [], {}), len(every), found)
-        if look.enough:
+        look = until.look(TableStatistics(rows, OUTCOMES, [], {}), len(every), found)
+        if look.sufficient:
             break
     return numbers.end, look
 
@@ -170,5 +170,5 @@ def coverage(name, repeats=REPEATS):
     problem, seed = PROBLEMS[name], zlib.crc32(name.encode())
     ends = [stopped(problem, seed + repeat) for repeat in range(repeats)]
     held = [look.low <= problem.truth <= look.high for _, look in ends]
-    enough = [look.enough for _, look in ends]
+    enough = [look.sufficient for _, look in ends]
     return float(np.mean(held)), float(np.mean(enough)), float(np.mean([n for n, _ in ends]))

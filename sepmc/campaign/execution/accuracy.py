@@ -1,4 +1,4 @@
-"""The measure of accuracy: what the error of an outcome is, and what a run tells of its own."""
+"""Error measure of outcomes, and the numerical error that a run reports."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -13,22 +13,33 @@ from sepmc.scene.model import Scene
 from sepmc.schema import Column
 
 SMALL = 1e-4  # of the largest outcome of the same unit, and of the scene's own scale of that unit
-# errors are told so many times as large as trial cases show them, for the cases that were not tried
+# factor on the errors of calibration cases: covers the cases that are not among them
 SAFETY = 2.0
-# Where and when an extreme lies is as uncertain as the extreme is flat, and whether outlines met is
-# yes or no: no step settles these.
-_PLACES = (
+# The time and position of an extreme are uncertain if the extreme is flat, and contact is 1 or 0:
+# none of them converges with the step.
+_EXTREME_POSITIONS = (
     *("_peak_force_time_s", "_peak_moment_time_s", "_clearance_time_s"),
     *("_clearance_station_m", "_clearance_y_m", "_clearance_z_m", "_recontact"),
 )
 
 
 def scene_scales(scene: Scene, units: Iterable[str]) -> np.ndarray:
-    """Size that a quantity of each unit has in a scene, SI.
+    """Typical size of a quantity of each unit in a scene.
 
-    A length is as large as the vehicle L, a time as the flight T, an angle 1 rad, a speed V = L / T
-    + T F / M with the forces F of all motors, springs and loads on the mass M; a rate V / L, a
-    force M V / T, and so on.
+    A length is the vehicle length L, a time the end time T, an angle 1 rad, a speed V = L / T + T F
+    / M with the sum F of the forces of all motors, springs and loads on the mass M; a rate is V /
+    L, a force M V / T, and so on.
+
+    Parameters
+    ----------
+    scene : Scene
+    units : iterable of str
+        Units of outcome columns.
+
+    Returns
+    -------
+    ndarray, shape (len(units),)
+        SI.
     """
     mass = sum(body.mass for body in scene.body.values())
     gyration = max(float(np.sqrt(max(body.inertia) / body.mass)) for body in scene.body.values())
@@ -72,15 +83,32 @@ def scales(
     scene_scale: np.ndarray | None = None,
     spread: np.ndarray | None = None,
 ) -> np.ndarray:
-    """What errors are taken relative to where an outcome is smaller than that, SI; shape (o,).
+    """Size below which the error of an outcome is absolute.
 
-    The larger of its standard deviation (``spread``, or else that over the cases of ``reference``
-    (n, o)) and of `SMALL` times the largest outcome of the same unit or, if given, times the scale
-    (o,) of the scene.
+    It is the larger of two: the standard deviation of the outcome, and `SMALL` times the largest
+    outcome of the same unit or, if given, of the scene scale.
+
+    Parameters
+    ----------
+    reference : ndarray, shape (n, o)
+        Outcomes, SI.
+    units : list of str, length o
+    scene_scale : ndarray, shape (o,), optional
+        See `scene_scales`.
+    spread : ndarray, shape (o,), optional
+        Standard deviation of each outcome; computed from ``reference`` if not given.
+
+    Returns
+    -------
+    ndarray, shape (o,)
+        SI.
     """
-    sizes = np.abs(np.where(np.isnan(reference), 0.0, reference)).max(axis=0, initial=0.0)
+    magnitudes = np.abs(np.where(np.isnan(reference), 0.0, reference)).max(axis=0, initial=0.0)
     largest = np.array(
-        [max(x for x, other in zip(sizes, units, strict=True) if other == unit) for unit in units]
+        [
+            max(x for x, other in zip(magnitudes, units, strict=True) if other == unit)
+            for unit in units
+        ]
     )
     if scene_scale is not None:
         largest = np.maximum(largest, scene_scale)
@@ -88,137 +116,180 @@ def scales(
 
 
 def deviation(outcomes: np.ndarray) -> np.ndarray:
-    """Standard deviation of each outcome, (n, o), over the cases that have it; 0 where none has."""
-    there = ~np.isnan(outcomes)
-    count = np.maximum(1, there.sum(axis=0))
+    """Standard deviation (o,) of outcomes (n, o), ignoring NaN; 0 if an outcome has no value."""
+    finite = ~np.isnan(outcomes)
+    count = np.maximum(1, finite.sum(axis=0))
     with np.errstate(invalid="ignore"):
-        mean = np.where(there, outcomes, 0.0).sum(axis=0) / count
-        return np.sqrt((np.where(there, outcomes - mean, 0.0) ** 2).sum(axis=0) / count)
+        mean = np.where(finite, outcomes, 0.0).sum(axis=0) / count
+        return np.sqrt((np.where(finite, outcomes - mean, 0.0) ** 2).sum(axis=0) / count)
 
 
-def errors(found: np.ndarray, reference: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Error of every outcome of every case, (n, o): the measure that ``solver.accuracy`` is given
-    in.
+def errors(outcomes: np.ndarray, reference: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Error of every outcome of every case: the measure of ``solver.accuracy``.
 
-    The difference from the reference, over the size of the outcome or, if that is larger, over its
-    ``scale`` (o,): its standard deviation over the cases of the campaign, and 1e-4 of the largest
-    outcome of the same unit and of the scale that the scene has for that unit (`scene_scales`). So
-    an outcome about zero, or one that is zero but for round-off, is not held to a share of nothing.
-    NaN at the same place agrees; a number in place of NaN, or NaN in place of a number, is
-    infinitely wrong.
+    The error is the difference from the reference over the size of the outcome or, if that is
+    larger, over its scale. So an outcome near zero has no unbounded relative error. Two NaN at the
+    same place agree; a number against NaN is an infinite error.
+
+    Parameters
+    ----------
+    outcomes, reference : ndarray, shape (n, o)
+    scale : ndarray, shape (o,)
+        See `scales`.
+
+    Returns
+    -------
+    ndarray, shape (n, o)
     """
     with np.errstate(invalid="ignore", divide="ignore"):
-        same = (found == reference) | (np.isnan(found) & np.isnan(reference))
-        difference = np.where(same, 0.0, np.abs(found - reference))
+        same = (outcomes == reference) | (np.isnan(outcomes) & np.isnan(reference))
+        difference = np.where(same, 0.0, np.abs(outcomes - reference))
         size = np.abs(np.where(np.isnan(reference), 0.0, reference))
-        share = np.where(difference == 0.0, 0.0, difference / np.maximum(size, scale))
-    return np.where(np.isnan(share), np.inf, share)
+        relative = np.where(difference == 0.0, 0.0, difference / np.maximum(size, scale))
+    return np.where(np.isnan(relative), np.inf, relative)
 
 
 def relative_error(
-    found: np.ndarray,
+    outcomes: np.ndarray,
     reference: np.ndarray,
     units: list[str],
     scene_scale: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Largest error of every outcome over the cases of (n, o) each, scaled by the cases of the
-    reference; (o,). See `errors`."""
-    if not len(found):
+    """Largest error (o,) of each outcome over n cases, scaled by the reference (n, o); see
+    `errors`."""
+    if not len(outcomes):
         return np.zeros(len(units))
-    return errors(found, reference, scales(reference, units, scene_scale)).max(axis=0, initial=0.0)
+    return errors(outcomes, reference, scales(reference, units, scene_scale)).max(
+        axis=0, initial=0.0
+    )
 
 
 def with_scales(
-    campaign: Definition, told: Mapping[str, float], statistics: pd.DataFrame
+    campaign: Definition, errors_by_name: Mapping[str, float], statistics: pd.DataFrame
 ) -> dict[str, tuple[float, float]]:
-    """Errors that a campaign tells, by outcome, and what they are shares of where an outcome is
-    smaller: no less than that, from the statistics of its cases; in the units of the columns."""
+    """Error and scale of each outcome, in the unit of its column.
+
+    Parameters
+    ----------
+    campaign : Definition
+    errors_by_name : mapping of str to float
+        Relative error by outcome.
+    statistics : DataFrame
+        Statistics of the cases, by outcome; at least min, max and sigma.
+
+    Returns
+    -------
+    dict of str to (float, float)
+        Error (NaN if unknown) and scale, by outcome.
+    """
     columns = campaign.outcome_columns
     units = [column.unit for column in columns]
-    own = scene_scales(campaign.scene, units) * np.array([column.scale for column in columns])
+    scene_scale = scene_scales(campaign.scene, units) * np.array(
+        [column.scale for column in columns]
+    )
     extremes = statistics.loc[[column.name for column in columns], ["min", "max"]].to_numpy()
     sigma = statistics.loc[[column.name for column in columns], "sigma"].fillna(0.0).to_numpy()
-    found = scales(extremes.T, units, own, sigma)
+    outcome_scales = scales(extremes.T, units, scene_scale, sigma)
     return {
-        column.name: (told.get(column.name, np.nan), float(scale))
-        for column, scale in zip(columns, found, strict=True)
+        column.name: (errors_by_name.get(column.name, np.nan), float(scale))
+        for column, scale in zip(columns, outcome_scales, strict=True)
     }
 
 
 def with_errors(
-    campaign: Definition, told: Mapping[str, float], table: pd.DataFrame
+    campaign: Definition, errors_by_name: Mapping[str, float], table: pd.DataFrame
 ) -> pd.DataFrame:
-    """Statistics of the outcomes of a campaign with the ``error`` that is told of each, if any is,
-    what that is in its unit, and whether it is constant: see
-    `sepmc.analysis.constant_outcomes.with_constants`."""
-    if told:
-        table = table.assign(error=[told.get(str(name), np.nan) for name in table.index])
-    return with_constants(table, with_scales(campaign, told, table))
+    """Add the column ``error``, the error in the unit of each outcome, and marks of constant
+    outcomes.
+
+    See `sepmc.analysis.constant_outcomes.with_constants`.
+    """
+    if errors_by_name:
+        table = table.assign(error=[errors_by_name.get(str(name), np.nan) for name in table.index])
+    return with_constants(table, with_scales(campaign, errors_by_name, table))
 
 
-def without_noise(
-    campaign: Definition, outcomes: Mapping[str, float], told: Mapping[str, float]
+def zero_below_error(
+    campaign: Definition, outcomes: Mapping[str, float], errors_by_name: Mapping[str, float]
 ) -> dict[str, float]:
-    """What one case gave, by column: 0 where an outcome is no larger than its numerical error, of
-    which ``told`` is what `errors` measures."""
+    """Outcomes of one case by column, set to 0 where they are not larger than their numerical
+    error.
+
+    ``errors_by_name`` are relative errors as `errors` measures them.
+    """
     columns = campaign.outcome_columns
     units = [column.unit for column in columns]
-    own = scene_scales(campaign.scene, units) * np.array([column.scale for column in columns])
-    scale = scales(np.array([[outcomes[column.name] for column in columns]]), units, own)
-    sizes = {
-        column.name: error_size(told.get(column.name, np.nan), float(size), outcomes[column.name])
+    scene_scale = scene_scales(campaign.scene, units) * np.array(
+        [column.scale for column in columns]
+    )
+    scale = scales(np.array([[outcomes[column.name] for column in columns]]), units, scene_scale)
+    magnitudes = {
+        column.name: error_size(
+            errors_by_name.get(column.name, np.nan), float(size), outcomes[column.name]
+        )
         for column, size in zip(columns, scale, strict=True)
     }
     return {
-        name: 0.0 if abs(value) <= sizes.get(name, 0.0) else value
+        name: 0.0 if abs(value) <= magnitudes.get(name, 0.0) else value
         for name, value in outcomes.items()
     }
 
 
 def decisive(columns: list[Column]) -> np.ndarray:
-    """Which outcomes a step has to settle, (o,): all but times and places of extremes, and whether
-    outlines met."""
-    return np.array([not column.name.endswith(_PLACES) for column in columns], dtype=bool)
+    """Mask (o,) of the outcomes that must converge: all but times and positions of extremes and
+    contact."""
+    return np.array(
+        [not column.name.endswith(_EXTREME_POSITIONS) for column in columns], dtype=bool
+    )
 
 
 @dataclass(frozen=True)
-class Achieved:
-    """Numerical error of a campaign by outcome, see `errors`.
+class AchievedAccuracy:
+    """Numerical error of a campaign.
 
-    `SAFETY` times the largest that ``cases`` trial cases show when they are flown again at twice
-    the resolution. ``places`` names the outcomes that no step settles: times and places of
-    extremes, whether outlines met. Their errors are told, but ``worst`` and ``met`` are about the
-    others. ``history`` is the error of stored histories, between the ends of steps, if there are
-    any.
+    Attributes
+    ----------
+    asked : float
+        ``solver.accuracy``.
+    errors : dict of str to float
+        By outcome: `SAFETY` times the largest error of the calibration cases.
+    cases : int
+        Number of calibration cases.
+    positions : frozenset of str
+        Outcomes that do not converge with the step: times and positions of extremes, contact. They
+        have errors too, but do not count in ``worst`` and ``met``.
+    history : float or None
+        Error of stored histories between the ends of steps; None without histories.
     """
 
     asked: float
     errors: dict[str, float]
     cases: int
-    places: frozenset[str] = frozenset()
+    positions: frozenset[str] = frozenset()
     history: float | None = None
 
     @property
     def worst(self) -> tuple[str, float]:
-        """The outcome with the largest error, and that."""
+        """Decisive outcome with the largest error, and the error."""
         return _largest(
-            {name: error for name, error in self.errors.items() if name not in self.places}
+            {name: error for name, error in self.errors.items() if name not in self.positions}
             or self.errors
         )
 
     @property
-    def worst_place(self) -> tuple[str, float] | None:
-        """The same of times and places of extremes; None if there are none."""
-        found = {name: error for name, error in self.errors.items() if name in self.places}
-        return _largest(found) if found else None
+    def worst_position(self) -> tuple[str, float] | None:
+        """Time or position of an extreme with the largest error, and the error; None if there are
+        none."""
+        errors = {name: error for name, error in self.errors.items() if name in self.positions}
+        return _largest(errors) if errors else None
 
     @property
     def met(self) -> bool:
-        """Whether the worst error is at most the accuracy asked; never without trial cases."""
+        """True if the worst error meets the accuracy asked. False without calibration cases."""
         return self.cases > 0 and self.worst[1] <= self.asked
 
-    def with_errors(self, others: Mapping[str, float]) -> "Achieved":
-        """The same with errors that are no smaller than some others, by outcome."""
+    def with_errors(self, others: Mapping[str, float]) -> "AchievedAccuracy":
+        """Copy with errors raised to those of ``others``, by outcome."""
         return replace(
             self,
             errors={name: max(error, others.get(name, 0.0)) for name, error in self.errors.items()},
@@ -226,21 +297,34 @@ class Achieved:
 
 
 def _largest(errors_by_name: dict[str, float]) -> tuple[str, float]:
+    """Name and value of the largest error."""
     name = max(errors_by_name, key=lambda n: errors_by_name[n])
     return name, errors_by_name[name]
 
 
-def achieved(campaign: Definition, largest: np.ndarray, cases: int) -> Achieved:
-    """What ``cases`` trial cases tell: the ``largest`` (o,) error of each outcome they show;
-    infinite if there are none."""
+def achieved(campaign: Definition, largest_errors: np.ndarray, cases: int) -> AchievedAccuracy:
+    """Achieved accuracy from the largest errors of calibration cases.
+
+    Parameters
+    ----------
+    campaign : Definition
+    largest_errors : ndarray, shape (o,)
+        Largest error of each outcome.
+    cases : int
+        Number of calibration cases; errors are infinite if 0.
+
+    Returns
+    -------
+    AchievedAccuracy
+    """
     columns = campaign.outcome_columns
-    told = {
+    errors_by_name = {
         column.name: float(SAFETY * error) if cases else np.inf
-        for column, error in zip(columns, largest, strict=True)
+        for column, error in zip(columns, largest_errors, strict=True)
     }
-    places = frozenset(
+    positions = frozenset(
         column.name
         for column, decides in zip(columns, decisive(columns), strict=True)
         if not decides
     )
-    return Achieved(campaign.scene.solver.accuracy, told, cases, places)
+    return AchievedAccuracy(campaign.scene.solver.accuracy, errors_by_name, cases, positions)

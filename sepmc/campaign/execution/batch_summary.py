@@ -1,4 +1,4 @@
-"""What is counted of cases as they are flown: of a part, and of all that a run holds."""
+"""Counts and extremes of cases: of a chunk, a shard and a whole run."""
 
 import json
 from collections import Counter
@@ -12,129 +12,156 @@ import numpy as np
 
 from sepmc.analysis import rare_values
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.accuracy import Achieved
-from sepmc.campaign.execution.diagnostics import least_at_the_end
-from sepmc.campaign.execution.integration import Flight
+from sepmc.campaign.execution.accuracy import AchievedAccuracy
+from sepmc.campaign.execution.diagnostics import min_at_end
+from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import count_missing
 from sepmc.engine.dispatch import Block
 from sepmc.scene.messages import InputError
 from sepmc.schema import Status
 
 
-class Tally(msgspec.Struct, frozen=True):
-    """How many cases have another status than ok, an inertia that no solid body has, were flown
-    again at ``finer`` steps or by a ``spare`` kernel, and of these were not settled; in how many
-    each clearance is least at the end, and in how many ok ones something is ``missing`` that the
-    scene waits for (`sepmc.campaign.execution.missing_events`); the largest error of every outcome,
-    as far as cases tell it one by one, and the largest ``guards``, which tell it of the others
-    (`sepmc.campaign.execution.error_estimate.Estimate.largest`); how often rare values ``occurred``
-    (`sepmc.analysis.rare_values.count`)."""
+class BatchSummary(msgspec.Struct, frozen=True):
+    """Counts and extremes of a set of cases; summaries add up.
+
+    Attributes
+    ----------
+    failures : int
+        Cases with another status than ok.
+    implausible : int
+        Cases with an inertia that no solid body has.
+    refined, fallback, unconverged : int
+        Cases integrated again at smaller steps; by a fallback kernel; those that did not converge.
+    min_at_end : mapping of str to int
+        By clearance: cases whose minimum is at the end time.
+    missing : mapping of str to int
+        By event: ok cases without it; see `sepmc.campaign.execution.missing_events`.
+    errors : mapping of str to float
+        Largest error by outcome, of the outcomes that are estimated case by case.
+    indicators : tuple of float
+        Largest error indicators; see `sepmc.campaign.execution.error_estimate.Estimate.largest`.
+    occurred : tuple of int
+        Occurrences of rare values; see `sepmc.analysis.rare_values.count_values`.
+    """
 
     failures: int = 0
     implausible: int = 0
-    finer: int = 0
-    spare: int = 0
-    unsettled: int = 0
-    least_at_the_end: Mapping[str, int] = {}
+    refined: int = 0
+    fallback: int = 0
+    unconverged: int = 0
+    min_at_end: Mapping[str, int] = {}
     missing: Mapping[str, int] = {}
     errors: Mapping[str, float] = {}
-    guards: tuple[float, ...] = ()
+    indicators: tuple[float, ...] = ()
     occurred: tuple[int, ...] = ()
 
-    def __add__(self, other: Self) -> "Tally":
+    def __add__(self, other: Self) -> "BatchSummary":
         names = dict.fromkeys([*self.errors, *other.errors])
-        return Tally(
+        return BatchSummary(
             self.failures + other.failures,
             self.implausible + other.implausible,
-            self.finer + other.finer,
-            self.spare + other.spare,
-            self.unsettled + other.unsettled,
-            dict(Counter(self.least_at_the_end) + Counter(other.least_at_the_end)),
+            self.refined + other.refined,
+            self.fallback + other.fallback,
+            self.unconverged + other.unconverged,
+            dict(Counter(self.min_at_end) + Counter(other.min_at_end)),
             dict(Counter(self.missing) + Counter(other.missing)),
             {name: max(self.errors.get(name, 0.0), other.errors.get(name, 0.0)) for name in names},
-            tuple(map(max, self.guards, other.guards)) or self.guards or other.guards,
+            tuple(map(max, self.indicators, other.indicators))
+            or self.indicators
+            or other.indicators,
             tuple(map(add, self.occurred, other.occurred)) or self.occurred or other.occurred,
         )
 
     @property
     def text(self) -> str:
-        """As `read` takes it."""
+        """JSON text for `read`."""
         return json.dumps(msgspec.to_builtins(self))
 
 
-def read(text: str | bytes) -> Tally:
-    """A tally of `Tally.text`; an error may be infinite there, which JSON has no number for."""
+def read(text: str | bytes) -> BatchSummary:
+    """Read a summary from `BatchSummary.text`, which may contain Infinity. Raises InputError."""
     try:
-        return msgspec.convert(json.loads(text), Tally)
+        return msgspec.convert(json.loads(text), BatchSummary)
     except (ValueError, RecursionError, msgspec.ValidationError):
-        raise InputError("what a part tells of its cases cannot be read; fly them again") from None
+        raise InputError("the summary of a shard cannot be read; fly its cases again") from None
 
 
-def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
-    """The tally of cases that were flown together, from draws (n, d) in the units of the file."""
+def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummary:
+    """Summary of a chunk of cases.
+
+    Parameters
+    ----------
+    campaign : Definition
+    inputs : ndarray, shape (n, d)
+        In the units of the campaign file.
+    block : Block
+
+    Returns
+    -------
+    BatchSummary
+    """
     columns, again = campaign.outcome_columns, block.refinement
     outcomes = {c.name: x for c, x in zip(columns, block.outcomes.T, strict=False)}
     errors = np.zeros(len(columns)) if again is None else again.error
-    return Tally(
+    return BatchSummary(
         int(np.count_nonzero(block.status != Status.OK)),
-        campaign.implausible_inertias(drawn),
+        campaign.implausible_inertias(inputs),
         again.n_refined if again else 0,
         again.n_fallback if again else 0,
         again.n_unconverged if again else 0,
-        dict(least_at_the_end(campaign, outcomes, drawn)),
+        dict(min_at_end(campaign, outcomes, inputs)),
         count_missing(campaign, outcomes, block.status == Status.OK),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
         tuple(again.indicators.tolist()) if again else (),
-        rare_values.count(campaign.rare_values, drawn),
+        rare_values.count_values(campaign.rare_values, inputs),
     )
 
 
-def accuracy(flight: Flight, tally: Tally) -> Achieved:
-    """Error of cases: the largest that was counted of them, and of the trial cases."""
-    told = flight.achieved
-    assert told is not None
-    # no trial case tells anything, but cases that were flown again do
-    if not told.cases and tally.finer:
-        told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
-    return told.with_errors(_errors(flight, tally))
+def accuracy(flight: Integration, summary: BatchSummary) -> AchievedAccuracy:
+    """Achieved accuracy of a run: the larger error of its cases and of the calibration cases."""
+    achieved = flight.achieved
+    assert achieved is not None
+    # no calibration case has an error, but cases that were integrated again have
+    if not achieved.cases and summary.refined:
+        achieved = replace(achieved, errors=dict.fromkeys(achieved.errors, 0.0))
+    return achieved.with_errors(_errors(flight, summary))
 
 
-def _errors(flight: Flight, tally: Tally) -> dict[str, float]:
-    """The largest error of cases that were counted, by outcome."""
-    found, estimate = dict(tally.errors), flight.estimate
-    if estimate is None or not found:
-        return found
-    names, errors = list(found), np.array(list(found.values()))
-    largest = estimate.largest(errors, np.array(tally.guards))
+def _errors(flight: Integration, summary: BatchSummary) -> dict[str, float]:
+    """Largest error by outcome of the cases in a summary."""
+    errors_by_name, estimate = dict(summary.errors), flight.estimate
+    if estimate is None or not errors_by_name:
+        return errors_by_name
+    names, errors = list(errors_by_name), np.array(list(errors_by_name.values()))
+    largest = estimate.largest(errors, np.array(summary.indicators))
     return dict(zip(names, np.maximum(errors, largest).tolist(), strict=True))
 
 
-def accuracy_told(campaign: Definition, flight: Flight, tally: Tally) -> dict[str, Any]:
-    """What a manifest tells of how cases were flown, and of their error."""
-    solver, told = campaign.scene.solver, accuracy(flight, tally)
-    said: dict[str, Any] = {
+def accuracy_entries(
+    campaign: Definition, flight: Integration, summary: BatchSummary
+) -> dict[str, Any]:
+    """Entries of a manifest on the steps of an integration and its numerical error."""
+    solver, achieved = campaign.scene.solver, accuracy(flight, summary)
+    entries: dict[str, Any] = {
         "formulation": solver.formulation,
         "method": solver.method,
         "methods": flight.method_names,
     }
     if flight.step is not None:
-        said |= {"step_s": flight.step}
+        entries |= {"step_s": flight.step}
     else:
-        said |= {"steps": flight.steps.tolist(), "stages": flight.stages}
-    worst, error = told.worst
-    said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
-    if told.history is not None:
-        said |= {"history": told.history}
-    if tally.finer:
-        said |= {"finer_cases": tally.finer}
-        said |= {"unsettled_cases": tally.unsettled}
-    if tally.spare:
-        said |= {"spare_cases": tally.spare}
+        entries |= {"steps": flight.steps.tolist(), "stages": flight.stages}
+    worst, error = achieved.worst
+    entries |= {"achieved": error, "worst_outcome": worst, "cases": achieved.cases}
+    if achieved.history is not None:
+        entries |= {"history": achieved.history}
+    if summary.refined:
+        entries |= {"n_refined": summary.refined}
+        entries |= {"n_unconverged": summary.unconverged}
+    if summary.fallback:
+        entries |= {"n_fallback": summary.fallback}
     if solver.step is None:
-        said |= {"asked": told.asked, "met": told.met}
-    if told.worst_place:
-        said |= {"worst_place": told.worst_place[0], "places": sorted(told.places)}
-    return {**said, "errors": told.errors}
-
-
-__all__ = ["Tally", "accuracy", "accuracy_told", "count", "read"]
+        entries |= {"asked": achieved.asked, "met": achieved.met}
+    if achieved.worst_position:
+        entries |= {"worst_place": achieved.worst_position[0], "places": sorted(achieved.positions)}
+    return {**entries, "errors": achieved.errors}

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.accuracy import Achieved, scene_scales
-from sepmc.campaign.execution.integration import Flight
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, scene_scales
+from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import missing_of_one
 from sepmc.campaign.execution.table_overshoot import overshooting
 from sepmc.routines.layout import ROD, ROTATION
@@ -28,7 +28,7 @@ _TOGETHER = 1e-3
 _TOWARD = 0.5  # cosine: a motor that pushes its body toward another
 
 
-def of_file(campaign: Definition) -> list[str]:
+def file_notes(campaign: Definition) -> list[str]:
     """Sentences on what a campaign's file holds."""
     dispersed = {d.parameter.path for d in campaign.file.dispersions}
     return [
@@ -39,9 +39,9 @@ def of_file(campaign: Definition) -> list[str]:
     ]
 
 
-def remarks(campaign: Definition, flight: Flight) -> list[str]:
+def scene_notes(campaign: Definition, flight: Integration) -> list[str]:
     """Sentences on the scene of a campaign, from its file and the flight of its nominal case."""
-    found = of_file(campaign)
+    found = file_notes(campaign)
     if flight.nominal is None:
         return found
     outcomes = {
@@ -70,13 +70,13 @@ def mixed(kinds: Mapping[str, int]) -> list[str]:
     ]
 
 
-def sampled(campaign: Definition, numbers: Numbers) -> Iterator[str]:
+def sampled(campaign: Definition, numbers: CaseSelection) -> Iterator[str]:
     """Sentences on cases that are not drawn independently of each other, or that a person chose."""
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:
         yield (
-            "run.plan: intervals and verdicts hold as far as the rows of the plan are independent "
-            "random cases"
+            "run.samples: intervals and verdicts hold only if the rows of the table are "
+            "independent random cases"
         )
     if not numbers.are_first and numbers != campaign.numbers:
         yield (
@@ -166,11 +166,11 @@ def of_nominal(
                 )
     if springs is not None:
         yield from missing_of_one(campaign, outcomes, springs, "the nominal case")
-    for name in least_at_the_end(campaign, outcomes):
+    for name in min_at_end(campaign, outcomes):
         yield _may_become_less(name, "the nominal flight ends")
 
 
-def least_at_the_end(
+def min_at_end(
     campaign: Definition,
     outcomes: Mapping[str, float] | Mapping[str, np.ndarray],
     drawn: np.ndarray | None = None,
@@ -224,7 +224,7 @@ def _deepest(
 
 
 def still_near(counts: Mapping[str, int]) -> list[str]:
-    """A sentence for each clearance of `least_at_the_end`."""
+    """A sentence for each clearance of `min_at_end`."""
     return [
         _may_become_less(name, f"the flight ends in {count} cases")
         for name, count in counts.items()
@@ -238,7 +238,7 @@ def _may_become_less(clearance: str, when: str) -> str:
     )
 
 
-def unmet(told: Achieved, fixed: bool) -> list[str]:
+def unmet(told: AchievedAccuracy, fixed: bool) -> list[str]:
     """The sentence for an accuracy that is asked for and not met, with size, outcome and remedy;
     none if it is met."""
     if not told.cases:
@@ -251,7 +251,7 @@ def unmet(told: Achieved, fixed: bool) -> list[str]:
     beyond = {
         name: error
         for name, error in told.errors.items()
-        if name not in told.places and error > told.asked
+        if name not in told.positions and error > told.asked
     }
     names = sorted(beyond, key=lambda name: -beyond[name])
     shown = ", ".join(f"{name} {beyond[name]:.1e}" for name in names[:_NAMED]) + (

@@ -1,147 +1,186 @@
-"""An estimate of the error of every case: guards of its flight tell how hard it was to integrate,
-and trial cases, whose errors are known, what errors that goes with."""
+"""Error estimate of every case: error indicators of its integration, calibrated on cases of known
+error."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-# What is told of a case is so many times what no trial case goes beyond. How true errors of other
-# cases compare with that stands in sepmc/validation/README.md.
-_MARGIN = 4.0 / 3.0
-# of the largest error of a case: what never comes so near is not looked at
+# Factor on the bound of the calibration cases. True errors of other cases compared with it:
+# sepmc/validation/README.md.
+_SAFETY_FACTOR = 4.0 / 3.0
+# fraction of the largest error of a case below which an outcome never leads
 _NEAR = 0.5
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Errors of outcomes (o,) as sums over guards (g,): for every guard as large as the largest of
-    a trial case, ``size`` (g,), a share of ``weights`` (o, g), which grows with the power 3/2 of
-    the guard. The sum is raised until no trial case is beyond, by a ``factor`` (o,) or by a
-    ``number`` (o,), whichever is less; if guards tell nothing of some errors the factor is
-    infinite. On top come ``floor`` (o,) and shares of the guards themselves, ``left_out`` (o, g).
-    The largest error of a case is that of one of the ``leading`` outcomes (k,), of those that
-    ``decides`` (o,)."""
+    """Linear model of the errors of outcomes in the error indicators of a case.
+
+    The error of outcome k is a sum of terms over indicators: ``weights[k, g]`` times the power 3/2
+    of indicator g over ``size[g]``. The sum is raised by ``factor[k]`` or by ``offset[k]``,
+    whichever is less, so that no calibration case exceeds it; ``factor`` is infinite if indicators
+    do not explain some errors. ``floor[k]`` and ``direct[k, g]`` times the indicators are added.
+
+    Attributes
+    ----------
+    size : ndarray, shape (g,)
+        Largest indicator of the calibration cases.
+    weights : ndarray, shape (o, g)
+    factor, offset, floor : ndarray, shape (o,)
+    direct : ndarray, shape (o, g)
+    leading : ndarray, shape (k,)
+        Indices of the outcomes that can have the largest error of a case.
+    is_decisive : ndarray of bool, shape (o,)
+    """
 
     size: np.ndarray
     weights: np.ndarray
     factor: np.ndarray
-    number: np.ndarray
+    offset: np.ndarray
     floor: np.ndarray
-    left_out: np.ndarray
+    direct: np.ndarray
     leading: np.ndarray
-    decides: np.ndarray
+    is_decisive: np.ndarray
 
-    def of_cases(self, guards: np.ndarray) -> np.ndarray:
-        """The error (n,) of each case, the largest of its outcomes, given its guards (n, g). Sums
-        are made term by term, so that a case has the same bits in any batch."""
-        terms, found = _terms(guards, self.size), np.zeros(len(guards))
+    def of_cases(self, indicators: np.ndarray) -> np.ndarray:
+        """Largest error (n,) of the leading outcomes of each case, from its indicators (n, g).
+
+        Sums are made term by term, so that a case has the same bits in any batch.
+        """
+        terms, errors = _terms(indicators, self.size), np.zeros(len(indicators))
         for k in self.leading:
-            np.maximum(found, self._raised(k, self._sum(k, terms), guards), out=found)
-        return found
+            np.maximum(errors, self._bound(k, self._sum(k, terms), indicators), out=errors)
+        return errors
 
-    def of_leading(self, guards: np.ndarray) -> np.ndarray:
-        """The largest error (o,) of each outcome that leads over cases with these guards (n, g); 0
-        of the others."""
-        found = np.zeros(len(self.floor))
-        terms = _terms(guards, self.size)
+    def of_leading(self, indicators: np.ndarray) -> np.ndarray:
+        """Largest error (o,) of each leading outcome over cases with indicators (n, g); 0 for the
+        others."""
+        errors = np.zeros(len(self.floor))
+        terms = _terms(indicators, self.size)
         for k in self.leading:
-            found[k] = self._raised(k, self._sum(k, terms), guards).max(initial=0.0)
-        return found
+            errors[k] = self._bound(k, self._sum(k, terms), indicators).max(initial=0.0)
+        return errors
 
-    def largest(self, leading: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """What the error (o,) of each outcome is no larger than over some cases, given that of the
-        outcomes that lead (o,) and the largest guards (g,), of whichever case: these together say
-        it of the others, which takes a tenth of the time. Those that decide (o,) are never further
-        off than the leading ones. However cases are grouped, it is the same."""
-        if not len(most):
+    def largest(self, leading: np.ndarray, largest: np.ndarray) -> np.ndarray:
+        """Upper bound of the error of each outcome over some cases.
+
+        Parameters
+        ----------
+        leading : ndarray, shape (o,)
+            Largest error of the leading outcomes; see `of_leading`.
+        largest : ndarray, shape (g,)
+            Largest value of each indicator over the cases.
+
+        Returns
+        -------
+        ndarray, shape (o,)
+            Independent of how cases are grouped. Decisive outcomes are bounded by the leading ones.
+            Takes a tenth of the time of `of_outcomes`.
+        """
+        if not len(largest):
             return leading
-        found, most = leading.copy(), most[None, :]
-        together = _terms(most, self.size)
-        for k in sorted(set(range(len(found))) - set(self.leading.tolist())):
-            found[k] = self._raised(k, self._sum(k, together), most)[0]
+        errors, largest = leading.copy(), largest[None, :]
+        terms_of_largest = _terms(largest, self.size)
+        for k in sorted(set(range(len(errors))) - set(self.leading.tolist())):
+            errors[k] = self._bound(k, self._sum(k, terms_of_largest), largest)[0]
         limit = leading[self.leading].max(initial=0.0)
-        return np.where(self.decides, np.minimum(found, limit), found)
+        return np.where(self.is_decisive, np.minimum(errors, limit), errors)
 
-    def of_outcomes(self, guards: np.ndarray) -> np.ndarray:
-        """The error (o, n) of each outcome of every case."""
-        terms = _terms(guards, self.size)
+    def of_outcomes(self, indicators: np.ndarray) -> np.ndarray:
+        """Error (o, n) of each outcome of every case with indicators (n, g)."""
+        terms = _terms(indicators, self.size)
         return np.array(
-            [self._raised(k, self._sum(k, terms), guards) for k in range(len(self.floor))]
+            [self._bound(k, self._sum(k, terms), indicators) for k in range(len(self.floor))]
         )
 
     def _sum(self, k: int, terms: np.ndarray) -> np.ndarray:
-        """The sum (n,) of the weights of an outcome: most are zero, so a product of matrices would
-        take longer, and does where other processes keep the cores busy."""
+        """Weighted sum (n,) of an outcome. Most weights are zero, so a matrix product is slower,
+        and much slower where other processes use the cores."""
         error = np.zeros(terms.shape[1])
-        for guard in np.flatnonzero(self.weights[k]):
-            error += self.weights[k, guard] * terms[guard]
+        for indicator in np.flatnonzero(self.weights[k]):
+            error += self.weights[k, indicator] * terms[indicator]
         return error
 
-    def _raised(self, k: int, error: np.ndarray, guards: np.ndarray) -> np.ndarray:
-        """The error (n,) of an outcome, given the sum of its weights."""
-        raised = error + self.number[k]
+    def _bound(self, k: int, error: np.ndarray, indicators: np.ndarray) -> np.ndarray:
+        """Error bound (n,) of an outcome from its weighted sum."""
+        error_bound = error + self.offset[k]
         if np.isfinite(self.factor[k]):
-            raised = np.minimum(self.factor[k] * error, raised)
-        for guard in np.flatnonzero(self.left_out[k]):
-            raised += self.left_out[k, guard] * guards[:, guard]
-        return np.asarray(raised + self.floor[k])
+            error_bound = np.minimum(self.factor[k] * error, error_bound)
+        for indicator in np.flatnonzero(self.direct[k]):
+            error_bound += self.direct[k, indicator] * indicators[:, indicator]
+        return np.asarray(error_bound + self.floor[k])
 
 
-def _terms(guards: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """The power 3/2 of guards (n, g) over a size (g,), by rows (g, n): guards are of order 6 in the
-    length of a step, errors of order 9."""
-    share = guards.T / size[:, None]
-    return np.asarray(share * np.sqrt(share))
+def _terms(indicators: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Power 3/2 of indicators (n, g) over a size (g,), by rows (g, n): indicators are of order 6 in
+    the step, errors of order 9."""
+    ratio_of_size = indicators.T / size[:, None]
+    return np.asarray(ratio_of_size * np.sqrt(ratio_of_size))
 
 
 def estimate(
-    guards: np.ndarray,
+    indicators: np.ndarray,
     errors: np.ndarray,
     floor: np.ndarray,
-    left_out: np.ndarray,
-    decides: np.ndarray,
+    direct: np.ndarray,
+    is_decisive: np.ndarray,
 ) -> Estimate:
-    """The estimate that trial cases lead to, which have ``guards`` (n, g) and ``errors`` (n, o); it
-    is never below a ``floor`` (o,) and what guards say by themselves, ``left_out`` (o, g). An
-    outcome's weights are least squares without negative terms. What ``decides`` (o,), see
-    `sepmc.campaign.execution.accuracy.decisive`, leads if it comes near the largest error of any
-    trial case."""
-    size = guards.max(axis=0, initial=0.0)
+    """Fit an error estimate to calibration cases.
+
+    Parameters
+    ----------
+    indicators : ndarray, shape (n, g)
+    errors : ndarray, shape (n, o)
+    floor : ndarray, shape (o,)
+        Lower bound of the estimate.
+    direct : ndarray, shape (o, g)
+        Error per unit of an indicator that is added.
+    is_decisive : ndarray of bool, shape (o,)
+        See `sepmc.campaign.execution.accuracy.is_decisive`.
+
+    Returns
+    -------
+    Estimate
+        Weights are least squares without negative terms. A decisive outcome leads if its error
+        comes near the largest error of any calibration case.
+    """
+    size = indicators.max(axis=0, initial=0.0)
     size = np.where(size > 0.0, size, 1.0)
     outcomes = errors.shape[1]
     weights = np.zeros((outcomes, len(size)))
-    factor, number = np.ones(outcomes), np.zeros(outcomes)
-    if len(guards):
-        terms = np.ascontiguousarray(_terms(guards, size).T)
+    factor, offset = np.ones(outcomes), np.zeros(outcomes)
+    if len(indicators):
+        terms = np.ascontiguousarray(_terms(indicators, size).T)
         for k, column in enumerate(errors.T):
-            finite = np.isfinite(column)  # what is infinitely wrong is told of the whole campaign
+            finite = np.isfinite(column)  # an infinite error is reported for the whole campaign
             if not finite.any():
                 continue
-            known, of_known = column[finite], terms[finite]
-            fitted = _fitted(of_known, known)
-            about = of_known @ fitted
+            known_errors, of_known = column[finite], terms[finite]
+            coefficients = _fitted(of_known, known_errors)
+            fitted_errors = of_known @ coefficients
             with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = np.where(known > 0.0, known / about, 1.0)
-            weights[k], factor[k] = _MARGIN * fitted, max(float(ratio.max()), 1.0)
-            number[k] = _MARGIN * max(float((known - about).max()), 0.0)
-    leading = np.flatnonzero(decides)
-    found = Estimate(size, weights, factor, number, floor, left_out, leading, decides)
-    if not len(guards):
-        return found
-    told = found.of_outcomes(guards)[leading]
-    near = (told >= _NEAR * told.max(axis=0, initial=0.0)).any(axis=1)
-    return replace(found, leading=leading[near])
+                ratio = np.where(known_errors > 0.0, known_errors / fitted_errors, 1.0)
+            weights[k], factor[k] = _SAFETY_FACTOR * coefficients, max(float(ratio.max()), 1.0)
+            offset[k] = _SAFETY_FACTOR * max(float((known_errors - fitted_errors).max()), 0.0)
+    leading = np.flatnonzero(is_decisive)
+    fitted = Estimate(size, weights, factor, offset, floor, direct, leading, is_decisive)
+    if not len(indicators):
+        return fitted
+    estimates = fitted.of_outcomes(indicators)[leading]
+    is_near = (estimates >= _NEAR * estimates.max(axis=0, initial=0.0)).any(axis=1)
+    return replace(fitted, leading=leading[is_near])
 
 
-def _fitted(terms: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Weights (g,), none negative, by which terms (n, g) add up to about what is known (n,)."""
+def _fitted(terms: np.ndarray, known_errors: np.ndarray) -> np.ndarray:
+    """Non-negative weights (g,) by which terms (n, g) add up to known errors (n,), by least
+    squares."""
     weights = np.zeros(terms.shape[1])
-    most = float(known.max())
-    used = np.flatnonzero(terms.any(axis=0) & (most > 0.0))
-    while len(used):
-        found = np.linalg.lstsq(terms[:, used], known / most, rcond=1e-9)[0]
-        if (found >= 0.0).all():
-            weights[used] = most * found
+    largest = float(known_errors.max())
+    columns_used = np.flatnonzero(terms.any(axis=0) & (largest > 0.0))
+    while len(columns_used):
+        solution = np.linalg.lstsq(terms[:, columns_used], known_errors / largest, rcond=1e-9)[0]
+        if (solution >= 0.0).all():
+            weights[columns_used] = largest * solution
             break
-        used = used[found > 0.0]
+        columns_used = columns_used[solution > 0.0]
     return weights

@@ -11,7 +11,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import (
     SAFETY,
     SMALL,
-    Achieved,
+    AchievedAccuracy,
     decisive,
     errors,
     scene_scales,
@@ -22,20 +22,19 @@ from sepmc.campaign.execution.step_refinement import (
     DOUBTFUL,
     HALVINGS,
     TOO_LONG,
-    Settled,
-    settle,
+    Converged,
+    refine_steps,
 )
 from sepmc.engine.dispatch import Block, RefinementSummary, integrate_cases, status_in
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec.methods import method
+from sepmc.kernel.spec.variant import Variant
 from sepmc.routines.layout import (
-    ANY_ORDER,
     BODY_OUTCOMES,
     FINER_STEPS,
     FLOW_ANGLES,
-    LEAST_SQUARES,
-    STANDARD,
 )
+from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
@@ -46,22 +45,20 @@ _MOST_LOST = 3  # halvings of the step of a case that is lost, where a spare ker
 _NO_CALLS = np.zeros(0, dtype=np.int64)
 EVERY_S = 10.0  # between two words on how far trial cases or a single flight are
 
-Say = Callable[[str], None]
-
 
 @dataclass(frozen=True)
-class Spare:
+class FallbackKernel:
     """A kernel for cases that the one of a flight does not vouch for, because it takes more
-    ``care``: ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`. ``phases`` (stages,) are the
-    numbers of the phases that the stages of the flight belong to."""
+    ``care``: a `Variant` of the kernel. ``phases``
+    (stages,) are the numbers of the phases that the stages of the flight belong to."""
 
-    care: int
-    make: Callable[["Say | None"], Kernel]
+    variant: int
+    make: Callable[["Log | None"], Kernel]
     phases: np.ndarray
 
 
 @dataclass(frozen=True)
-class Flight:
+class Integration:
     """How a campaign is flown.
 
     ``steps`` (stages,) are those of its ``kernel``, by the ``methods`` (stages,) of these numbers,
@@ -79,7 +76,7 @@ class Flight:
 
     kernel: Kernel
     steps: np.ndarray
-    usual: np.ndarray
+    durations: np.ndarray
     stages: list[str] = field(default_factory=list)
     step: float | None = None
     scale: np.ndarray | None = None
@@ -88,21 +85,21 @@ class Flight:
     estimate: Estimate | None = None
     most: float = np.inf
     error: float = np.nan
-    achieved: Achieved | None = None
+    achieved: AchievedAccuracy | None = None
     nominal: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
-    spares: tuple[Spare, ...] = ()
+    fallbacks: tuple[FallbackKernel, ...] = ()
     methods: np.ndarray | None = None
-    care: int = STANDARD
+    variant: int = Variant.STANDARD
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy holds, in another process too: `packed`."""
-        return {**vars(self), "spares": ()}
+        return {**vars(self), "fallbacks": ()}
 
     @property
-    def packed(self) -> "Flight":
+    def packed(self) -> "Integration":
         """The same without what another process has to load for itself; see `pilot.unpacked`."""
-        return replace(self, kernel=replace(self.kernel, address=0, calls=_NO_CALLS), spares=())
+        return replace(self, kernel=replace(self.kernel, address=0, table=_NO_CALLS), fallbacks=())
 
     @property
     def method_names(self) -> list[str]:
@@ -125,26 +122,26 @@ class Flight:
         )
 
     @property
-    def has_pacing_spare(self) -> bool:
+    def has_any_order_fallback(self) -> bool:
         """Whether a spare kernel lets cases go each at their own pace, which tells more of a case
         in which an event comes late than ever finer steps."""
-        return any(spare.care == ANY_ORDER for spare in self.spares)
+        return any(fallback.variant == Variant.ANY_ORDER for fallback in self.fallbacks)
 
-    def by(self, spare: Spare, announce: Say | None) -> "Flight":
+    def by(self, fallback: FallbackKernel, announce: Log | None) -> "Integration":
         """The same by a spare kernel, whose stages are the phases."""
-        kernel = spare.make(announce)
-        steps = np.bincount(spare.phases, self.steps, kernel.n_segments).astype(np.int64)
-        usual = np.bincount(spare.phases, self.usual, kernel.n_segments)
+        kernel = fallback.make(announce)
+        steps = np.bincount(fallback.phases, self.steps, kernel.n_segments).astype(np.int64)
+        durations = np.bincount(fallback.phases, self.durations, kernel.n_segments)
         return replace(
             self,
             kernel=kernel,
             steps=np.maximum(steps, 1),
-            usual=usual,
-            spares=(),
+            durations=durations,
+            fallbacks=(),
             methods=None,
         )
 
-    def sharper(self, times: int = 2) -> "Flight":
+    def refined(self, times: int = 2) -> "Integration":
         """The same at so many times the resolution."""
         return replace(
             self, steps=times * self.steps, step=None if self.step is None else self.step / times
@@ -158,18 +155,18 @@ def by_name(kernel: Kernel, names: list[str]) -> np.ndarray:
     return np.array([has.index(name) if name in has else 0 for has, name in pairs], dtype=np.int64)
 
 
-def fly(
+def integrate(
     campaign: Definition,
-    flight: Flight,
+    flight: Integration,
     draws: np.ndarray,
     room: int = 0,
-    announce: Say | None = None,
+    announce: Log | None = None,
 ) -> Block:
     """Fly draws (n, d), SI. Cases harder than any trial case or with too large an error, those that
     seem to leave a table or to jam and those that the kernel does not vouch for are flown again at
     shorter steps; by spare kernels, if that does not tell. What none vouches for has no
     outcomes."""
-    block = fly_once(campaign, flight, draws, room)
+    block = integrate_once(campaign, flight, draws, room)
     like = _is_like_trials(flight, block)
     told = _estimated(campaign, flight, block, like)
     beyond = like & (block.error > flight.most)
@@ -178,12 +175,12 @@ def fly(
         _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(beyond & ~hard), 1)
     ).merged(_fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard)))
     bodies = len(campaign.plan.bodies)
-    for spare in flight.spares:
+    for fallback in flight.fallbacks:
         finite = motion_is_finite(block.outcomes, bodies)
-        lost = np.flatnonzero(helped(block.status, spare.care, finite))
+        lost = np.flatnonzero(helped(block.status, fallback.variant, finite))
         if len(lost):
-            other = flight.by(spare, announce)
-            _put(block, lost, fly_once(campaign, other, draws[lost], room))
+            other = flight.by(fallback, announce)
+            _put(block, lost, integrate_once(campaign, other, draws[lost], room))
             hard = (_doubtful(campaign, block) | block.has_outcomes)[lost]
             summary = summary.merged(_fly_hard(campaign, other, draws, room, block, lost[hard]))
             summary.n_fallback += len(lost)
@@ -196,32 +193,34 @@ def fly(
     return block
 
 
-def helped(status: np.ndarray, care: int, finite: np.ndarray) -> np.ndarray:
+def helped(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
     """Which lost cases (n,) a kernel that takes more ``care`` may fly. Those that ask for finer
     steps, and whose outcomes are ``finite`` (n,), least squares would help no more than these."""
     finer = (status == FINER_STEPS) & finite
-    return (status < 0) & (status >= care) & ~(finer & (care == LEAST_SQUARES))
+    return (status < 0) & (status >= variant) & ~(finer & (variant == Variant.LEAST_SQUARES))
 
 
 def final_status(lost: np.ndarray, finite: np.ndarray) -> np.ndarray:
     """How cases (n,) end that no kernel vouches for, given what the last one said of them, and
     whether their outcomes are numbers."""
-    told = np.where(lost == LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED))
+    told = np.where(
+        lost == Variant.LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED)
+    )
     return np.where((lost == FINER_STEPS) & ~finite, int(Status.NOT_FINITE), told)
 
 
-def usual_lengths(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
+def typical_durations(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
     """How long stages usually last, s, shape (stages,), given when they end in some cases, (stages,
     n), of which some are ``sound`` (n,). One that usually is over as it begins lasts as long as in
     the cases, sound or not, in which it is not."""
-    usual, lengths = (
+    durations, lengths = (
         np.diff(np.median(ends[:, sound], axis=1), prepend=0.0),
         np.diff(ends, axis=0, prepend=0.0),
     )
-    for k in np.flatnonzero(usual <= _AT_ONCE * ends[-1].max()):
+    for k in np.flatnonzero(durations <= _AT_ONCE * ends[-1].max()):
         lasting = lengths[k][lengths[k] > _AT_ONCE * ends[-1].max()]
-        usual[k] = np.median(lasting) if len(lasting) else 0.0
-    return usual
+        durations[k] = np.median(lasting) if len(lasting) else 0.0
+    return durations
 
 
 def history_rows(scene: Scene) -> int:
@@ -229,13 +228,15 @@ def history_rows(scene: Scene) -> int:
     return int(scene.run.end_time / scene.run.history_step + 1e-9) + 1
 
 
-def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0) -> Block:
+def integrate_once(
+    campaign: Definition, flight: Integration, draws: np.ndarray, room: int = 0
+) -> Block:
     """Fly draws at the flight's steps, and none of them again."""
     return integrate_cases(
         flight.kernel,
         campaign.plan,
         flight.steps,
-        flight.usual,
+        flight.durations,
         campaign.slots,
         draws,
         room,
@@ -250,7 +251,7 @@ def motion_is_finite(outcomes: np.ndarray, bodies: int) -> np.ndarray:
     return np.asarray(np.isfinite(of_bodies[:, :, FLOW_ANGLES:]).all(axis=(1, 2)))
 
 
-def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
+def _is_like_trials(flight: Integration, block: Block) -> np.ndarray:
     """Which cases (n,) are no harder to integrate than trial cases."""
     assert block.indicators is not None
     if flight.limits is None:
@@ -262,7 +263,7 @@ def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
 
 
 def _estimated(
-    campaign: Definition, flight: Flight, block: Block, like: np.ndarray
+    campaign: Definition, flight: Integration, block: Block, like: np.ndarray
 ) -> RefinementSummary:
     """Put the estimate of the error into the rows of a block that are ``like`` (n,) trial cases.
     Returns what is to be told of those that need not fly again."""
@@ -295,7 +296,7 @@ def _doubtful(campaign: Definition, block: Block) -> np.ndarray:
 
 def _fly_hard(
     campaign: Definition,
-    flight: Flight,
+    flight: Integration,
     draws: np.ndarray,
     room: int,
     block: Block,
@@ -314,7 +315,7 @@ def _fly_hard(
         flight,
         block,
         hard,
-        lambda sharper, some: fly_once(campaign, sharper, draws[some], room),
+        lambda refined, some: integrate_once(campaign, refined, draws[some], room),
         agreements,
         before,
     )
@@ -343,7 +344,7 @@ def _fly_hard(
     )
 
 
-def _told(flight: Flight, change: np.ndarray, decides: np.ndarray) -> np.ndarray:
+def _told(flight: Integration, change: np.ndarray, decides: np.ndarray) -> np.ndarray:
     """What is told of the errors of cases (n,) whose outcomes the last halvings changed, (n, o): no
     less than of any other case."""
     least = flight.estimate.floor if flight.estimate else np.zeros(change.shape[1])
@@ -351,39 +352,44 @@ def _told(flight: Flight, change: np.ndarray, decides: np.ndarray) -> np.ndarray
 
 
 def _alone(
-    campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, number: int
-) -> Settled:
+    campaign: Definition,
+    flight: Integration,
+    draws: np.ndarray,
+    room: int,
+    block: Block,
+    number: int,
+) -> Converged:
     """Fly a case, into its row of ``block``, whose phases last so much longer than usual that an
     event is looked for far too early: what they last is learnt from a flight of its own."""
-    one, sharp = draws[number : number + 1], flight.sharper(_TO_LEARN)
+    one, sharp = draws[number : number + 1], flight.refined(_TO_LEARN)
     _, ends = integrate_cases(
         flight.kernel,
         campaign.plan,
         sharp.steps,
-        flight.usual,
+        flight.durations,
         campaign.slots,
         one,
         methods=flight.methods,
     )
-    own = replace(flight, usual=usual_lengths(ends, np.ones(1, dtype=bool)))
+    own = replace(flight, durations=typical_durations(ends, np.ones(1, dtype=bool)))
     return _settle(
         campaign,
         own,
         block,
         np.array([number]),
-        lambda sharper, _: fly_once(campaign, sharper, one, room),
+        lambda refined, _: integrate_once(campaign, refined, one, room),
     )
 
 
 def _settle(
     campaign: Definition,
-    flight: Flight,
+    flight: Integration,
     block: Block,
     which: np.ndarray,
-    flown: Callable[[Flight, np.ndarray], Block],
+    flown: Callable[[Integration, np.ndarray], Block],
     agreements: int = AGREEMENTS,
     before: Block | None = None,
-) -> Settled:
+) -> Converged:
     """Fly cases into their rows of a block, by ``flown`` (flight, cases), at twice the resolution
     and so on until they have settled; what they gave ``before`` in the steps of the flight, if that
     is known, is not flown again."""
@@ -393,7 +399,7 @@ def _settle(
         if share == 1.0 and before is not None:
             again = _rows(before, some)
         else:
-            again = flown(flight.sharper(round(1.0 / share)), which[some])
+            again = flown(flight.refined(round(1.0 / share)), which[some])
         _put(block, which[some], again)
         return again.outcomes[:, : len(columns)].copy(), np.where(
             (again.status < 0) | again.turns_unclear, Status.UNRESOLVED, again.status
@@ -404,14 +410,14 @@ def _settle(
         if flight.scale is None
         else flight.scale
     )
-    return settle(
+    return refine_steps(
         fly_some,
         len(which),
         1.0,
         SAFE * campaign.scene.solver.accuracy,
         scale,
         decisive(columns),
-        _MOST_LOST if flight.has_pacing_spare else HALVINGS,
+        _MOST_LOST if flight.has_any_order_fallback else HALVINGS,
         agreements,
     )
 

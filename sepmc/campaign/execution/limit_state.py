@@ -1,4 +1,4 @@
-"""What is sought of a rare event: a requirement as a margin, and what flies scores to it."""
+"""Limit-state function: maps standard-normal samples to margins of a requirement."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -8,216 +8,268 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.analysis.requirements import margins
-from sepmc.analysis.statistics import Worst
+from sepmc.analysis.statistics import AuditSummary
 from sepmc.analysis.subset_simulation import Estimate
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch_summary import Tally, count
+from sepmc.campaign.execution.batch_summary import BatchSummary, count
 from sepmc.campaign.execution.flight_log import FlightLog
-from sepmc.campaign.execution.integration import Flight, Say, fly
+from sepmc.campaign.execution.integration import Integration, integrate
 from sepmc.engine.dispatch import Block
-from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.messages import InputError, Log, nearest
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import Column, Status, is_yes_or_no
 from sepmc.wording import setting
 
 LABELS = [status.label for status in Status]
-_AT_ONCE = 4096  # cases that one call flies: it cannot be interrupted
+_CASES_PER_CALL = 4096  # a call cannot be interrupted
 _CONTACT = "_recontact"
-_TOUCHED = -1e-9  # mm: the margin of outlines that touch is below zero
-# of a discrete law: a value less probable is looked at by itself, in so many cases each, as levels
-# may not see it
-_SELDOM, _EACH = 0.01, 64
-_MATTERS = 0.2  # of the probability that was found
+_CONTACT_MARGIN = -1e-9  # mm: outlines that touch have a negative margin
+# values of a discrete distribution less probable than this get cases of their own, as levels can
+# miss them; number of cases for each
+_RARE_PROBABILITY, _CASES_PER_VALUE = 0.01, 64
+_MIN_FRACTION = 0.2  # of the estimated probability: contributions below are not reported
 
 
 @dataclass(frozen=True)
-class Target:
-    """A requirement on an outcome that comes nearer to its bound by degrees: the outcome's
-    ``column`` at its ``place``; of one on a contact, this is the clearance, and ``contact`` the
-    place of whether there is one."""
+class LimitState:
+    """Requirement on a numeric outcome, as a margin.
+
+    Attributes
+    ----------
+    requirement : Requirement
+    column : Column
+        Outcome that is bounded; the clearance if the requirement is on contact.
+    index : int
+        Index of the outcome.
+    contact : int or None
+        Index of the contact outcome, if the requirement is on contact.
+    """
 
     requirement: Requirement
     column: Column
-    place: int
+    index: int
     contact: int | None = None
 
     @property
     def sentence(self) -> str:
-        """What is asked, in words."""
+        """Requirement in words."""
         item, unit = self.requirement, "" if self.column.unit == "1" else f" {self.column.unit}"
         bounds = [
             f"{word} {bound:g}{unit}"
             for word, bound in ((">=", item.at_least), ("<=", item.at_most))
             if bound is not None and self.contact is None
         ]
-        said = f"{item.metric} {' and '.join(bounds)}" if bounds else f"no {item.metric}"
-        return f"requirement.{item.name}: {said}"
+        text = f"{item.metric} {' and '.join(bounds)}" if bounds else f"no {item.metric}"
+        return f"requirement.{item.name}: {text}"
 
     @property
     def size(self) -> float:
-        """Size of the bound, in the unit of the outcome."""
+        """Absolute value of the bound, in the unit of the outcome."""
         bounds = (self.requirement.at_least, self.requirement.at_most)
         return max(abs(x) for x in bounds if x is not None) if self.contact is None else 0.0
 
     def margin(self, block: Block) -> np.ndarray:
-        """How far cases (n,) are within the bound; NaN of those of which it is not known, as for a
-        verdict."""
-        values = block.outcomes[:, self.place] * self.column.scale
+        """Margins of cases, positive within the bound; NaN where unknown, as for a verdict.
+
+        Parameters
+        ----------
+        block : Block
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In the unit of the outcome.
+        """
+        values = block.outcomes[:, self.index] * self.column.scale
         if self.contact is None:
-            found = margins(values, self.requirement)
-        else:  # what never counts is never near
-            met = block.outcomes[:, self.contact]
-            apart = np.where(np.isnan(values), np.inf, np.maximum(values, 0.0))
-            found = np.where(met > 0.5, np.fmin(values, _TOUCHED), apart)
-            found = np.where(np.isnan(met), np.nan, found)
-        return np.where(block.status == Status.OK, found, np.nan)
+            values = margins(values, self.requirement)
+        else:  # NaN: the clearance never counts
+            contact = block.outcomes[:, self.contact]
+            distance = np.where(np.isnan(values), np.inf, np.maximum(values, 0.0))
+            values = np.where(contact > 0.5, np.fmin(values, _CONTACT_MARGIN), distance)
+            values = np.where(np.isnan(contact), np.nan, values)
+        return np.where(block.status == Status.OK, values, np.nan)
 
 
-def target(campaign: Definition, name: str) -> Target:
-    """The requirement of this name. Raises InputError if its violation cannot be approached by
-    degrees, or the campaign does not vary by laws."""
+def limit_state(campaign: Definition, name: str) -> LimitState:
+    """Limit state of a requirement.
+
+    Parameters
+    ----------
+    campaign : Definition
+    name : str
+        Of the requirement.
+
+    Returns
+    -------
+    LimitState
+
+    Raises
+    ------
+    InputError
+        If there is no such requirement, its violation has no margin, or inputs are not sampled from
+        distributions.
+    """
     known = {item.name: item for item in campaign.file.requirements}
     if not known:
         raise InputError(f"rare = {name}: needs a [[requirement]] in {campaign.name}")
     if name not in known:
         raise InputError(f"rare = {name}: no such requirement; {nearest(name, known)}")
     item, inputs = known[name], campaign.file.input_table
-    place = f"requirement.{name}.metric = {item.metric!r}"
+    key = f"requirement.{name}.metric = {item.metric!r}"
     columns = {column.name: k for k, column in enumerate(campaign.outcome_columns)}
     if item.metric == VIOLATION:
         others = ", ".join(other for other in known if other != name)
-        raise InputError(f"{place}: is about several outcomes; seek each by itself: {others}")
+        raise InputError(f"{key}: is about several outcomes; seek each by itself: {others}")
     if item.metric not in columns:
         raise InputError(
-            f"{place}: is a status, which no case comes nearer to by degrees; give a requirement "
+            f"{key}: is a status, which no case comes nearer to by degrees; give a requirement "
             "with a bound on an outcome that is a number"
         )
     if inputs is not None:
         raise InputError(
-            f"run.plan = {inputs.path.name}: rare events are sought beyond the cases of a table; "
-            "give [dispersion] laws, and no run.plan"
+            f"run.samples = {inputs.path.name}: a rare event is sought beyond the cases of a "
+            "table; give [dispersion] distributions, and no run.samples"
         )
     if not campaign.file.dispersions:
         raise InputError(f"rare = {name}: nothing is dispersed; give [dispersion]")
     if not is_yes_or_no(item.metric):
-        at = columns[item.metric]
-        return Target(item, campaign.outcome_columns[at], at)
+        index = columns[item.metric]
+        return LimitState(item, campaign.outcome_columns[index], index)
     if (item.at_least or 0.0) > 0.0 or (item.at_most or 0.0) < 0.0:
-        raise InputError(
-            f"{place}: is 1 or 0, and can be sought with at_most = 0 only: that it is 0"
-        )
-    at = columns[f"{item.metric.removesuffix(_CONTACT)}_clearance_mm"]
-    return Target(item, campaign.outcome_columns[at], at, columns[item.metric])
+        raise InputError(f"{key}: is 1 or 0, and can be sought with at_most = 0 only: that it is 0")
+    index = columns[f"{item.metric.removesuffix(_CONTACT)}_clearance_mm"]
+    return LimitState(item, campaign.outcome_columns[index], index, columns[item.metric])
 
 
-class Flights:
-    """What flies scores of a campaign, and counts what it flies."""
+class MarginEvaluator:
+    """Runs cases at standard-normal samples and counts them."""
 
     def __init__(
         self,
         campaign: Definition,
-        flight: Flight,
-        aim: Target,
-        tell: Callable[[int, int], None],
-        announce: Say | None,
+        flight: Integration,
+        limit_state: LimitState,
+        report: Callable[[int, int], None],
+        announce: Log | None,
         log: FlightLog | None = None,
     ):
-        self.campaign, self.flight, self.aim = campaign, flight, aim
-        self.tell, self.announce, self.log = tell, announce, log
-        self.count, self.tally, self.statuses = 0, Tally(), Counter[str]()
-        self.lacking = 0  # ok cases that do not have the outcome
+        self.campaign, self.flight, self.limit_state = campaign, flight, limit_state
+        self.report, self.announce, self.log = report, announce, log
+        self.count, self.summary, self.statuses = 0, BatchSummary(), Counter[str]()
+        self.n_without_outcome = 0  # ok cases that do not have the outcome
         self.scales = np.array([column.scale for column in campaign.result_columns])
         names = [column.name for column in campaign.result_columns]
         self.audited = {
-            names.index(column.name): Worst(column.name, schema.AUDIT_BOUNDS)
+            names.index(column.name): AuditSummary(column.name, schema.AUDIT_BOUNDS)
             for column in schema.audit_columns()
         }
 
     def margins(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Margins (n,) at scores (n, d), and what is told of the cases (n, k): inputs, status and
-        results, in their units."""
+        """Evaluate the limit state.
+
+        Parameters
+        ----------
+        scores : ndarray, shape (n, d)
+            Standard-normal samples.
+
+        Returns
+        -------
+        margin : ndarray, shape (n,)
+        rows : ndarray, shape (n, k)
+            Inputs, status and results, in their units.
+        """
         parts = [
-            self._margins(scores[first : first + _AT_ONCE])
-            for first in range(0, len(scores), _AT_ONCE)
+            self._margins_of_batch(scores[first : first + _CASES_PER_CALL])
+            for first in range(0, len(scores), _CASES_PER_CALL)
         ]
-        margin, told = zip(*parts, strict=True)
-        return np.concatenate(margin), np.concatenate(told)
+        margin, rows = zip(*parts, strict=True)
+        return np.concatenate(margin), np.concatenate(rows)
 
-    def _margins(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _margins_of_batch(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         file = self.campaign.file
-        drawn = cases.at_scores(file.dispersions, scores, file.copulas)
-        logged = self.log.answer(drawn) if self.log else None
-        margin, told = logged or self._fly(drawn)
+        inputs = cases.at_scores(file.dispersions, scores, file.copulas)
+        logged = self.log.answer(inputs) if self.log else None
+        margin, rows = logged or self._fly(inputs)
         if self.log and logged:
-            self.tally = self.log.tally
+            self.summary = self.log.summary
         elif self.log:
-            self.log.add(margin, told, self.tally)
-        inputs = drawn.shape[1]
-        status, results = told[:, inputs], told[:, inputs + 1 :]
-        numbers, ok = self.count + np.arange(len(drawn)), status == Status.OK
-        for place, worst in self.audited.items():  # audit columns have SI units
-            worst.add(results[ok, place], numbers[ok])
-        self.lacking += int(np.count_nonzero(ok & np.isnan(margin)))
-        self.count += len(drawn)
+            self.log.add(margin, rows, self.summary)
+        inputs = inputs.shape[1]
+        status, results = rows[:, inputs], rows[:, inputs + 1 :]
+        numbers, ok = self.count + np.arange(len(inputs)), status == Status.OK
+        for index, worst in self.audited.items():  # audit columns have SI units
+            worst.add(results[ok, index], numbers[ok])
+        self.n_without_outcome += int(np.count_nonzero(ok & np.isnan(margin)))
+        self.count += len(inputs)
         self.statuses.update(LABELS[int(code)] for code in status)
-        self.tell(self.count, self.tally.failures)
-        return margin, told
+        self.report(self.count, self.summary.failures)
+        return margin, rows
 
-    def _fly(self, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Margins (n,) and rows (n, k) of cases of these inputs (n, d), which are flown."""
+    def _fly(self, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Margins (n,) and rows (n, k) of cases with these inputs (n, d)."""
         campaign = self.campaign
-        block = fly(campaign, self.flight, campaign.in_si(drawn), 0, self.announce)
-        self.tally += count(campaign, drawn, block)
-        told = np.column_stack([drawn, block.status, block.outcomes * self.scales])
-        return self.aim.margin(block), told
+        block = integrate(campaign, self.flight, campaign.in_si(inputs), 0, self.announce)
+        self.summary += count(campaign, inputs, block)
+        rows = np.column_stack([inputs, block.status, block.outcomes * self.scales])
+        return self.limit_state.margin(block), rows
 
     @property
-    def beyond(self) -> dict[str, int]:
-        """How many flown cases are beyond each bound of the audit, of those that are."""
+    def beyond_bounds(self) -> dict[str, int]:
+        """Number of cases beyond each audit bound, without zeros."""
         names = [column.name for column in self.campaign.result_columns]
         return {names[k]: worst.beyond for k, worst in self.audited.items() if worst.beyond}
 
 
 @dataclass(frozen=True)
-class Seldom:
-    """A value of a discrete law that few cases have: the place of its parameter, its
-    ``probability``, and the share of such cases that violate or are not known not to."""
+class RareValue:
+    """Rare value of a discrete distribution.
 
-    place: int
+    Attributes
+    ----------
+    index : int
+        Index of the parameter.
+    value, probability : float
+    fraction : float
+        Fraction of its cases that violate, or have an unknown margin.
+    """
+
+    index: int
     value: float
     probability: float
-    share: float
+    fraction: float
 
-    def missed(self, campaign: Definition, found: Estimate) -> str:
-        """The sentence that an estimate does not hold most of what such cases add to it; empty if
-        it does, or that is little."""
-        adds, last = self.probability * self.share, found.last
-        held = found.weight[(last.told[:, self.place] == self.value) & ~(last.margin >= 0.0)].sum()
-        whole = found.probability + float(found.unknown.mean())
-        if adds <= _MATTERS * whole or held > adds / 3.0:
+    def note(self, campaign: Definition, values: Estimate) -> str:
+        """Note if an estimate misses most of the contribution of this value; empty if not."""
+        contribution, last = self.probability * self.fraction, values.last
+        weight_found = values.weight[
+            (last.records[:, self.index] == self.value) & ~(last.margin >= 0.0)
+        ].sum()
+        total = values.probability + float(values.unknown.mean())
+        if contribution <= _MIN_FRACTION * total or weight_found > contribution / 3.0:
             return ""
-        key = campaign.file.dispersions[self.place].parameter.key
+        key = campaign.file.dispersions[self.index].parameter.key
         return (
             f"{key} = {self.value:g} has a probability of {self.probability:.2g}, and of such "
-            f"cases {100.0 * self.share:.0f} % violate or have no outcome: that adds {adds:.1e}, "
-            "which the levels have not found; seek them by themselves, with "
+            f"cases {100.0 * self.fraction:.0f} % violate or have no outcome: that adds "
+            f"{contribution:.1e}, which the levels have not found; seek them by themselves, with "
             f"{setting(f'dispersion.{key}.constant', f'{self.value:g}')}"
         )
 
 
-def seldom(flights: Flights, random: np.random.Generator) -> list[Seldom]:
-    """Values of discrete laws that few cases have, each flown in some cases."""
-    laws, found = flights.campaign.file.dispersions, []
-    together = {place for copula in flights.campaign.file.copulas for place in copula.places}
-    for place, law in enumerate(laws):
+def rare_discrete_values(flights: MarginEvaluator, random: np.random.Generator) -> list[RareValue]:
+    """Run some cases at each rare value of the discrete distributions."""
+    laws, values = flights.campaign.file.dispersions, []
+    correlated = {index for copula in flights.campaign.file.copulas for index in copula.places}
+    for index, law in enumerate(laws):
         weights = np.array(law.weights) / sum(law.weights) if law.law == "discrete" else ()
         for number, weight in enumerate(weights):
-            if not 0.0 < weight < _SELDOM or place in together:
+            if not 0.0 < weight < _RARE_PROBABILITY or index in correlated:
                 continue
-            scores = random.standard_normal((_EACH, len(laws)))
-            scores[:, place] = cases.score(sum(weights[:number]) + 0.5 * weight)
+            scores = random.standard_normal((_CASES_PER_VALUE, len(laws)))
+            scores[:, index] = cases.score(sum(weights[:number]) + 0.5 * weight)
             margin, _ = flights.margins(scores)
-            share = float(np.mean(~(margin >= 0.0)))
-            found.append(Seldom(place, law.numbers[number], float(weight), share))
-    return found
+            fraction = float(np.mean(~(margin >= 0.0)))
+            values.append(RareValue(index, law.numbers[number], float(weight), fraction))
+    return values

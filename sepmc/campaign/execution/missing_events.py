@@ -1,5 +1,7 @@
-"""What a scene waits for: joints to become free, events, motors to light; and in how many cases
-that does not come. A phase that does not end is a status of its own, never-released."""
+"""Expected events that do not occur: releases, observation events and ignitions.
+
+A phase that does not end has the status never-released instead.
+"""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
@@ -13,10 +15,10 @@ from sepmc.schema import event_columns, ignition_columns, release_columns
 _FREE = "free"
 
 
-def awaited(campaign: Definition) -> dict[str, str]:
-    """Column of the time of each thing that is waited for, by its place in the file."""
+def expected_events(campaign: Definition) -> dict[str, str]:
+    """Time column of each expected event, by its key in the file."""
     contents = campaign.plan.contents
-    releases, freed = release_columns(contents), set(_freed(campaign.scene))
+    releases, freed = release_columns(contents), set(_released_joints(campaign.scene))
     return {
         **{f"joint.{name}": releases[name] for name in contents.joints if name in freed},
         **{f"event.{name}": column for name, column in event_columns(contents).items()},
@@ -24,60 +26,75 @@ def awaited(campaign: Definition) -> dict[str, str]:
     }
 
 
-def _freed(scene: Scene) -> Iterator[str]:
-    """Joints that a release, or the end of a phase, makes free."""
+def _released_joints(scene: Scene) -> Iterator[str]:
+    """Joints that a release or the end of a phase makes free."""
     yield from (release.joint for release in scene.release if release.to == _FREE)
-    for before, after in pairwise(scene.phase):
-        for joint, kind in before.joints.items():
-            if kind != _FREE and after.joints.get(joint, _FREE) == _FREE:
+    for phase, next_phase in pairwise(scene.phase):
+        for joint, kind in phase.joints.items():
+            if kind != _FREE and next_phase.joints.get(joint, _FREE) == _FREE:
                 yield joint
 
 
 def count_missing(
     campaign: Definition, outcomes: Mapping[str, np.ndarray], ok: np.ndarray
 ) -> dict[str, int]:
-    """In how many cases whose status is ok (n,) what is waited for does not come, by its place in
-    the file, of what does not always come; ``outcomes`` (n,) by column."""
+    """Count the ok cases without an expected event.
+
+    Parameters
+    ----------
+    campaign : Definition
+    outcomes : mapping of str to ndarray, shape (n,)
+        By column.
+    ok : ndarray of bool, shape (n,)
+
+    Returns
+    -------
+    dict of str to int
+        By key in the file, without zeros.
+    """
     counts = {
-        place: int(np.count_nonzero(ok & np.isnan(outcomes[column])))
-        for place, column in awaited(campaign).items()
+        key: int(np.count_nonzero(ok & np.isnan(outcomes[column])))
+        for key, column in expected_events(campaign).items()
     }
-    return {place: count for place, count in counts.items() if count}
+    return {key: count for key, count in counts.items() if count}
 
 
 def missing_notes(campaign: Definition, counts: Mapping[str, int], ok: int) -> list[str]:
-    """A sentence on each count of `count_missing`, of so many ``ok`` cases."""
+    """Notes on the counts of `count_missing` among ``ok`` ok cases."""
     return [
-        f"{_what(campaign.scene, place)} in {count} of {ok} ok cases: outcomes that wait for it "
-        "are missing there, and do not pass a requirement"
-        for place, count in counts.items()
+        f"{_description(campaign.scene, key)} in {count} of {ok} ok cases: outcomes that wait for "
+        "it are missing there, and do not pass a requirement"
+        for key, count in counts.items()
     ]
 
 
 def missing_of_one(
     campaign: Definition, outcomes: Mapping[str, float], springs: Mapping[str, float], case: str
 ) -> list[str]:
-    """A sentence on each thing that does not come in one ``case``, which came to its end, and on
-    each of its ``springs`` whose stroke does not end, of which the time of that is NaN."""
-    found = {name: np.array([value]) for name, value in outcomes.items()}
+    """Notes on the events that do not occur in one case, and on springs whose stroke does not end.
+
+    ``springs`` are times of the ends of strokes, s, NaN if not reached; ``case`` names the case.
+    """
+    values = {name: np.array([value]) for name, value in outcomes.items()}
     end = campaign.scene.run.end_time
-    said = [
-        _what(campaign.scene, place) for place in count_missing(campaign, found, np.array([True]))
+    notes = [
+        _description(campaign.scene, key)
+        for key in count_missing(campaign, values, np.array([True]))
     ]
-    said += [
+    notes += [
         f"spring.{name} does not come to the end of its stroke, and pushes on"
         for name, time in springs.items()
         if np.isnan(time)
     ]
-    return [f"{one} in {case}, which ends at {end:g} s" for one in said]
+    return [f"{note} in {case}, which ends at {end:g} s" for note in notes]
 
 
-def _what(scene: Scene, place: str) -> str:
-    """That something does not come, in words."""
-    table, _, name = place.partition(".")
+def _description(scene: Scene, key: str) -> str:
+    """Describe the missing event in words."""
+    table, _, name = key.partition(".")
     if table == "motor":
-        return f"{place} does not light"
+        return f"{key} does not light"
     if table == "event":
-        return f"{place} does not come"
+        return f"{key} does not come"
     optional = any(release.joint == name and release.optional for release in scene.release)
-    return f"{place} does not become free{' (its release is optional)' if optional else ''}"
+    return f"{key} does not become free{' (its release is optional)' if optional else ''}"

@@ -1,100 +1,136 @@
-"""What a run folder holds already, from which a run goes on: rows of cases, or what is counted of
-them."""
+"""State of an existing run folder, from which a run is resumed: stored rows or accumulators."""
 
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sepmc.analysis.compare import differences
-from sepmc.campaign.case_selection import Numbers, named
+from sepmc.analysis.compare import tree_differences
+from sepmc.campaign.case_selection import CaseSelection, named
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch import Draws
-from sepmc.campaign.execution.batch_summary import Tally
-from sepmc.campaign.execution.batch_summary import read as read_tally
-from sepmc.campaign.execution.chunks import Earlier
-from sepmc.campaign.execution.integration import Say
+from sepmc.campaign.execution.batch_summary import BatchSummary
+from sepmc.campaign.execution.batch_summary import read as read_summary
+from sepmc.campaign.execution.chunk import SampleSpec
+from sepmc.campaign.execution.runner import PreviousRun
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.campaign.store.row_selection import Keep
+from sepmc.campaign.store.row_selection import KeepRules
 from sepmc.campaign.store.sample_file import read_input_table
-from sepmc.scene.messages import InputError
+from sepmc.scene.messages import InputError, Log
 from sepmc.scene.read import read_campaign
 from sepmc.wording import another_place, option, switch
 
-_TOLD = 8  # differences between two campaigns
+_MAX_DIFFERENCES = 8  # differences between two campaigns
 
 
-def as_it_began(
-    folder: Path, stats_only: bool, keep: Keep | None, until: str | None
-) -> tuple[bool, Keep | None, str | None]:
-    """Whether a run that is resumed counts its cases and lets them go, which it keeps, and until
-    what it flies if it was interrupted: as it began. Raises StoreError if other rows are asked
-    for."""
-    manifest = manifests.made_by(folder) if folders.is_run(folder) else {}
+def original_mode(
+    folder: Path, stats_only: bool, keep: KeepRules | None, until: str | None
+) -> tuple[bool, KeepRules | None, str | None]:
+    """Mode of an existing run, which resuming keeps.
+
+    Parameters
+    ----------
+    folder : Path
+    stats_only : bool
+    keep : KeepRules or None
+    until : str or None
+        As requested now.
+
+    Returns
+    -------
+    (bool, KeepRules or None, str or None)
+        ``stats_only``, ``keep`` and ``until`` of the run; the last one only if the run was
+        interrupted and nothing else is requested.
+
+    Raises
+    ------
+    StoreError
+        If other rows are requested than the run stores.
+    """
+    manifest = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if "digest" not in manifest or "rare" in manifest:
         return stats_only, keep, until
-    counts, text = bool(manifest.get("stats_only")), manifest.get("keep", "")
-    if (stats_only or keep) and (counts, text) != (True, keep.text if keep else ""):
+    stats_only_before, text = bool(manifest.get("stats_only")), manifest.get("keep", "")
+    if (stats_only or keep) and (stats_only_before, text) != (True, keep.text if keep else ""):
         raise folders.StoreError(
-            f"{folder}: was flown {_manner(counts, text)}, and is to go on "
-            f"{_manner(True, keep.text if keep else '')}; leave that out, or choose another "
+            f"{folder}: was flown {_mode_text(stats_only_before, text)}, and is to go on "
+            f"{_mode_text(True, keep.text if keep else '')}; leave that out, or choose another "
             f"{option('out')}"
         )
     if until is None and not manifest.get("complete"):
         until = manifest.get("stopping_rule")
-    return counts, Keep.of_text(text) if text else None, until
+    return stats_only_before, KeepRules.of_text(text) if text else None, until
 
 
-def own_cases(campaign: Definition, folder: Path) -> Numbers | None:
-    """The cases of a run, if the campaign is that of its folder and they are not the first
-    ones: what it goes on with unless others are asked for."""
+def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
+    """Cases of the run if ``campaign`` is the file of its folder and its cases are not the first
+    ones."""
     if campaign.file.folder.resolve() != folder.resolve():
         return None
-    found = manifests.made_by(folder).get("numbers")
-    return named(found) if found else None
+    numbers = manifests.read_provenance(folder).get("numbers")
+    return named(numbers) if numbers else None
 
 
-def _manner(counts: bool, keep: str) -> str:
+def _mode_text(stats_only_before: bool, keep: str) -> str:
     return (
         f"keeping {keep}"
         if keep
         else f"with {switch('stats_only')}"
-        if counts
+        if stats_only_before
         else "keeping all rows"
     )
 
 
-def earlier(
+def read_previous(
     campaign: Definition,
     folder: Path,
-    draws: Draws,
-    counts: bool,
-    announce: Say | None,
-) -> tuple[Earlier, Numbers]:
-    """What a folder holds already of a run, and which cases are left to fly. Raises StoreError if
-    it is of another one."""
-    manifest: dict[str, Any] = manifests.made_by(folder) if folders.is_run(folder) else {}
+    spec: SampleSpec,
+    stats_only_before: bool,
+    announce: Log | None,
+) -> tuple[PreviousRun, CaseSelection]:
+    """State of the run in a folder, and the cases that remain.
+
+    Parameters
+    ----------
+    campaign : Definition
+    folder : Path
+    spec : SampleSpec
+        Wanted cases.
+    stats_only_before : bool
+        Read accumulators instead of rows.
+    announce : Log, optional
+
+    Returns
+    -------
+    (PreviousRun, CaseSelection)
+
+    Raises
+    ------
+    StoreError
+        If the folder holds another run.
+    """
+    manifest: dict[str, Any] = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if manifest:
-        _check(campaign, folder, draws, manifest)
-        for finding in manifests.of_another_run(folder, manifest):
-            if not finding.mends:
-                raise folders.StoreError(f"{finding.said}: {finding.advice}")
-    found, left = (_counted if counts else _rows)(campaign, folder, draws, announce)
-    if found.held:
-        found = replace(found, sessions=tuple(manifest.get("sessions", ())))
-    if manifest.get("cases", draws.numbers.count) != draws.numbers.count:
-        told = manifests.drop_told(folder)
-        if told and announce:
+        _check(campaign, folder, spec, manifest)
+        for finding in manifests.foreign_shards(folder, manifest):
+            if not finding.repairable:
+                raise folders.StoreError(f"{finding.text}: {finding.advice}")
+    read = _stored_accumulators if stats_only_before else _stored_rows
+    previous, remaining = read(campaign, folder, spec, announce)
+    if previous.n_stored:
+        previous = replace(previous, sessions=tuple(manifest.get("sessions", ())))
+    if manifest.get("cases", spec.numbers.count) != spec.numbers.count:
+        removed = manifests.drop_derived(folder)
+        if removed and announce:
             announce(
-                f"{folder}: told of {manifest['cases']} cases only, so removed: "
-                f"{', '.join(sorted(told))}"
+                f"{folder}: contained results of {manifest['cases']} cases only, so removed: "
+                f"{', '.join(sorted(removed))}"
             )
-    if announce and not found.held:
+    if announce and not previous.n_stored:
         announce(f"{folder}: there are no cases to go on from, so all are flown")
-    return found, left
+    return previous, remaining
 
 
-def _check(campaign: Definition, folder: Path, draws: Draws, manifest: dict[str, Any]) -> None:
+def _check(campaign: Definition, folder: Path, spec: SampleSpec, manifest: dict[str, Any]) -> None:
     """Raise StoreError if a folder holds another run."""
     if "rare" in manifest:
         raise folders.StoreError(
@@ -106,96 +142,97 @@ def _check(campaign: Definition, folder: Path, draws: Draws, manifest: dict[str,
             f"{folder}: was flown with another campaign, so its cases cannot be continued; "
             f"{another_place()}. {_differences(campaign, folder)}"
         )
-    if manifest.get("seed") not in (None, draws.seed):
+    if manifest.get("seed") not in (None, spec.seed):
         raise folders.StoreError(
-            f"{folder}: was flown with another seed ({manifest.get('seed')}, not {draws.seed}), so "
+            f"{folder}: was flown with another seed ({manifest.get('seed')}, not {spec.seed}), so "
             f"its cases cannot be continued; {another_place()}"
         )
-    sampler, held = campaign.scene.run.sampler, manifest.get("of", manifest.get("cases"))
-    if sampler in OF_ITS_SIZE and held not in (None, draws.total):
+    sampler, n_stored = campaign.scene.run.sampler, manifest.get("of", manifest.get("cases"))
+    if sampler in OF_ITS_SIZE and n_stored not in (None, spec.total):
         what = "a Latin hypercube" if sampler == "lhs" else "a Saltelli design"
         raise folders.StoreError(
-            f"{folder}: is {what} of {held} cases, which cannot be continued to {draws.total}; "
+            f"{folder}: is {what} of {n_stored} cases, which cannot be continued to {spec.total}; "
             f"{another_place()}"
         )
 
 
 def _differences(campaign: Definition, folder: Path) -> str:
-    """What differs from the campaign of a run folder, key by key."""
+    """Differences from the campaign of a run folder, key by key."""
     try:
         other = Definition(read_campaign(str(folder), reader=read_input_table))
     except InputError:
         return f"What differs is not known, as its {folders.CAMPAIGN} cannot be read."
-    found = differences(other.file.tree, campaign.file.tree)
-    plans = [each.file.input_table for each in (other, campaign)]
-    if all(plans) and other.inputs_digest != campaign.inputs_digest:
-        found.append("rows of run.plan")
-    if not found:
-        said = f"Its {folders.CAMPAIGN} was changed since its cases were flown"
-        return f"{said}: {manifests.put_back(folder)}"
-    more = f", and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
-    return f"It differs in {'; '.join(found[:_TOLD])}{more}"
+    changes = tree_differences(other.file.tree, campaign.file.tree)
+    tables = [each.file.input_table for each in (other, campaign)]
+    if all(tables) and other.inputs_digest != campaign.inputs_digest:
+        changes.append("rows of run.samples")
+    if not changes:
+        reason = f"Its {folders.CAMPAIGN} was changed since its cases were flown"
+        return f"{reason}: {manifests.restore_advice(folder)}"
+    n_more = len(changes) - _MAX_DIFFERENCES
+    more = f", and {n_more} more" if n_more > 0 else ""
+    return f"It differs in {'; '.join(changes[:_MAX_DIFFERENCES])}{more}"
 
 
-def _rows(
-    campaign: Definition, folder: Path, draws: Draws, announce: Say | None
-) -> tuple[Earlier, Numbers]:
-    """The cases whose rows a folder holds whole."""
+def _stored_rows(
+    campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
+) -> tuple[PreviousRun, CaseSelection]:
+    """State of the cases whose rows are intact, and the remaining cases."""
     if not folders.is_run(folder):
-        return Earlier(), draws.numbers
-    dropped = shards.drop_damaged(folder, campaign.has_histories)
-    done, own = shards.cases_done(folder), [column.name for column in campaign.columns]
-    if not len(done):
-        return Earlier(), draws.numbers
+        return PreviousRun(), spec.numbers
+    n_dropped = shards.drop_damaged(folder, campaign.has_histories)
+    numbers, own = shards.stored_cases(folder), [column.name for column in campaign.columns]
+    if not len(numbers):
+        return PreviousRun(), spec.numbers
     if other := set(own).symmetric_difference(shards.CaseColumns(folder)):
         raise folders.StoreError(
             f"{folder}: was flown by another version of sepmc, whose rows differ in "
             f"{', '.join(sorted(other))}, so its cases cannot be continued; {another_place()}"
         )
-    if draws.numbers.leave_out(done):
+    if spec.numbers.leave_out(numbers):
         raise folders.StoreError(
-            f"{folder}: holds cases up to {done[-1]}; {_cases(draws.numbers)} would leave some out"
+            f"{folder}: holds cases up to {numbers[-1]}; {_cases_option(spec.numbers)} would leave "
+            "some out"
         )
-    if dropped and announce:
+    if n_dropped and announce:
         announce(
-            f"{folder}: {dropped} cases, or their histories, are gone or not as they were "
+            f"{folder}: {n_dropped} cases, or their histories, are gone or not as they were "
             "written, so these are flown again"
         )
-    tally = sum((read_tally(text) for text in shards.tallies(folder)), Tally())
-    return Earlier(len(done), tally), draws.numbers.without(done)
+    summary = sum((read_summary(text) for text in shards.read_summaries(folder)), BatchSummary())
+    return PreviousRun(len(numbers), summary), spec.numbers.without(numbers)
 
 
-def _counted(
-    campaign: Definition, folder: Path, draws: Draws, announce: Say | None
-) -> tuple[Earlier, Numbers]:
-    """What is counted of the first cases of a run, as it was when it was last written; rows that
-    were kept of cases after these are dropped."""
-    one = shards.counted(folder)
-    if not one:
+def _stored_accumulators(
+    campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
+) -> tuple[PreviousRun, CaseSelection]:
+    """State of the accumulators when they were last written; later selected rows are removed."""
+    entry = shards.accumulator_entry(folder)
+    if not entry:
         shards.drop_damaged(folder, with_histories=False)
-        return Earlier(), draws.numbers
-    arrays, about = shards.read_counted(folder, one)
-    if about.get(b"numbers") != draws.told.encode() or one.first > draws.numbers.count:
+        return PreviousRun(), spec.numbers
+    arrays, about = shards.read_accumulators(folder, entry)
+    if about.get(b"numbers") != spec.text.encode() or entry.first > spec.numbers.count:
         named = about.get(b"numbers", b"").decode(errors="replace")
         raise folders.StoreError(
-            f"{folder}: counted {one.first} cases{f' of {named}' if named else ''}; "
-            f"{_cases(draws.numbers)} would leave some out"
+            f"{folder}: counted {entry.first} cases{f' of {named}' if named else ''}; "
+            f"{_cases_option(spec.numbers)} would leave some out"
         )
-    later = draws.numbers.after(one.first).ranges
-    kept = shards.drop_kept(folder, later[0][0] if later else None)
-    if str(kept).encode() != about.get(b"rows", b"0"):
+    later_range = spec.numbers.after(entry.first).ranges
+    n_selected = shards.drop_selected(folder, later_range[0][0] if later_range else None)
+    if str(n_selected).encode() != about.get(b"rows", b"0"):
         if announce:
             announce(f"{folder}: rows that were kept are gone or not as they were written")
         shards.drop_damaged(folder, with_histories=False)
-        return Earlier(), draws.numbers
-    tally = read_tally(about.get(b"tally", b""))
-    return Earlier(one.first, tally, arrays=tuple(arrays)), draws.numbers.after(one.first)
+        return PreviousRun(), spec.numbers
+    summary = read_summary(about.get(b"summary", b""))
+    return PreviousRun(entry.first, summary, arrays=tuple(arrays)), spec.numbers.after(entry.first)
 
 
-def _cases(numbers: Numbers) -> str:
-    return option("cases", said(numbers))
+def _cases_option(numbers: CaseSelection) -> str:
+    return option("cases", text(numbers))
 
 
-def said(numbers: Numbers) -> str:
-    """Numbers of cases as ``--cases`` takes them: how many, where they are the first ones."""
+def text(numbers: CaseSelection) -> str:
+    """Value of ``--cases`` for these cases: their number if they are the first ones."""
     return str(numbers.count if numbers.are_first else numbers)

@@ -1,5 +1,4 @@
-"""How rarely a campaign violates a requirement: subset simulation over its dispersions, flown by
-the kernel of the campaign."""
+"""Rare-event probability of a requirement violation, by subset simulation."""
 
 import os
 import time
@@ -16,47 +15,78 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.analysis import subset_simulation
-from sepmc.analysis.requirements import share_text
-from sepmc.analysis.row_statistics import by_case
+from sepmc.analysis.requirements import format_proportion
+from sepmc.analysis.row_statistics import index_by_case
 from sepmc.analysis.subset_simulation import Estimate, Level
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch_summary import accuracy, accuracy_told
-from sepmc.campaign.execution.chunks import implausible_note
+from sepmc.campaign.execution.batch_summary import accuracy, accuracy_entries
 from sepmc.campaign.execution.diagnostics import still_near, unmet, unsettled
 from sepmc.campaign.execution.flight_log import FlightLog, interrupted
-from sepmc.campaign.execution.integration import Flight, Say
-from sepmc.campaign.execution.limit_state import LABELS, Flights, Seldom, Target, seldom, target
+from sepmc.campaign.execution.integration import Integration
+from sepmc.campaign.execution.limit_state import (
+    LABELS,
+    LimitState,
+    MarginEvaluator,
+    RareValue,
+    limit_state,
+    rare_discrete_values,
+)
 from sepmc.campaign.execution.missing_events import missing_notes
-from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.runner import implausible_note
+from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.engine.dispatch import check_int
 from sepmc.scene.limits import SEED
+from sepmc.scene.messages import Log
 from sepmc.schema import Column, Status
 
-MOST, _LEAST, _LIMIT = 100_000, 10_000, 10_000_000  # flights: unless others are asked for; allowed
-_NEAR = 0.1  # of the probability, or between levels: so much within the numerical error is told
+DEFAULT_FLIGHTS, _MIN_FLIGHTS, _MAX_FLIGHTS = 100_000, 10_000, 10_000_000
+_NEAR = 0.1  # share of the probability within the numerical error of the bound that is reported
 REPORT, TABLE = "rare.json", "rare.parquet"
-_ABOUT = (
+_OWN_COLUMNS = (
     Column("margin", "", "how far the outcome is within the bound; below zero beyond it"),
-    Column("level", "1", "level that the case was flown for; 0: drawn from the laws"),
-    Column("replica", "1", "replica that has it"),
-    Column("weight", "1", "probability it stands for; of all that violate these add up to theirs"),
+    Column("level", "1", "level that the case was run for; 0: sampled from the distributions"),
+    Column("replica", "1", "replica of the case"),
+    Column(
+        "weight",
+        "1",
+        "probability of the case; the sum over all violating cases is their probability",
+    ),
 )
 
 
 @dataclass(frozen=True, repr=False)
-class Rare:
-    """How rarely a requirement is violated.
+class RareEventEstimate:
+    """Estimated probability that a requirement is violated.
 
-    ``probability`` that a case violates it, with a 95 % ``interval``; ``unknown``, the probability
-    that a case does not come to its end or lacks the outcome, so that it is not known whether it
-    violates, and ``bounds``, the lower end if none of those does and the upper one if all do.
-    ``replicas`` are the independent estimates whose mean it is, ``levels`` the way there, from
-    cases of the laws to the bound; ``flights`` all cases flown. ``rows`` are the cases of the last
-    level, by column, the worst first: those of margin below zero violate. ``inputs`` is what the
-    violating ones have in common: mean and standard deviation of the normal score of each input (0
-    and 1 of all cases).
+    Attributes
+    ----------
+    requirement, metric, unit : str
+        Requirement; outcome of its margin, and its unit.
+    probability : float
+        Mean of the replicas.
+    interval : (float, float)
+        95 % confidence interval.
+    unknown : float
+        Probability of a case that does not reach its end or has no outcome.
+    bounds : (float, float)
+        Interval if no unknown case violates, and if all do.
+    replicas : tuple of float
+        Independent estimates.
+    levels : tuple of Level
+        Levels from the distributions to the bound.
+    flights : int
+        Number of cases run.
+    seed : int
+    rows : dict of str to ndarray
+        Cases of the last level by column, the smallest margin first.
+    inputs : dict of str to (float, float)
+        Mean and standard deviation of the normal score of each input over violating cases; 0 and 1
+        over all cases.
+    statuses : dict of str to int
+    notes : list of str
+    folder : Path or None
     """
 
     requirement: str
@@ -79,16 +109,16 @@ class Rare:
     def __repr__(self) -> str:
         low, high = self.interval
         return (
-            f"<Rare {self.requirement}: probability {self.probability:.2e}, 95 % {low:.1e} to "
-            f"{high:.1e}, {self.flights} flights>"
+            f"<RareEventEstimate {self.requirement}: probability {self.probability:.2e}, "
+            f"95 % {low:.1e} to {high:.1e}, {self.flights} flights>"
         )
 
     def to_pandas(self) -> pd.DataFrame:
-        """The cases of the last level, one a row, by their number."""
-        return by_case(self.rows)
+        """Cases of the last level, one a row, by case number."""
+        return index_by_case(self.rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``rare.json`` holds."""
+        """Contents of ``rare.json``."""
         violate = int(np.count_nonzero(self.rows["margin"] < 0.0))
         return {
             "requirement": self.requirement,
@@ -120,38 +150,69 @@ class Rare:
         }
 
 
-def seek(
+def estimate_rare_event(
     campaign: Definition,
     name: str,
-    most: int = MOST,
+    max_flights: int = DEFAULT_FLIGHTS,
     seed: int | None = None,
     threads: int | None = None,
     folder: Path | None = None,
     progress: Callable[[int, int, int], None] | None = None,
-    announce: Say | None = None,
+    announce: Log | None = None,
     resume: bool = False,
-) -> Rare:
-    """Estimate how rarely a requirement is violated, in so many flights at ``most``; into a folder
-    that is open, if one is given, in which an interrupted estimate can be resumed."""
-    aim, most = target(campaign, name), check_int("flights", most, _LEAST, _LIMIT)
+) -> RareEventEstimate:
+    """Estimate the probability that a requirement is violated.
+
+    Parameters
+    ----------
+    campaign : Definition
+    name : str
+        Of the requirement.
+    max_flights : int
+        Maximum number of cases.
+    seed, threads : int, optional
+    folder : Path, optional
+        Open run folder for the results.
+    progress : callable, optional
+        Called with cases done, maximum and failures.
+    announce : Log, optional
+    resume : bool
+        Continue the interrupted estimate in the folder.
+
+    Returns
+    -------
+    RareEventEstimate
+
+    Raises
+    ------
+    InputError, StoreError
+    """
+    limit, max_flights = (
+        limit_state(campaign, name),
+        check_int("flights", max_flights, _MIN_FLIGHTS, _MAX_FLIGHTS),
+    )
     seed = campaign.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
-    begun, started = datetime.now(UTC), time.perf_counter()
-    asked = _asked(campaign, aim, most, seed)
-    earlier = _begin(campaign, folder, asked, resume) if folder else []
+    started, start_s = datetime.now(UTC), time.perf_counter()
+    request = _request(campaign, limit, max_flights, seed)
+    previous_sessions = _begin(campaign, folder, request, resume) if folder else []
     if announce:
-        announce(f"{campaign.name}: {aim.sentence}; at most {most} flights, seed {seed}")
-    flight = plan_flight(campaign, announce=announce)
-    compiled = time.perf_counter()
-    tell = (lambda done, failed: progress(done, most, failed)) if progress else (lambda *_: None)
-    log = _log(campaign, folder, aim, seed, resume) if folder else None
-    flights = Flights(campaign, flight, aim, tell, announce, log)
-    tell(0, 0)  # so that compiling does not count
+        announce(f"{campaign.name}: {limit.sentence}; at most {max_flights} flights, seed {seed}")
+    flight = select_steps(campaign, announce=announce)
+    compiled_s = time.perf_counter()
+    report = (
+        (lambda done, failed: progress(done, max_flights, failed))
+        if progress
+        else (lambda *_: None)
+    )
+    log = _open_log(campaign, folder, limit, seed, resume) if folder else None
+    flights = MarginEvaluator(campaign, flight, limit, report, announce, log)
+    report(0, 0)  # so that compiling does not count
     random = partial(_generator, seed)
     dimensions = len(campaign.file.dispersions)
     try:
-        values = seldom(flights, random("seldom"))
-        known, all_of, _ = subset_simulation.estimate(
-            flights.margins, dimensions, random, most - flights.count
+        values = rare_discrete_values(flights, random("seldom"))
+        known, of_all, _ = subset_simulation.estimate(
+            flights.margins, dimensions, random, max_flights - flights.count
         )
     finally:
         if log:
@@ -159,71 +220,77 @@ def seek(
     resumed = log.resumed if log else 0
     if log:
         log.remove()
-    found = Rare(
-        aim.requirement.name,
-        aim.column.name,
-        aim.column.unit,
+    found = RareEventEstimate(
+        limit.requirement.name,
+        limit.column.name,
+        limit.column.unit,
         known.probability,
         known.interval,
-        float(all_of.unknown.mean()),
-        (known.interval[0], max(known.interval[1], all_of.interval_with_unknown[1])),
+        float(of_all.unknown.mean()),
+        (known.interval[0], max(known.interval[1], of_all.interval_with_unknown[1])),
         tuple(known.known.tolist()),
         known.levels,
         flights.count,
         seed,
         _rows(campaign, known),
-        _common(campaign, known),
+        _violating_inputs(campaign, known),
         {label: flights.statuses[label] for label in LABELS if flights.statuses[label]},
-        _notes(flights, known, all_of, values),
+        _notes(flights, known, of_all, values),
         folder,
     )
     if folder:
-        times = {"compile": compiled - started, "kernel": time.perf_counter() - compiled}
+        times = {"compile": compiled_s - start_s, "kernel": time.perf_counter() - compiled_s}
         session = {
             "cases_flown": found.flights - resumed,
-            "started": begun.isoformat(timespec="seconds"),
+            "started": started.isoformat(timespec="seconds"),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "timing_s": {k: round(v, 6) for k, v in times.items()},
             "threads": threads or os.cpu_count(),
             **manifests.versions(),
         }
-        _write(folder, found, flights, asked, [*earlier, session])
+        _write(folder, found, flights, request, [*previous_sessions, session])
     return found
 
 
-def _asked(campaign: Definition, aim: Target, most: int, seed: int) -> dict[str, Any]:
-    """What an estimate follows from, by the keys of its manifest."""
-    item = msgspec.to_builtins(aim.requirement)
+def _request(
+    campaign: Definition, limit: LimitState, max_flights: int, seed: int
+) -> dict[str, Any]:
+    """Manifest entries that determine an estimate."""
+    item = msgspec.to_builtins(limit.requirement)
     return {
         "campaign": campaign.name,
         "digest": campaign.digest,
         "seed": seed,
         "rare": {k: v for k, v in item.items() if v is not None},
-        "flights_allowed": most,
+        "flights_allowed": max_flights,
     }
 
 
 def _begin(
-    campaign: Definition, folder: Path, asked: dict[str, Any], resume: bool
+    campaign: Definition, folder: Path, request: dict[str, Any], resume: bool
 ) -> list[dict[str, Any]]:
-    """Write into an open folder what is estimated; returns the earlier sessions of an estimate that
-    is resumed."""
-    earlier: list[dict[str, Any]] = interrupted(folder, asked) if resume else []
-    now = {"started": datetime.now(UTC).isoformat(timespec="seconds"), **manifests.versions()}
-    manifest = {**asked, "complete": False, "sessions": [*earlier, now]}
+    """Write the manifest of an estimate that begins; returns the sessions of a resumed one."""
+    previous_sessions: list[dict[str, Any]] = interrupted(folder, request) if resume else []
+    session = {
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        **manifests.versions(),
+    }
+    manifest = {**request, "complete": False, "sessions": [*previous_sessions, session]}
     manifests.write_manifest(
-        folder, manifest, shards.campaign_text(campaign.file, seed=asked["seed"])
+        folder, manifest, shards.campaign_text(campaign.file, seed=request["seed"])
     )
-    return earlier
+    return previous_sessions
 
 
-def _log(campaign: Definition, folder: Path, aim: Target, seed: int, resume: bool) -> FlightLog:
-    inputs, about = len(campaign.input_columns), _about(campaign, seed, aim.requirement.name)
+def _open_log(
+    campaign: Definition, folder: Path, limit: LimitState, seed: int, resume: bool
+) -> FlightLog:
+    inputs, about = len(campaign.input_columns), _about(campaign, seed, limit.requirement.name)
     return FlightLog(folder, inputs + 1 + len(campaign.result_columns), inputs, about, resume)
 
 
 def _about(campaign: Definition, seed: int, requirement: str) -> dict[str, str]:
-    """What files of an estimate say of it."""
+    """Metadata of the files of an estimate."""
     return {
         "campaign": campaign.name,
         "digest": campaign.digest,
@@ -236,39 +303,41 @@ def _generator(seed: int, what: str) -> np.random.Generator:
     return cases.generator(seed, f"rare: {what}")
 
 
-def columns(campaign: Definition, unit: str) -> list[Column]:
-    """Columns of the cases that are kept, whose margin has this unit."""
-    margin, *others = _ABOUT
+def table_columns(campaign: Definition, unit: str) -> list[Column]:
+    """Columns of the saved cases; ``unit`` is that of the margin."""
+    margin, *others = _OWN_COLUMNS
     return [*campaign.columns, Column(margin.name, unit, margin.meaning), *others]
 
 
 def _rows(campaign: Definition, found: Estimate) -> dict[str, np.ndarray]:
-    """The different cases of the last level by column, the worst first."""
+    """Distinct cases of the last level by column, the smallest margin first."""
     used = found.weight > 0.0
     _, first, which = np.unique(found.last.number[used], return_index=True, return_inverse=True)
-    places = np.flatnonzero(used)[first]
+    positions = np.flatnonzero(used)[first]
     weight = np.bincount(which, found.weight[used])
-    order = np.argsort(found.last.margin[places], kind="stable")  # NaN last
-    places, weight = places[order], weight[order]
-    told, inputs = found.last.told[places], len(campaign.input_columns)
-    labels = np.array(LABELS, dtype=object)[told[:, inputs].astype(int)]
+    order = np.argsort(found.last.margin[positions], kind="stable")  # NaN last
+    positions, weight = positions[order], weight[order]
+    rows, inputs = found.last.records[positions], len(campaign.input_columns)
+    labels = np.array(LABELS, dtype=object)[rows[:, inputs].astype(int)]
     names = [c.name for c in campaign.input_columns], [c.name for c in campaign.result_columns]
     return {
-        "case": np.arange(len(places)),
+        "case": np.arange(len(positions)),
         "status": labels,
-        **dict(zip(names[0], told[:, :inputs].T, strict=True)),
-        **dict(zip(names[1], told[:, inputs + 1 :].T, strict=True)),
-        "margin": found.last.margin[places],
-        "level": found.last.level[places],
-        "replica": found.replica[places],
+        **dict(zip(names[0], rows[:, :inputs].T, strict=True)),
+        **dict(zip(names[1], rows[:, inputs + 1 :].T, strict=True)),
+        "margin": found.last.margin[positions],
+        "level": found.last.level[positions],
+        "replica": found.replica[positions],
         "weight": weight,
     }
 
 
-def _common(campaign: Definition, found: Estimate) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of the normal score of each input in the cases that violate, by
-    column, those that differ most from all cases first (by their divergence from a standard normal
-    law)."""
+def _violating_inputs(campaign: Definition, found: Estimate) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of the normal score of each input over violating cases, by
+    column.
+
+    Sorted by divergence from a standard normal distribution, largest first.
+    """
     weight = np.where(found.last.margin < 0.0, found.weight, 0.0)
     if not weight.sum():
         return {}
@@ -281,88 +350,101 @@ def _common(campaign: Definition, found: Estimate) -> dict[str, tuple[float, flo
     return {names[k]: (float(mean[k]), float(sigma[k])) for k in order}
 
 
-def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Seldom]) -> list[str]:
-    """What a person should know of an estimate."""
-    campaign, flight, tally, aim = flights.campaign, flights.flight, flights.tally, flights.aim
-    told, fixed = accuracy(flight, tally), campaign.scene.solver.step is not None
-    found = subset_simulation.remarks(known)
-    found += [said for one in values if (said := one.missed(campaign, all_of))]
+def _notes(
+    flights: MarginEvaluator, known: Estimate, of_all: Estimate, values: list[RareValue]
+) -> list[str]:
+    """Notes on an estimate for the user."""
+    campaign, flight, summary, limit = (
+        flights.campaign,
+        flights.flight,
+        flights.summary,
+        flights.limit_state,
+    )
+    achieved, fixed = accuracy(flight, summary), campaign.scene.solver.step is not None
+    found = subset_simulation.estimate_warnings(known)
+    found += [note for value in values if (note := value.note(campaign, of_all))]
     ended = flights.statuses[Status.OK.label]
-    if flights.lacking or ended < flights.count:
-        metric = aim.requirement.metric
-        of_ok = f" and {flights.lacking} others have no {metric}" if flights.lacking else ""
-        unknown = float(all_of.unknown.mean())
+    if flights.n_without_outcome or ended < flights.count:
+        metric = limit.requirement.metric
+        of_ok = (
+            f" and {flights.n_without_outcome} others have no {metric}"
+            if flights.n_without_outcome
+            else ""
+        )
+        unknown = float(of_all.unknown.mean())
         found.append(
             f"{flights.count - ended} of {flights.count} flown cases did not come to their end"
             f"{of_ok}: it is not known "
             "whether they violate, and they do not count as violations; probability of such cases "
-            f"{share_text(unknown)}"
+            f"{format_proportion(unknown)}"
         )
     found += [
         f"{cases} flown cases are beyond the bound of {name}, {schema.AUDIT_BOUNDS[name]:g}: the "
         "audit failed"
-        for name, cases in flights.beyond.items()
+        for name, cases in flights.beyond_bounds.items()
     ]
-    plain = subset_simulation.plain_cases(known.probability, known.interval)
+    plain = subset_simulation.equivalent_direct_cases(known.probability, known.interval)
     if len(known.levels) > 1 and plain < flights.count:
         found.append(
             f"this is not rare: {plain:.0f} cases of a plain campaign tell it as well as these "
             f"{flights.count} flights"
         )
-    broken = implausible_note(tally.implausible, flights.count)
+    broken = implausible_note(summary.implausible, flights.count)
     found += [broken] if broken else []
-    found += [*unmet(told, fixed), *unsettled(tally.unsettled, tally.finer)]
-    found += still_near(tally.least_at_the_end)
-    found += missing_notes(campaign, tally.missing, flights.statuses[Status.OK.label])
-    found += _near(flight, aim, told.errors.get(aim.column.name, np.nan), known)
+    found += [*unmet(achieved, fixed), *unsettled(summary.unconverged, summary.refined)]
+    found += still_near(summary.min_at_end)
+    found += missing_notes(campaign, summary.missing, flights.statuses[Status.OK.label])
+    found += _error_notes(flight, limit, achieved.errors.get(limit.column.name, np.nan), known)
     return found + [note for note in flight.notes if note not in found]
 
 
-def _near(flight: Flight, aim: Target, share: float, found: Estimate) -> list[str]:
-    """Whether the numerical error of the outcome, a share of its size, matters."""
-    scale = 0.0 if flight.scale is None else float(flight.scale[aim.place]) * aim.column.scale
-    error = share * max(aim.size, scale)
+def _error_notes(
+    flight: Integration, limit: LimitState, relative_error: float, found: Estimate
+) -> list[str]:
+    """Notes if the numerical error of the outcome, relative to its size, matters."""
+    scale = 0.0 if flight.scale is None else float(flight.scale[limit.index]) * limit.column.scale
+    error = relative_error * max(limit.size, scale)
     if np.isnan(error):
-        return [f"the numerical error of {aim.column.name} is not known"]
-    said = []
+        return [f"the numerical error of {limit.column.name} is not known"]
+    texts = []
     doubtful = float(found.weight[np.abs(found.last.margin) < error].sum())
     if doubtful > _NEAR * found.probability:
-        said.append(
+        texts.append(
             f"cases nearer to the bound than the numerical error of {error:.1e} have a probability "
-            f"of {share_text(doubtful)}: ask for a finer solver.accuracy"
+            f"of {format_proportion(doubtful)}: ask for a finer solver.accuracy"
         )
     thresholds = np.array([level.threshold for level in found.levels])
     if len(thresholds) > 1 and error > _NEAR * np.abs(np.diff(thresholds)).min():
-        said.append(
+        texts.append(
             f"two levels lie about as near to each other as the numerical error of {error:.1e}, or "
             "the outcome is the same in many cases: which of them go on is round-off there, so the "
             "interval is wider than it could be"
         )
-    return said
+    return texts
 
 
 def _write(
     folder: Path,
-    found: Rare,
-    flights: Flights,
-    asked: dict[str, Any],
+    found: RareEventEstimate,
+    flights: MarginEvaluator,
+    request: dict[str, Any],
     sessions: list[dict[str, Any]],
 ) -> None:
     """Write manifest, campaign, report and cases into an open folder."""
     campaign = flights.campaign
     manifest = {
-        **asked,
+        **request,
         "flights": found.flights,
         "complete": True,
-        "failures": flights.tally.failures,
-        "audit_beyond": flights.beyond,
-        "accuracy": accuracy_told(campaign, flights.flight, flights.tally),
+        "failures": flights.summary.failures,
+        "audit_beyond": flights.beyond_bounds,
+        "accuracy": accuracy_entries(campaign, flights.flight, flights.summary),
         "notes": found.notes,
         "sessions": sessions,
     }
     manifests.write_manifest(folder, manifest, shards.campaign_text(campaign.file, seed=found.seed))
     about = _about(campaign, found.seed, found.requirement)
-    of = columns(campaign, found.unit)
+    of = table_columns(campaign, found.unit)
     shards.write_parquet(folder / TABLE, of, found.rows, about)
     folders.write_json(folder / REPORT, found.to_dict())
-    manifests.note(folder, [folder / TABLE, folder / REPORT])
+    manifests.record_derived(folder, [folder / TABLE, folder / REPORT])

@@ -1,26 +1,34 @@
-"""A case of a run flown once more: which one, and whether its row comes out again to the last
-bit."""
+"""Repeat a case of a run: which one, and whether its row has the same bits."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.statistics import column, ok_rows
-from sepmc.analysis.streaming import Stream
+from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.integration import Flight, Say, fly, history_rows
-from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, plan_flight
+from sepmc.campaign.execution.integration import Integration, history_rows, integrate
+from sepmc.campaign.execution.step_selection import kernel_text, select_steps, units_to_compile
 from sepmc.campaign.store import shards
-from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.messages import InputError, Log, nearest
 from sepmc.schema import Status
 
 
 @dataclass(frozen=True)
-class RowCheck:
-    """A row of a run beside the same case flown alone by its compiled kernel: names of the
-    ``columns`` whose bits differ. It is not ``flown`` where that kernel is not compiled here."""
+class RowComparison:
+    """Comparison of a stored row with the same case run alone.
+
+    Attributes
+    ----------
+    number : int
+        Case number.
+    flown : bool
+        False if the kernel of the campaign is not compiled here.
+    columns : tuple of str
+        Columns with different bits.
+    """
 
     number: int
     flown: bool
@@ -28,7 +36,7 @@ class RowCheck:
 
     @property
     def sentence(self) -> str:
-        """What was found."""
+        """Result in words."""
         if not self.flown:
             return "its row was not flown again: the campaign's kernel is not compiled here"
         if not self.columns:
@@ -40,98 +48,137 @@ class RowCheck:
         )
 
 
-def flown_before(campaign: Definition, say: Say | None = None) -> Flight | None:
-    """How the campaign of a run was flown; None where its kernel is not compiled here."""
+def earlier_integration(campaign: Definition, log: Log | None = None) -> Integration | None:
+    """Integration of the campaign of a run; None if its kernel is not compiled here."""
     history = campaign.has_histories
-    if left_to_compile(kernel_text(campaign, history=history))[0]:
+    if units_to_compile(kernel_text(campaign, history=history))[0]:
         return None
-    return plan_flight(campaign, history=history, announce=say)
+    return select_steps(campaign, history=history, announce=log)
 
 
-def check_row(
-    campaign: Definition, flight: Flight | None, folder: Path, number: int, seed: int, total: int
-) -> RowCheck:
-    """Fly a case of a run as its campaign was flown (`flown_before`), and compare its row."""
+def compare_row(
+    campaign: Definition,
+    flight: Integration | None,
+    folder: Path,
+    number: int,
+    seed: int,
+    total: int,
+) -> RowComparison:
+    """Run a case as its campaign did, and compare its row with the stored one.
+
+    Parameters
+    ----------
+    campaign : Definition
+    flight : Integration or None
+        See `earlier_integration`.
+    folder : Path
+    number, seed, total : int
+
+    Returns
+    -------
+    RowComparison
+    """
     if flight is None:
-        return RowCheck(number, flown=False)
-    drawn = campaign.draw(number, 1, seed, total)
-    room = history_rows(campaign.scene) if campaign.has_histories else 0
-    block = fly(campaign, flight, campaign.in_si(drawn), room)
+        return RowComparison(number, flown=False)
+    inputs = campaign.sample(number, 1, seed, total)
+    history_size = history_rows(campaign.scene) if campaign.has_histories else 0
+    block = integrate(campaign, flight, campaign.in_si(inputs), history_size)
     scales = np.array([c.scale for c in campaign.result_columns])
-    here = {c.name: x for c, x in zip(campaign.input_columns, drawn[0], strict=True)}
+    own_values = {c.name: x for c, x in zip(campaign.input_columns, inputs[0], strict=True)}
     results = block.outcomes[0] * scales
-    here |= {c.name: x for c, x in zip(campaign.result_columns, results, strict=True)}
+    own_values |= {c.name: x for c, x in zip(campaign.result_columns, results, strict=True)}
     row = shards.read_row(folder, number)
     # a run by an earlier version may lack a column
-    differ = [name for name, x in here.items() if name in row and not _same(x, row[name])]
+    different = [
+        name for name, x in own_values.items() if name in row and not _same_bits(x, row[name])
+    ]
     if row.get("status") != Status(int(block.status[0])).label:
-        differ.insert(0, "status")
-    return RowCheck(number, True, tuple(differ))
+        different.insert(0, "status")
+    return RowComparison(number, True, tuple(different))
 
 
-def _same(one: float, two: float) -> bool:
-    return np.float64(one).tobytes() == np.float64(two).tobytes() or (
-        np.isnan(one) and np.isnan(two)
-    )
+def _same_bits(a: float, b: float) -> bool:
+    return np.float64(a).tobytes() == np.float64(b).tobytes() or (np.isnan(a) and np.isnan(b))
 
 
-def extreme(cases: shards.CaseColumns, outcome: str, least: bool) -> int:
-    """The case with the least or greatest value of an outcome, of those that are ok."""
+def extreme_case(cases: shards.CaseColumns, outcome: str, minimum: bool) -> int:
+    """Number of the ok case with the minimum or maximum of an outcome."""
     numbers, values = _values(cases, outcome)
-    return int(numbers[values.argmin() if least else values.argmax()])
+    return int(numbers[values.argmin() if minimum else values.argmax()])
 
 
-def near(cases: shards.CaseColumns, asked: str) -> tuple[int, str]:
-    """The case nearest to what ``OUTCOME:p99.73``, ``OUTCOME:mean`` or ``OUTCOME:12.5`` asks for,
-    of those that are ok, and what that is, in words."""
-    outcome, colon, place = asked.rpartition(":")
+def nearest_case(cases: shards.CaseColumns, query: str) -> tuple[int, str]:
+    """Number of the ok case nearest to a value of an outcome, and the value in words.
+
+    ``query`` is ``OUTCOME:p99.73``, ``OUTCOME:mean`` or ``OUTCOME:12.5``. Raises InputError.
+    """
+    outcome, colon, point = query.rpartition(":")
     if not colon:
-        raise InputError(f"nearest = {asked}: must be OUTCOME:p99.73, OUTCOME:mean or a value")
+        raise InputError(f"nearest = {query}: must be OUTCOME:p99.73, OUTCOME:mean or a value")
     numbers, values = _values(cases, outcome)
     try:
-        if place == "mean":
+        if point == "mean":
             target = float(values.mean())
-        elif place.startswith("p"):
-            share = float(place[1:])
-            if not 0.0 <= share <= 100.0:
+        elif point.startswith("p"):
+            percent = float(point[1:])
+            if not 0.0 <= percent <= 100.0:
                 raise ValueError
-            target = float(np.percentile(values, share))
+            target = float(np.percentile(values, percent))
         else:
-            target = float(place)
+            target = float(point)
     except ValueError:
         raise InputError(
-            f"nearest = {asked}: {place!r} must be a percentile from p0 to p100, mean or a value"
+            f"nearest = {query}: {point!r} must be a percentile from p0 to p100, mean or a value"
         ) from None
     return int(numbers[np.abs(values - target).argmin()]), f"{outcome} = {target:.6g}"
 
 
-def worst(
-    summary: Rows | Stream, campaign: Definition, errors: dict, asked: str
+def worst_case(
+    summary: TableStatistics | StreamingStatistics, campaign: Definition, errors: dict, query: str
 ) -> tuple[int, str]:
-    """The worst case of a requirement, which is named, or by its metric, and what it is; of an
-    outcome that is yes or no, of a status or of a violation, the first that violates it."""
-    known = [name for item in campaign.file.requirements for name in (item.name, item.metric)]
+    """Worst case of a requirement.
+
+    Parameters
+    ----------
+    summary : Rows or Stream
+    campaign : Definition
+    errors : dict
+        Error and scale by outcome.
+    query : str
+        Name or metric of the requirement.
+
+    Returns
+    -------
+    (int, str)
+        Case number and its description. For a 1-or-0 outcome, a status or a violation: the first
+        case that violates.
+
+    Raises
+    ------
+    InputError
+    """
+    names = [name for item in campaign.file.requirements for name in (item.name, item.metric)]
     audited, sampler = summary.audit(), campaign.scene.run.sampler
     for verdict in summary.verdicts(errors, audited, sampler):
-        if asked in (verdict.name, verdict.metric):
+        if query in (verdict.name, verdict.metric):
             if verdict.worst_case is None:
-                raise InputError(f"worst = {asked}: no case violates {verdict.name}")
+                raise InputError(f"worst = {query}: no case violates {verdict.name}")
             if verdict.worst is None:
-                said = f"is the first of {verdict.violations} that violate {verdict.name}"
+                text = f"is the first of {verdict.violations} that violate {verdict.name}"
             else:
-                said = f"is the worst of {verdict.name}"
-            return int(verdict.worst_case), said
-    ways = "; without a requirement, ask for the least or greatest of an outcome"
-    raise InputError(f"worst = {asked}: no such requirement; {nearest(asked, known)}{ways}")
+                text = f"is the worst of {verdict.name}"
+            return int(verdict.worst_case), text
+    advice = "; without a requirement, ask for the least or greatest of an outcome"
+    raise InputError(f"worst = {query}: no such requirement; {nearest(query, names)}{advice}")
 
 
 def _values(cases: shards.CaseColumns, outcome: str) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers and values (n,) of an outcome, of cases that are ok and have it."""
-    known = [name for name in cases if name not in ("case", "status")]
-    if outcome not in known:
-        raise InputError(f"{outcome}: no such outcome; {nearest(outcome, known)}")
+    """Case numbers and values (n,) of an outcome, of ok cases that have it."""
+    names = [name for name in cases if name not in ("case", "status")]
+    if outcome not in names:
+        raise InputError(f"{outcome}: no such outcome; {nearest(outcome, names)}")
     values = column(cases, outcome)
-    there = ok_rows(cases) & np.isfinite(values)
-    if not there.any():
+    is_valid = ok_rows(cases) & np.isfinite(values)
+    if not is_valid.any():
         raise InputError(f"{cases.folder}: no ok case has {outcome}")
-    return np.asarray(cases["case"])[there], values[there]
+    return np.asarray(cases["case"])[is_valid], values[is_valid]

@@ -11,21 +11,22 @@ from sepmc import schema
 from sepmc.campaign.execution.accuracy import SAFETY, decisive, errors, scales, scene_scales
 from sepmc.campaign.execution.integration import (
     EVERY_S,
-    Say,
     final_status,
     helped,
     motion_is_finite,
-    usual_lengths,
+    typical_durations,
 )
-from sepmc.campaign.execution.step_refinement import longest_step, settle_one
+from sepmc.campaign.execution.step_refinement import longest_step, refine_case_steps
 from sepmc.engine.dispatch import integrate_nominal, interpreted, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
-from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, OutOfWorkError, Work
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, Work, WorkLimitError
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.naming import Names
-from sepmc.kernel.spec.parameter_layout import Plan, make_plan
-from sepmc.kernel.spec.structure import brief_transient, make_shape
-from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, STANDARD
+from sepmc.kernel.spec.parameter_layout import ParameterLayout, make_parameter_layout
+from sepmc.kernel.spec.structure import brief_transient, make_kernel_spec
+from sepmc.kernel.spec.variant import Variant
+from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
+from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
@@ -47,13 +48,13 @@ _NONE = np.empty((0, 3))  # instants of which rows are wanted
 
 
 @dataclass
-class Single:
+class SingleCase:
     """A case that is flown: its outcomes and audit (o,) in SI, rows (n, columns) in SI at ``times``
     (n,) and in ``phases`` (n,), by number, and what is to be told of it; the numerical error of its
     outcomes, if it has any; whether its kernel was ``compiled``; when ``springs`` with a stroke
     came to its end, s, NaN of those that did not."""
 
-    plan: Plan
+    plan: ParameterLayout
     status: Status
     outcomes: np.ndarray
     times: np.ndarray
@@ -81,38 +82,38 @@ class _LostError(Exception):
         self.status = status
 
 
-def fly_single(
+def simulate_case(
     scene: Scene,
     columns: list[Column],
     every_s: float,
-    announce: Say | None = None,
+    announce: Log | None = None,
     plain_work: float | None = None,
-) -> Single:
+) -> SingleCase:
     """A case, as ``scene`` has it, at the step that is given, or else in steps at which its
     outcomes (``columns``) have settled to the accuracy asked: a row every so many seconds, and two
     at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
     work than plain Python does in some ten seconds. If so many lines of ``plain_work`` are given,
     nothing is compiled, and what takes more raises UnknownError."""
-    plan, care = make_plan(scene), STANDARD
+    plan, variant = make_parameter_layout(scene), Variant.STANDARD
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
-        shape = make_shape(plan, care=care)
+        shape = make_kernel_spec(plan, variant=variant)
         flight = _SingleFlight(shape, plan, columns, every_s, announce, work, plain_work is None)
         try:
             return flight.fly()
         except _LostError as lost:
             status, finite = np.array(lost.status), np.array(flight.finite)
-            more = [spare for spare in shape.spares if helped(status, spare, finite)]
+            more = [spare for spare in shape.fallbacks if helped(status, spare, finite)]
             if not more:
                 return flight.lost(lost.status)
-            care = more[0] if lost.status != LEAST_SQUARES else LEAST_SQUARES
+            variant = more[0] if lost.status != Variant.LEAST_SQUARES else Variant.LEAST_SQUARES
 
 
-def invalid(scene: Scene, columns: int) -> Single:
+def invalid(scene: Scene, columns: int) -> SingleCase:
     """A case with a parameter that may not be: nothing is flown."""
-    plan = make_plan(scene)
+    plan = make_parameter_layout(scene)
     rows = np.empty((0, len(schema.history_columns(plan.contents))))
-    return Single(
+    return SingleCase(
         plan,
         Status.INVALID_INPUT,
         np.full(columns, np.nan),
@@ -128,11 +129,11 @@ class _SingleFlight:
 
     def __init__(
         self,
-        shape: Shape,
-        plan: Plan,
+        shape: KernelSpec,
+        plan: ParameterLayout,
         columns: list[Column],
         every_s: float,
-        announce: Say | None,
+        announce: Log | None,
         work: Work,
         may_compile: bool,
     ):
@@ -147,7 +148,7 @@ class _SingleFlight:
         with interpreted():
             self.kernel = load_kernel(self.text)
         stages = self.kernel.n_segments
-        self.usual = np.full(stages, np.inf)
+        self.durations = np.full(stages, np.inf)
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
         # ends of stages and changes of joints, by steps and what stages usually last
         self.known: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
@@ -163,7 +164,7 @@ class _SingleFlight:
         """Whether the last flight ended with numbers."""
         return bool(motion_is_finite(self.outcomes[None, :], len(self.plan.bodies))[0])
 
-    def fly(self) -> Single:
+    def fly(self) -> SingleCase:
         """The case. Raises _LostError if the kernel does not vouch for it."""
         scene, steps = self.plan.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
         if scene.solver.step is None:
@@ -179,13 +180,13 @@ class _SingleFlight:
         error = SAFETY * errors(found.outcomes[None, :count], finer[None, :count], scale)[0]
         return self._told(found, error)
 
-    def _told(self, found: Single, error: np.ndarray) -> Single:
+    def _told(self, found: SingleCase, error: np.ndarray) -> SingleCase:
         """The case with the error (o,) of its outcomes."""
         if found.status <= Status.NEVER_RELEASED:
             found.outcomes[-1] = error[decisive(self.columns)].max(initial=0.0)
         return replace(found, error=error)
 
-    def lost(self, status: int) -> Single:
+    def lost(self, status: int) -> SingleCase:
         """The case as it is though no kernel vouches for it."""
         return self._with_rows(
             self.steps,
@@ -216,9 +217,9 @@ class _SingleFlight:
         how = "" if given else f", now in {steps.max()} steps a phase"
         self.tell(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
         self.outcomes, status, unclear, ends, rows = self._flown(steps, instants)
-        self.known[steps.tobytes(), self.usual.tobytes()] = ends[:stages], ends[stages:]
-        if status in (Status.OK, Status.NEVER_RELEASED) and np.isinf(self.usual).all():
-            self.usual[:] = usual_lengths(ends[:stages, None], np.ones(1, dtype=bool))
+        self.known[steps.tobytes(), self.durations.tobytes()] = ends[:stages], ends[stages:]
+        if status in (Status.OK, Status.NEVER_RELEASED) and np.isinf(self.durations).all():
+            self.durations[:] = typical_durations(ends[:stages, None], np.ones(1, dtype=bool))
         if (
             unclear
             and self.plan.scene.solver.step is None
@@ -237,14 +238,16 @@ class _SingleFlight:
             before = self.work.done
             try:
                 with self.work.counted():
-                    found = integrate_nominal(self.kernel, self.plan, steps, self.usual, instants)
+                    found = integrate_nominal(
+                        self.kernel, self.plan, steps, self.durations, instants
+                    )
                 if not len(instants):
                     self.per_step = (self.work.done - before) / most
                 return found
-            except OutOfWorkError:
+            except WorkLimitError:
                 self.per_step = max(self.per_step, (self.work.done - before) / most)
                 self._compile(self._time())
-        return integrate_nominal(self.kernel, self.plan, steps, self.usual, instants)
+        return integrate_nominal(self.kernel, self.plan, steps, self.durations, instants)
 
     def _foretell(self, lines: float) -> None:
         """Say how long a flight of so many lines in plain Python will take, if that is long;
@@ -254,7 +257,9 @@ class _SingleFlight:
         elif lines * LINE_S > _LONG_S and self.announce:
             self.announce(f"the next flight takes plain Python about {lines * LINE_S:.0f} s ...")
 
-    def _with_rows(self, steps: np.ndarray, notes: list[str], told: Status | None = None) -> Single:
+    def _with_rows(
+        self, steps: np.ndarray, notes: list[str], told: Status | None = None
+    ) -> SingleCase:
         """The case in so many steps (stages,), with its history; with none but that if it is
         ``told`` to have failed."""
         scene = self.plan.scene
@@ -272,7 +277,7 @@ class _SingleFlight:
         if told is not None:
             status, found[: len(self.columns)] = told, np.nan  # the audit stays
         there = ~np.isnan(rows).all(axis=1)
-        return Single(
+        return SingleCase(
             self.plan,
             Status(status),
             found,
@@ -287,8 +292,8 @@ class _SingleFlight:
 
     def _springs(self, changes: np.ndarray) -> dict[str, float]:
         """When strokes end of springs, by their names, from the times (n,) of ``_moments``, of
-        which theirs come last (`sepmc.kernel.emit.context.Context.sudden`)."""
-        back, spent = Names(self.plan.scene).back, self.shape.spent
+        which theirs come last (`sepmc.kernel.emit.context.Context.change_times`)."""
+        back, spent = Names(self.plan.scene).back, self.shape.stroke_springs
         times = changes[len(changes) - len(spent) :].tolist()
         return {back[name]: time for name, time in zip(spent, times, strict=True)}
 
@@ -297,7 +302,7 @@ class _SingleFlight:
         many steps (stages,), which is flown if that is not known."""
         if self.kernel.n_segments == 1 and self.kernel.n_changes == 0:
             return np.array([self.plan.scene.run.end_time]), np.empty(0)
-        flown = steps.tobytes(), self.usual.tobytes()
+        flown = steps.tobytes(), self.durations.tobytes()
         if flown not in self.known:
             self._once(steps)
         return self.known[flown]
@@ -323,7 +328,7 @@ class _SingleFlight:
                 if fewest >= most and not self.finite:
                     raise _LostError(FINER_STEPS)
                 fewest *= 2
-            share, error, notes = settle_one(tried, 1.0, scene, self.columns)
+            share, error, notes = refine_case_steps(tried, 1.0, scene, self.columns)
         except _SpentError:
             return self._unsettled()
         return round(fewest / share) * one, error, notes
@@ -372,7 +377,7 @@ class _SingleFlight:
         found, status, _ = self._once(steps)
         if 0 <= status <= Status.NEVER_RELEASED:
             self.ended.append((steps, found.copy()))
-        spared = steps.max() > _HOPELESS and ANY_ORDER in self.shape.spares
+        spared = steps.max() > _HOPELESS and Variant.ANY_ORDER in self.shape.fallbacks
         if status < FINER_STEPS or (status == FINER_STEPS and spared):
             raise _LostError(status)
         return found, status
@@ -423,7 +428,7 @@ class _SingleFlight:
 
 
 def _instants(
-    shape: Shape, ends: np.ndarray, changes: np.ndarray, every_s: float
+    shape: KernelSpec, ends: np.ndarray, changes: np.ndarray, every_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times, stages and sides (n, 3) of the rows of a history, and their phases (n,), by number:
     every so many seconds, and both sides of the end of a phase and of the ``changes`` of joints
@@ -432,11 +437,11 @@ def _instants(
     found: list[tuple[float, int, int]] = []
     phases: list[int] = []
     begin = 0.0
-    for number, (stage, end) in enumerate(zip(shape.stages, ends, strict=True)):
-        late = 0.0 if stage.delay is None else float(shape.plan.nominal[stage.delay])
+    for number, (segment, end) in enumerate(zip(shape.segments, ends, strict=True)):
+        late = 0.0 if segment.delay is None else float(shape.layout.nominal[segment.delay])
         for until, phase in (
             (max(begin, end - late), _phase(shape, number)),
-            (end, _phase(shape, number + (stage.delay is not None))),
+            (end, _phase(shape, number + (segment.delay is not None))),
         ):
             if until - begin > _SAME_TIME:
                 within = np.unique(
@@ -457,7 +462,7 @@ def _instants(
     return np.array(found), np.array(phases)
 
 
-def _phase(shape: Shape, number: int) -> int:
-    """The phase of a stage; that in which joints are late is part of the next."""
-    following = next(stage for stage in shape.stages[number:] if not stage.late)
+def _phase(shape: KernelSpec, number: int) -> int:
+    """The phase of a segment; that in which joints are late is part of the next."""
+    following = next(segment for segment in shape.segments[number:] if not segment.late)
     return [phase.name for phase in shape.scene.phase].index(following.phase)

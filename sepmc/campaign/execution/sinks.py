@@ -1,4 +1,4 @@
-"""Where flown cases go: kept in memory, written to a run folder, or counted and let go."""
+"""Destinations of completed cases: memory, Parquet shards of a run folder, or statistics."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,91 +10,101 @@ import numpy as np
 import pandas as pd
 
 from sepmc import __version__
-from sepmc.analysis.row_statistics import Rows, summarise
-from sepmc.analysis.streaming import Apart, Stream
+from sepmc.analysis.row_statistics import TableStatistics, summarise
+from sepmc.analysis.streaming import PartialStatistics, StreamingStatistics
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch import Draws, Piece
-from sepmc.campaign.execution.batch_summary import Tally
+from sepmc.campaign.execution.batch_summary import BatchSummary
+from sepmc.campaign.execution.chunk import Chunk, SampleSpec
 from sepmc.campaign.store import folders, shards
 from sepmc.campaign.store.ledger import Entry
-from sepmc.campaign.store.row_selection import WHY, Chosen
+from sepmc.campaign.store.row_selection import REASON, RowSelection
 from sepmc.schema import Column, Status
 
 _LABELS = [status.label for status in Status]
-_IN_ONE_PART = 200_000  # rows that are kept
+_ROWS_OF_A_SHARD = 200_000  # of selected rows: up to this many go into one shard
 
 
 @dataclass
-class Kept:
-    """What a run leaves: its statistics, and its rows and histories where they are kept; of a
-    folder, the parts that hold histories."""
+class RunOutput:
+    """Output of a run.
 
-    summary: Rows | Stream
+    Attributes
+    ----------
+    summary : Rows or Stream
+        Statistics.
+    rows : mapping of str to ndarray, optional
+        Case table by column; None if only statistics were accumulated.
+    histories : mapping of str to ndarray, optional
+        Histories by column, in memory.
+    history_shards : sequence of Entry
+        Shards of histories in the folder.
+    """
+
+    summary: TableStatistics | StreamingStatistics
     rows: Mapping[str, np.ndarray] | None = None
     histories: Mapping[str, np.ndarray] | None = None
-    history_parts: Sequence[Entry] = ()
+    history_shards: Sequence[Entry] = ()
 
 
 class Sink(Protocol):
-    """Takes pieces that follow each other without a gap, one list after the other, from one
-    thread."""
+    """Receives lists of consecutive chunks, from one thread."""
 
-    def take(self, pieces: list[Piece]) -> None:
-        """Take the pieces that come next."""
+    def take(self, chunks: list[Chunk]) -> None:
+        """Add the chunks that come next."""
 
-    def kept(self) -> Kept:
-        """What is left of all that was taken."""
+    def output(self) -> RunOutput:
+        """Output of all chunks so far."""
 
 
 @dataclass
-class InMemory:
-    """Keeps all rows."""
+class MemorySink:
+    """Keeps all rows in memory."""
 
     campaign: Definition
     separation: list[Column]
-    parts: list[dict[str, np.ndarray]] = field(default_factory=list)
+    chunk_tables: list[dict[str, np.ndarray]] = field(default_factory=list)
     histories: list[dict[str, np.ndarray]] = field(default_factory=list)
 
-    def take(self, pieces: list[Piece]) -> None:
-        """Keep the rows of the pieces, and their histories if there are any."""
-        self.parts.append(
-            _table(self.campaign, pieces)
-            | {"status": np.array(_LABELS, dtype=object)[_codes(pieces)]}
+    def take(self, chunks: list[Chunk]) -> None:
+        """Append the rows of chunks, and their histories if there are any."""
+        self.chunk_tables.append(
+            _table(self.campaign, chunks)
+            | {"status": np.array(_LABELS, dtype=object)[_codes(chunks)]}
         )
         if self.separation:
-            self.histories.append(_histories(pieces, self.separation))
+            self.histories.append(_histories(chunks, self.separation))
 
-    def kept(self) -> Kept:
+    def output(self) -> RunOutput:
         """Statistics, rows and histories."""
-        rows = _join(self.parts)
-        return Kept(
-            Rows(rows, *self.campaign.summarised),
+        rows = _join(self.chunk_tables)
+        return RunOutput(
+            TableStatistics(rows, *self.campaign.summary_inputs),
             rows,
             _join(self.histories) if self.histories else None,
         )
 
 
 @dataclass
-class InFolder:
-    """Writes a part of cases, and one of histories, for every list of pieces."""
+class ParquetSink:
+    """Writes a shard of cases, and one of histories, for every list of chunks."""
 
     campaign: Definition
     separation: list[Column]
     folder: Path
-    draws: Draws
+    spec: SampleSpec
 
-    def take(self, pieces: list[Piece]) -> None:
-        """Write the parts of pieces, and note them."""
-        shards.note_parts(self.folder, self.write(pieces))
+    def take(self, chunks: list[Chunk]) -> None:
+        """Write the shards of chunks and record them in the ledger."""
+        shards.record_shards(self.folder, self.write(chunks))
 
-    def write(self, pieces: list[Piece]) -> list[Entry]:
-        """Write a part of histories, if there are any, and then one of cases, which says what is
-        done."""
-        campaign, first = self.campaign, pieces[0].first
-        count = sum(len(piece.drawn) for piece in pieces)
-        about = _about(campaign, self.draws) | {
-            "numbers": self.draws.told,
-            "tally": sum((piece.tally for piece in pieces), Tally()).text,
+    def write(self, chunks: list[Chunk]) -> list[Entry]:
+        """Write a shard of histories, if there are any, then one of cases, which completes the
+        range."""
+        campaign, first = self.campaign, chunks[0].first
+        count = sum(len(chunk.inputs) for chunk in chunks)
+        about = _about(campaign, self.spec) | {
+            "numbers": self.spec.text,
+            "summary": sum((chunk.summary for chunk in chunks), BatchSummary()).text,
         }
         written = []
         if self.separation:
@@ -103,180 +113,190 @@ class InFolder:
                 Column("time_s", "s", "time since the start of the case"),
                 *self.separation,
             ]
-            over_time = _histories(pieces, self.separation)
+            histories = _histories(chunks, self.separation)
             written.append(
-                shards.write_part(
-                    self.folder, folders.HISTORIES, first, count, columns, over_time, about
+                shards.write_shard(
+                    self.folder, folders.HISTORIES, first, count, columns, histories, about
                 )
             )
-        table: dict[str, Any] = _table(campaign, pieces) | {
-            "status": pd.Categorical.from_codes(_codes(pieces), pd.Index(_LABELS))
+        table: dict[str, Any] = _table(campaign, chunks) | {
+            "status": pd.Categorical.from_codes(_codes(chunks), pd.Index(_LABELS))
         }
         written.append(
-            shards.write_part(
+            shards.write_shard(
                 self.folder, folders.CASES, first, count, campaign.columns, table, about
             )
         )
         return written
 
-    def kept(self) -> Kept:
-        """Statistics of the folder's cases, and their columns."""
+    def output(self) -> RunOutput:
+        """Statistics and columns of the cases in the folder."""
         columns = shards.CaseColumns(self.folder)
-        over_time = shards.parts(self.folder, folders.HISTORIES)
-        summary = summarise(columns, *self.campaign.summarised)
-        return Kept(summary, columns, history_parts=over_time)
+        history_shards = shards.entries(self.folder, folders.HISTORIES)
+        summary = summarise(columns, *self.campaign.summary_inputs)
+        return RunOutput(summary, columns, history_shards=history_shards)
 
 
-def _about(campaign: Definition, draws: Draws) -> dict[str, str]:
-    """By what the cases of a part were made: what a run is mended by, should its manifest be
-    lost."""
+def _about(campaign: Definition, spec: SampleSpec) -> dict[str, str]:
+    """Provenance of the cases in a shard, from which a run without a manifest is repaired."""
     return {
         "campaign": campaign.name,
         "digest": campaign.digest,
-        "seed": str(draws.seed),
+        "seed": str(spec.seed),
         "sepmc": __version__,
         "settings": json.dumps(campaign.settings),
     }
 
 
 @dataclass
-class KeptRows:
-    """Writes a part of those rows that are kept of every list of pieces, if there are any."""
+class SelectedRowWriter:
+    """Writes a shard of the selected rows of every list of chunks, if there are any."""
 
     campaign: Definition
     folder: Path
-    draws: Draws
-    chosen: Chosen
+    spec: SampleSpec
+    selection: RowSelection
 
-    def write(self, pieces: list[Piece]) -> list[Entry]:
-        """Write the part of pieces."""
-        status = {"status": np.array(_LABELS, dtype=object)[_codes(pieces)]}
-        table = _table(self.campaign, pieces) | status
-        places, why = self.chosen.choose(table)
-        if not len(places):
+    def write(self, chunks: list[Chunk]) -> list[Entry]:
+        """Write the shard of chunks."""
+        status = {"status": np.array(_LABELS, dtype=object)[_codes(chunks)]}
+        table = _table(self.campaign, chunks) | status
+        positions, reasons = self.selection.choose(table)
+        if not len(positions):
             return []
-        kept = {name: values[places] for name, values in table.items()} | {WHY.name: why}
-        return [self._part(pieces[0].first, kept)]
+        selected = {name: values[positions] for name, values in table.items()} | {
+            REASON.name: reasons
+        }
+        return [self._write_shard(chunks[0].first, selected)]
 
-    def _part(self, first: int, kept: dict[str, np.ndarray]) -> Entry:
-        keep, campaign = self.chosen.keep, self.campaign
-        columns = keep.columns([*campaign.columns, WHY])
+    def _write_shard(self, first: int, selected: dict[str, np.ndarray]) -> Entry:
+        keep, campaign = self.selection.keep, self.campaign
+        columns = keep.columns([*campaign.columns, REASON])
         if keep.single:
-            kept = {
+            selected = {
                 name: values.astype(np.float32) if values.dtype == np.float64 else values
-                for name, values in kept.items()
+                for name, values in selected.items()
             }
-        about = _about(campaign, self.draws) | {"numbers": self.draws.told, "keep": keep.text}
-        count = len(kept["case"])
-        return shards.write_part(self.folder, folders.KEPT, first, count, columns, kept, about)
+        about = _about(campaign, self.spec) | {"numbers": self.spec.text, "keep": keep.text}
+        count = len(selected["case"])
+        return shards.write_shard(
+            self.folder, folders.SELECTED, first, count, columns, selected, about
+        )
 
     def finish(self) -> None:
-        """Let go of rows that turned out not to be among the worst, and put few rows into one
-        part."""
-        parts = shards.parts(self.folder, folders.KEPT)
-        if sum(part.cases for part in parts) <= _IN_ONE_PART:
-            rows = _join([shards.read_part(self.folder, part) for part in parts]) if parts else {}
+        """Remove rows that are no longer among the worst, and merge a few rows into one shard."""
+        entries = shards.entries(self.folder, folders.SELECTED)
+        if sum(entry.cases for entry in entries) <= _ROWS_OF_A_SHARD:
+            rows = (
+                _join([shards.read_shard(self.folder, entry) for entry in entries])
+                if entries
+                else {}
+            )
             if rows:
-                shards.replace_parts(self.folder, folders.KEPT, [self._still(0, rows)])
-        elif self.chosen.keep.worst:
-            kept = (self._still(part.first, shards.read_part(self.folder, part)) for part in parts)
-            shards.replace_parts(self.folder, folders.KEPT, kept)
+                shards.replace_shards(self.folder, folders.SELECTED, [self._write_final(0, rows)])
+        elif self.selection.keep.worst:
+            final = (self._write_final(e.first, shards.read_shard(self.folder, e)) for e in entries)
+            shards.replace_shards(self.folder, folders.SELECTED, final)
 
-    def _still(self, first: int, rows: dict[str, np.ndarray]) -> Entry:
-        """Write the part of those rows that are kept still."""
-        why = self.chosen.still(rows["case"], rows[WHY.name])
-        there = why != ""
-        kept = {name: values[there] for name, values in rows.items()} | {WHY.name: why[there]}
-        return self._part(first, kept)
+    def _write_final(self, first: int, rows: dict[str, np.ndarray]) -> Entry:
+        """Write the shard of the rows that are still selected."""
+        reasons = self.selection.final_reasons(rows["case"], rows[REASON.name])
+        is_kept = reasons != ""
+        selected = {name: values[is_kept] for name, values in rows.items()} | {
+            REASON.name: reasons[is_kept]
+        }
+        return self._write_shard(first, selected)
 
 
-class InStatistics:
-    """Counts cases and lets them go, but for rows that are ``kept``."""
+class StatisticsSink:
+    """Accumulates statistics; saves selected rows only."""
 
-    def __init__(self, campaign: Definition, kept: KeptRows | None = None):
-        self.campaign, self.rows = campaign, kept
-        self.stream = Stream(*campaign.summarised)
+    def __init__(self, campaign: Definition, rows: SelectedRowWriter | None = None):
+        self.campaign, self.rows = campaign, rows
+        self.stream = StreamingStatistics(*campaign.summary_inputs)
 
-    def take(self, pieces: list[Piece]) -> None:
-        """Add the cases of the pieces to the statistics."""
-        add_to(self.stream, self.campaign, pieces)
+    def take(self, chunks: list[Chunk]) -> None:
+        """Add the cases of chunks to the statistics."""
+        add_to(self.stream, self.campaign, chunks)
         if self.rows:
-            shards.note_parts(self.rows.folder, self.rows.write(pieces))
+            shards.record_shards(self.rows.folder, self.rows.write(chunks))
 
-    def about(self, draws: Draws, tally: Tally) -> dict[str, str]:
-        """What a file says of itself that holds the statistics."""
-        keep = self.rows.chosen.keep.text if self.rows else ""
-        told = {"numbers": draws.told, "tally": tally.text, "keep": keep}
-        return _about(self.campaign, draws) | told
+    def about(self, spec: SampleSpec, summary: BatchSummary) -> dict[str, str]:
+        """Metadata of the file of accumulators."""
+        keep = self.rows.selection.keep.text if self.rows else ""
+        entries = {"numbers": spec.text, "summary": summary.text, "keep": keep}
+        return _about(self.campaign, spec) | entries
 
-    def kept(self) -> Kept:
-        """The statistics alone."""
-        return Kept(self.stream)
-
-
-def add_to(stream: Stream | Apart, campaign: Definition, pieces: list[Piece]) -> None:
-    """Add the cases of pieces to statistics."""
-    first, count = pieces[0].first, sum(len(piece.drawn) for piece in pieces)
-    stream.add(np.arange(first, first + count), _codes(pieces), _results(campaign, pieces))
+    def output(self) -> RunOutput:
+        """The statistics."""
+        return RunOutput(self.stream)
 
 
-def _codes(pieces: list[Piece]) -> np.ndarray:
-    return np.concatenate([piece.block.status for piece in pieces])
+def add_to(
+    stream: StreamingStatistics | PartialStatistics, campaign: Definition, chunks: list[Chunk]
+) -> None:
+    """Add the cases of chunks to statistics."""
+    first, count = chunks[0].first, sum(len(chunk.inputs) for chunk in chunks)
+    stream.add(np.arange(first, first + count), _codes(chunks), _results(campaign, chunks))
 
 
-def _results(campaign: Definition, pieces: list[Piece]) -> np.ndarray:
+def _codes(chunks: list[Chunk]) -> np.ndarray:
+    return np.concatenate([chunk.block.status for chunk in chunks])
+
+
+def _results(campaign: Definition, chunks: list[Chunk]) -> np.ndarray:
     """Outcomes and audit columns in their units, shape (columns, cases), each column contiguous."""
     scale = np.array([[column.scale] for column in campaign.result_columns])
-    results = np.empty((len(scale), sum(len(piece.drawn) for piece in pieces)))
+    results = np.empty((len(scale), sum(len(chunk.inputs) for chunk in chunks)))
     start = 0
-    for piece in pieces:
-        end = start + len(piece.drawn)
-        np.multiply(piece.block.outcomes.T, scale, out=results[:, start:end])
+    for chunk in chunks:
+        end = start + len(chunk.inputs)
+        np.multiply(chunk.block.outcomes.T, scale, out=results[:, start:end])
         start = end
     return results
 
 
-def _table(campaign: Definition, pieces: list[Piece]) -> dict[str, Any]:
-    """The case table of pieces, its status still to be put in."""
-    first, results = pieces[0].first, _results(campaign, pieces)
+def _table(campaign: Definition, chunks: list[Chunk]) -> dict[str, Any]:
+    """Case table of chunks by column; the status is None."""
+    first, results = chunks[0].first, _results(campaign, chunks)
     table: dict[str, Any] = {"case": np.arange(first, first + results.shape[1]), "status": None}
     table |= {
-        c.name: np.concatenate([piece.drawn[:, i] for piece in pieces])
+        c.name: np.concatenate([chunk.inputs[:, i] for chunk in chunks])
         for i, c in enumerate(campaign.input_columns)
     }
     return table | dict(zip((c.name for c in campaign.result_columns), results, strict=True))
 
 
-def _histories(pieces: list[Piece], separation: list[Column]) -> dict[str, np.ndarray]:
-    """Separation over time of pieces, in long form: the rows that each case has."""
-    found = {
-        name: np.empty(sum(int(piece.block.rows.sum()) for piece in pieces))
+def _histories(chunks: list[Chunk], separation: list[Column]) -> dict[str, np.ndarray]:
+    """Separations over time of chunks in long form, without the unused rows of each case."""
+    histories = {
+        name: np.empty(sum(int(chunk.block.rows.sum()) for chunk in chunks))
         for name in ("time_s", *(c.name for c in separation))
     }
     numbers = np.concatenate(
         [
-            np.repeat(np.arange(first, first + len(drawn)), block.rows)
-            for first, drawn, block, _ in pieces
+            np.repeat(np.arange(first, first + len(inputs)), block.rows)
+            for first, inputs, block, _ in chunks
         ]
     )
     start = 0
-    for _, _, block, _ in pieces:
-        n, room = block.times.shape
-        times, history = block.times.ravel(), block.history.reshape(n * room, -1)
-        if not (block.rows == room).all():
-            kept = np.flatnonzero((np.arange(room) < block.rows[:, None]).ravel())
-            times, history = times[kept], history[kept]
-        part = slice(start, start + len(times))
-        found["time_s"][part] = times
+    for _, _, block, _ in chunks:
+        n, history_size = block.times.shape
+        times, history = block.times.ravel(), block.history.reshape(n * history_size, -1)
+        if not (block.rows == history_size).all():
+            used = np.flatnonzero((np.arange(history_size) < block.rows[:, None]).ravel())
+            times, history = times[used], history[used]
+        rows = slice(start, start + len(times))
+        histories["time_s"][rows] = times
         for i, column in enumerate(separation):
-            np.multiply(history[:, i], column.scale, out=found[column.name][part])
-        start = part.stop
-    return {"case": numbers, **found}
+            np.multiply(history[:, i], column.scale, out=histories[column.name][rows])
+        start = rows.stop
+    return {"case": numbers, **histories}
 
 
-def _join(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+def _join(tables: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     return (
-        parts[0]
-        if len(parts) == 1
-        else {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        tables[0]
+        if len(tables) == 1
+        else {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     )

@@ -37,7 +37,7 @@ DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)
 _SURE = 64.0  # times as short are steps that tell whether a case truly ends so
 
 # step and cases to outcomes (n, o) and status (n,)
-Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Integrate = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
@@ -63,7 +63,7 @@ def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0
 
 
 @dataclass
-class Settled:
+class Converged:
     """Steps (n,) in s at which cases were flown last, the status (n,) they ended with, what the
     last halvings changed, (n, o), and whether that has settled, (n,)."""
 
@@ -91,17 +91,19 @@ def changes(
     return table
 
 
-def _too_early(fly: Fly, step: float, cases: np.ndarray, status: np.ndarray) -> np.ndarray:
+def _too_early(
+    integrate: Integrate, step: float, cases: np.ndarray, status: np.ndarray
+) -> np.ndarray:
     """Which of some cases (n,) or draws (n, d), flown at a step, left the air or a table or jammed
     only because it is far too long."""
     found = status_in(status, DOUBTFUL)
     if found.any():
-        found[found] = ~status_in(fly(step / _SURE, cases[found])[1], DOUBTFUL)
+        found[found] = ~status_in(integrate(step / _SURE, cases[found])[1], DOUBTFUL)
     return found
 
 
-def settle(
-    fly: Fly,
+def refine_steps(
+    integrate: Integrate,
     count: int,
     step: float,
     goal: float,
@@ -109,7 +111,7 @@ def settle(
     decides: np.ndarray,
     most_lost: int = HALVINGS,
     agreements: int = AGREEMENTS,
-) -> Settled:
+) -> Converged:
     """Halve the step of each of ``count`` cases until two halvings in a row, or as many as
     ``agreements``, change its outcomes by no more than the goal.
 
@@ -119,14 +121,14 @@ def settle(
     ``most_lost`` halvings.
     """
     left = np.arange(count)
-    outcomes, status = fly(step, left)
-    early = _too_early(fly, step, left, status)
+    outcomes, status = integrate(step, left)
+    early = _too_early(integrate, step, left, status)
     steps, change = np.full(count, step), np.full((count, len(scale)), np.inf)
     last, least = np.full((count, len(scale)), np.inf), np.full(count, np.inf)
     agreed, stale = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
     for halving in range(1, HALVINGS + 1):
         step *= 0.5
-        finer, finer_status = fly(step, left)
+        finer, finer_status = integrate(step, left)
         now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
         waiting = early[left] & status_in(finer_status, DOUBTFUL)
         now[np.ix_(waiting & (status[left] == finer_status), decides)] = 1.0
@@ -142,11 +144,11 @@ def settle(
         left = left[(agreed[left] < agreements) & (stale[left] < _PATIENCE) & ~lost]
         if not len(left):
             break
-    return Settled(steps, status, change, agreed >= agreements)
+    return Converged(steps, status, change, agreed >= agreements)
 
 
-def settle_one(
-    fly: Fly, step: float, scene: Scene, columns: list[Column]
+def refine_case_steps(
+    integrate: Integrate, step: float, scene: Scene, columns: list[Column]
 ) -> tuple[float, np.ndarray, list[str]]:
     """The longest of ``step``, half of it, ... at which one case has settled; by how much its
     outcomes (o,) still changed; what is to be told of that. ``fly`` takes a step and the case,
@@ -154,10 +156,10 @@ def settle_one(
     units, decides = [c.unit for c in columns], decisive(columns)
     one, goal = np.zeros(1, dtype=np.int64), scene.solver.accuracy
     least = step / 2.0**HALVINGS
-    scale = scales(fly(step, one)[0], units, scene_scales(scene, units))
+    scale = scales(integrate(step, one)[0], units, scene_scales(scene, units))
     before, first = math.inf, step
     while True:
-        found = settle(fly, 1, step, goal, scale, decides)
+        found = refine_steps(integrate, 1, step, goal, scale, decides)
         step = float(found.step[0])
         change = np.where(decides, found.change[0], 0.0)
         if found.settled[0] and change.max() <= goal:

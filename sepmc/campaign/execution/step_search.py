@@ -7,7 +7,7 @@ import numpy as np
 
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import errors
-from sepmc.campaign.execution.integration import usual_lengths
+from sepmc.campaign.execution.integration import typical_durations
 from sepmc.engine.dispatch import integrate_cases
 from sepmc.engine.written_kernel import Kernel
 from sepmc.schema import Status
@@ -26,7 +26,7 @@ VOUCHED, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
 
 # Steps, methods and draws to outcomes (n, o), and of which cases a kernel vouches for them (n,): 1
 # if it does, 0 if not; -1 if there are none.
-Fly = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+IntegrateSteps = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 # What a step takes besides its evaluations, in evaluations: corrections, attitudes followed
 _OF_A_STEP = 2
 
@@ -38,16 +38,18 @@ def mostly(verdict: np.ndarray) -> bool:
     )
 
 
-def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
+def find_durations(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
     """How long stages usually last, s, shape (stages,): the median of some cases (n, d), SI. None
     if the kernel can fly none."""
-    usual, steps = np.full(kernel.n_segments, np.inf), np.full(kernel.n_segments, 2)
+    durations, steps = np.full(kernel.n_segments, np.inf), np.full(kernel.n_segments, 2)
     while steps.max() <= _MOST_STEPS:
-        block, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        block, ends = integrate_cases(
+            kernel, campaign.plan, steps, durations, campaign.slots, draws
+        )
         sound = block.status == Status.OK
         sound = sound if sound.any() else block.has_outcomes
         if sound.any():
-            return usual_lengths(ends, sound)
+            return typical_durations(ends, sound)
         steps *= 2
     return None
 
@@ -62,7 +64,7 @@ class Search:
 
     def __init__(
         self,
-        flown: Fly,
+        flown: IntegrateSteps,
         draws: np.ndarray,
         scale: np.ndarray,
         goal: float,

@@ -23,35 +23,35 @@ from sepmc.campaign.execution.accuracy import (
     scales,
     scene_scales,
 )
-from sepmc.campaign.execution.diagnostics import remarks
+from sepmc.campaign.execution.diagnostics import scene_notes
 from sepmc.campaign.execution.error_estimate import estimate
 from sepmc.campaign.execution.integration import (
     EVERY_S,
     SAFE,
-    Flight,
-    Say,
-    Spare,
-    fly,
-    fly_once,
+    FallbackKernel,
+    Integration,
     helped,
     history_rows,
+    integrate,
+    integrate_once,
 )
-from sepmc.campaign.execution.step_refinement import Fly, longest_step, settle
+from sepmc.campaign.execution.step_refinement import Integrate, longest_step, refine_steps
 from sepmc.campaign.execution.step_search import (
     IN_DOUBT,
     NO_OUTCOMES,
     VOUCHED,
     Search,
+    find_durations,
     mostly,
-    usual_phases,
 )
 from sepmc.engine.dispatch import Block, integrate_cases, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec import structure
 from sepmc.kernel.spec.methods import method
-from sepmc.routines.layout import STANDARD
+from sepmc.kernel.spec.variant import Variant
 from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.messages import Log
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
 
@@ -77,40 +77,45 @@ _ALIKE_LOADS = 0.2
 
 
 def kernel_text(
-    campaign: Definition, solver: str | None = None, history: bool = False, care: int = STANDARD
+    campaign: Definition,
+    solver: str | None = None,
+    history: bool = False,
+    variant: int = Variant.STANDARD,
 ) -> str:
     """The kernel written for a campaign, as a Python module: by another ``solver`` (the name of its
     methods), or one that takes more ``care``, if that is asked for."""
     return written(
-        structure.make_shape(campaign.plan, campaign.dispersed, care),
+        structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant),
         solver or campaign.scene.solver.method,
         history,
     )
 
 
-def stage_names(campaign: Definition, care: int = STANDARD) -> list[str]:
-    """What the stages of a campaign's kernel are, in the words of its file."""
-    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
+def stage_names(campaign: Definition, variant: int = Variant.STANDARD) -> list[str]:
+    """What the segments of a campaign's kernel are, in the words of its file."""
+    found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
     return [
-        found.names.back[stage.phase] + (" (late joints)" if stage.late else "")
-        for stage in found.stages
+        found.names.back[segment.phase] + (" (late joints)" if segment.late else "")
+        for segment in found.segments
     ]
 
 
-def spares(campaign: Definition, history: bool = False, care: int = STANDARD) -> tuple[Spare, ...]:
+def fallbacks(
+    campaign: Definition, history: bool = False, variant: int = Variant.STANDARD
+) -> tuple[FallbackKernel, ...]:
     """What flies cases that the kernel written for a campaign with some care loses."""
-    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
+    found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
     phases = [phase.name for phase in found.scene.phase]
-    numbers = np.array([phases.index(stage.phase) for stage in found.stages])
+    numbers = np.array([phases.index(segment.phase) for segment in found.segments])
 
     @cache
-    def make(care: int, announce: Say | None = None) -> Kernel:
-        return load_kernel(kernel_text(campaign, history=history, care=care), announce)
+    def make(variant: int, announce: Log | None = None) -> Kernel:
+        return load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
 
-    return tuple(Spare(more, partial(make, more), numbers) for more in found.spares)
+    return tuple(FallbackKernel(more, partial(make, more), numbers) for more in found.fallbacks)
 
 
-def corners(campaign: Definition) -> np.ndarray:
+def corner_cases(campaign: Definition) -> np.ndarray:
     """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin
     tosses.
 
@@ -136,7 +141,7 @@ def corners(campaign: Definition) -> np.ndarray:
     return table * campaign.factors
 
 
-def sample(campaign: Definition, count: int) -> np.ndarray:
+def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
     """Draws (count, d), SI, from the laws: every parameter spaced evenly over its probability, in
     random order (a Latin hypercube).
 
@@ -181,45 +186,54 @@ def _is_wide(law: Dispersion) -> bool:
     return bool(high - low > _WIDE)
 
 
-def plan_flight(campaign: Definition, history: bool = False, announce: Say | None = None) -> Flight:
+def select_steps(
+    campaign: Definition, history: bool = False, announce: Log | None = None
+) -> Integration:
     """Choose how to fly a campaign to the accuracy it asks for."""
-    care = STANDARD
+    variant: int = Variant.STANDARD
     while True:
-        kernel = load_kernel(kernel_text(campaign, history=history, care=care), announce)
+        kernel = load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
         _tell_trials(announce)
-        left, stages = spares(campaign, history, care), stage_names(campaign, care)
+        left, stages = fallbacks(campaign, history, variant), stage_names(campaign, variant)
         room = history_rows(campaign.scene) if history and campaign.scene.joint else 0
         found = _choose_steps(campaign, kernel, stages, _counted(announce), room)
         if found is not None:
-            found = replace(found, spares=left, care=care)
-            return replace(found, notes=remarks(campaign, found))
+            found = replace(found, fallbacks=left, variant=variant)
+            return replace(found, notes=scene_notes(campaign, found))
         wanted = _more_care(campaign, kernel, left)
         if wanted is None:
-            found = replace(_each_by_itself(campaign, kernel, stages, left), care=care)
+            found = replace(_each_by_itself(campaign, kernel, stages, left), variant=variant)
             return _finished(campaign, found, room)
-        care = wanted
+        variant = wanted
 
 
 def unpacked(
-    campaign: Definition, flight: Flight, history: bool, announce: Say | None = None
-) -> Flight:
-    """A flight that another process planned (`Flight.packed`), with kernels of this one."""
-    text = kernel_text(campaign, history=history, care=flight.care)
-    left = spares(campaign, history, flight.care)
-    return replace(flight, kernel=load_kernel(text, announce), spares=left)
+    campaign: Definition, flight: Integration, history: bool, announce: Log | None = None
+) -> Integration:
+    """A flight that another process planned (`Integration.packed`), with kernels of this one."""
+    text = kernel_text(campaign, history=history, variant=flight.variant)
+    left = fallbacks(campaign, history, flight.variant)
+    return replace(flight, kernel=load_kernel(text, announce), fallbacks=left)
 
 
-def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) -> int | None:
+def _more_care(
+    campaign: Definition, kernel: Kernel, left: tuple[FallbackKernel, ...]
+) -> int | None:
     """With what care a kernel may fly most of the corners that this one loses; None if there is
     none."""
-    steps, usual = _unknown(kernel)
+    steps, durations = _unknown(kernel)
     block, _ = integrate_cases(
-        kernel, campaign.plan, _SPREAD_STEPS * steps, usual, campaign.slots, corners(campaign)
+        kernel,
+        campaign.plan,
+        _SPREAD_STEPS * steps,
+        durations,
+        campaign.slots,
+        corner_cases(campaign),
     )
-    for spare in left:
-        flown = np.count_nonzero(helped(block.status, spare.care, np.array(True)))
+    for fallback in left:
+        flown = np.count_nonzero(helped(block.status, fallback.variant, np.array(True)))
         if 2 * flown >= np.count_nonzero(block.status < 0) > 0:
-            return spare.care
+            return fallback.variant
     return None
 
 
@@ -229,19 +243,21 @@ def _unknown(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _each_by_itself(
-    campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[Spare, ...]
-) -> Flight:
+    campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[FallbackKernel, ...]
+) -> Integration:
     """Where no steps suit most trial cases: every case finds its own."""
     draws, given = (
-        np.vstack([corners(campaign), sample(campaign, SAMPLE // _OF_HARD)]),
+        np.vstack([corner_cases(campaign), calibration_sample(campaign, SAMPLE // _OF_HARD)]),
         campaign.scene.solver.step,
     )
-    steps, usual = _unknown(kernel)
+    steps, durations = _unknown(kernel)
     steps = steps if given is None else np.ones_like(steps)
     units = [c.unit for c in campaign.outcome_columns]
     own, nothing = scene_scales(campaign.scene, units), np.full(kernel.n_indicators, -np.inf)
-    flight = Flight(kernel, steps, usual, stages, given, SMALL * own, nothing, spares=left)
-    block = fly(campaign, flight, draws)
+    flight = Integration(
+        kernel, steps, durations, stages, given, SMALL * own, nothing, fallbacks=left
+    )
+    block = integrate(campaign, flight, draws)
     assert block.refinement is not None
     ok, decides = block.status == Status.OK, decisive(campaign.outcome_columns)
     told = achieved(campaign, block.refinement.error / SAFETY, int(np.count_nonzero(ok)))
@@ -256,17 +272,17 @@ def _each_by_itself(
     )
 
 
-def _finished(campaign: Definition, found: Flight, room: int) -> Flight:
+def _finished(campaign: Definition, found: Integration, room: int) -> Integration:
     """The flight with what is to be told of its nominal case and of histories of so many rows."""
     if room and found.achieved is not None:
         draws = np.empty((1, 0))
         if campaign.file.dispersions:
-            draws = np.vstack([corners(campaign), sample(campaign, SAMPLE)])
+            draws = np.vstack([corner_cases(campaign), calibration_sample(campaign, SAMPLE)])
         assert found.scale is not None
-        one, two = (fly_once(campaign, way, draws, room) for way in (found, found.sharper()))
+        one, two = (integrate_once(campaign, way, draws, room) for way in (found, found.refined()))
         error = _history_error(campaign, one, two, found.scale)
         found = replace(found, achieved=replace(found.achieved, history=SAFETY * error))
-    return replace(found, notes=remarks(campaign, found))
+    return replace(found, notes=scene_notes(campaign, found))
 
 
 def _history_error(campaign: Definition, one: Block, two: Block, scale: np.ndarray) -> float:
@@ -283,12 +299,12 @@ def _history_error(campaign: Definition, one: Block, two: Block, scale: np.ndarr
     return float(errors(*there, own).max(initial=0.0))
 
 
-def _tell_trials(announce: Say | None) -> None:
+def _tell_trials(announce: Log | None) -> None:
     if announce:
         announce("flying trial cases to find the steps for the accuracy asked ...")
 
 
-def _counted(announce: Say | None) -> Callable[[int], None]:
+def _counted(announce: Log | None) -> Callable[[int], None]:
     """What is told of every so many flights of trial cases: now and then, how many there were."""
     tell, total = progress_reporter(announce, EVERY_S), 0
 
@@ -312,22 +328,25 @@ def _choose_steps(
     stages: list[str],
     tell: Callable[[int], None],
     room: int = 0,
-) -> Flight | None:
+) -> Integration | None:
     """Fewest steps in every phase with which trial cases come within the accuracy, or the step that
     is given; None if none are found. The error of histories of so many rows, the ``room``, is told
     too."""
-    tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
-    first, usual, given = (
+    tried, drawn = (
+        corner_cases(campaign),
+        calibration_sample(campaign, SAMPLE if campaign.file.dispersions else 0),
+    )
+    first, durations, given = (
         len(tried),
-        usual_phases(campaign, kernel, tried),
+        find_durations(campaign, kernel, tried),
         campaign.scene.solver.step,
     )
-    if usual is None:
+    if durations is None:
         return None
     longest = longest_step(
         campaign.scene, campaign.file.dispersions, structure.brief_transient(campaign.scene)
     )
-    least = np.maximum(2, np.ceil(usual / longest)).astype(np.int64)
+    least = np.maximum(2, np.ceil(durations / longest)).astype(np.int64)
     columns = campaign.outcome_columns
     units, decides = [c.unit for c in columns], decisive(columns)
     goal = SAFE * campaign.scene.solver.accuracy
@@ -338,7 +357,7 @@ def _choose_steps(
         steps: np.ndarray, draws: np.ndarray, methods: np.ndarray | None = None, room: int = 0
     ) -> Block:
         block, _ = integrate_cases(
-            kernel, campaign.plan, steps, usual, campaign.slots, draws, room, methods
+            kernel, campaign.plan, steps, durations, campaign.slots, draws, room, methods
         )
         tell(len(draws))
         return block
@@ -416,10 +435,10 @@ def _choose_steps(
     most = np.inf if given is not None else _MOST_ESTIMATED * campaign.scene.solver.accuracy
     if search.goal > goal:  # what trial cases do not reach in any steps is not asked of others
         most = 2.0 * SAFETY * error
-    return Flight(
+    return Integration(
         kernel,
         steps,
-        usual,
+        durations,
         stages,
         given,
         scale,
@@ -522,18 +541,18 @@ def _angles(campaign: Definition, trials: Block) -> dict[int, float]:
 
 
 def _doubted(
-    fly: Fly, outcomes: np.ndarray, goal: float, scale: np.ndarray, decides: np.ndarray
+    integrate: Integrate, outcomes: np.ndarray, goal: float, scale: np.ndarray, decides: np.ndarray
 ) -> np.ndarray:
     """Largest error (o,) of cases that a kernel vouches for, but at finer steps does not: against
     what they settle at."""
     right = np.empty_like(outcomes)
 
     def flown(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found, status = fly(share, which)
+        found, status = integrate(share, which)
         right[which] = found
         return found, status
 
-    settled = settle(flown, len(outcomes), 1.0, goal, scale, decides)
+    settled = refine_steps(flown, len(outcomes), 1.0, goal, scale, decides)
     found = errors(outcomes, right, scale)
     found[~settled.settled | (settled.status > Status.NEVER_RELEASED)] = np.inf
     return found.max(axis=0)
@@ -545,12 +564,21 @@ def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
 
 
 __all__ = [
-    "CORNERS", "SAFE", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text",
-    "plan_flight", "relative_error", "sample",
+    "CORNERS",
+    "SAFE",
+    "SAMPLE",
+    "SMALL",
+    "Integration",
+    "calibration_sample",
+    "corner_cases",
+    "integrate",
+    "kernel_text",
+    "relative_error",
+    "select_steps",
 ]  # fmt: skip
 
 
-def left_to_compile(text: str) -> tuple[int, int]:
+def units_to_compile(text: str) -> tuple[int, int]:
     """How many pieces of a kernel are not in the cache of compiled ones, and how many it has."""
     from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (numba)
 

@@ -1,4 +1,4 @@
-"""Tables whose smooth function goes far beyond its rows between them: rows at uneven distances."""
+"""Tables whose interpolant goes far beyond the values of their rows: rows at uneven distances."""
 
 from collections.abc import Iterator
 
@@ -18,72 +18,71 @@ Array = np.ndarray
 
 
 def overshooting(scene: Scene) -> list[str]:
-    """A sentence for each table whose smooth function is much larger or smaller between its
-    rows."""
-    found, environment = list[str](), scene.environment
+    """Notes on tables whose interpolant is much larger or smaller between rows than at rows."""
+    notes, environment = list[str](), scene.environment
     if environment.wind.profile is not None:
-        found += _wind(environment.wind.profile)
+        notes += _wind_notes(environment.wind.profile)
     if environment.air is not None:
-        found += [
-            said
-            for what, values in _of_air(environment.air)
-            for said in _table(what, [environment.air.altitude], values)
+        notes += [
+            note
+            for name, values in _air_columns(environment.air)
+            for note in _table_notes(name, [environment.air.altitude], values)
         ]
     for name, body in scene.body.items():
         table = body.aerodynamics.table if body.aerodynamics is not None else None
         if table is not None:
             axes = [axis for axis in (table.mach, table.alpha, table.beta) if axis]
-            for which in _COEFFICIENTS:
-                if grid := getattr(table, which):
-                    found += _table(
-                        f"body.{name}.aerodynamics.table.{which}", axes, np.array(grid, float)
+            for coefficient in _COEFFICIENTS:
+                if grid := getattr(table, coefficient):
+                    notes += _table_notes(
+                        f"body.{name}.aerodynamics.table.{coefficient}", axes, np.array(grid, float)
                     )
-    return found
+    return notes
 
 
-def _wind(profile: WindProfile) -> list[str]:
+def _wind_notes(profile: WindProfile) -> list[str]:
     from scipy.interpolate import CubicSpline  # noqa: PLC0415  (that other scenes do not need)
 
     heights = np.array(profile.altitude)
     curve = CubicSpline(heights, along_ground(profile).T, bc_type="clamped")
-    between = np.unique(np.linspace(heights[:-1], heights[1:], _BETWEEN))
-    found = np.hypot(*curve(between).T)
-    worst, most = int(np.argmax(found)), abs(profile.factor) * max(map(abs, profile.speed))
-    if found[worst] <= _FASTER * most:
+    points_between = np.unique(np.linspace(heights[:-1], heights[1:], _BETWEEN))
+    speeds = np.hypot(*curve(points_between).T)
+    worst, max_speed = int(np.argmax(speeds)), abs(profile.factor) * max(map(abs, profile.speed))
+    if speeds[worst] <= _FASTER * max_speed:
         return []
     return [
-        f"environment.wind.profile: the smooth curve through the rows reaches {found[worst]:.3g} "
-        f"m/s at {between[worst]:.5g} m, "
-        f"the rows {most:.3g} m/s at most: {_REMEDY}"
+        f"environment.wind.profile: the smooth curve through the rows reaches {speeds[worst]:.3g} "
+        f"m/s at {points_between[worst]:.5g} m, "
+        f"the rows {max_speed:.3g} m/s at most: {_REMEDY}"
     ]
 
 
-def _of_air(air: AirProfile) -> Iterator[tuple[str, Array]]:
-    """Names and values of what is smooth over height."""
+def _air_columns(air: AirProfile) -> Iterator[tuple[str, Array]]:
+    """Names and values of the columns that are interpolated over height."""
     yield "environment.air.density (logarithm)", np.log(air.density)
     if air.speed_of_sound:
         yield "environment.air.speed_of_sound", np.array(air.speed_of_sound)
 
 
-def _table(what: str, axes: list[tuple[float, ...]], values: Array) -> list[str]:
-    """A sentence, if the smooth function through ``values`` (a row for each number of the axes)
-    goes far beyond them."""
+def _table_notes(name: str, axes: list[tuple[float, ...]], values: Array) -> list[str]:
+    """Note if the interpolant of ``values``, a row for each number of the axes, goes far beyond
+    them."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415
 
-    low, high, smooth = float(values.min()), float(values.max()), values
+    low, high, curve = float(values.min()), float(values.max()), values
     for number, axis in enumerate(axes):
         if len(axis) > 1:
             points = np.array(axis)
-            between = np.unique(np.linspace(points[:-1], points[1:], _BETWEEN))
-            smooth = make_interp_spline(points, smooth, k=min(3, len(points) - 1), axis=number)(
-                between
+            points_between = np.unique(np.linspace(points[:-1], points[1:], _BETWEEN))
+            curve = make_interp_spline(points, curve, k=min(3, len(points) - 1), axis=number)(
+                points_between
             )
     allowed = _BEYOND * (high - low) + _SMALLER * max(abs(low), abs(high))
-    least, largest = float(smooth.min()), float(smooth.max())
-    if low - allowed <= least and largest <= high + allowed:
+    lowest, highest = float(curve.min()), float(curve.max())
+    if low - allowed <= lowest and highest <= high + allowed:
         return []
-    reached = largest if largest - high > low - least else least
+    extreme = highest if highest - high > low - lowest else lowest
     return [
-        f"{what}: the smooth function through the rows reaches {reached:.4g}, the rows only "
+        f"{name}: the smooth function through the rows reaches {extreme:.4g}, the rows only "
         f"{low:.4g} to {high:.4g}: {_REMEDY}"
     ]

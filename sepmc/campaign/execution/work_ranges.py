@@ -1,5 +1,4 @@
-"""Ranges of cases as work for other processes: what they are told, what they do, and what they give
-back."""
+"""Ranges of cases that worker processes run: the job, the result and the executor interface."""
 
 import platform
 import threading
@@ -9,15 +8,15 @@ from pathlib import Path
 from typing import Protocol
 
 from sepmc import __version__
-from sepmc.analysis.streaming import Apart
+from sepmc.analysis.streaming import PartialStatistics
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch import Draws, fly_piece
-from sepmc.campaign.execution.batch_summary import Tally
-from sepmc.campaign.execution.integration import Flight
-from sepmc.campaign.execution.sinks import InFolder, KeptRows, add_to
+from sepmc.campaign.execution.batch_summary import BatchSummary
+from sepmc.campaign.execution.chunk import SampleSpec, integrate_chunk
+from sepmc.campaign.execution.integration import Integration
+from sepmc.campaign.execution.sinks import ParquetSink, SelectedRowWriter, add_to
 from sepmc.campaign.execution.step_selection import unpacked
 from sepmc.campaign.store import folders, ledger
-from sepmc.campaign.store.row_selection import Chosen, Keep
+from sepmc.campaign.store.row_selection import KeepRules, RowSelection
 from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.engine.dispatch import using_threads
 from sepmc.scene.read import read_campaign
@@ -25,114 +24,160 @@ from sepmc.scene.read import read_campaign
 
 @dataclass(frozen=True)
 class Job:
-    """What flies ranges of a run. Its ``folder`` holds the campaign, whose text has the checksum
-    ``campaign``, and the ``word`` by which workers know that they are called still; it takes the
-    parts, if there are to be any; else cases are counted ``apart``, and some rows may be
-    ``keep``-t."""
+    """Description of a run that workers need.
+
+    Attributes
+    ----------
+    folder : Path
+        Run folder, which all workers see under this path.
+    campaign : str
+        Checksum of the campaign file in the folder.
+    lease : str
+        Token of `sepmc.campaign.store.folders.issue_lease`.
+    flight : Integration
+    spec : SampleSpec
+    accumulator : Apart or None
+        Empty statistics to add cases to; None if rows are written.
+    keep : KeepRules or None
+        Rules for rows that are saved beside statistics.
+    """
 
     folder: Path
     campaign: str
-    word: str
-    flight: Flight
-    draws: Draws
-    apart: Apart | None = None
-    keep: Keep | None = None
+    lease: str
+    flight: Integration
+    spec: SampleSpec
+    accumulator: PartialStatistics | None = None
+    keep: KeepRules | None = None
 
     @property
     def key(self) -> tuple[str, str, bool]:
-        """What a process has to load for it, in short."""
-        return str(self.folder), self.campaign, self.apart is None
+        """Key of the campaign and kernel that a process loads for the job."""
+        return str(self.folder), self.campaign, self.accumulator is None
 
 
 @dataclass(frozen=True)
-class Flown:
-    """What became of cases ``first`` to ``first + cases``: the parts that were written, or what was
-    counted apart; on a processor, by code, of some ``kind``."""
+class RangeResult:
+    """Result of cases ``first`` to ``first + cases`` - 1.
+
+    Attributes
+    ----------
+    first, cases : int
+    summary : BatchSummary
+    timing : dict of str to float
+        Seconds by stage.
+    kind : str
+        Code version and processor of the worker.
+    shards : tuple of Entry
+        Files written.
+    accumulator : Apart or None
+        Statistics of the cases.
+    selection : RowSelection or None
+        Rows saved beside statistics.
+    """
 
     first: int
     cases: int
-    tally: Tally
+    summary: BatchSummary
     timing: dict[str, float]
     kind: str
-    parts: tuple[ledger.Entry, ...] = ()
-    apart: Apart | None = None
-    chosen: Chosen | None = None
+    shards: tuple[ledger.Entry, ...] = ()
+    accumulator: PartialStatistics | None = None
+    selection: RowSelection | None = None
 
 
-class Crew(Protocol):
-    """Others who work: processes of this machine or of many."""
+class Executor(Protocol):
+    """Workers on this machine or others."""
 
     workers: int
 
     def map(
         self,
         job: Job,
-        function: Callable[[Job, int, int, int], Flown],
+        function: Callable[[Job, int, int, int], RangeResult],
         ranges: Iterable[tuple[int, int]],
-    ) -> Generator[Flown]:
-        """Have ``function(job, first, end, threads)`` called for each range, which are asked for
-        one by one, a few ahead; results as they come."""
+    ) -> Generator[RangeResult]:
+        """Call ``function(job, first, end, threads)`` for each range; yield results as they
+        complete.
+
+        Ranges are taken one by one, a few ahead of the completed ones.
+        """
 
 
-class OutOfStepError(RuntimeError):
-    """A worker that does not see what the run is made of."""
+class StaleWorkerError(RuntimeError):
+    """The worker sees another state of the run folder than the command."""
 
 
-# One range flies at a time in a process; another one's rows are written meanwhile.
-_flying = threading.Lock()
+# one range runs at a time in a process, while rows of another are written
+_running = threading.Lock()
 
 
-def fly_range(job: Job, first: int, end: int, threads: int) -> Flown:
-    """Fly cases ``first`` to ``end`` of a job: what a worker does."""
+def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
+    """Run cases ``first`` to ``end`` - 1 of a job in a worker.
+
+    Raises
+    ------
+    StaleWorkerError
+        If the folder is not the one of the job, or its lease was revoked.
+    """
     timing = {"compile": 0.0, "sample": 0.0, "kernel": 0.0}
-    with _flying:
+    with _running:
         campaign, flight = _ready(job)
-        separation = campaign.over_time(job.apart is None)
+        separation = campaign.stored_history_columns(job.accumulator is None)
         with using_threads(threads):
-            pieces = [fly_piece(campaign, flight, job.draws, first, end, bool(separation), timing)]
-    if not folders.is_called(job.folder, job.word):
-        raise OutOfStepError(f"{job.folder}: nobody waits for cases {first} to {end - 1} any more")
-    parts: list[ledger.Entry] = []
-    chosen = Chosen(job.keep, campaign.file.requirements) if job.keep else None
-    if job.apart:
-        add_to(job.apart, campaign, pieces)
-        if chosen:
-            parts = KeptRows(campaign, job.folder, job.draws, chosen).write(pieces)
+            chunks = [
+                integrate_chunk(campaign, flight, job.spec, first, end, bool(separation), timing)
+            ]
+    if not folders.lease_is_valid(job.folder, job.lease):
+        raise StaleWorkerError(f"{job.folder}: the lease for cases {first} to {end - 1} is revoked")
+    shards: list[ledger.Entry] = []
+    selection = RowSelection(job.keep, campaign.file.requirements) if job.keep else None
+    if job.accumulator:
+        add_to(job.accumulator, campaign, chunks)
+        if selection:
+            shards = SelectedRowWriter(campaign, job.folder, job.spec, selection).write(chunks)
     else:
-        parts = InFolder(campaign, separation, job.folder, job.draws).write(pieces)
-    return Flown(
-        first, end - first, pieces[0].tally, timing, kind(), tuple(parts), job.apart, chosen
+        shards = ParquetSink(campaign, separation, job.folder, job.spec).write(chunks)
+    return RangeResult(
+        first,
+        end - first,
+        chunks[0].summary,
+        timing,
+        kind(),
+        tuple(shards),
+        job.accumulator,
+        selection,
     )
 
 
 def kind() -> str:
-    """Code and processor of this process: rows of one kind are the same to the last bit."""
+    """Code version and processor of this process: rows of one kind have the same bits."""
     from sepmc.jit import processor, sources_digest  # noqa: PLC0415  (numba)
 
     return f"sepmc {__version__}, {processor()}, code {sources_digest()}"
 
 
-_last: dict[tuple[str, str, bool], tuple[Definition, Flight]] = {}
+_last: dict[tuple[str, str, bool], tuple[Definition, Integration]] = {}
 
 
-def _ready(job: Job) -> tuple[Definition, Flight]:
-    """The campaign and the flight of a job, loaded once in a process."""
+def _ready(job: Job) -> tuple[Definition, Integration]:
+    """Campaign and integration of a job, loaded once in a process."""
     if job.key not in _last:
         text = job.folder / folders.CAMPAIGN
         try:
-            written = ledger.checksum(text.read_bytes())
+            checksum = ledger.checksum(text.read_bytes())
         except OSError as error:
-            raise OutOfStepError(
+            raise StaleWorkerError(
                 f"{text}: a worker on {platform.node()} cannot read it: {error.strerror}; "
                 "it must be in a folder that all workers see under this path"
             ) from None
-        if written != job.campaign:
-            raise OutOfStepError(
+        if checksum != job.campaign:
+            raise StaleWorkerError(
                 f"{text}: a worker on {platform.node()} sees another campaign there; it must "
                 "be in a folder that all workers share"
             )
         campaign = Definition(read_campaign(text, reader=read_input_table))
-        history = campaign.has_histories and job.apart is None
+        history = campaign.has_histories and job.accumulator is None
         _last.clear()
         _last[job.key] = campaign, unpacked(campaign, job.flight, history)
     return _last[job.key]

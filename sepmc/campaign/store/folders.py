@@ -13,18 +13,18 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from sepmc.campaign.store import ledger, untrusted_files
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store import ledger, untrusted
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.locks import locked
 from sepmc.paths import is_local
 from sepmc.wording import option, switch
 
 MANIFEST, CAMPAIGN = "manifest.json", "campaign.toml"
 # rows and histories of all cases; of a run that lets cases go, rows of some, and what is counted
-CASES, HISTORIES, KEPT, COUNTED = OURS = untrusted_files.KINDS
-PLAN, HISTORY = "plan.parquet", "history.parquet"
+CASES, HISTORIES, SELECTED, ACCUMULATORS = DATA_FOLDERS = untrusted.KINDS
+SAMPLES, HISTORY = "samples.parquet", "history.parquet"
 HISTOGRAMS = "histograms.csv"
-PART = "part-*.parquet"
+SHARD_PATTERN = "part-*.parquet"
 _PROBE, _CALL = "is-writable", "workers-called"
 RARE = "the estimate of a rare event"  # what a folder with "rare" in its manifest holds
 _FIGURES = (
@@ -59,7 +59,9 @@ _FOLLOWING = (  # from the cases
     "film.mp4",
     *(f"{name}.{ending}" for name in _FIGURES for ending in ("png", "svg", "pdf")),
 )
-_OUR_FILES = (MANIFEST, CAMPAIGN, PLAN, ledger.LEDGER, _CALL, *_FOLLOWING)
+# data folders and sample table of format 1, which overwriting removes too
+_FORMAT_1 = ("kept", "counted")
+_OUR_FILES = (MANIFEST, CAMPAIGN, SAMPLES, "plan.parquet", ledger.LEDGER, _CALL, *_FOLLOWING)
 
 
 def next_folder(name: str, root: Path = Path("runs")) -> Path:
@@ -92,7 +94,7 @@ def opened(
             if overwrite:
                 _clear(folder)
             _sweep(folder)
-            call_off(folder)
+            revoke_lease(folder)
             _ours.add(folder.resolve())
             yield folder
     finally:
@@ -115,7 +117,7 @@ def check_folder(
     if folder.exists() and not folder.is_dir():
         raise StoreError(f"{folder}: is a file; give {option('out')} a folder")
     if folder.is_dir() and any(not _is_left(path) for path in folder.iterdir()):
-        untrusted_files.check(folder)
+        untrusted.check_entries(folder)
         if not is_run(folder):
             raise StoreError(
                 f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose "
@@ -125,11 +127,11 @@ def check_folder(
             ways = (
                 f"add {switch('resume')} to fly its missing cases, {switch('overwrite')} to "
                 "replace it,"
-                if resumable and any((folder / kind).is_dir() for kind in (CASES, COUNTED))
+                if resumable and any((folder / kind).is_dir() for kind in (CASES, ACCUMULATORS))
                 else f"add {switch('overwrite')} to replace it"
             )
             raise StoreError(f"{folder}: exists; {ways} or choose another {option('out')}")
-    for name in () if overwrite else OURS:
+    for name in () if overwrite else DATA_FOLDERS:
         if (folder / name).exists() and not (folder / name).is_dir():
             raise StoreError(
                 f"{folder / name}: is a file where a run keeps a folder; choose another "
@@ -137,9 +139,9 @@ def check_folder(
             )
 
 
-def knows_all(folder: Path) -> bool:
+def ledger_is_intact(folder: Path) -> bool:
     """Whether the list of the files of a folder is as it was written."""
-    return has_ledger(folder) and not ledger.lost_lines(folder)
+    return has_ledger(folder) and not ledger.count_damaged_lines(folder)
 
 
 def has_ledger(folder: Path) -> bool:
@@ -190,7 +192,7 @@ def make_writable(folder: Path) -> None:
 
 def _clear(folder: Path) -> None:
     """Remove what a run made, and nothing else."""
-    for name in OURS:
+    for name in (*DATA_FOLDERS, *_FORMAT_1):
         if is_local(folder):
             shutil.rmtree(folder / name, ignore_errors=True)
         for path in (folder / name).glob("*"):
@@ -200,7 +202,7 @@ def _clear(folder: Path) -> None:
             path.unlink()
 
 
-def follows(name: str) -> bool:
+def is_derived(name: str) -> bool:
     """Whether a name is that of what follows from the cases of a run: statistics, tables,
     figures."""
     return _is_one(name, _FOLLOWING)
@@ -220,10 +222,10 @@ def _sweep(folder: Path, kinds: Sequence[str] = (".",)) -> None:
 
 def _is_left(path: Path) -> bool:
     """Whether a file is what a process that was killed left of one that it was writing."""
-    return _is_one(path.name, [f"{one}.????????.tmp" for one in (*_OUR_FILES, PART)])
+    return _is_one(path.name, [f"{one}.????????.tmp" for one in (*_OUR_FILES, SHARD_PATTERN)])
 
 
-def call(folder: Path) -> str:
+def issue_lease(folder: Path) -> str:
     """Call workers to write parts into a folder; returns the word by which they know that they
     still may."""
     word = uuid4().hex
@@ -231,12 +233,12 @@ def call(folder: Path) -> str:
     return word
 
 
-def call_off(folder: Path) -> None:
+def revoke_lease(folder: Path) -> None:
     """Let workers that were called, and that nobody waits for any more, write nothing."""
     (folder / _CALL).unlink(missing_ok=True)
 
 
-def is_called(folder: Path, word: str) -> bool:
+def lease_is_valid(folder: Path, word: str) -> bool:
     """Whether workers that were called by this word may write into a folder."""
     try:
         return (folder / _CALL).read_text(encoding="utf-8") == word
@@ -246,7 +248,7 @@ def is_called(folder: Path, word: str) -> bool:
 
 def write_text(path: Path, text: str) -> None:
     """Write a file so that a reader sees the old or the new text, never a part."""
-    ledger.put(path, text.encode())
+    ledger.write_atomically(path, text.encode())
 
 
 def write_json(path: Path, data: Any) -> None:
@@ -268,6 +270,6 @@ def finite(data: Any) -> Any:
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
-def sweep_parts(folder: Path) -> None:
+def remove_temporary_shards(folder: Path) -> None:
     """Remove what workers that were lost left of parts they were writing."""
-    _sweep(folder, OURS)
+    _sweep(folder, DATA_FOLDERS)

@@ -14,7 +14,7 @@ from uuid import uuid4
 
 import msgspec
 
-from sepmc.campaign.store import untrusted_files
+from sepmc.campaign.store import untrusted
 from sepmc.paths import is_local
 from sepmc.scene.limits import CASES, LEDGER_BYTES, LEDGER_LINES, PART_BYTES
 
@@ -36,7 +36,7 @@ class Entry(msgspec.Struct, frozen=True):
     def is_possible(self) -> bool:
         """Whether there can be such a file, of so many cases, in a run folder."""
         return (
-            untrusted_files.is_name(self.file)
+            untrusted.is_file_name(self.file)
             and 0 <= self.bytes <= PART_BYTES
             and 0 <= self.first <= self.first + self.cases <= CASES
             and self.cases <= self.bytes  # of each case many numbers, 4 to a byte at most
@@ -59,7 +59,7 @@ def checksum(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def put(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Write a file so that a reader sees the old or the new content, never a part; of several
     processes that write it at once, one's. Whatever had its name is left alone elsewhere."""
     if not is_local(path):  # object storage does so by itself
@@ -77,7 +77,7 @@ def put(path: Path, content: bytes) -> None:
         raise
 
 
-def entry(file: str, content: bytes, first: int = 0, cases: int = 0) -> Entry:
+def make_entry(file: str, content: bytes, first: int = 0, cases: int = 0) -> Entry:
     """The entry of a file with this content."""
     return Entry(file, len(content), checksum(content), first, cases)
 
@@ -86,7 +86,7 @@ def add(folder: Path, *entries: Entry) -> None:
     """Add files to the ledger of a folder."""
     lines = "".join(one.line for one in entries).encode()
     if not is_local(folder):  # nothing can be added to an object
-        put(folder / LEDGER, _content(folder) + lines)
+        write_atomically(folder / LEDGER, _content(folder) + lines)
         return
     with open(folder / LEDGER, "ab") as ledger:
         ledger.write(lines)
@@ -94,7 +94,7 @@ def add(folder: Path, *entries: Entry) -> None:
 
 def rewrite(folder: Path, entries: Iterable[Entry]) -> None:
     """Put these files into the ledger of a folder, and no others."""
-    put(folder / LEDGER, "".join(one.line for one in entries).encode())
+    write_atomically(folder / LEDGER, "".join(one.line for one in entries).encode())
 
 
 def read(folder: Path) -> Mapping[str, Entry]:
@@ -103,7 +103,7 @@ def read(folder: Path) -> Mapping[str, Entry]:
     if not is_local(folder):  # whose clock tells seconds only
         lines = _lines(folder / LEDGER) if (folder / LEDGER).is_file() else []
         return _entries(lines)
-    untrusted_files.check(folder)
+    untrusted.check_entries(folder)
     try:
         state = (folder / LEDGER).stat()
     except OSError:
@@ -129,10 +129,10 @@ def _content(folder: Path) -> bytes:
 
 def _lines(path: Path) -> list[bytes]:
     """Lines of a ledger. Raises StoreError if there are more than a run has files."""
-    written = untrusted_files.content(path, LEDGER_BYTES)
+    written = untrusted.read_bounded(path, LEDGER_BYTES)
     if (count := written.count(b"\n") + written.count(b"\r")) > LEDGER_LINES:
         said = f"has {count:,} lines: must have at most {LEDGER_LINES:,}"
-        raise untrusted_files.StoreError(f"{path}: {said}")
+        raise untrusted.StoreError(f"{path}: {said}")
     return written.splitlines()
 
 
@@ -149,12 +149,12 @@ def _entry(line: bytes) -> Entry | None:
     return found if found.is_possible else None
 
 
-def lost_lines(folder: Path) -> int:
+def count_damaged_lines(folder: Path) -> int:
     """How many lines of the ledger of a folder say nothing, as they are not as they were
     written."""
     try:
         lines = _lines(folder / LEDGER)
-    except untrusted_files.StoreError:
+    except untrusted.StoreError:
         return 0
     return sum(_entry(line) is None for line in lines)
 
@@ -164,7 +164,7 @@ def digest(entries: Iterable[Entry]) -> str:
     return checksum("".join(sorted(one.line for one in entries)).encode())
 
 
-def whole(folder: Path, one: Entry) -> bytes:
+def read_verified(folder: Path, one: Entry) -> bytes:
     """The content of a file, as it was written. Raises ValueError, with what is wrong, if it is
     not."""
     path = folder / one.file

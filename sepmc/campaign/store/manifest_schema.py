@@ -12,6 +12,7 @@ from sepmc.scene.limits import CASES, NAME, SEED, check_tree
 from sepmc.scene.messages import Problems, TooManyProblems
 from sepmc.scene.model import Name
 
+FORMAT = 2  # of run folders: raised when their keys or folders are renamed
 _Count = Annotated[int, Meta(ge=0, le=CASES)]
 _TEXT = 100_000  # characters of a note
 _OF_ALL = ("campaign", "files", "files_sha256", "campaign_sha256")
@@ -29,7 +30,7 @@ class _Session(Struct):
     machine: str = ""
     cases_flown: _Count = 0
     threads: int | None = None
-    flown_by: dict[str, _Count] = {}
+    workers: dict[str, _Count] = {}
     versions: dict[str, str] = {}
     timing_s: dict[str, float] = {}
 
@@ -49,9 +50,9 @@ class _Accuracy(Struct):
     methods: list[str] = []
     steps: list[int] = []
     stages: list[str] = []
-    finer_cases: _Count = 0
-    unsettled_cases: _Count = 0
-    spare_cases: _Count = 0
+    n_refined: _Count = 0
+    n_unconverged: _Count = 0
+    n_fallback: _Count = 0
     worst_place: str = ""
     places: list[str] = []
     errors: dict[str, float | None] = {}
@@ -61,6 +62,7 @@ class _Manifest(Struct):
     """Of a campaign, or of one case."""
 
     digest: str
+    format: int = 1
     campaign: Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*\Z", max_length=NAME)] = "x"
     seed: Annotated[int, Meta(ge=0, le=SEED)] | None = None
     cases: _Count = 0
@@ -71,7 +73,7 @@ class _Manifest(Struct):
     keep: str = ""
     sampler: str = ""
     settings: dict[str, str] = {}
-    cases_held: _Count = 0
+    n_stored: _Count = 0
     failures: _Count = 0
     implausible_inertias: _Count = 0
     accuracy: _Accuracy | None = None
@@ -79,7 +81,7 @@ class _Manifest(Struct):
     stopping_rule: str = ""
     until: str = ""
     rarely_drawn: list[str] = []
-    least_at_the_end: dict[str, int] = {}
+    min_at_end: dict[str, int] = {}
     missing: dict[str, int] = {}
     sessions: list[_Session] = []
     case: _Count | None = None
@@ -91,7 +93,7 @@ class _Manifest(Struct):
     campaign_sha256: str = ""
 
 
-def of_part(said: Mapping[bytes, bytes]) -> dict[str, Any]:
+def shard_provenance(said: Mapping[bytes, bytes]) -> dict[str, Any]:
     """What a part says of the run that it is of, as a manifest would. Raises ValueError or KeyError
     if it does not."""
     found: dict[str, Any] = {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}

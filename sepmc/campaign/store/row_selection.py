@@ -1,4 +1,4 @@
-"""Which rows a run keeps that counts its cases and lets them go: rules, columns, precision."""
+"""Rows that a run of statistics saves: rules, columns and precision."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,22 +8,34 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.analysis.requirements import margins, violating
+from sepmc.analysis.requirements import margins, violation_masks
 from sepmc.scene.messages import InputError, nearest
 from sepmc.scene.model import Requirement
 from sepmc.schema import Column, Status
 
 ALL, FAILED, VIOLATING, WORST, EVERY = "all", "failed", "violating", "worst", "every"
-WHY = Column("kept_as", "", "rules by which the row is kept")
+REASON = Column("kept_as", "", "rules by which the row is kept")
 _RULE = re.compile(r"(all|failed|violating)|(worst|every):([1-9][0-9]{0,8})")
-_HEAD = ("case", "status", WHY.name)
+_HEAD = ("case", "status", REASON.name)
 
 
 @dataclass(frozen=True)
-class Keep:
-    """Rules by which rows are kept: ``all``, those that ``failed``, are ``violating`` a
-    requirement, the ``worst`` so many of each requirement, ``every`` so manyth case; of these rows
-    columns with names that match ``patterns``, and numbers in ``single`` precision."""
+class KeepRules:
+    """Rules for the rows that are saved, and their columns.
+
+    Attributes
+    ----------
+    rules : tuple of str
+        Of all, failed, violating, worst and every.
+    worst : int
+        Number of worst rows of each requirement.
+    every : int
+        Period, in case numbers.
+    patterns : tuple of str
+        Patterns of column names; all columns if empty.
+    single : bool
+        Single precision.
+    """
 
     rules: tuple[str, ...]
     worst: int = 0
@@ -33,21 +45,21 @@ class Keep:
 
     @property
     def text(self) -> str:
-        """As a manifest has it."""
+        """Text of the rules as a manifest stores it."""
         counts = {WORST: f":{self.worst}", EVERY: f":{self.every}"}
-        said = ",".join(rule + counts.get(rule, "") for rule in self.rules)
-        said += f"; columns {','.join(self.patterns)}" if self.patterns else ""
-        return said + ("; float32" if self.single else "")
+        text = ",".join(rule + counts.get(rule, "") for rule in self.rules)
+        text += f"; columns {','.join(self.patterns)}" if self.patterns else ""
+        return text + ("; float32" if self.single else "")
 
     @classmethod
-    def of_text(cls, text: str) -> "Keep":
-        """That of which a manifest has the `text`. Raises InputError if it is none."""
+    def of_text(cls, text: str) -> "KeepRules":
+        """Rules from the `text` of a manifest. Raises InputError."""
         rules, *more = text.split("; ")
-        columns = [one.removeprefix("columns ") for one in more if one.startswith("columns ")]
+        columns = [x.removeprefix("columns ") for x in more if x.startswith("columns ")]
         return _read(rules, tuple(columns[0].split(",")) if columns else (), "float32" in more)
 
     def columns(self, known: Sequence[Column]) -> list[Column]:
-        """Of the columns of a case table those that are kept."""
+        """Columns of a case table that are saved."""
         return [
             column
             for column in known
@@ -57,119 +69,176 @@ class Keep:
         ]
 
 
-def read_keep(
+def parse_keep_rules(
     rules: str,
     patterns: str | None,
     single: bool,
     requirements: Sequence[Requirement],
     columns: Sequence[Column],
-) -> Keep:
-    """Rules as the command line takes them, ``failed,worst:20``, and patterns of the names of
-    columns. Raises InputError with what is allowed."""
-    chosen = tuple(one.strip() for one in patterns.split(",")) if patterns else ()
-    keep = _read(rules, chosen, single)
-    if not _bounded(requirements) and WORST in keep.rules:
-        raise InputError("keep = worst: of what the file requires with a bound, which is nothing")
+) -> KeepRules:
+    """Parse and check the rules of the command line.
+
+    Parameters
+    ----------
+    rules : str
+        As ``failed,worst:20``.
+    patterns : str, optional
+        Patterns of column names, with commas.
+    single : bool
+        Single precision.
+    requirements : sequence of Requirement
+    columns : sequence of Column
+        Of the case table.
+
+    Returns
+    -------
+    KeepRules
+
+    Raises
+    ------
+    InputError
+        With the allowed values.
+    """
+    names_kept = tuple(x.strip() for x in patterns.split(",")) if patterns else ()
+    keep = _read(rules, names_kept, single)
+    if not _with_bounds(requirements) and WORST in keep.rules:
+        raise InputError("keep = worst: needs a [[requirement]] with a bound")
     if VIOLATING in keep.rules and not requirements:
-        raise InputError("keep = violating: of what the file requires, which is nothing")
+        raise InputError("keep = violating: needs a [[requirement]]")
     names = [column.name for column in columns]
-    for pattern in chosen:
+    for pattern in names_kept:
         if not any(fnmatchcase(name, pattern) for name in names):
             raise InputError(f"keep columns = {pattern}: no such column; {nearest(pattern, names)}")
     return keep
 
 
-def _read(rules: str, patterns: tuple[str, ...], single: bool) -> Keep:
-    """Rules as text."""
-    counts, named = {WORST: 0, EVERY: 0}, []
-    for text in (one.strip() for one in rules.split(",")):
-        found = _RULE.fullmatch(text)
-        if found is None:
+def _read(rules: str, patterns: tuple[str, ...], single: bool) -> KeepRules:
+    """Rules from their text."""
+    counts, names = {WORST: 0, EVERY: 0}, []
+    for text in (rule.strip() for rule in rules.split(",")):
+        match = _RULE.fullmatch(text)
+        if match is None:
             raise InputError(
                 f"keep = {text}: must be of all, failed, violating, worst:20, every:1000, with "
                 "commas between"
             )
-        named.append(found[1] or found[2])
-        if found[2]:
-            counts[found[2]] = int(found[3])
-    return Keep(tuple(dict.fromkeys(named)), counts[WORST], counts[EVERY], patterns, single)
+        names.append(match[1] or match[2])
+        if match[2]:
+            counts[match[2]] = int(match[3])
+    return KeepRules(tuple(dict.fromkeys(names)), counts[WORST], counts[EVERY], patterns, single)
 
 
-def _bounded(requirements: Sequence[Requirement]) -> list[Requirement]:
-    """Those that are on a number, with a bound."""
-    return [one for one in requirements if not (one.at_least is None and one.at_most is None)]
+def _with_bounds(requirements: Sequence[Requirement]) -> list[Requirement]:
+    """Requirements on a number with a bound."""
+    return [item for item in requirements if not (item.at_least is None and item.at_most is None)]
 
 
 @dataclass
-class Chosen:
-    """Which rows of the cases that pass by are kept. ``worst`` are, by requirement, margins and
-    numbers of the worst so far, worst first."""
+class RowSelection:
+    """Selection of rows from cases that pass by once.
 
-    keep: Keep
+    Attributes
+    ----------
+    worst : dict of str to (ndarray, ndarray)
+        By requirement: margins and case numbers of the worst cases so far, worst first.
+    """
+
+    keep: KeepRules
     requirements: Sequence[Requirement]
     worst: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     def choose(self, rows: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        """Places (k,) of the rows of a case table that are kept, as far as is known, and why,
-        text."""
-        numbers, ok = np.asarray(rows["case"]), np.asarray(rows["status"]) == Status.OK.label
-        why = np.full(len(numbers), ALL if ALL in self.keep.rules else "", dtype=object)
-        if FAILED in self.keep.rules:
-            _say(why, ~ok, FAILED)
-        if VIOLATING in self.keep.rules:
-            for one in self.requirements:
-                known = np.logical_and(*violating(one, rows, self.requirements))
-                _say(why, known, f"{VIOLATING} {one.name}")
-        if EVERY in self.keep.rules:
-            _say(why, numbers % self.keep.every == 0, EVERY)
-        for one in self._followed:
-            margin = np.where(ok, margins(np.asarray(rows[one.metric], float), one), np.nan)
-            self._add(one.name, margin, numbers)
-            _say(why, np.isin(numbers, self.worst[one.name][1]), f"{WORST} {one.name}")
-        places = np.flatnonzero(why != "")
-        return places, why[places]
+        """Select rows of a case table.
 
-    def take(self, others: "Chosen") -> None:
-        """Take the worst of other cases."""
+        Parameters
+        ----------
+        rows : mapping of str to array
+            Case table by column.
+
+        Returns
+        -------
+        positions : ndarray, shape (k,)
+            Rows selected so far; later cases can replace the worst.
+        reasons : ndarray of str, shape (k,)
+        """
+        numbers, ok = np.asarray(rows["case"]), np.asarray(rows["status"]) == Status.OK.label
+        reasons = np.full(len(numbers), ALL if ALL in self.keep.rules else "", dtype=object)
+        if FAILED in self.keep.rules:
+            _add_reason(reasons, ~ok, FAILED)
+        if VIOLATING in self.keep.rules:
+            for requirement in self.requirements:
+                known = np.logical_and(*violation_masks(requirement, rows, self.requirements))
+                _add_reason(reasons, known, f"{VIOLATING} {requirement.name}")
+        if EVERY in self.keep.rules:
+            _add_reason(reasons, numbers % self.keep.every == 0, EVERY)
+        for requirement in self._with_worst:
+            margin = np.where(
+                ok, margins(np.asarray(rows[requirement.metric], float), requirement), np.nan
+            )
+            self._add(requirement.name, margin, numbers)
+            _add_reason(
+                reasons,
+                np.isin(numbers, self.worst[requirement.name][1]),
+                f"{WORST} {requirement.name}",
+            )
+        positions = np.flatnonzero(reasons != "")
+        return positions, reasons[positions]
+
+    def take(self, others: "RowSelection") -> None:
+        """Merge the worst cases of another selection."""
         for name, (margin, numbers) in others.worst.items():
             self._add(name, margin, numbers)
 
     def _add(self, name: str, margin: np.ndarray, numbers: np.ndarray) -> None:
-        before = self.worst.get(name, (np.empty(0), np.empty(0, dtype=np.int64)))
-        there = ~np.isnan(margin)
-        every = np.concatenate([before[0], margin[there]])
-        which = np.concatenate([before[1], numbers[there]])
-        first = np.lexsort((which, every))[: self.keep.worst]
-        self.worst[name] = every[first], which[first]
+        previous = self.worst.get(name, (np.empty(0), np.empty(0, dtype=np.int64)))
+        is_finite = ~np.isnan(margin)
+        margins_so_far = np.concatenate([previous[0], margin[is_finite]])
+        numbers_so_far = np.concatenate([previous[1], numbers[is_finite]])
+        order = np.lexsort((numbers_so_far, margins_so_far))[: self.keep.worst]
+        self.worst[name] = margins_so_far[order], numbers_so_far[order]
 
     def state(self) -> list[np.ndarray]:
-        """Margins and numbers of the worst so far, for `restore`."""
+        """Margins and numbers of the worst cases, for `restore`."""
         none = np.empty(0)
-        found = (self.worst.get(one.name, (none, none)) for one in self._followed)
-        return [array.astype(float) for pair in found for array in pair]
+        pairs = (self.worst.get(item.name, (none, none)) for item in self._with_worst)
+        return [array.astype(float) for pair in pairs for array in pair]
 
     def restore(self, arrays: Iterator[np.ndarray]) -> None:
-        """Hold what another one held."""
-        for one in self._followed:
-            self.worst[one.name] = next(arrays), next(arrays).astype(np.int64)
+        """Load arrays of `state`."""
+        for requirement in self._with_worst:
+            self.worst[requirement.name] = next(arrays), next(arrays).astype(np.int64)
 
     @property
-    def _followed(self) -> Sequence[Requirement]:
-        return _bounded(self.requirements) if WORST in self.keep.rules else ()
+    def _with_worst(self) -> Sequence[Requirement]:
+        return _with_bounds(self.requirements) if WORST in self.keep.rules else ()
 
-    def still(self, numbers: np.ndarray, why: np.ndarray) -> np.ndarray:
-        """Why rows that were kept are, now that all cases passed by: nothing, of those that others
-        turned out to be worse than."""
-        of_now = {name: set(worst.tolist()) for name, (_, worst) in self.worst.items()}
-        told = []
-        for number, text in zip(numbers.tolist(), why, strict=True):
+    def final_reasons(self, numbers: np.ndarray, reasons: np.ndarray) -> np.ndarray:
+        """Final reasons for which each row was saved, once all cases are known.
+
+        Parameters
+        ----------
+        numbers : ndarray, shape (n,)
+            Case numbers.
+        reasons : ndarray of str, shape (n,)
+            From `choose`.
+
+        Returns
+        -------
+        ndarray of str, shape (n,)
+            Empty for rows that are no longer among the worst.
+        """
+        worst_cases = {name: set(worst.tolist()) for name, (_, worst) in self.worst.items()}
+        texts = []
+        for number, text in zip(numbers.tolist(), reasons, strict=True):
             others = [part for part in text.split("; ") if not part.startswith(WORST)]
-            now = [f"{WORST} {name}" for name, worst in of_now.items() if number in worst]
-            told.append("; ".join(others + now))
-        return np.array(told, dtype=object)
+            reasons_worst = [
+                f"{WORST} {name}" for name, worst in worst_cases.items() if number in worst
+            ]
+            texts.append("; ".join(others + reasons_worst))
+        return np.array(texts, dtype=object)
 
 
-def _say(why: np.ndarray, which: np.ndarray, word: str) -> None:
-    """Add a word to the reasons of some rows."""
-    for place in np.flatnonzero(which):
-        why[place] = f"{why[place]}; {word}" if why[place] else word
+def _add_reason(reasons: np.ndarray, mask: np.ndarray, word: str) -> None:
+    """Append a reason to the reasons of some rows, in place."""
+    for position in np.flatnonzero(mask):
+        reasons[position] = f"{reasons[position]}; {word}" if reasons[position] else word

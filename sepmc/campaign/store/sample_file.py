@@ -15,7 +15,7 @@ from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.limits import CASES, PLAN_BYTES, PLAN_NUMBERS, TEXT, text_fault
 from sepmc.scene.messages import Problems, printable, shorten
 
-_PLACE = "run.plan"
+_PLACE = "run.samples"
 _PARQUET = ".parquet"
 _ENDINGS = (_PARQUET, ".csv", ".txt")
 

@@ -14,10 +14,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from sepmc.analysis.stored_statistics import Told
+from sepmc.analysis.stored_statistics import StoredStatistics
 from sepmc.campaign.store import folders, ledger
-from sepmc.campaign.store.untrusted_files import StoreError
-from sepmc.campaign.store.untrusted_shards import file_fault, table_fault
+from sepmc.campaign.store.untrusted import StoreError, file_fault, table_fault
 from sepmc.paths import readable
 from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.messages import printable
@@ -26,7 +25,7 @@ from sepmc.schema import Column
 from sepmc.wording import another_place, flying_again, switch
 
 
-def table(
+def arrow_table(
     columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None
 ) -> pa.Table:
     """An Arrow table whose fields carry unit and meaning in their metadata, and which itself says
@@ -76,19 +75,19 @@ def write_parquet(
     StoreError
         If it cannot be written, a full disk say.
     """
-    written, content = table(columns, data, about), pa.BufferOutputStream()
+    written, content = arrow_table(columns, data, about), pa.BufferOutputStream()
     text = [field.name for field in written.schema if pa.types.is_dictionary(field.type)]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         pq.write_table(written, content, compression="snappy", use_dictionary=text or False)
         whole = content.getvalue().to_pybytes()
-        ledger.put(path, whole)
+        ledger.write_atomically(path, whole)
     except (OSError, pa.ArrowException) as error:
         raise StoreError(f"{path}: cannot be written: {error}") from None
     return whole
 
 
-def write_part(
+def write_shard(
     folder: Path,
     kind: str,
     first: int,
@@ -98,12 +97,12 @@ def write_part(
     about: dict[str, str],
 ) -> ledger.Entry:
     """Write the part of a run that begins with case ``first``; it counts once it is noted."""
-    path = part_path(folder, kind, first)
+    path = shard_path(folder, kind, first)
     content = write_parquet(path, columns, data, about)
-    return ledger.entry(f"{kind}/{path.name}", content, first, cases)
+    return ledger.make_entry(f"{kind}/{path.name}", content, first, cases)
 
 
-def note_parts(folder: Path, parts: Iterable[ledger.Entry]) -> None:
+def record_shards(folder: Path, parts: Iterable[ledger.Entry]) -> None:
     """Note parts of a run in its ledger, in the order in which they count."""
     try:
         ledger.add(folder, *parts)
@@ -111,44 +110,48 @@ def note_parts(folder: Path, parts: Iterable[ledger.Entry]) -> None:
         raise StoreError(f"{folder / ledger.LEDGER}: cannot be written: {error}") from None
 
 
-def replace_parts(folder: Path, kind: str, parts: Iterable[ledger.Entry]) -> None:
+def replace_shards(folder: Path, kind: str, parts: Iterable[ledger.Entry]) -> None:
     """Put new parts, which are written, in place of all those of a kind."""
     new = {one.file: one for one in parts}
     others = [one for one in ledger.read(folder).values() if not one.file.startswith(f"{kind}/")]
     ledger.rewrite(folder, [*others, *new.values()])
-    for path in (folder / kind).glob(folders.PART):
+    for path in (folder / kind).glob(folders.SHARD_PATTERN):
         if f"{kind}/{path.name}" not in new:
             path.unlink()
 
 
-def write_counted(
+def write_accumulators(
     folder: Path, cases: int, arrays: Sequence[np.ndarray], about: dict[str, str]
 ) -> None:
     """Write what is counted of the first so many cases of a run, in place of what was before."""
     lengths = json.dumps([len(one) for one in arrays])
-    path = part_path(folder, folders.COUNTED, cases)
+    path = shard_path(folder, folders.ACCUMULATORS, cases)
     column = Column("value", "", "what is counted, an array after the other")
     content = write_parquet(
         path, [column], {"value": np.concatenate(arrays)}, about | {"lengths": lengths}
     )
-    one = ledger.entry(f"{folders.COUNTED}/{path.name}", content, cases)
+    one = ledger.make_entry(f"{folders.ACCUMULATORS}/{path.name}", content, cases)
     try:
-        replace_parts(folder, folders.COUNTED, [one])
+        replace_shards(folder, folders.ACCUMULATORS, [one])
     except OSError as error:
         raise StoreError(f"{folder / ledger.LEDGER}: cannot be written: {error}") from None
 
 
-def counted(folder: Path) -> ledger.Entry | None:
+def accumulator_entry(folder: Path) -> ledger.Entry | None:
     """What tells what is counted of a run, as it was written; None if there is nothing."""
-    held = [o for o in ledger.read(folder).values() if o.file.startswith(f"{folders.COUNTED}/")]
-    return held[-1] if held and not fault_of(folder, held[-1]) else None
+    held = [
+        o for o in ledger.read(folder).values() if o.file.startswith(f"{folders.ACCUMULATORS}/")
+    ]
+    return held[-1] if held and not find_fault(folder, held[-1]) else None
 
 
-def read_counted(folder: Path, one: ledger.Entry) -> tuple[list[np.ndarray], dict[bytes, bytes]]:
+def read_accumulators(
+    folder: Path, one: ledger.Entry
+) -> tuple[list[np.ndarray], dict[bytes, bytes]]:
     """Arrays that tell what is counted of a run, and what they say of it. Raises StoreError if they
     are none."""
     path = folder / one.file
-    _, said = about(path)
+    _, said = read_metadata(path)
     values = read_table(path, ["value"])["value"].to_numpy()
     try:
         lengths = msgspec.json.decode(said[b"lengths"], type=list[int])
@@ -159,12 +162,12 @@ def read_counted(folder: Path, one: ledger.Entry) -> tuple[list[np.ndarray], dic
     return np.split(values, np.cumsum(lengths)[:-1]), said
 
 
-def part_path(folder: Path, kind: str, first: int) -> Path:
+def shard_path(folder: Path, kind: str, first: int) -> Path:
     """Path of the part that begins with case ``first``."""
     return folder / kind / f"part-{first:010d}.parquet"
 
 
-def parts(folder: Path, kind: str) -> list[ledger.Entry]:
+def entries(folder: Path, kind: str) -> list[ledger.Entry]:
     """Parts of a run, in order of their first case."""
     held = [one for one in ledger.read(folder).values() if one.file.startswith(f"{kind}/")]
     return sorted((one for one in held if one.cases), key=lambda one: one.first)
@@ -173,14 +176,14 @@ def parts(folder: Path, kind: str) -> list[ledger.Entry]:
 _whole: set[tuple[str, int, int, str]] = set()  # files that were seen as they were written
 
 
-def fault_of(folder: Path, one: ledger.Entry) -> str:
+def find_fault(folder: Path, one: ledger.Entry) -> str:
     """What is wrong with a file; nothing, if it is as it was written, which is seen once."""
     path = folder / one.file
     try:
         state = path.stat()
         known = (str(path.absolute()), state.st_mtime_ns, state.st_size, one.sha256)
         if known not in _whole:
-            ledger.whole(folder, one)
+            ledger.read_verified(folder, one)
             _whole.add(known)
     except OSError:
         return "is gone"
@@ -192,7 +195,7 @@ def fault_of(folder: Path, one: ledger.Entry) -> str:
 def _path(folder: Path, one: ledger.Entry) -> Path:
     """Path of a part, which is as it was written. Raises StoreError if it is not, with the file,
     its cases and what to do."""
-    if problem := fault_of(folder, one):
+    if problem := find_fault(folder, one):
         raise StoreError(
             f"{folder / one.file}: {problem}; it held {one.numbers}. To fly these again: "
             f"{flying_again(folder)}"
@@ -200,7 +203,7 @@ def _path(folder: Path, one: ledger.Entry) -> Path:
     return folder / one.file
 
 
-def _read_part(folder: Path, one: ledger.Entry, columns: Sequence[str] | None = None) -> pa.Table:
+def _read_entry(folder: Path, one: ledger.Entry, columns: Sequence[str] | None = None) -> pa.Table:
     """Columns of a part. Not by `pyarrow.parquet.read_table`, which imports the data set machinery
     for it (30 ms)."""
     path = _path(folder, one)
@@ -235,7 +238,7 @@ def read_table(
     return found
 
 
-def about(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
+def read_metadata(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
     """The schema of a part, and what it says of itself. Raises StoreError if it is none of a
     run."""
     try:
@@ -247,9 +250,9 @@ def about(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
         raise StoreError(f"{path}: cannot be read: {printable(str(error))}") from None
 
 
-def read_part(folder: Path, one: ledger.Entry) -> dict[str, np.ndarray]:
+def read_shard(folder: Path, one: ledger.Entry) -> dict[str, np.ndarray]:
     """All columns of a part, text as objects."""
-    frame = _read_part(folder, one).to_pandas()
+    frame = _read_entry(folder, one).to_pandas()
     text = [name for name in frame if frame[name].dtype == "category"]
     told = frame.astype(dict.fromkeys(text, object))
     return {str(name): values.to_numpy() for name, values in told.items()}
@@ -260,9 +263,9 @@ def drop_damaged(folder: Path, with_histories: bool) -> int:
     are, if they should have some, so that these are flown again. Returns how many cases that
     are."""
     held = ledger.read(folder)
-    sound = {one.file: one for one in held.values() if not fault_of(folder, one)}
+    sound = {one.file: one for one in held.values() if not find_fault(folder, one)}
     kept, dropped = {name: one for name, one in held.items() if not one.cases}, 0
-    for one in parts(folder, folders.CASES):
+    for one in entries(folder, folders.CASES):
         over_time = f"{folders.HISTORIES}/{Path(one.file).name}"
         if one.file in sound and (over_time in sound or not with_histories):
             kept |= {name: sound[name] for name in (one.file, over_time) if name in sound}
@@ -273,22 +276,22 @@ def drop_damaged(folder: Path, with_histories: bool) -> int:
     return dropped
 
 
-def drop_kept(folder: Path, first: int | None) -> int | None:
+def drop_selected(folder: Path, first: int | None) -> int | None:
     """Drop rows that a run kept of the case ``first`` and later ones, and what of it is in no
     ledger. Returns how many are left; None if they are not as they were written."""
     held = ledger.read(folder)
-    kept = parts(folder, folders.KEPT)
+    kept = entries(folder, folders.SELECTED)
     late = [one.file for one in kept if first is not None and one.first >= first]
     ledger.rewrite(folder, [one for name, one in held.items() if name not in late])
     _drop_unknown(folder)
-    left = parts(folder, folders.KEPT)
-    return None if any(fault_of(folder, one) for one in left) else sum(one.cases for one in left)
+    left = entries(folder, folders.SELECTED)
+    return None if any(find_fault(folder, one) for one in left) else sum(one.cases for one in left)
 
 
 def _drop_unknown(folder: Path) -> None:
     """Remove parts that are in no ledger."""
     held = ledger.read(folder)
-    for kind in folders.OURS:
+    for kind in folders.DATA_FOLDERS:
         for path in (folder / kind).glob("part-*.parquet*"):
             if f"{kind}/{path.name}" not in held:
                 path.unlink()
@@ -296,7 +299,7 @@ def _drop_unknown(folder: Path) -> None:
 
 def campaign_text(file: CampaignFile, **run: Any) -> str:
     """The resolved campaign of a folder as TOML, with other values of ``run``."""
-    own = run | ({"plan": folders.PLAN} if file.input_table else {})
+    own = run | ({"samples": folders.SAMPLES} if file.input_table else {})
     tree = {**file.tree, "run": {**file.tree.get("run", {}), **own}} if own else file.tree
     return replace(file, tree=tree).toml
 
@@ -307,37 +310,39 @@ def write_input_table(folder: Path, table: InputTable, inputs: list[Column]) -> 
     known = {column.name: column for column in inputs}
     columns = [Column(CASE, "1", "number of the case")]
     columns += [known.get(name, Column(name, "", "")) for name in table.columns]
-    content = write_parquet(folder / folders.PLAN, columns, {CASE: table.numbers, **table.columns})
-    ledger.add(folder, ledger.entry(folders.PLAN, content))
+    content = write_parquet(
+        folder / folders.SAMPLES, columns, {CASE: table.numbers, **table.columns}
+    )
+    ledger.add(folder, ledger.make_entry(folders.SAMPLES, content))
 
 
-def cases_done(folder: Path) -> np.ndarray:
+def stored_cases(folder: Path) -> np.ndarray:
     """Numbers of the cases a run folder holds, sorted; shape (n,)."""
-    held = [np.arange(one.first, one.first + one.cases) for one in parts(folder, folders.CASES)]
+    held = [np.arange(one.first, one.first + one.cases) for one in entries(folder, folders.CASES)]
     return np.concatenate(held) if held else np.empty(0, dtype=np.int64)
 
 
-def number_after(folder: Path, count: int) -> int | None:
+def case_after(folder: Path, count: int) -> int | None:
     """Number of the case that comes after the first so many that a run holds; None if there is
     none."""
-    done = cases_done(folder)
+    done = stored_cases(folder)
     return int(done[count]) if len(done) > count else None
 
 
-def tallies(folder: Path) -> Iterator[str]:
+def read_summaries(folder: Path) -> Iterator[str]:
     """What was counted of the cases of each part of a run:
-    `sepmc.campaign.execution.batch_summary.Tally.text`."""
-    for one in parts(folder, folders.CASES):
-        _, said = about(_path(folder, one))
-        if b"tally" not in said:
+    `sepmc.campaign.execution.batch_summary.BatchSummary.text`."""
+    for one in entries(folder, folders.CASES):
+        _, said = read_metadata(_path(folder, one))
+        if b"summary" not in said:
             raise StoreError(
                 f"{folder}: was flown by a version of sepmc that counted less, so its cases cannot "
                 f"be continued; {another_place()}"
             )
-        yield said[b"tally"].decode(errors="replace")
+        yield said[b"summary"].decode(errors="replace")
 
 
-class NoColumn(StoreError, KeyError):
+class MissingColumnError(StoreError, KeyError):
     """The cases of a run do not have a column."""
 
     __str__ = Exception.__str__
@@ -355,15 +360,15 @@ class CaseColumns(Mapping[str, np.ndarray]):
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self._parts = parts(folder, folders.CASES)
+        self._parts = entries(folder, folders.CASES)
         if not self._parts:
             raise StoreError(f"{folder}: holds no cases; give the folder of a run")
         self.rows = sum(part.cases for part in self._parts)
-        self._names = about(_path(folder, self._parts[0]))[0].names
+        self._names = read_metadata(_path(folder, self._parts[0]))[0].names
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self._names:
-            raise NoColumn(f"{self.folder}: has no column {name}")
+            raise MissingColumnError(f"{self.folder}: has no column {name}")
         if self.rows <= self.KEPT:
             return self._whole[name].to_numpy()
         return self._read([name])[name].to_numpy()
@@ -379,7 +384,7 @@ class CaseColumns(Mapping[str, np.ndarray]):
         return self._read(None)
 
     def _read(self, names: list[str] | None) -> pa.Table:
-        read = [_read_part(self.folder, part, names) for part in self._parts]
+        read = [_read_entry(self.folder, part, names) for part in self._parts]
         try:
             return pa.concat_tables(read)
         except pa.ArrowException as error:
@@ -392,7 +397,7 @@ class CaseColumns(Mapping[str, np.ndarray]):
         """Part by part: numbers and statuses, shape (n,), and the columns asked for, shape
         (len(names), n)."""
         for part in self._parts:
-            read = _read_part(self.folder, part, ["case", "status", *names])
+            read = _read_entry(self.folder, part, ["case", "status", *names])
             columns = np.empty((len(names), read.num_rows))
             for row, name in zip(columns, names, strict=True):
                 row[:] = read[name].to_numpy()
@@ -404,7 +409,7 @@ def read_cases(
 ) -> pd.DataFrame:
     """Case rows of a run, in order of case: all, or those ``below`` a number; all columns, or
     some."""
-    held = parts(folder, folders.CASES)
+    held = entries(folder, folders.CASES)
     if not held:
         raise StoreError(f"{folder}: holds no {folders.CASES}; give the folder of a run")
     return _read(folder, held, ["case"], below, columns)
@@ -412,9 +417,9 @@ def read_cases(
 
 def read_row(folder: Path, number: int) -> dict[str, Any]:
     """The row of a case of a run. Raises StoreError if the run does not hold it."""
-    for part in parts(folder, folders.CASES):
+    for part in entries(folder, folders.CASES):
         if part.first <= number < part.first + part.cases:
-            frame = _read_part(folder, part).to_pandas(ignore_metadata=True)
+            frame = _read_entry(folder, part).to_pandas(ignore_metadata=True)
             found = frame[frame["case"] == number]
             return {str(name): found[name].iloc[0] for name in found}
     raise StoreError(f"{folder}: does not hold case {number}")
@@ -425,7 +430,7 @@ def read_histories(
 ) -> pd.DataFrame | None:
     """Histories of a run in long form (case, time_s, ...), of cases ``below`` a number only if
     given, or None if it kept none: all, or of the parts that it ``held`` once."""
-    held = parts(folder, folders.HISTORIES) if held is None else held
+    held = entries(folder, folders.HISTORIES) if held is None else held
     return _read(folder, held, ["case", "time_s"], below) if held else None
 
 
@@ -438,7 +443,7 @@ def _read(
 ) -> pd.DataFrame:
     frame = pd.concat(
         [
-            _read_part(folder, part, columns).to_pandas(ignore_metadata=True)
+            _read_entry(folder, part, columns).to_pandas(ignore_metadata=True)
             for part in held
             if below is None or part.first < below
         ],
@@ -453,12 +458,12 @@ def _read(
 
 def units(folder: Path, kind: str = folders.CASES) -> dict[str, str]:
     """Unit of each column, from the metadata of the first part."""
-    part = next(iter(parts(folder, kind)), None)
+    part = next(iter(entries(folder, kind)), None)
     if part is None:
         return {}
     return {
         field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
-        for field in about(_path(folder, part))[0]
+        for field in read_metadata(_path(folder, part))[0]
     }
 
 
@@ -479,19 +484,19 @@ def write_histograms(folder: Path, bins: pd.DataFrame) -> Path:
     return path
 
 
-def read_told(folder: Path) -> Told:
+def read_stored_statistics(folder: Path) -> StoredStatistics:
     """Statistics and histograms of a run that kept no cases. Raises StoreError if they are not
     there as they were written."""
     held, frames = ledger.read(folder), []
     for name, index in (("statistics.csv", "outcome"), (folders.HISTOGRAMS, None)):
-        problem = fault_of(folder, held[name]) if name in held else "is not there"
+        problem = find_fault(folder, held[name]) if name in held else "is not there"
         if problem:
             raise StoreError(
                 f"{folder / name}: {problem}; to write it again: {flying_again(folder)}"
             )
         frames.append(pd.read_csv(readable(folder / name), index_col=index))
     table, bins = frames
-    return Told(table.drop(columns="unit"), bins)
+    return StoredStatistics(table.drop(columns="unit"), bins)
 
 
 def statistics_as_json(
@@ -549,7 +554,7 @@ def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str])
             for c in columns
         },
     )
-    ledger.rewrite(folder, [ledger.entry(folders.HISTORY, content)])
+    ledger.rewrite(folder, [ledger.make_entry(folders.HISTORY, content)])
     return path
 
 
@@ -559,7 +564,7 @@ def read_history(folder: Path) -> pd.DataFrame | None:
     if one is None:
         return None
     try:
-        content = ledger.whole(folder, one)
+        content = ledger.read_verified(folder, one)
     except ValueError as error:
         raise StoreError(
             f"{folder / folders.HISTORY}: {error}; fly it again with {switch('overwrite')}"

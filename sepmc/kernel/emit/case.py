@@ -3,38 +3,38 @@ before its flight."""
 
 from typing import Any
 
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.parameter_layout import WIND_FACTOR, WIND_TURN
 from sepmc.kernel.tracer.formulas import ZERO, joints, loads, quat, vec3, vehicle
-from sepmc.kernel.tracer.tracer import Scope, Value, total
+from sepmc.kernel.tracer.tracer import Expr, Scope, total
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 
 
 class Case:
-    """The parameters of a case and what follows from them, as Values of the scope that runs before
-    a flight."""
+    """The parameters of a case and what follows from them, as expressions of the scope that runs
+    before a flight."""
 
-    def __init__(self, scope: Scope, shape: Shape):
-        self.scope, self.shape, self.model = scope, shape, shape.plan.model.scene[0]
+    def __init__(self, scope: Scope, spec: KernelSpec):
+        self.scope, self.spec, self.model = scope, spec, spec.layout.model.scene[0]
 
-    def number(self, place: int) -> Value:
+    def number(self, place: int) -> Expr:
         """A parameter by its place."""
         return self.scope.parameter(place)
 
-    def vector(self, place: int) -> tuple[Value, ...]:
+    def vector(self, place: int) -> tuple[Expr, ...]:
         """Three parameters in a row."""
         return tuple(self.scope.parameter(place + i) for i in range(3))
 
     def body(self, body: str) -> int:
         """Where the parameters of a body start."""
-        return at.HEAD + at.BODY_SIZE * self.shape.bodies.index(body)
+        return at.HEAD + at.BODY_SIZE * self.spec.bodies.index(body)
 
-    def mass(self, body: str) -> Value:
+    def mass(self, body: str) -> Expr:
         """Mass of a body, kg."""
         return self.number(self.body(body) + at.MASS)
 
-    def inverse_mass(self, body: str) -> Value:
+    def inverse_mass(self, body: str) -> Expr:
         """One over the mass of a body, 1/kg."""
         return (1.0 / self.mass(body)).called("inverse_mass")
 
@@ -43,7 +43,7 @@ class Case:
         bodies."""
         return self.common_centre if body == GROUND else self.vector(self.body(body) + at.CG)
 
-    def inertia(self, body: str) -> Value:
+    def inertia(self, body: str) -> Expr:
         """Inertia tensor of a body."""
         p = self.body(body)
         return vehicle.inertia_tensor(
@@ -52,21 +52,21 @@ class Case:
             self.vector(p + at.PRODUCTS),
         )
 
-    def group_inertia(self, group: tuple[str, ...]) -> Value:
+    def group_inertia(self, group: tuple[str, ...]) -> Expr:
         """Inertia tensor of bodies that turn as one: their axes are parallel."""
         found = self.inertia(group[0])
         for body in group[1:]:
             found = vec3.add_matrices(found, self.inertia(body))
         return found.called("inertia")
 
-    def inverse_inertia(self, group: tuple[str, ...]) -> Value:
+    def inverse_inertia(self, group: tuple[str, ...]) -> Expr:
         """Inverse of the inertia tensor of bodies that turn as one, 1/(kg m2)."""
         return vec3.symmetric_inverse(self.group_inertia(group)).called("inverse_inertia")
 
     @property
-    def common_centre(self) -> Value:
+    def common_centre(self) -> Expr:
         """Layout point of the mass centre of all bodies."""
-        bodies = self.shape.bodies
+        bodies = self.spec.bodies
         weighted = vec3.scale(self.mass(bodies[0]), self.centre_of_mass(bodies[0]))
         for body in bodies[1:]:
             weighted = vec3.add(weighted, vec3.scale(self.mass(body), self.centre_of_mass(body)))
@@ -75,14 +75,14 @@ class Case:
         )
 
     @property
-    def attitude(self) -> Value:
+    def attitude(self) -> Expr:
         """Quaternion of the vehicle at the start."""
         return quat.from_angles(
             self.number(at.PITCH), self.number(at.YAW), self.number(at.ROLL)
         ).called("start")
 
     @property
-    def velocity(self) -> Value:
+    def velocity(self) -> Expr:
         """Velocity of the vehicle's mass centre at the start, ground axes."""
         path = vehicle.flight_direction(
             self.number(at.PITCH) - self.number(at.ALPHA), self.number(at.PATH_YAW)
@@ -90,7 +90,7 @@ class Case:
         return vec3.scale(self.number(at.SPEED), path).called("velocity")
 
     @property
-    def stream(self) -> Value:
+    def stream(self) -> Expr:
         """What the flow around a body has besides the body's own speed: that of the start, less the
         wind that is the same at all heights."""
         moving = loads.wind(self.number(at.WIND_SPEED), self.number(at.WIND_DIRECTION))
@@ -100,7 +100,7 @@ class Case:
     def gust(self) -> Any:
         """What multiplies the wind over height, as a vector that is turned; None if it is the same
         in all cases."""
-        slots = self.shape.plan.slots
+        slots = self.spec.layout.slots
         if WIND_FACTOR not in slots:
             return None
         return loads.wind(self.number(slots[WIND_FACTOR]), self.number(slots[WIND_TURN])).called(
@@ -120,12 +120,12 @@ class Case:
 
     def joint(self, name: str) -> int:
         """Where the parameters of a joint start."""
-        number = list(self.shape.scene.joint).index(name)
+        number = list(self.spec.scene.joint).index(name)
         return int(self.model.joints_p) + at.JOINT_SIZE * number
 
     def joint_ends(self, name: str) -> tuple[Any, Any, Any]:
         """`ends` of a joint."""
-        joint = self.shape.scene.joint[name]
+        joint = self.spec.scene.joint[name]
         return self.ends(self.joint(name), joint.bodies, joint.second_point is not None)
 
     def swing(self, name: str, body: str) -> tuple[Any, Any]:
@@ -134,9 +134,9 @@ class Case:
         point = self.vector(start + at.POINT)
         return self.vector(start + at.SWING), vehicle.arm(self.centre_of_mass(body), point)
 
-    def joint_axis(self, name: str, k: int) -> Value:
+    def joint_axis(self, name: str, k: int) -> Expr:
         """Axis k of a joint, in body axes of the first body."""
-        slots = self.shape.plan.slots
+        slots = self.spec.layout.slots
         if (place := slots.get(f"joint.{name}.x_axis.x")) is not None:
             ahead = vec3.unit(self.vector(place)).called("axis")
             if k == 0:
@@ -144,8 +144,8 @@ class Case:
             y = self.vector(slots[f"joint.{name}.y_axis.x"])
             up = joints.across(ahead, y).called("axis")
             return up if k == 1 else vec3.cross(ahead, up).called("axis")
-        return self.scope.shared(10 * list(self.shape.scene.joint).index(name) + 3 * k, 3)
+        return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 3 * k, 3)
 
-    def apart(self, name: str) -> Value:
+    def separation_sign(self, name: str) -> Expr:
         """What makes a joint's separation positive: 1 or -1."""
-        return self.scope.shared(10 * list(self.shape.scene.joint).index(name) + 9)
+        return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 9)

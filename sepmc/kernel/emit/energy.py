@@ -3,10 +3,10 @@ is lost between the two."""
 
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, part
+from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import ZERO, scalar, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total, where
@@ -20,10 +20,10 @@ _AT_REST = 0.5e-8
 def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
     """Power of all loads, W: force in ground axes, moment in body axes."""
     mean, terms = _mean_speed(s), []
-    for body in s.shape.bodies:
+    for body in s.spec.bodies:
         if force[body] is not ZERO:
             terms.append(vec3.dot(force[body], _apart(s, body, mean)))
-        leader = s.stage.leader(body)
+        leader = s.segment.leader(body)
         if leader != GROUND and moment[body] is not ZERO:
             terms.append(vec3.dot(moment[body], s.rate(leader)))
     return total(terms) if terms else 0.0
@@ -34,11 +34,11 @@ def _mean_speed(s: State) -> Any:
     momentum."""
     if int(s.c.model.ground) >= 0:
         return ZERO
-    whole = total([s.case.mass(body) for body in s.shape.bodies])
+    whole = total([s.case.mass(body) for body in s.spec.bodies])
     return add_all(
         [
             vec3.scale((s.case.mass(body) / whole).called("share"), s.speed(body))
-            for body in s.shape.bodies
+            for body in s.spec.bodies
         ]
     ).called("mean")
 
@@ -47,33 +47,33 @@ def _apart(s: State, body: str, mean: Any) -> Any:
     return s.speed(body) if mean is ZERO else vec3.sub(s.speed(body), mean).called("apart")
 
 
-def emit_energy(out: Text, c: Context, stage: Stage) -> None:
+def emit_energy(out: Text, c: Context, segment: Segment) -> None:
     """A function for the energy that is lost in a phase."""
     says = (
         "Kinetic energy about the mass centre less that at the start and the work of all "
         "loads: the largest, into ENERGY, and what"
     )
     text = out.function(
-        f"energy_{stage.name}(w, first: float)",
+        f"energy_{segment.name}(w, first: float)",
         says + " counts as large; ``first`` of all it is that at the start.",
     )
-    c.slabs.add("ENERGY", 3)  # that is lost, that at the start, what counts as large
-    s, case = State(c, c.scope(), stage, "Y"), c.case
+    c.workspace.add("ENERGY", 3)  # that is lost, that at the start, what counts as large
+    s, case = State(c, c.scope(), segment, "Y"), c.case
     mean, moving, slow = _mean_speed(s), [], []
-    for body in c.shape.bodies:
+    for body in c.spec.bodies:
         v, mass = _apart(s, body, mean), case.mass(body)
         moving.append(0.5 * mass * vec3.dot(v, v))
         slow.append(_AT_REST * mass * (1.0 + vec3.dot(s.speed(body), s.speed(body))))
-    for group in stage.groups:
+    for group in segment.groups:
         if GROUND not in group:
             omega = s.rate(group[0])
             moving.append(0.5 * vec3.dot(omega, vec3.rotate(case.group_inertia(group), omega)))
     scope, begins = s.scope, s.scope.named("first") > 0.0
     now, work, rest = total(moving).called("energy"), scope.load("Y + WORK"), total(slow)
-    start, lost, large = (scope.load(part("ENERGY", k)) for k in (1, 0, 2))
+    start, lost, large = (scope.load(component("ENERGY", k)) for k in (1, 0, 2))
     counts = scalar.larger(scalar.larger(now, rest), scalar.abs(work)).called("counts")
     missing = scalar.larger(lost, scalar.abs(now - start - work))
     scope.store("ENERGY", where(begins, 0.0, missing))
-    scope.store(part("ENERGY", 1), where(begins, now, start))
-    scope.store(part("ENERGY", 2), where(begins, counts, scalar.larger(large, counts)))
+    scope.store(component("ENERGY", 1), where(begins, now, start))
+    scope.store(component("ENERGY", 2), where(begins, counts, scalar.larger(large, counts)))
     scope.write(text)

@@ -4,7 +4,7 @@ the step just made."""
 from collections.abc import Iterable
 
 from sepmc.kernel.emit.context import Context
-from sepmc.kernel.emit.steps import stage_again, turning_from
+from sepmc.kernel.emit.steps import restore_stage, turning_from
 from sepmc.kernel.tracer.formulas import square_root
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total
@@ -12,10 +12,10 @@ from sepmc.kernel.tracer.tracer import total
 
 def emit_extension(out: Text, c: Context) -> None:
     """Functions for the coefficients of the extension, and for a state by them."""
-    c.slabs.add("BEGIN", c.size), c.slabs.add("THETA", c.size)
+    c.workspace.add("BEGIN", c.size), c.workspace.add("THETA", c.size)
     # start and length of the step, and where its phase ends, as a share of it: about 1
     for name in ("BEGIN_T", "LENGTH", "REACH"):
-        c.slabs.add(name, 1)
+        c.workspace.add(name, 1)
     _extend(out, c)
     _sample(out, c)
 
@@ -26,12 +26,12 @@ def _extend(out: Text, c: Context) -> None:
         "Coefficients P1, P2, ... of the state over the step just made, by powers of its share "
         "gone by."
     )
-    text = out.function("extend(w, phase: int)", says)
+    text = out.function("make_extension(w, phase: int)", says)
     rk = c.extended
     stages, total, order = rk.stages, rk.dense.shape[0], rk.dense.shape[1] - 1
-    c.slabs.add("POWERS", (order + 1) * c.size)
+    c.workspace.add("POWERS", (order + 1) * c.size)
     for i in range(stages, total):
-        stage_again(text, rk, i)
+        restore_stage(text, rk, i)
         text("rates(w, phase)")
         text.block("for e in range(SIZE_Y):")(f"w[K{i + 1} + e] = w[D + e]")
     text.lanes()("w[LENGTH + l] = w[STEP + l]", "w[REACH + l] = 1.0")
@@ -57,7 +57,7 @@ def _sample(out: Text, c: Context) -> None:
         "The state at the shares THETA of the step just made, attitudes of unit length, into "
         "S, and its time into CLOCK."
     )
-    text = out.function("sample(w, phase: int)", says)
+    text = out.function("interpolate(w, phase: int)", says)
     text.lanes()("w[CLOCK + l] = w[BEGIN_T + l] + w[THETA + l] * w[LENGTH + l]")
     order = c.extended.dense.shape[1] - 1
     inner = text.block("for e in range(SIZE_Y):")

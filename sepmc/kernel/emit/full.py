@@ -7,10 +7,11 @@ F_B, M_A, M_B (ground axes).
 
 from typing import Any
 
-from sepmc.kernel.emit.context import lose, part
+from sepmc.kernel.emit.context import component, reject_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.rows import JointRow, Rows
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import UNIT, linear, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines import layout as at
@@ -21,19 +22,19 @@ _FORCE_B, _MOMENT_A, _MOMENT_B = 3, 6, 9  # among those of a joint, F_A first
 Wrench = tuple[Any, Any]  # force and moment on the second body of a joint, ground axes
 
 
-def before_full(text: Text, stage: Stage, bodies: list[str]) -> None:
+def before_full(text: Text, segment: Segment, bodies: list[str]) -> None:
     """A line by which entries of the system that are never written are zero."""
-    n = _size(stage, bodies)
-    text.block(f"for e in range({n * n} * LANES):")(f"w[SYSTEM_{stage.name} + e] = 0.0")
+    n = _size(segment, bodies)
+    text.block(f"for e in range({n * n} * LANES):")(f"w[SYSTEM_{segment.name} + e] = 0.0")
 
 
-def _size(stage: Stage, bodies: list[str]) -> int:
-    return _OF_BODY * len(bodies) + _OF_JOINT * len(_holding(stage))
+def _size(segment: Segment, bodies: list[str]) -> int:
+    return _OF_BODY * len(bodies) + _OF_JOINT * len(_holding(segment))
 
 
-def _holding(stage: Stage) -> list[str]:
+def _holding(segment: Segment) -> list[str]:
     """Joints that hold something."""
-    return list(dict.fromkeys(row.joint for row in stage.rows))
+    return list(dict.fromkeys(row.joint for row in segment.rows))
 
 
 class FullSystem:
@@ -42,8 +43,8 @@ class FullSystem:
 
     def __init__(self, s: State, rows: Rows, force: dict[str, Any], moment: dict[str, Any]):
         self.s, self.rows = s, rows
-        bodies, joints = s.shape.bodies, _holding(s.stage)
-        self.n = _size(s.stage, bodies)
+        bodies, joints = s.spec.bodies, _holding(s.segment)
+        self.n = _size(s.segment, bodies)
         self.of_body = {body: _OF_BODY * k for k, body in enumerate(bodies)}
         self.of_joint = {
             joint: _OF_BODY * len(bodies) + _OF_JOINT * k for k, joint in enumerate(joints)
@@ -72,7 +73,7 @@ class FullSystem:
         0, M_A + M_B + d x F_B = 0."""
         s, first, pair = self.s, self.of_joint[joint], self.s.joint(joint)
         for place, (body, rho) in enumerate(
-            zip(s.shape.scene.joint[joint].bodies, (pair.rho_a, pair.rho_b), strict=True)
+            zip(s.spec.scene.joint[joint].bodies, (pair.rho_a, pair.rho_b), strict=True)
         ):
             if body == GROUND:
                 continue
@@ -94,9 +95,9 @@ class FullSystem:
                 self.entries[first + 3 + i, first + _FORCE_B + k] = lever[i]
 
     def _put_joint(self, joint: str) -> None:
-        """Its constraints, or none of that wrench where it has let go of one; no part of the wrench
-        along what is free, paper eqs (24), (25): on B at r_B, the body that does not carry the
-        axes, where constraints leave none."""
+        """Its constraints, or none of that wrench where it has let go of one; no component of the
+        wrench along what is free, paper eqs (24), (25): on B at r_B, the body that does not carry
+        the axes, where constraints leave none."""
         first, rows = (
             self.of_joint[joint],
             [row for row in self.rows.rows if row.row.joint == joint],
@@ -118,7 +119,7 @@ class FullSystem:
     def _put_constraint(self, line: int, first: int, one: JointRow) -> None:
         held = one.held
         for body, sign in zip(
-            self.s.shape.scene.joint[one.row.joint].bodies, (-1.0, 1.0), strict=True
+            self.s.spec.scene.joint[one.row.joint].bodies, (-1.0, 1.0), strict=True
         ):
             if body == GROUND:
                 continue
@@ -142,26 +143,26 @@ class FullSystem:
     def solve(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Wrench]]:
         """Accelerations of mass centres (ground axes), angular accelerations (body axes), and
         wrenches. A case is lost where there are none."""
-        s, n, name = self.s, self.n, self.s.stage.name
-        slabs, scope = s.c.slabs, s.scope
-        for slab, size in (
+        s, n, name = self.s, self.n, self.s.segment.name
+        workspace, scope = s.c.workspace, s.scope
+        for field, size in (
             (f"SYSTEM_{name}", n * n + n),
-            (f"FOUND_{name}", n),
+            (f"SOLUTION_{name}", n),
             (f"SCRATCH_{name}", n * n + n),
         ):
-            slabs.add(slab, size)
+            workspace.add(field, size)
         for (i, k), value in self.entries.items():
-            scope.store(part(f"SYSTEM_{name}", i * n + k), value)
+            scope.store(component(f"SYSTEM_{name}", i * n + k), value)
         for i, value in enumerate(self.side):
-            scope.store(part(f"SYSTEM_{name}", n * n + i), value)
+            scope.store(component(f"SYSTEM_{name}", n * n + i), value)
         w, system, found, scratch = map(
-            scope.named, ("w", f"SYSTEM_{name} + l", f"FOUND_{name} + l", f"SCRATCH_{name}")
+            scope.named, ("w", f"SYSTEM_{name} + l", f"SOLUTION_{name} + l", f"SCRATCH_{name}")
         )
         pivot = linear.eliminate(w, system, n, scratch, found).called("pivot")
-        lose(scope, pivot > 0.0, at.LEAST_SQUARES)
+        reject_unless(scope, pivot > 0.0, Variant.LEAST_SQUARES)
 
         def vector(k: int) -> Any:
-            return tuple(scope.load(part(f"FOUND_{name}", k + i)) for i in range(3))
+            return tuple(scope.load(component(f"SOLUTION_{name}", k + i)) for i in range(3))
 
         acceleration = {body: vector(k) for body, k in self.of_body.items()}
         spin_rate = {body: vector(k + 3) for body, k in self.of_body.items()}

@@ -1,13 +1,13 @@
-"""A state of the bodies in a phase, as Values: attitudes, rates, and what lies between two
+"""A state of the bodies in a phase, as expressions: attitudes, rates, and what lies between two
 bodies."""
 
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, part
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.emit.context import Context, component
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import UNIT, ZERO, joints, quat, square_root, vec3
-from sepmc.kernel.tracer.tracer import Scope, Value, product, where
+from sepmc.kernel.tracer.tracer import Expr, Scope, product, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND, Spring
 
@@ -39,9 +39,9 @@ class Slide:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of action: direction e, arms of both bodies, the part gamma of its second derivative,
-    length and its rate. Along an axis that turns with both bodies also the direction and the lever
-    of the group in its ``own`` axes."""
+    """A line of action: direction e, arms of both bodies, the component gamma of its second
+    derivative, length and its rate. Along an axis that turns with both bodies also the direction
+    and the lever of the group in its ``own`` axes."""
 
     e: Any
     arm_a: Any
@@ -63,16 +63,16 @@ class Own:
 
 
 class State:
-    """The state at ``slab`` (S of a stage of a step, Y at its end, or another kept with its
+    """The state at ``field`` (S of a segment of a step, Y at its end, or another kept with its
     ``time``) of the bodies in a phase."""
 
-    def __init__(self, c: Context, scope: Scope, stage: Stage, slab: str, time: str = ""):
-        self.c, self.scope, self.stage, self.slab = c, scope, stage, slab
-        self.clock = time or ("CLOCK" if slab == "S" else "T")
-        self.shape, self.case = c.shape, c.case
+    def __init__(self, c: Context, scope: Scope, segment: Segment, field: str, time: str = ""):
+        self.c, self.scope, self.segment, self.field = c, scope, segment, field
+        self.clock = time or ("CLOCK" if field == "S" else "T")
+        self.spec, self.case = c.spec, c.case
 
     @property
-    def time(self) -> Value:
+    def time(self) -> Expr:
         """Time of the state, s."""
         return self.scope.load(self.clock)
 
@@ -80,20 +80,20 @@ class State:
         """Place of a mass centre, seen from what moves with the vehicle's first speed."""
         if body == GROUND:  # its axes start at the mass centre of the start
             return vec3.scale(self.time, self.speed(GROUND)).called("x_ground")
-        return self.scope.load(f"{self.slab} + X_{body}", 3).called(f"x_{body}")
+        return self.scope.load(f"{self.field} + X_{body}", 3).called(f"x_{body}")
 
     def speed(self, body: str) -> Any:
         """Its velocity, seen from there."""
         if body == GROUND:
             return vec3.scale(-1.0, self.case.velocity).called("ground_speed")
-        return self.scope.load(f"{self.slab} + V_{body}", 3).called(f"v_{body}")
+        return self.scope.load(f"{self.field} + V_{body}", 3).called(f"v_{body}")
 
     def stream(self, body: str) -> Any:
         """What the flow around a body has besides its own speed: that of the start, less the
         wind."""
-        if self.shape.scene.environment.wind.profile is None:
+        if self.spec.scene.environment.wind.profile is None:
             return self.case.stream
-        along, across = (self.scope.load(part(f"WIND_{body}", k)) for k in range(2))
+        along, across = (self.scope.load(component(f"WIND_{body}", k)) for k in range(2))
         gust = self.case.gust
         if gust is not None:
             along, across = (
@@ -102,24 +102,24 @@ class State:
             )
         return vec3.sub(self.case.stream, (along, 0.0, across)).called("stream")
 
-    def quaternion(self, leader: str) -> Value:
+    def quaternion(self, leader: str) -> Expr:
         """Attitude quaternion of the group that a body leads."""
-        return self.scope.load(f"{self.slab} + Q_{leader}", 4).called(f"q_{leader}")
+        return self.scope.load(f"{self.field} + Q_{leader}", 4).called(f"q_{leader}")
 
-    def rate(self, leader: str) -> Value:
+    def rate(self, leader: str) -> Expr:
         """Angular rate in body axes."""
-        return self.scope.load(f"{self.slab} + OMEGA_{leader}", 3).called(f"omega_{leader}")
+        return self.scope.load(f"{self.field} + OMEGA_{leader}", 3).called(f"omega_{leader}")
 
     def attitude(self, body: str) -> Any:
         """Matrix from a body's axes to the ground's."""
-        leader = self.stage.leader(body)
+        leader = self.segment.leader(body)
         if leader == GROUND:
             return quat.matrix(self.case.attitude).called("r_ground")
         return quat.matrix(self.quaternion(leader)).called(f"r_{leader}")
 
     def spin(self, body: str) -> Any:
         """Angular rate of a body in ground axes."""
-        leader = self.stage.leader(body)
+        leader = self.segment.leader(body)
         return (
             ZERO
             if leader == GROUND
@@ -128,8 +128,8 @@ class State:
 
     def axis(self, joint: str, k: int, second: bool = False) -> Any:
         """Axis k of a joint as its first (or second) body carries it, ground axes."""
-        r = self.attitude(self.shape.scene.joint[joint].bodies[int(second)])
-        if self.shape.plain_axes(joint):
+        r = self.attitude(self.spec.scene.joint[joint].bodies[int(second)])
+        if self.spec.has_body_axes(joint):
             return (r[k], r[k + 3], r[k + 6])
         return vec3.rotate(r, self.case.joint_axis(joint, k)).called("e")
 
@@ -148,8 +148,8 @@ class State:
     def slide(self, bodies: tuple[str, str]) -> Slide | None:
         """Between two bodies, if they turn as one."""
         a, b = bodies
-        leader = self.stage.leader(a)
-        if leader == GROUND or self.stage.leader(b) != leader:
+        leader = self.segment.leader(a)
+        if leader == GROUND or self.segment.leader(b) != leader:
             return None
         attitude, omega = self.attitude(leader), self.rate(leader)
         r = vec3.unrotate(attitude, vec3.sub(self.place(b), self.place(a))).called("offset")
@@ -161,10 +161,10 @@ class State:
 
     def sliding_line(self, joint: str, k: int) -> Line | None:
         """Along axis k of a joint whose bodies turn as one; its length is that of the gap."""
-        slide = self.slide(self.shape.scene.joint[joint].bodies)
+        slide = self.slide(self.spec.scene.joint[joint].bodies)
         if slide is None:
             return None
-        plain = self.shape.plain_axes(joint)
+        plain = self.spec.has_body_axes(joint)
         e: Any = UNIT[k] if plain else self.case.joint_axis(joint, k)
         end_a, end_b, _ = self.case.joint_ends(joint)
         r = slide.r
@@ -187,11 +187,11 @@ class State:
     def joint(self, name: str) -> Pair:
         """Between the points of a joint."""
         end_a, end_b, _ = self.case.joint_ends(name)
-        return self.pair(self.shape.scene.joint[name].bodies, end_a, end_b)
+        return self.pair(self.spec.scene.joint[name].bodies, end_a, end_b)
 
     def separation(self, joint: str) -> Line:
         """Along the x axis of a joint; its length is the separation distance."""
-        apart = self.case.apart(joint)
+        apart = self.case.separation_sign(joint)
         start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, 0))
         line = self.sliding_line(joint, 0)
         if line is not None:
@@ -207,11 +207,11 @@ class State:
     def sliding(self, joint: str) -> Any:
         """1 while the pins of a joint may slide, 0 before or after, in a phase in which they
         may."""
-        return self.while_held(joint, self.stage.sliding(joint))
+        return self.while_held(joint, self.segment.sliding_kinds(joint))
 
     def while_held(self, joint: str, kinds: tuple[int, ...]) -> Any:
         """1 while a joint holds one of some kinds, 0 before or after."""
-        if len(kinds) == len(self.stage.may[joint]):
+        if len(kinds) == len(self.segment.joint_kinds[joint]):
             return 1.0
         kind, found = self.scope.load(f"KIND_{joint}"), None
         for number in kinds:
@@ -224,8 +224,12 @@ class State:
     def friction(self, joint: str) -> Any:
         """Friction on the second body of a joint, N, in the direction of separation; None if there
         is none."""
-        rubbing = self.shape.rubbing(self.stage)
-        return self.scope.load(part("FRICTION", rubbing.index(joint))) if joint in rubbing else None
+        rubbing = self.spec.friction_joints(self.segment)
+        return (
+            self.scope.load(component("FRICTION", rubbing.index(joint)))
+            if joint in rubbing
+            else None
+        )
 
     def lengthening(
         self,
@@ -246,18 +250,20 @@ class State:
         found = vec3.dot(line.e, apart)
         found = found - line.gamma if moving else found
         for body, arm in zip(bodies, (line.arm_a, line.arm_b), strict=True):
-            leader = self.stage.leader(body)
+            leader = self.segment.leader(body)
             if leader != GROUND:
                 found = found + vec3.dot(
                     vec3.unrotate(self.attitude(leader), arm), spin_rates[leader]
                 )
         return found
 
-    def lengthening_by(self, slab: str, bodies: tuple[str, str], line: Line) -> Any:
+    def lengthening_by(self, field: str, bodies: tuple[str, str], line: Line) -> Any:
         """Second derivative of a distance along a line, from the derivative of the state in a
-        slab."""
-        moving = {body: self.scope.load(f"{slab} + V_{body}", 3) for body in self.shape.bodies}
-        turning = {one: self.scope.load(f"{slab} + OMEGA_{one}", 3) for one in self.stage.leaders}
+        field."""
+        moving = {body: self.scope.load(f"{field} + V_{body}", 3) for body in self.spec.bodies}
+        turning = {
+            one: self.scope.load(f"{field} + OMEGA_{one}", 3) for one in self.segment.leaders
+        }
         return self.lengthening(bodies, line, moving, turning)
 
     def rod(self, pair: Pair) -> Line:
@@ -295,15 +301,15 @@ class State:
 
     def _spring_axis_place(self, spring: Spring) -> int | None:
         """Where the axis of a spring stands in a case, if it is dispersed."""
-        return self.shape.plan.slots.get(f"spring.{spring.name}.axis.x")
+        return self.spec.layout.slots.get(f"spring.{spring.name}.axis.x")
 
-    def _spring_axis(self, spring: Spring) -> Value:
+    def _spring_axis(self, spring: Spring) -> Expr:
         if (place := self._spring_axis_place(spring)) is not None:
             return vec3.unit(self.case.vector(place)).called("axis")
         return self.case.scope.shared(int(self.c.model.springs_x) + 3 * self._number(spring), 3)
 
     def _number(self, spring: Spring) -> int:
-        return [s.name for s in self.shape.scene.spring].index(spring.name)
+        return [s.name for s in self.spec.scene.spring].index(spring.name)
 
 
 def translation(pair: Pair, e: Any) -> Any:

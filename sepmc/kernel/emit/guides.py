@@ -5,15 +5,16 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, among, lose, lost_unless, part
+from sepmc.kernel.emit.context import Context, among, component, reject_unless, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.motion import Motion, make_drive, make_motion, without_joints
 from sepmc.kernel.emit.rows import DEPENDENT, LeastSquares, Rows
 from sepmc.kernel.emit.wrenches import force_of, moment_of
-from sepmc.kernel.spec.kernel_spec import Row, Stage
+from sepmc.kernel.spec.kernel_spec import Row, Segment
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, guides, scalar, vec3
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Value, total, where
+from sepmc.kernel.tracer.tracer import Expr, total, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
@@ -22,21 +23,21 @@ from sepmc.schema import Status
 Ends = list[tuple[Any, Any]]
 
 
-def emit_rub(out: Text, c: Context, stage: Stage) -> None:
+def emit_friction(out: Text, c: Context, segment: Segment) -> None:
     """A function for the friction of a phase's guides; the other functions of the phase take it as
     a load that is known."""
-    joints = c.shape.rubbing(stage)
+    joints = c.spec.friction_joints(segment)
     if not joints:
         return
     says = (
-        f"Friction of the guides of phase {stage.name} at the state S and the times CLOCK, "
+        f"Friction of the guides of phase {segment.name} at the state S and the times CLOCK, "
         "into FRICTION; a case may jam."
     )
-    text = out.function(f"rub_{stage.name}(w)", says)
+    text = out.function(f"friction_{segment.name}(w)", says)
     ends = [2 * c.pins(joint) for joint in joints]
-    c.slabs.add("FRICTION", len(c.shape.scene.joint))
-    c.slabs.add(f"RUBBING_{stage.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
-    s = State(c, c.scope(), stage, "S")
+    c.workspace.add("FRICTION", len(c.spec.scene.joint))
+    c.workspace.add(f"PIN_FORCES_{segment.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
+    s = State(c, c.scope(), segment, "S")
     motion, place = make_motion(s, rubs=False), 0
     drives = [make_drive(s, motion, joint) for joint in joints]
     for joint in joints:
@@ -45,13 +46,13 @@ def emit_rub(out: Text, c: Context, stage: Stage) -> None:
         for forces in zip(*(pin_forces(s, one, joint) for one in (motion, *drives)), strict=True):
             numbers += [x for force in forces for x in force]
         for number in numbers:
-            s.scope.store(part(f"RUBBING_{stage.name}", place), number)
+            s.scope.store(component(f"PIN_FORCES_{segment.name}", place), number)
             place += 1
     s.scope.write(text)
     inner = text.lanes().block(
-        f"if not friction.balance(w, RUBBING_{stage.name} + l, {tuple(ends)}, FRICTION + l):"
+        f"if not friction.balance(w, PIN_FORCES_{segment.name} + l, {tuple(ends)}, FRICTION + l):"
     )
-    inner(lost_unless("False", Status.JAMMED))
+    inner(rejection_unless("False", Status.JAMMED))
 
 
 def _friction_per_newton(s: State, joint: str) -> Any:
@@ -75,7 +76,9 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
     engaged = scalar.larger(closed - s.separation(joint).length, at.MIN_ENGAGED * closed).called(
         "engaged"
     )
-    mouth, tip = guides.bearing_forces(force, moment, engaged, c.apart(joint)).called("bearing")
+    mouth, tip = guides.bearing_forces(force, moment, engaged, c.separation_sign(joint)).called(
+        "bearing"
+    )
     found = []
     for pin in range(count):
         around = guides.around_circle(
@@ -92,10 +95,10 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
 def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     """Numbers of a guide at a state, vectors all: what drives it apart, what each pin would carry
     at both ends if friction balanced that, and what it does carry."""
-    if s.stage.least_squares:
+    if s.segment.least_squares:
         return _watch_held(s, motion, joint)
     line, per_newton = s.separation(joint), make_drive(s, motion, joint)
-    pair, apart = s.shape.scene.joint[joint].bodies, s.case.apart(joint)
+    pair, apart = s.spec.scene.joint[joint].bodies, s.case.separation_sign(joint)
     faster = apart * s.lengthening(pair, line, motion.acceleration, motion.spin_rate)
     mobility = apart * s.lengthening(
         pair, line, per_newton.acceleration, per_newton.spin_rate, moving=False
@@ -103,10 +106,10 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     alone = total([s.case.inverse_mass(body) for body in pair if body != GROUND])
     # what else holds them along x would share the drive
     sliding, drives = s.sliding(joint), mobility > DEPENDENT * alone
-    lose(
+    reject_unless(
         s.scope,
-        drives | sliding.equals(0.0) if isinstance(sliding, Value) else drives,
-        at.LEAST_SQUARES,
+        drives | sliding.equals(0.0) if isinstance(sliding, Expr) else drives,
+        Variant.LEAST_SQUARES,
     )
     left = (faster / mobility).called("left")  # of the drive, by friction
     forces, of_one = pin_forces(s, motion, joint), pin_forces(s, per_newton, joint)
@@ -120,15 +123,15 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
 def _watch_held(s: State, motion: Motion, joint: str) -> list[Any]:
     """The same where all rows are solved for by least sum of squares: with one more, which holds
     the guide along x, and perhaps shares what drives it with others that do."""
-    sliding = s.stage.sliding(joint)
-    along = Row(joint, 0, sliding if len(sliding) < len(s.stage.may[joint]) else ())
-    rows = Rows(s, [*s.stage.rows, along])
+    sliding = s.segment.sliding_kinds(joint)
+    along = Row(joint, 0, sliding if len(sliding) < len(s.segment.joint_kinds[joint]) else ())
+    rows = Rows(s, [*s.segment.rows, along])
     acceleration, spin_rate = without_joints(s, motion.force, motion.moment)
     multipliers = LeastSquares(s, rows.coupling(), joint).solve(
         rows.without_joints(acceleration, spin_rate)
     )
     holding = replace(motion, multipliers=multipliers, system=rows)
-    left = -s.case.apart(joint) * multipliers[-1]
+    left = -s.case.separation_sign(joint) * multipliers[-1]
     return _numbers_of_guide(
         s, joint, left, pin_forces(s, holding, joint), pin_forces(s, motion, joint)
     )
@@ -142,37 +145,37 @@ def _numbers_of_guide(s: State, joint: str, left: Any, held: Ends, forces: Ends)
 
 def start_guides(c: Context) -> None:
     """Nothing is noted of guides at first."""
-    for _, _, time, peaks in c.noted_of_guides:
+    for _, _, time, peaks in c.guide_fields:
         for place, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
-            c.case.scope.store(part("GUIDES", place), value)
-    if c.guides:
-        c.slabs.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.guides))
+            c.case.scope.store(component("GUIDES", place), value)
+    if c.output_guides:
+        c.workspace.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.output_guides))
 
 
-def note_guides(text: Text, c: Context, stage: Stage) -> None:
+def note_guides(text: Text, c: Context, segment: Segment) -> None:
     """Lines for one lane that follow the guides of a phase over the step just made, of length h."""
-    for joint, first, time, peaks in c.noted_of_guides:
-        sliding = stage.sliding(joint)
+    for joint, first, time, peaks in c.guide_fields:
+        sliding = segment.sliding_kinds(joint)
         if not sliding:
             continue
         inner = (
             text
-            if len(sliding) == len(stage.may[joint])
+            if len(sliding) == len(segment.joint_kinds[joint])
             else text.block(f"if {among(joint, sliding)}:")
         )
         nodes = [
-            f"{part('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES"
+            f"{component('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES"
             for k in range(1 + 2 * len(peaks))
         ]
-        inner(f"w[{part('GUIDES', time)} + l] += h")
+        inner(f"w[{component('GUIDES', time)} + l] += h")
         for k, peak in enumerate(peaks, 1 + len(peaks)):
             inner(
-                f"peaks.update_peak(w, {nodes[k]}, SCRATCH, {part('GUIDES', peak)} + l, "
+                f"peaks.update_peak(w, {nodes[k]}, SCRATCH, {component('GUIDES', peak)} + l, "
                 "w[BEGIN_T + l], h)"
             )
         inner(
             f"peaks.update_min_drive_ratio(w, {nodes[0]}, {len(peaks)}, SCRATCH, "
-            f"{part('GUIDES', time + 1)} + l)"
+            f"{component('GUIDES', time + 1)} + l)"
         )
 
 
@@ -180,9 +183,12 @@ def guide_outcomes(s: State) -> list[Any]:
     """Of every guide that is watched: time for which its pins slid, greatest load of each, least
     friction that would jam them."""
     found: list[Any] = []
-    for _, _, place, peaks in s.c.noted_of_guides:
-        time, jams = s.scope.load(part("GUIDES", place)), s.scope.load(part("GUIDES", place + 1))
-        loads = [s.scope.load(part("GUIDES", peak)) for peak in peaks]
+    for _, _, place, peaks in s.c.guide_fields:
+        time, jams = (
+            s.scope.load(component("GUIDES", place)),
+            s.scope.load(component("GUIDES", place + 1)),
+        )
+        loads = [s.scope.load(component("GUIDES", peak)) for peak in peaks]
         found.append(time)
         found += [
             where(time > 0.0, scalar.larger(*loads[k : k + 2]), math.nan)

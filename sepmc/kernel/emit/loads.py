@@ -4,15 +4,23 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, height, level, lose, lost_unless, part
+from sepmc.kernel.emit.context import (
+    Context,
+    component,
+    height,
+    level,
+    reject_unless,
+    rejection_unless,
+)
 from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import lights
 from sepmc.kernel.emit.tables import looks_up
-from sepmc.kernel.spec.kernel_spec import ended
+from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, air, loads, scalar, vec3, vehicle
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Value, total, where
+from sepmc.kernel.tracer.tracer import Expr, total, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND, Motor, Spring
 from sepmc.schema import Status
@@ -32,9 +40,9 @@ class _Loads:
 def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
     """Force and moment on every body; with the friction of guides, which has to be known, if it
     ``rubs``."""
-    scene, found = s.shape.scene, {body: _Loads() for body in s.shape.bodies}
+    scene, found = s.spec.scene, {body: _Loads() for body in s.spec.bodies}
     for body, acting in found.items():
-        if s.shape.feels_air(body):
+        if s.spec.feels_air(body):
             s.scope.comment(f"air on {body}")
             _air(s, body, acting)
         for i, motor in enumerate(scene.motor):
@@ -48,9 +56,9 @@ def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, A
     for i, spring in enumerate(scene.spring):
         s.scope.comment(f"spring {spring.name}")
         _spring(s, spring, i, found)
-    for joint in s.shape.rubbing(s.stage) if rubs else []:
+    for joint in s.spec.friction_joints(s.segment) if rubs else []:
         s.scope.comment(f"friction of {joint}")
-        push = (s.case.apart(joint) * s.friction(joint)).called("rub")
+        push = (s.case.separation_sign(joint) * s.friction(joint)).called("rub")
         _push_apart(s, scene.joint[joint].bodies, s.separation(joint), push, found)
     s.scope.comment("sums of loads")
     force = {body: _force(s, body, acting) for body, acting in found.items()}
@@ -79,56 +87,56 @@ def _force(s: State, body: str, acting: _Loads) -> Any:
     )
 
 
-def _rise(s: State, body: str) -> tuple[Value, Value]:
+def _rise(s: State, body: str) -> tuple[Expr, Expr]:
     """Rise, m, above the height about which air and gravity are expanded, and its share of the
     distance there from the earth's centre."""
-    rise = (s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"NEAR_{body}"))).called(
-        "rise"
-    )
-    return rise, (rise * s.scope.load(part(f"NEAR_{body}", 1))).called("share")
+    rise = (
+        s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
+    ).called("rise")
+    return rise, (rise * s.scope.load(component(f"AIR_CENTRE_{body}", 1))).called("share")
 
 
 _BORDER = 1e-6  # m
 
 
-def emit_centre(out: Text, c: Context) -> None:
+def emit_recentre_air(out: Text, c: Context) -> None:
     """A function that expands density and gravity anew for bodies that have left the height about
     which they were expanded."""
-    bodies = [body for body in c.shape.bodies if c.shape.in_layers(body)]
+    bodies = [body for body in c.spec.bodies if c.spec.in_layers(body)]
     if not bodies:
         return
     says = (
         "Expand density and gravity about the height of every body that is further than "
         "``far`` metres from where they were last."
     )
-    text = out.function("centre(w, far: float)", says)
+    text = out.function("recentre_air(w, far: float)", says)
     scope, case = c.scope(), c.case
-    if not c.shape.borders:
-        c.slabs.add("AIR", 4), c.slabs.add("AIR_TOP", 1)
+    if not c.spec.layer_borders:
+        c.workspace.add("AIR", 4), c.workspace.add("AIR_TOP", 1)
     for body in bodies:
-        near = f"NEAR_{body}"
+        near = f"AIR_CENTRE_{body}"
         # height, 1 / (R0 + height), R0 / (R0 + height), weight there
-        c.slabs.add(near, 4), c.slabs.add(f"DENSITY_{body}", 9)
+        c.workspace.add(near, 4), c.workspace.add(f"DENSITY_{body}", 9)
         case.scope.store(near, -math.inf)
         last = scope.load(near)
         now = height(scope, body).called("height")
         centre = where(scalar.abs(now - last) > scope.named("far"), now, last).called("height")
         inverse = (1.0 / (scope.named("R0") + centre)).called("inverse")
         scope.store(near, centre)
-        scope.store(part(near, 1), inverse)
-        scope.store(part(near, 2), scope.named("R0") * inverse)
-        if c.shape.scene.environment.gravity == "inverse-square":
+        scope.store(component(near, 1), inverse)
+        scope.store(component(near, 2), scope.named("R0") * inverse)
+        if c.spec.scene.environment.gravity == "inverse-square":
             scope.store(
-                part(near, 3),
+                component(near, 3),
                 case.mass(body) * loads.inverse_square(case.number(at.SURFACE_GRAVITY), centre),
             )
         scope.store(f"DENSITY_{body}", air.density_series(centre, scope.load(c.layer(body), 4)))
-        if not c.shape.borders:
+        if not c.spec.layer_borders:
             reached = air.geopotential(centre).called("reached")
-            lose(
+            reject_unless(
                 scope,
                 (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")),
-                at.ANY_ORDER,
+                Variant.ANY_ORDER,
             )
     scope.write(text)
 
@@ -142,10 +150,14 @@ def emit_layers(out: Text, c: Context) -> None:
         "Let bodies that pass a border of their layer of air fly in the next, if there is one.",
     )
     text = text.lanes()
-    for body in c.shape.bodies:
-        if c.shape.in_layers(body):
+    for body in c.spec.bodies:
+        if c.spec.in_layers(body):
             layer, borders, flag = c.layer(body), f"BORDERS_{body}", f"ENTERS_{body}"
-            c.slabs.add(layer, 4), c.slabs.add(borders, 2), c.slabs.add(f"NEAR_{body}", 4)
+            (
+                c.workspace.add(layer, 4),
+                c.workspace.add(borders, 2),
+                c.workspace.add(f"AIR_CENTRE_{body}", 4),
+            )
             inner = text.block(f"if w[{flag} + l] > 0.0:")
             inner(
                 f"height = w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + "
@@ -158,13 +170,13 @@ def emit_layers(out: Text, c: Context) -> None:
             inner(
                 "air, top = layer(height + goes_on)",
                 f"put4(w, {layer} + l, air)",
-                f"w[NEAR_{body} + l], w[{flag} + l] = -math.inf, 0.0",
+                f"w[AIR_CENTRE_{body} + l], w[{flag} + l] = -math.inf, 0.0",
             )
             inner(
                 f"w[{borders} + l], w[{borders} + LANES + l] = geometric(air[0]) - {_BORDER}, "
                 f"geometric(top) + {_BORDER}"
             )
-            inner(lost_unless("0.0 <= height <= TOP", Status.OUTSIDE_ATMOSPHERE))
+            inner(rejection_unless("0.0 <= height <= TOP", Status.OUTSIDE_ATMOSPHERE))
 
 
 def _air(s: State, body: str, acting: _Loads) -> None:
@@ -174,20 +186,20 @@ def _air(s: State, body: str, acting: _Loads) -> None:
     alpha, beta = loads.flow_angles(flow).called("angles")
     pressure = (_density(s, body) * vec3.dot(flow, flow)).called("pressure")
     named = _coefficients(s, body, alpha, beta)
-    if looks_up(s.shape, body):
+    if looks_up(s.spec, body):
         named = [
-            value + s.scope.load(part(f"LOOKED_UP_{body}", k)) for k, value in enumerate(named)
+            value + s.scope.load(component(f"LOOKED_UP_{body}", k)) for k, value in enumerate(named)
         ]
     scale = 0.5 * case.number(at.DENSITY_FACTOR) * case.number(p + at.AREA)
     of_force = (scale * case.number(p + at.FORCE_FACTOR)).called("force_scale")
     force = loads.aero_force(pressure * of_force, tuple(named[:3])).called("push")
     acting.forces.append(force)
-    if any(isinstance(value, Value) for value in named[3:]):
+    if any(isinstance(value, Expr) for value in named[3:]):
         of_moment = (scale * case.number(p + at.LENGTH) * case.number(p + at.MOMENT_FACTOR)).called(
             "moment_scale"
         )
         acting.moments.append(loads.aero_moment(pressure * of_moment, tuple(named[3:])))
-    aero = s.shape.scene.body[body].aerodynamics
+    aero = s.spec.scene.body[body].aerodynamics
     if aero is not None and aero.moment_point is not None:
         arm = vehicle.arm(case.centre_of_mass(body), case.vector(p + at.MOMENT_POINT)).called(
             "air_arm"
@@ -195,20 +207,20 @@ def _air(s: State, body: str, acting: _Loads) -> None:
         acting.moments.append(vec3.cross(arm, force))
 
 
-def _density(s: State, body: str) -> Value:
+def _density(s: State, body: str) -> Expr:
     """Density of the air around a body."""
-    if not s.shape.in_layers(body):
+    if not s.spec.in_layers(body):
         return scalar.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
     rise, share = _rise(s, body)
-    higher = air.geopotential_rise(rise, share, s.scope.load(part(f"NEAR_{body}", 2)))
+    higher = air.geopotential_rise(rise, share, s.scope.load(component(f"AIR_CENTRE_{body}", 2)))
     return air.density_near(s.scope.load(f"DENSITY_{body}", 9), higher).called("density")
 
 
-def _coefficients(s: State, body: str, alpha: Value, beta: Value) -> list[Any]:
+def _coefficients(s: State, body: str, alpha: Expr, beta: Expr) -> list[Any]:
     """The six coefficients, polynomials in the angles of the flow, multiplied out as they stand;
     0.0 where there is no term."""
-    terms: dict[int, list[Value]] = {code: [] for code in range(6)}
-    for k, term in enumerate(aero_terms(s.shape.scene)):
+    terms: dict[int, list[Expr]] = {code: [] for code in range(6)}
+    for k, term in enumerate(aero_terms(s.spec.scene)):
         if term.body == body:
             value = s.case.number(int(s.c.model.terms_p) + k)
             for angle, power in ((alpha, term.alpha), (beta, term.beta)):
@@ -221,7 +233,7 @@ def _coefficients(s: State, body: str, alpha: Value, beta: Value) -> list[Any]:
     ]
 
 
-def _power(x: Value, n: int) -> Value:
+def _power(x: Expr, n: int) -> Expr:
     return x if n == 1 else _power(x, n - 1) * x
 
 
@@ -241,18 +253,18 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     full, build_up = case.number(p + at.THRUST), case.number(p + at.BUILD_UP)
     rate = where(build_up > 0.0, 1.0 / build_up, 0.0).called("building")
 
-    def level(since: Value) -> Value:
+    def level(since: Expr) -> Expr:
         """Thrust some time after ignition, apart from the profile."""
-        if not s.shape.may(f"motor.{name}.build_up", motor.build_up > 0.0):
+        if not s.spec.may_occur(f"motor.{name}.build_up", motor.build_up > 0.0):
             return full
         built = loads.building_up(full, rate, since)
         return (
             where(rate > 0.0, built, full)
-            if f"motor.{name}.build_up" in s.shape.dispersed
+            if f"motor.{name}.build_up" in s.spec.dispersed
             else built
         )
 
-    if not s.shape.switches:
+    if not s.spec.load_switches:
         thrust = level(s.time).called("thrust")
     else:
         burning, share, slope = scope.load(f"BURNING_{name}", 3)
@@ -265,7 +277,7 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
             )
         since = scalar.larger(s.time - ignition, 0.0).called("since")
         thrust = where(burning.equals(1.0), level(since) * (share + slope * since), 0.0)
-        if s.shape.may(f"motor.{name}.tail_off", motor.tail_off > 0.0):
+        if s.spec.may_occur(f"motor.{name}.tail_off", motor.tail_off > 0.0):
             burn, tail = case.number(p + at.BURN), case.number(p + at.TAIL_OFF)
             left = level(burn) * share * loads.tail_off(scalar.larger(since - burn, 0.0), tail)
             thrust = where(burning.equals(2.0), left, thrust)
@@ -276,10 +288,10 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
 
 def _load(s: State, i: int, acting: _Loads) -> None:
     """Constant force and moment, in body or ground axes."""
-    load, p = s.shape.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
+    load, p = s.spec.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
     push: Any = s.case.vector(p + at.LOAD_FORCE)
     turn: Any = s.case.vector(p + at.LOAD_MOMENT)
-    if s.shape.switches:
+    if s.spec.load_switches:
         acts = s.scope.load(f"ACTS_{load.name}")
         push, turn = vec3.scale(acts, push), vec3.scale(acts, turn)
     if load.frame == "ground":
@@ -298,14 +310,16 @@ def _load(s: State, i: int, acting: _Loads) -> None:
 
 def _weight(s: State, body: str) -> Any:
     """Weight of a body; None without gravity."""
-    kind, case = s.shape.scene.environment.gravity, s.case
+    kind, case = s.spec.scene.environment.gravity, s.case
     if kind == "none":
         return None
     surface = case.number(at.SURFACE_GRAVITY)
     if kind != "inverse-square":
         return (case.mass(body) * surface).called("weight")
-    if s.shape.in_layers(body):
-        return loads.inverse_square_near(s.scope.load(part(f"NEAR_{body}", 3)), _rise(s, body)[1])
+    if s.spec.in_layers(body):
+        return loads.inverse_square_near(
+            s.scope.load(component(f"AIR_CENTRE_{body}", 3)), _rise(s, body)[1]
+        )
     return case.mass(body) * loads.inverse_square(
         surface, s.place(body)[1] + level(s.scope, s.time)
     )
@@ -319,17 +333,17 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
     push = getattr(loads, "springs.spring_force")(
         *strengths, line.length - s.spring_start(spring), line.rate
     )
-    if s.shape.may(f"spring.{spring.name}.factor", spring.factor != 1.0):
+    if s.spec.may_occur(f"spring.{spring.name}.factor", spring.factor != 1.0):
         push = s.case.number(p + at.SPRING_FACTOR) * push
-    if s.shape.may(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
-        s.c.start(ended(spring.name), 0.0)
-        push = where(s.scope.load(ended(spring.name)) > 0.0, 0.0, push)
+    if s.spec.may_occur(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
+        s.c.start(stroke_flag(spring.name), 0.0)
+        push = where(s.scope.load(stroke_flag(spring.name)) > 0.0, 0.0, push)
     push = push.called("push")
     _push_apart(s, spring.bodies, line, push, found)
 
 
 def _push_apart(
-    s: State, bodies: tuple[str, str], line: Line, push: Value, found: dict[str, _Loads]
+    s: State, bodies: tuple[str, str], line: Line, push: Expr, found: dict[str, _Loads]
 ) -> None:
     """A force on two bodies along a line, away from each other."""
     for body, signed, arm in zip(bodies, (-push, push), (line.arm_a, line.arm_b), strict=True):

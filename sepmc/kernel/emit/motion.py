@@ -4,7 +4,7 @@ joints."""
 from dataclasses import dataclass, field
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, lose, part
+from sepmc.kernel.emit.context import Context, component, reject_unless
 from sepmc.kernel.emit.full import FullSystem, Wrench, before_full
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all, body_loads
@@ -18,21 +18,21 @@ from sepmc.kernel.emit.rows import (
     make_solver,
 )
 from sepmc.kernel.emit.tables import call_look_up
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import ZERO, quat, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import called
 from sepmc.scene.model import GROUND
 
 
-def before_motion(text: Text, c: Context, stage: Stage) -> None:
+def before_motion(text: Text, c: Context, segment: Segment) -> None:
     """Lines for what has to be known of a state S before its motion: what tables give, and
     friction."""
-    call_look_up(text, c, stage)
-    if c.shape.rubbing(stage):
-        text(f"rub_{stage.name}(w)")
-    if stage.full:
-        before_full(text, stage, c.shape.bodies)
+    call_look_up(text, c, segment)
+    if c.spec.friction_joints(segment):
+        text(f"friction_{segment.name}(w)")
+    if segment.full:
+        before_full(text, segment, c.spec.bodies)
 
 
 @dataclass
@@ -70,12 +70,12 @@ def make_motion(s: State, rubs: bool = True) -> Motion:
     )
     s.scope.comment("motion without the joints")
     acceleration, spin_rate = without_joints(s, force, moment)
-    if not s.stage.rows:
+    if not s.segment.rows:
         return Motion(force, moment, acceleration, spin_rate)
     rows = Rows(s)
     s.scope.comment("inverse inertia that the rows feel")
     factors = make_solver(s, rows.coupling())
-    if s.stage.full and rubs:
+    if s.segment.full and rubs:
         acceleration, spin_rate, wrenches = FullSystem(s, rows, force, moment).solve()
         return Motion(
             force, moment, acceleration, spin_rate, system=rows, factors=factors, wrenches=wrenches
@@ -100,11 +100,11 @@ def without_joints(
     """Accelerations of bodies and angular accelerations of groups by loads alone."""
     acceleration = {
         body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a")
-        for body in s.shape.bodies
+        for body in s.spec.bodies
     }
     return acceleration, {
         group[0]: spin_rate_of(s, group, moment).called("spin_rate")
-        for group in s.stage.groups
+        for group in s.segment.groups
         if GROUND not in group
     }
 
@@ -113,16 +113,16 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
     """By how much 1 N changes a motion that drives the bodies of a joint apart along its x axis."""
     assert motion.system is not None
     assert motion.factors is not None
-    acceleration, moment = dict.fromkeys(s.shape.bodies, ZERO), dict.fromkeys(s.shape.bodies, ZERO)
-    line, apart = s.separation(joint), s.case.apart(joint)
+    acceleration, moment = dict.fromkeys(s.spec.bodies, ZERO), dict.fromkeys(s.spec.bodies, ZERO)
+    line, apart = s.separation(joint), s.case.separation_sign(joint)
     for body, sign, arm in zip(
-        s.shape.scene.joint[joint].bodies, (-1.0, 1.0), (line.arm_a, line.arm_b), strict=True
+        s.spec.scene.joint[joint].bodies, (-1.0, 1.0), (line.arm_a, line.arm_b), strict=True
     ):
         if body != GROUND:
             acceleration[body] = vec3.scale(sign * apart * s.case.inverse_mass(body), line.e)
             moment[body] = vec3.scale(apart, vec3.unrotate(s.attitude(body), arm))
-    spin_rate = dict.fromkeys(s.stage.leaders, ZERO)
-    for group in s.stage.groups:
+    spin_rate = dict.fromkeys(s.segment.leaders, ZERO)
+    for group in s.segment.groups:
         turning = add_all([moment[body] for body in group if body != GROUND])
         if group[0] in spin_rate and turning is not ZERO:
             spin_rate[group[0]] = vec3.rotate(s.case.inverse_inertia(group), turning)
@@ -144,7 +144,7 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
 
 def spin_rate_of(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
     """Euler's equations of bodies that turn as one."""
-    leader, felt = s.stage.leader(group[0]), add_all([moment[body] for body in group])
+    leader, felt = s.segment.leader(group[0]), add_all([moment[body] for body in group])
     if leader != GROUND:
         omega = s.rate(leader)
         felt = vec3.sub(felt, vec3.cross(omega, vec3.rotate(s.case.group_inertia(group), omega)))
@@ -156,32 +156,32 @@ def _plus(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
     return {name: add_all([vector, added[name]]) for name, vector in vectors.items()}
 
 
-def emit_correct(out: Text, c: Context, stage: Stage) -> None:
+def emit_correct(out: Text, c: Context, segment: Segment) -> None:
     """A function that notes how far a phase's rows are off, and brings the state back if the scene
     asks for it."""
-    if c.hands_on(out, stage, "correct"):
+    if c.emit_alias(out, segment, "correct"):
         return
-    corrects = c.shape.scene.solver.drift == "projection"
+    corrects = c.spec.scene.solver.drift == "projection"
     says = "Note how far the state Y is off the constraints"
     says += (
         ", and bring it back onto them by the least correction, weighted by mass."
         if corrects
         else "."
     )
-    text = out.function(f"correct_{stage.name}(w)", says)
-    s = State(c, c.scope(), stage, "Y")
+    text = out.function(f"correct_{segment.name}(w)", says)
+    s = State(c, c.scope(), segment, "Y")
     for k in range(4):
-        s.scope.store(part("RESIDUAL_NOW", k), 0.0)
-    lose(s.scope, is_finite(s))
+        s.scope.store(component("RESIDUAL_NOW", k), 0.0)
+    reject_unless(s.scope, is_finite(s))
     rows = Rows(s)
     rows.note_residuals()
     coupling = rows.coupling()
     factors = make_solver(s, coupling)
     if isinstance(factors, Factors):
-        dropped = Rows(s, s.stage.dropped)
+        dropped = Rows(s, s.segment.dropped)
         dropped.note_residuals()
         for one in dropped.rows:
-            rows.lose_independent(one, factors)
+            rows.reject_independent(one, factors)
     else:
         factors.solve([one.value for one in rows.rows])
     check_pivots(s, coupling, factors)
@@ -194,14 +194,14 @@ def _correct(s: State, rows: Rows, factors: Solver) -> None:
     """Bring a state back onto its constraints: places and attitudes, speeds and rates."""
     shift, turn = rows.act(factors.solve([-one.value for one in rows.rows]))
     kick, swing = rows.act(factors.solve([-one.rate for one in rows.rows]))
-    for body in s.shape.bodies:
-        for slab, now, change in (
+    for body in s.spec.bodies:
+        for vector, now, change in (
             ("X", s.place(body), shift[body]),
             ("V", s.speed(body), kick[body]),
         ):
             if change is not None:
-                s.scope.store(f"Y + {slab}_{body}", vec3.add(now, change))
-    for leader in s.stage.leaders:
+                s.scope.store(f"Y + {vector}_{body}", vec3.add(now, change))
+    for leader in s.segment.leaders:
         if turn[leader] is not None:
             q = s.quaternion(leader)
             d = quat.rate(q, turn[leader]).called("d")

@@ -1,9 +1,9 @@
-"""Constraint rows of a phase and the reduced constraint force equation, as Values."""
+"""Constraint rows of a phase and the reduced constraint force equation, as expressions."""
 
 from dataclasses import dataclass
 from typing import Any
 
-from sepmc.kernel.emit.context import lose, lose_if, part
+from sepmc.kernel.emit.context import component, reject_if, reject_unless
 from sepmc.kernel.emit.geometry import (
     Line,
     Own,
@@ -15,8 +15,9 @@ from sepmc.kernel.emit.geometry import (
 )
 from sepmc.kernel.emit.loads import add_all
 from sepmc.kernel.spec.kernel_spec import Row
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, joints, linear, scalar, square_root, vec3
-from sepmc.kernel.tracer.tracer import Value, called, product, total, where
+from sepmc.kernel.tracer.tracer import Expr, called, product, total, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
@@ -28,7 +29,7 @@ DEPENDENT = 1e-9
 @dataclass
 class JointRow:
     """A row: direction e of a translation, arms of its two bodies (ground axes), normals n of the
-    groups that it turns (body axes) and these times the inverse inertia, the part gamma of its
+    groups that it turns (body axes) and these times the inverse inertia, the component gamma of its
     second derivative, and how far it is off."""
 
     row: Row
@@ -47,17 +48,17 @@ class Rows:
     """The rows of a phase at a state: those that it is flown by, or others; of groups that turn as
     one, or of bodies ``apart``."""
 
-    def __init__(self, s: State, rows: list[Row] | None = None, apart: bool = False):
-        self.s, self.bodies = s, {name: joint.bodies for name, joint in s.shape.scene.joint.items()}
-        self.apart, groups = (
-            apart,
-            [(body,) for body in s.shape.bodies] if apart else s.stage.groups,
+    def __init__(self, s: State, rows: list[Row] | None = None, per_body: bool = False):
+        self.s, self.bodies = s, {name: joint.bodies for name, joint in s.spec.scene.joint.items()}
+        self.per_body, groups = (
+            per_body,
+            [(body,) for body in s.spec.bodies] if per_body else s.segment.groups,
         )
         self.inverse = {
             group[0]: s.case.inverse_inertia(group) for group in groups if GROUND not in group
         }
         self.rows: list[JointRow] = []
-        for row in s.stage.rows if rows is None else rows:
+        for row in s.segment.rows if rows is None else rows:
             if not self.rows or row.joint != self.rows[-1].row.joint:
                 s.scope.comment(f"joint {row.joint}")
             self.rows.append(self._row(row))
@@ -65,7 +66,7 @@ class Rows:
     def _row(self, row: Row) -> JointRow:
         s, pair = self.s, self.s.joint(row.joint)
         line = None
-        if not (row.turns or row.code == at.ROD or self.apart):
+        if not (row.turns or row.code == at.ROD or self.per_body):
             line = s.sliding_line(row.joint, row.code)
         if line is not None:
             return self._sliding(row, line)
@@ -74,7 +75,7 @@ class Rows:
         )
         arms: dict[str, Any] = {}
         for body, arm in zip(self.bodies[row.joint], (arm_a, arm_b), strict=True):
-            leader = body if self.apart else s.stage.leader(body)
+            leader = body if self.per_body else s.segment.leader(body)
             if leader != GROUND:
                 arms[leader] = vec3.add(arms[leader], arm) if leader in arms else arm
         gamma = self._pulled_back(gamma, value, rate)
@@ -97,7 +98,7 @@ class Rows:
         own = line.own
         assert own is not None
         held = self.s.while_held(row.joint, row.kinds) if row.kinds else 1.0
-        inverse = self.s.scope.here(self.inverse[own.leader])
+        inverse = self.s.scope.localize(self.inverse[own.leader])
         turned = tuple(
             called(product(own.lever, tuple(inverse[3 * i + k] for k in range(3))), "turned")
             for i in range(3)
@@ -117,7 +118,7 @@ class Rows:
 
     def _pulled_back(self, gamma: Any, value: Any, rate: Any) -> Any:
         """The right-hand side of a row that is off by so much, if drift is to decay."""
-        if self.s.shape.scene.solver.drift != "baumgarte":
+        if self.s.spec.scene.solver.drift != "baumgarte":
             return gamma
         return gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
 
@@ -181,12 +182,12 @@ class Rows:
         found = one.held * two.held * total(terms) if terms else 0.0
         return found + (1.0 - one.held) if one is two else found
 
-    def lose_independent(self, one: JointRow, factors: "Factors") -> None:
+    def reject_independent(self, one: JointRow, factors: "Factors") -> None:
         """A case is lost where a row does not follow from these."""
         side = [self._coupling(one, other) for other in self.rows]
         own = self._coupling(one, one)
         left = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
-        lose(self.s.scope, left <= DEPENDENT * own, at.LEAST_SQUARES)
+        reject_unless(self.s.scope, left <= DEPENDENT * own, Variant.LEAST_SQUARES)
 
     def without_joints(
         self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True
@@ -214,7 +215,7 @@ class Rows:
         """What multipliers do to bodies, in ground axes, and to groups, in body axes."""
         linear, angular = {}, {}
         of_slides = self._slide_forces(multipliers)
-        for body in self.s.shape.bodies:
+        for body in self.s.spec.bodies:
             pulls = []
             for m, one in zip(multipliers, self.rows, strict=True):
                 a, b = self.bodies[one.row.joint]
@@ -227,7 +228,7 @@ class Rows:
             linear[body] = (
                 vec3.scale(self.s.case.inverse_mass(body), add_all(pulls)) if pulls else None
             )
-        for leader in self.s.stage.leaders:
+        for leader in self.s.segment.leaders:
             turns = [
                 vec3.scale(m, one.turned[leader])
                 for m, one in zip(multipliers, self.rows, strict=True)
@@ -259,7 +260,7 @@ class Rows:
         for one in self.rows:
             first = 1 if one.row.turns else 0
             for k, x in ((first, one.value), (first + 2, one.rate)):
-                place = part("RESIDUAL_NOW", k)
+                place = component("RESIDUAL_NOW", k)
                 scope.store(place, scalar.larger(scope.load(place), scalar.abs(x)))
 
 
@@ -269,21 +270,21 @@ class LeastSquares:
 
     def __init__(self, s: State, a: list[list[Any]], name: str = ""):
         self.s, self.matrix, self.solved = s, [x for row in a for x in row], 0
-        self.name = f"{s.stage.name}_{name}" if name else s.stage.name
+        self.name = f"{s.segment.name}_{name}" if name else s.segment.name
         self.rank: Any = None
         self.smallest: Any = None  # share of its diagonal that a pivot keeps
 
     def solve(self, side: list[Any]) -> list[Any]:
         """The solution for a right-hand side."""
-        scope, slabs, n = self.s.scope, self.s.c.slabs, len(side)
+        scope, workspace, n = self.s.scope, self.s.c.workspace, len(side)
         self.solved += 1
         system, found, rank = (
-            f"{slab}_{self.name}_{self.solved}" for slab in ("SYSTEM", "MULTIPLIERS", "RANK")
+            f"{field}_{self.name}_{self.solved}" for field in ("SYSTEM", "MULTIPLIERS", "RANK")
         )
-        slabs.add(system, len(self.matrix) + n), slabs.add(found, n), slabs.add(rank, 1)
-        slabs.add(f"SCRATCH_{self.name}", 3 * n**2 + 5 * n)
+        workspace.add(system, len(self.matrix) + n), workspace.add(found, n), workspace.add(rank, 1)
+        workspace.add(f"SCRATCH_{self.name}", 3 * n**2 + 5 * n)
         for k, value in enumerate((*self.matrix, *side)):
-            scope.store(part(system, k), value)
+            scope.store(component(system, k), value)
         w, here, there, scratch = map(
             scope.named, ("w", f"{system} + l", f"{found} + l", f"SCRATCH_{self.name}")
         )
@@ -291,8 +292,8 @@ class LeastSquares:
             "solved"
         )
         scope.store(rank, self.rank)  # what is stored is written
-        lose_if(scope, (self.rank <= 0.0) & is_finite(self.s), Status.SINGULAR_JOINT)
-        return [scope.load(part(found, k)) for k in range(n)]
+        reject_if(scope, (self.rank <= 0.0) & is_finite(self.s), Status.SINGULAR_JOINT)
+        return [scope.load(component(found, k)) for k in range(n)]
 
 
 class Factors:
@@ -328,18 +329,18 @@ class Factors:
 Solver = Factors | LeastSquares
 
 
-def is_finite(s: State) -> Value:
+def is_finite(s: State) -> Expr:
     """Whether a state is made of numbers: what is none spreads to the velocities of all bodies that
     it moves."""
-    found: Value = getattr(scalar, "math.isfinite")(
-        total([x for body in s.shape.bodies for x in s.speed(body)])
+    found: Expr = getattr(scalar, "math.isfinite")(
+        total([x for body in s.spec.bodies for x in s.speed(body)])
     )
     return found
 
 
 def make_solver(s: State, coupling: list[list[Any]]) -> Solver:
     """What solves for the multipliers of a phase's rows."""
-    return LeastSquares(s, coupling) if s.stage.least_squares else Factors(coupling)
+    return LeastSquares(s, coupling) if s.segment.least_squares else Factors(coupling)
 
 
 def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
@@ -355,8 +356,8 @@ def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
         s.scope.store("PIVOT", where(factors.smallest < least, factors.smallest, least))
         return
     for row, pivot in zip(coupling, factors.diagonal, strict=True):
-        if isinstance(pivot, Value):
+        if isinstance(pivot, Expr):
             share = (pivot / row[-1]).called("share")
-            lose(s.scope, share > DEPENDENT, at.LEAST_SQUARES)
+            reject_unless(s.scope, share > DEPENDENT, Variant.LEAST_SQUARES)
             least = where(share < least, share, least).called("least")
     s.scope.store("PIVOT", least)

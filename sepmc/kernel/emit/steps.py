@@ -6,17 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.kernel.emit.context import Context, height, lose, lost_unless, part
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.emit.context import Context, component, height, reject_unless, rejection_unless
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.spec.methods import Method, method
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import air, quat, scalar, square_root, vec3
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Scope, Value, total, where
-from sepmc.routines.layout import ANY_ORDER, FULL_HISTORY, GRAIN
+from sepmc.kernel.tracer.tracer import Expr, Scope, total, where
+from sepmc.routines.layout import FULL_HISTORY, GRAIN
 
 # A step may be so many times as long as the last one; the way to an event, left to a method of low
-# order, only a small part of it: hundredths are usual, and a way much longer is that to END, of an
-# event that was foretold and does not come (a stroke just missed).
+# order, only a small component of it: hundredths are usual, and a way much longer is that to END,
+# of an event that was foretold and does not come (a stroke just missed).
 _LONGER, _SHORT = 3.0, 0.05
 # of the way to an event goes a step before the last; the last is so much of the one before at most
 _NEARLY, _LAST = 0.9, 0.2
@@ -36,7 +37,7 @@ _BEYOND = 0.55
 
 def coefficient(rk: Method, kind: str, *numbers: int) -> str:
     """The name of a coefficient of a method: A of the stage matrix, B of the weights, C of the
-    nodes, E of the doubt, counted from 1."""
+    nodes, E of the error_weights, counted from 1."""
     return f"{rk.name.upper()}_{kind}{'_'.join(str(number + 1) for number in numbers)}"
 
 
@@ -45,12 +46,12 @@ def coefficients(rk: Method, extends: bool) -> list[str]:
     rows = len(rk.a) if extends else rk.stages
     found = {coefficient(rk, "A", i, j): rk.a[i, j] for i in range(1, rows) for j in range(i)}
     found |= {coefficient(rk, "B", j): rk.b[j] for j in range(rk.stages)}
-    found |= {coefficient(rk, "E", j): rk.doubt[j] for j in range(rk.stages)}
+    found |= {coefficient(rk, "E", j): rk.error_weights[j] for j in range(rk.stages)}
     found |= {coefficient(rk, "C", i): rk.c[i] for i in range(1, rows)}
     return [f"{name} = {float(value)!r}" for name, value in found.items() if value]
 
 
-def stage_again(text: Text, rk: Method, i: int) -> None:
+def restore_stage(text: Text, rk: Method, i: int) -> None:
     """Lines for the state S and the time CLOCK of a stage, counted from 0, of the step just made
     from BEGIN: the derivatives of those before it are still there."""
     inner = text.block("for e in range(SIZE_Y):")
@@ -69,7 +70,7 @@ def advance(rk: Method) -> str:
     return f"advance_{rk.name}"
 
 
-def emit_lengths(out: Text, c: Context) -> None:
+def emit_step_length(out: Text, c: Context) -> None:
     """A function for the step lengths of all lanes."""
     says = (
         "Length of the first of ``parts`` steps to END or to the next event, into all of STEP; "
@@ -79,130 +80,141 @@ def emit_lengths(out: Text, c: Context) -> None:
         "set_step(w, phase: int, parts: int, usual: float)", says + " ``usual`` at first."
     )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
-    for number, stage in enumerate(c.shape.stages):
-        if not (stage.events or c.paces(stage)):
+    for number, segment in enumerate(c.spec.segments):
+        if not (segment.events or c.has_lane_steps(segment)):
             continue
         inner = text.block(f"if phase == {number}:")
-        if stage.waits_for_load:
-            inner.lanes()("w[STEP + l] = min(w[STEP + l], w[USUALLY + l] - w[T + l])")
-        if stage.events:
-            hold_back(inner, c, stage, "w[WAY + l] < 1.0")
-            inner(f"aim_{stage.name}(w, usual)")
-        if c.paces(stage):
-            end = "min(w[END + l], w[USUALLY + l])" if stage.waits_for_load else "w[END + l]"
-            _keep_pace(inner.lanes(), end, c.shape.scene.solver.step is not None)
+        if segment.may_end_by_load:
+            inner.lanes()("w[STEP + l] = min(w[STEP + l], w[TYPICAL_END + l] - w[T + l])")
+        if segment.events:
+            hold_back(inner, c, segment, "w[PROGRESS + l] < 1.0")
+            inner(f"event_step_{segment.name}(w, usual)")
+        if c.has_lane_steps(segment):
+            end = "min(w[END + l], w[TYPICAL_END + l])" if segment.may_end_by_load else "w[END + l]"
+            _keep_pace(inner.lanes(), end, c.spec.scene.solver.step is not None)
     text.lanes()(f"w[STEP + l] /= parts if abs(w[STEP + l]) > {_SHORTEST} * parts else 1.0")
-    emit_spread(text, c, "STEP")
-    if any(stage.events for stage in c.shape.stages):
-        _emit_rest(out, c)
+    emit_broadcast(text, c, "STEP")
+    if any(segment.events for segment in c.spec.segments):
+        _emit_event_polish_step(out, c)
 
 
-def hold_back(text: Text, c: Context, stage: Stage, goes: str) -> None:
+def hold_back(text: Text, c: Context, segment: Segment, goes: str) -> None:
     """Lines by which nothing is noted of the conditions of a phase but for the lanes that go
     now."""
-    if c.paces(stage):
-        text.lanes()(f"w[HELD_BACK + l] = 0.0 if {goes} else 1.0")
+    if c.has_lane_steps(segment):
+        text.lanes()(f"w[INACTIVE + l] = 0.0 if {goes} else 1.0")
 
 
 def _keep_pace(lane: Text, end: str, given: bool) -> None:
     """Lines for the step of a lane: the way ahead, at most to an ``end``, in equal parts, of which
-    no more are LEFT than there were, nor more than TIMES what it takes for none to be longer than
-    PACE; but more where an event that was foretold does not come: so that no step is longer than is
-    ``given``, or else longer by more than half than the first one or the last.
+    no more are STEPS_LEFT than there were, nor more than STEP_FACTOR what it takes for none to be
+    longer than MAX_STEP; but more where an event that was foretold does not come: so that no step
+    is longer than is ``given``, or else longer by more than half than the first one or the last.
 
-    WAY is less than 1 on the way, and tells how many steps were made, up to two; 1 if this step is
-    the last; 2 if the last one was. Until an event has been aimed at twice, the step before the
-    last stops short of it, so that nothing is noted of what comes after.
+    PROGRESS is less than 1 on the way, and tells how many steps were made, up to two; 1 if this
+    step is the last; 2 if the last one was. Until an event has been aimed at twice, the step before
+    the last stops short of it, so that nothing is noted of what comes after.
     """
-    lane(f"h, way, ahead = w[STEP + l], w[WAY + l], {end} - w[T + l]")
-    lane("left, needed = w[LEFT + l] - 1.0, w[TIMES + l] * np.ceil(h / w[PACE + l] - 1e-9)")
+    lane(f"h, way, ahead = w[STEP + l], w[PROGRESS + l], {end} - w[T + l]")
+    lane(
+        "left, needed = w[STEPS_LEFT + l] - 1.0, "
+        "w[STEP_FACTOR + l] * np.ceil(h / w[MAX_STEP + l] - 1e-9)"
+    )
     lane(f"needed = min(needed, np.floor(h / {_SHORTEST}))")
     lane("left = larger(left if left < needed else needed, 1.0)  # 1 if a number is NaN")
     if given:
-        lane("left = larger(np.ceil(w[TIMES + l] * h / w[PACE + l] - 1e-9), left)")
-    lane("w[LEFT + l] = left")
+        lane("left = larger(np.ceil(w[STEP_FACTOR + l] * h / w[MAX_STEP + l] - 1e-9), left)")
+    lane("w[STEPS_LEFT + l] = left")
     if not given:
-        lane("w[FIRST + l] = larger(h, min(usual, ahead)) / left if way == 0.0 else w[FIRST + l]")
-        lane(f"left = larger(min(np.ceil(h / ({_GROWS} * w[FIRST + l])), {_MANY}), left)")
-        lane(f"left = larger(np.ceil(h / ({_GROWS / _LONGER:.3g} * w[LONGEST + l])), left)")
-    lane(f"short = way == 0.0 or abs(h) > {_LAST / _LONGER:.3g} * w[LONGEST + l]")
+        lane(
+            "w[FIRST_STEP + l] = larger(h, min(usual, ahead)) / left if way == 0.0 "
+            "else w[FIRST_STEP + l]"
+        )
+        lane(f"left = larger(min(np.ceil(h / ({_GROWS} * w[FIRST_STEP + l])), {_MANY}), left)")
+        lane(f"left = larger(np.ceil(h / ({_GROWS / _LONGER:.3g} * w[MAX_NEXT_STEP + l])), left)")
+    lane(f"short = way == 0.0 or abs(h) > {_LAST / _LONGER:.3g} * w[MAX_NEXT_STEP + l]")
     lane(f"goes_on = left > 1.0 or (short and way > -2.0 and {GRAIN} < h < ahead)")
     lane(
         f"step = h / left if left > 1.0 or not goes_on else {_NEARLY} * h",
         "w[STEP + l] = step if way < 1.0 else 0.0",
     )
-    lane("w[WAY + l] = (max(way - 1.0, -2.0) if goes_on else 1.0) if way < 1.0 else 2.0")
-    lane(lost_unless(f"way >= 1.0 or h >= -{GRAIN}"))
+    lane("w[PROGRESS + l] = (max(way - 1.0, -2.0) if goes_on else 1.0) if way < 1.0 else 2.0")
+    lane(rejection_unless(f"way >= 1.0 or h >= -{GRAIN}"))
 
 
-def _emit_rest(out: Text, c: Context) -> None:
+def _emit_event_polish_step(out: Text, c: Context) -> None:
     """A function for the lengths of last short steps."""
     text = out.function(
-        "set_rest(w, phase: int)",
+        "set_event_polish_step(w, phase: int)",
         "What is left of the way to END or to the next event, into all of STEP.",
     )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
-    for number, stage in enumerate(c.shape.stages):
-        if stage.events:
+    for number, segment in enumerate(c.spec.segments):
+        if segment.events:
             inner = text.block(f"if phase == {number}:")
-            if stage.waits_for_load:
-                inner.lanes()("w[STEP + l] = min(w[STEP + l], w[USUALLY + l] - w[T + l])")
-            hold_back(inner, c, stage, "w[WAY + l] == 1.0")
-            inner(f"aim_{stage.name}(w, math.inf)")
-            if c.paces(stage):
-                inner.lanes()("w[STEP + l] = w[STEP + l] if w[WAY + l] == 1.0 else 0.0")
-    emit_spread(text, c, "STEP")
+            if segment.may_end_by_load:
+                inner.lanes()("w[STEP + l] = min(w[STEP + l], w[TYPICAL_END + l] - w[T + l])")
+            hold_back(inner, c, segment, "w[PROGRESS + l] == 1.0")
+            inner(f"event_step_{segment.name}(w, math.inf)")
+            if c.has_lane_steps(segment):
+                inner.lanes()("w[STEP + l] = w[STEP + l] if w[PROGRESS + l] == 1.0 else 0.0")
+    emit_broadcast(text, c, "STEP")
 
 
-def emit_spread(text: Text, c: Context, slab: str) -> None:
-    """Lines that copy the first numbers of a slab, one a lane, to the places of all numbers of a
+def emit_broadcast(text: Text, c: Context, field: str) -> None:
+    """Lines that copy the first numbers of a field, one a lane, to the places of all numbers of a
     state, by doubling."""
     filled = 1
     while filled < c.size:
         more = min(filled, c.size - filled)
         text.block(f"for e in range({more} * LANES):")(
-            f"w[{slab} + {filled} * LANES + e] = w[{slab} + e]"
+            f"w[{field} + {filled} * LANES + e] = w[{field} + e]"
         )
         filled += more
 
 
 def emit_advance(out: Text, c: Context, rk: Method) -> None:
     """A function for one step by a method; if the step is extended, its beginning is kept."""
-    says = (
-        f"One of ``left`` steps of a phase by {rk.name}; ``size`` numbers of the state take part."
-    )
+    says = f"One of ``left`` steps of a phase by {rk.name}, of ``size`` components of the state."
     text = out.function(f"{advance(rk)}(w, phase: int, size: int, left: int, usual: float)", says)
     stages, later = rk.stages, np.empty((0, rk.stages))
-    extends = c.extends and rk is c.extended
+    extends = c.has_extension and rk is c.extended
     if extends:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
     _begin(text, c, "set_step(w, phase, left, usual)", extends)
     # an event that was foretold and then does not come leaves too long a way for the last step
     inner = text.lanes()
-    inner("h = abs(w[STEP + l])", lost_unless("h <= w[LONGEST + l]"))
-    inner(f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[LONGEST + l] else w[UNEVEN + l]")
-    inner(f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
-    _stages(text, rk, later, rk.doubt)
-    text("guard(w, phase)")
+    inner("h = abs(w[STEP + l])", rejection_unless("h <= w[MAX_NEXT_STEP + l]"))
+    inner(
+        f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[MAX_NEXT_STEP + l] "
+        "else w[UNEVEN + l]"
+    )
+    inner(f"w[MAX_NEXT_STEP + l] = {_LONGER} * h + 1e-9")
+    _emit_stages(text, rk, later, rk.error_weights)
+    text("note_indicators(w, phase)")
     if extends:
         _extends(text, c)
-    text("settle(w, phase)")
+    text("finish_step(w, phase)")
 
 
 def _extends(text: Text, c: Context) -> None:
     """Lines that extend the step just made where states within it are needed. Rows of a full
     history are asked for in few of the flights of a case."""
-    where = [f"phase == {number}" for number, one in enumerate(c.shape.stages) if c.follows(one)]
-    if len(where) == len(c.shape.stages):
-        text("extend(w, phase)")
+    where = [
+        f"phase == {number}"
+        for number, one in enumerate(c.spec.segments)
+        if c.needs_interpolation(one)
+    ]
+    if len(where) == len(c.spec.segments):
+        text("make_extension(w, phase)")
         return
     if c.history == FULL_HISTORY:
         where.append("w[WANTS_ROWS] > 0.0")
     if where:
-        text.block(f"if {' or '.join(where)}:")("extend(w, phase)")
+        text.block(f"if {' or '.join(where)}:")("make_extension(w, phase)")
 
 
-def emit_approach(out: Text, c: Context) -> None:
+def emit_event_polish(out: Text, c: Context) -> None:
     """A function for the rest of the way to an event: what is left is short, so that a method of
     low order will do."""
     rk = method("rk4")
@@ -210,18 +222,20 @@ def emit_approach(out: Text, c: Context) -> None:
         f"The rest of the way to an event: a short step by {rk.name}, and a last correction "
         "along the derivative."
     )
-    text = out.function("approach(w, phase: int, size: int)", says)
-    _begin(text, c, "set_rest(w, phase)", False)
-    text.lanes()(lost_unless(f"abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l]"))
-    _stages(text, rk, np.empty((0, rk.stages)))
-    text("settle(w, phase)", "set_rest(w, phase)")
+    text = out.function("polish_event(w, phase: int, size: int)", says)
+    _begin(text, c, "set_event_polish_step(w, phase)", False)
+    text.lanes()(
+        rejection_unless(f"abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[MAX_NEXT_STEP + l]")
+    )
+    _emit_stages(text, rk, np.empty((0, rk.stages)))
+    text("finish_step(w, phase)", "set_event_polish_step(w, phase)")
     text.block("for e in range(size):")("w[Y + e] += w[STEP + e] * w[D + e]")
     inner = text.lanes()
     inner(
         "h = w[STEP + l]", "w[T + l] += h", "w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)"
     )
-    inner(lost_unless("abs(h) < 1e-6"))
-    if c.extends:
+    inner(rejection_unless("abs(h) < 1e-6"))
+    if c.has_extension:
         inner("reach = (w[T + l] - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0")
         inner(
             "w[REACH + l] = reach if w[T + l] != w[BEGIN_T + l] + w[LENGTH + l] else w[REACH + l]"
@@ -231,9 +245,9 @@ def emit_approach(out: Text, c: Context) -> None:
 def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
     """Derivative K1 at the start of a step, and the step's length; ``keeps`` the state and the time
     it starts from."""
-    if c.idles:
-        text.block("for e in range(SIZE_Y):")("w[BEFORE + e] = w[Y + e]")
-        if c.slabs.has("PIVOT"):
+    if c.may_idle:
+        text.block("for e in range(SIZE_Y):")("w[STATE_BEFORE + e] = w[Y + e]")
+        if c.workspace.has("PIVOT"):
             text.lanes()("w[PIVOT_BEFORE + l] = w[PIVOT + l]")
     inner = text.block("for e in range(size):")
     inner("w[S + e] = w[Y + e]")
@@ -248,21 +262,21 @@ def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
     text(set_length)
 
 
-def _stages(
+def _emit_stages(
     text: Text,
     rk: Method,
     later: np.ndarray,
-    doubt: np.ndarray | None = None,
+    error_weights: np.ndarray | None = None,
 ) -> None:
-    """From K1 to the state Y and the time T at the end of a step; with weights of a ``doubt``, also
-    what the step may do wrong, into DOUBT.
+    """From K1 to the state Y and the time T at the end of a step; with weights of a
+    ``error_weights``, also what the step may do wrong, into EMBEDDED_ERROR.
 
     later : weights of what uses the derivatives of the stages after the step, by rows: these
         derivatives are kept, the others never stored
     """
     stages = len(rk.b)
     weights = [*rk.a[:stages, :stages], rk.b, *later]
-    ends = rk.b if doubt is None else np.abs(rk.b) + np.abs(doubt)
+    ends = rk.b if error_weights is None else np.abs(rk.b) + np.abs(error_weights)
     for i in range(1, stages + 1):
         used = [j for j in range(i) if weights[i][j] != 0.0]
         kept = any(row[i - 1] != 0.0 for row in weights[i + 1 :]) or (
@@ -274,12 +288,12 @@ def _stages(
             if kept:
                 inner(f"w[K{i} + e] = k{i}")
         values = [f"k{i}" if j == i - 1 and i > 1 else f"w[K{j + 1} + e]" for j in used]
-        if i == stages and doubt is not None:
+        if i == stages and error_weights is not None:
             wrong = [
                 f"{coefficient(rk, 'E', j)} * {f'k{i}' if j == i - 1 else f'w[K{j + 1} + e]'}"
-                for j in np.flatnonzero(doubt).tolist()
+                for j in np.flatnonzero(error_weights).tolist()
             ]
-            inner.wrapped("w[DOUBT + e] = w[STEP + e] * (", wrong, ")")
+            inner.wrapped("w[EMBEDDED_ERROR + e] = w[STEP + e] * (", wrong, ")")
         of_end = i == stages
         terms = [
             f"{coefficient(rk, 'B', j) if of_end else coefficient(rk, 'A', i, j)} * {value}"
@@ -294,50 +308,50 @@ def _stages(
     text.lanes()("w[T + l] += w[STEP + l]")
 
 
-def emit_settle(out: Text, c: Context) -> None:
+def emit_finish_step(out: Text, c: Context) -> None:
     """A function for what is done at the end of a step."""
-    shape = c.shape
+    spec = c.spec
     says = (
         "After a step: attitudes of unit length, pitch and roll followed through turns, "
         "constraints, and what disqualifies a case."
     )
-    text = out.function("settle(w, phase: int)", says)
+    text = out.function("finish_step(w, phase: int)", says)
     for first, bodies in turning_from(c):
         scope = c.scope()
         for body in bodies:
             _settle_attitude(scope, c, body)
         scope.write(text if first == 0 else text.block(f"if phase >= {first}:"))
     scope = c.scope()
-    in_air = [body for body in shape.bodies if shape.in_layers(body)]
+    in_air = [body for body in spec.bodies if spec.in_layers(body)]
     if in_air:
-        c.slabs.add("FAR", 1)
-        scope.store("FAR", 0.0)
+        c.workspace.add("AIR_DISTANCE", 1)
+        scope.store("AIR_DISTANCE", 0.0)
         for body in in_air:
             _settle_height(scope, c, body)
-        lose(scope, scope.load("FAR") <= scope.named("NEAR"))
+        reject_unless(scope, scope.load("AIR_DISTANCE") <= scope.named("NEAR"))
     steps = scope.load("STEPS")
     scope.store("STEPS", _unless_idle(scope, c, steps + 1.0, steps))
     scope.write(text)
     if in_air:
         text("farthest = 0.0")
-        text.lanes()("farthest = max(farthest, w[FAR + l])")
-        text.block("if farthest > 0.5 * NEAR:")("centre(w, 0.5 * NEAR)")
-    for number, stage in enumerate(shape.stages):
-        if stage.rows:
-            text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
-    if c.idles:
+        text.lanes()("farthest = max(farthest, w[AIR_DISTANCE + l])")
+        text.block("if farthest > 0.5 * NEAR:")("recentre_air(w, 0.5 * NEAR)")
+    for number, segment in enumerate(spec.segments):
+        if segment.rows:
+            text.block(f"if phase == {number}:")(f"correct_{segment.name}(w)")
+    if c.may_idle:
         text.block("for e in range(SIZE_Y):")(
-            "w[Y + e] = w[BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]"
+            "w[Y + e] = w[STATE_BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]"
         )
-        if c.slabs.has("PIVOT"):
+        if c.workspace.has("PIVOT"):
             text.lanes()(
                 "w[PIVOT + l] = w[PIVOT_BEFORE + l] if w[STEP + l] == 0.0 else w[PIVOT + l]"
             )
         # a state would count for the energy that is none at the end of a step of the case
         text.block("for e in range(3 * LANES):")("w[ENERGY_BEFORE + e] = w[ENERGY + e]")
-    for number, stage in enumerate(shape.stages):
-        text.block(f"if phase == {number}:")(f"energy_{stage.name}(w, 0.0)")
-    if c.idles:
+    for number, segment in enumerate(spec.segments):
+        text.block(f"if phase == {number}:")(f"energy_{segment.name}(w, 0.0)")
+    if c.may_idle:
         text.block("for e in range(3 * LANES):")(
             "w[ENERGY + e] = w[ENERGY_BEFORE + e] if w[STEP + e] == 0.0 else w[ENERGY + e]"
         )
@@ -346,34 +360,38 @@ def emit_settle(out: Text, c: Context) -> None:
 def turning_from(c: Context) -> list[tuple[int, list[str]]]:
     """Phases and the bodies whose attitudes are integrated from then on."""
     found: dict[int, list[str]] = {}
-    for body in c.shape.turning:
-        first = next((n for n, stage in enumerate(c.shape.stages) if body in stage.leaders), None)
+    for body in c.spec.attitude_order:
+        first = next(
+            (n for n, segment in enumerate(c.spec.segments) if body in segment.leaders), None
+        )
         if first is not None:
             found.setdefault(first, []).append(body)
     return sorted(found.items())
 
 
-def emit_attitudes_where(text: Text, c: Context, stage: Stage, flag: str) -> None:
+def emit_attitudes_where(text: Text, c: Context, segment: Segment, flag: str) -> None:
     """Lines that follow attitudes to the state Y in the lanes in which a flag is set.
 
     A step that was cut short leaves pitch, roll and heading as they were at its full length.
     """
-    for body in c.shape.turning:
-        if body not in stage.leaders:
+    for body in c.spec.attitude_order:
+        if body not in segment.leaders:
             continue
         scope = c.scope()
         cut, q = scope.load(flag) > 0.0, scope.load(f"Y + Q_{body}", 4).called("q")
         inverse = (1.0 / square_root(total([q[i] * q[i] for i in range(4)]))).called("inverse")
         unit = tuple(q[i] * inverse for i in range(4))
         r = quat.matrix(unit).called("r")
-        changes: list[tuple[str, Any]] = [(part(f"Y + Q_{body}", k), unit[k]) for k in range(4)]
-        for slab, value, count in (
+        changes: list[tuple[str, Any]] = [
+            (component(f"Y + Q_{body}", k), unit[k]) for k in range(4)
+        ]
+        for field, value, count in (
             (f"HEADING_{body}", quat.heading(r), 4),
             (f"LAST_RATE_{body}", scope.load(f"Y + OMEGA_{body}", 3), 3),
         ):
-            changes += [(part(slab, k), value[k]) for k in range(count)]
+            changes += [(component(field, k), value[k]) for k in range(count)]
         for k, angle in enumerate((quat.pitch, quat.roll)):
-            last = part(f"ANGLES_{body}", k)
+            last = component(f"ANGLES_{body}", k)
             changes.append((last, scalar.nearest_turn(angle(r), scope.load(last))))
         for place, value in changes:
             scope.store(place, where(cut, value, scope.load(place)))
@@ -383,10 +401,10 @@ def emit_attitudes_where(text: Text, c: Context, stage: Stage, flag: str) -> Non
 def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     """A body's attitude after a step; a case is lost if it turned too far to tell how many turns it
     made."""
-    c.slabs.add(f"ANGLES_{body}", 2)
+    c.workspace.add(f"ANGLES_{body}", 2)
     q, last = (
         scope.load(f"Y + Q_{body}", 4).called("q"),
-        (f"ANGLES_{body}", part(f"ANGLES_{body}", 1)),
+        (f"ANGLES_{body}", component(f"ANGLES_{body}", 1)),
     )
     length = square_root(total([q[i] * q[i] for i in range(4)])).called("length")
     inverse = (1.0 / length).called("inverse")
@@ -407,26 +425,26 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     _note_winding(scope, c, body, r, omega)
     unclear = (scalar.abs(r[6]) > scope.named("SINE_SINGULAR")) | (change > 0.5 * math.pi)
     scope.store("TURNED_FAR", where(unclear, 1.0, scope.load("TURNED_FAR")))
-    lose(scope, turned <= _MOST_TURNED)
+    reject_unless(scope, turned <= _MOST_TURNED)
     for angle, place in zip(now, last, strict=True):
         scope.store(place, _unless_idle(scope, c, angle, scope.load(place)))
 
 
-def _note_winding(scope: Scope, c: Context, body: str, r: Value, omega: Value) -> None:
+def _note_winding(scope: Scope, c: Context, body: str, r: Expr, omega: Expr) -> None:
     """Whether pitch or roll may have gone on by a turn more or less in the step
     (`quat.turns_unclear`)."""
-    c.slabs.add(f"HEADING_{body}", 4), c.slabs.add(f"LAST_RATE_{body}", 3)
+    c.workspace.add(f"HEADING_{body}", 4), c.workspace.add(f"LAST_RATE_{body}", 3)
     heading, rate = scope.load(f"HEADING_{body}", 4), scope.load(f"LAST_RATE_{body}", 3)
     now = quat.heading(r).called("heading")
     unclear = quat.turns_unclear(heading, now, rate, omega, scalar.abs(scope.load("STEP")))
-    scope.store("UNCLEAR", where(unclear, 1.0, scope.load("UNCLEAR")))
+    scope.store("WINDING_UNCLEAR", where(unclear, 1.0, scope.load("WINDING_UNCLEAR")))
     scope.store(f"HEADING_{body}", _unless_idle(scope, c, now, heading))
     scope.store(f"LAST_RATE_{body}", _unless_idle(scope, c, omega, rate))
 
 
-def _unless_idle(scope: Scope, c: Context, now: Value, before: Any) -> Value:
+def _unless_idle(scope: Scope, c: Context, now: Expr, before: Any) -> Expr:
     """What holds after a step, if it had any length, and before."""
-    return where(scope.load("STEP").equals(0.0), before, now) if c.idles else now
+    return where(scope.load("STEP").equals(0.0), before, now) if c.may_idle else now
 
 
 def _settle_height(scope: Scope, c: Context, body: str) -> None:
@@ -435,13 +453,16 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
     falling or back, within."""
     now = height(scope, body).called("height")
     scope.store(
-        "FAR", scalar.larger(scope.load("FAR"), scalar.abs(now - scope.load(f"NEAR_{body}")))
+        "AIR_DISTANCE",
+        scalar.larger(
+            scope.load("AIR_DISTANCE"), scalar.abs(now - scope.load(f"AIR_CENTRE_{body}"))
+        ),
     )
-    if c.shape.borders:
+    if c.spec.layer_borders:
         return
-    c.slabs.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
+    c.workspace.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
     climb = (scope.load(f"Y + V_{body}", 3)[1] + scope.load("ORIGIN_CLIMB")).called("climb")
-    before, rate = scope.load(f"CLIMB_{body}"), scope.load(part(f"CLIMB_{body}", 1))
+    before, rate = scope.load(f"CLIMB_{body}"), scope.load(component(f"CLIMB_{body}", 1))
     turns = (rate * climb < 0.0).called("turns")
     further = (
         _BEYOND
@@ -452,22 +473,26 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
     )
     top = where(turns, before + further, now).called("top")
     scope.store(f"CLIMB_{body}", _unless_idle(scope, c, now, before))
-    scope.store(part(f"CLIMB_{body}", 1), _unless_idle(scope, c, climb, rate))
+    scope.store(component(f"CLIMB_{body}", 1), _unless_idle(scope, c, climb, rate))
     for reached in (
         air.geopotential(now).called("reached"),
         air.geopotential(top).called("reached"),
     ):
-        lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")), ANY_ORDER)
+        reject_unless(
+            scope,
+            (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")),
+            Variant.ANY_ORDER,
+        )
 
 
-def emit_guard(out: Text, c: Context) -> None:
-    """A function that keeps the largest doubt there was of any step."""
+def emit_note_indicators(out: Text, c: Context) -> None:
+    """A function that keeps the largest error_weights there was of any step."""
     text = out.function(
-        "guard(w, phase: int)",
-        "The largest that steps may have done wrong, for every body, into GUARD.",
+        "note_indicators(w, phase: int)",
+        "The largest that steps may have done wrong, for every body, into INDICATORS.",
     )
     scope = c.scope()
-    for body in c.shape.bodies:
+    for body in c.spec.bodies:
         _largest(scope, c, "V", body)
     scope.write(text)
     for first, bodies in turning_from(c):
@@ -479,11 +504,13 @@ def emit_guard(out: Text, c: Context) -> None:
 
 
 def _largest(scope: Scope, c: Context, what: str, body: str) -> None:
-    guard, largest, count = (
-        c.guard(f"{what}_{body}"),
+    indicator, largest, count = (
+        c.indicator(f"{what}_{body}"),
         *((scalar.largest4, 4) if what == "Q" else (scalar.largest3, 3)),
     )
     scope.store(
-        guard,
-        scalar.larger(scope.load(guard), largest(scope.load(f"DOUBT + {what}_{body}", count))),
+        indicator,
+        scalar.larger(
+            scope.load(indicator), largest(scope.load(f"EMBEDDED_ERROR + {what}_{body}", count))
+        ),
     )

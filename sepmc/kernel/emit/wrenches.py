@@ -4,67 +4,72 @@ point."""
 from dataclasses import replace
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, part
+from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all, body_loads
 from sepmc.kernel.emit.motion import Motion, before_motion, make_motion, spin_rate_of
 from sepmc.kernel.emit.rows import Rows
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import ZERO, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.scene.model import GROUND
 
 
-def emit_shares(out: Text, c: Context, stage: Stage) -> None:
+def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
     """A function for what joints carry in a phase in which rows are redundant: that of least sum of
     squares."""
-    if not stage.shares:
+    if not segment.needs_min_norm:
         return
     says = (
-        f"What the joints of phase {stage.name} carry at the state S and the times CLOCK: of "
+        f"What the joints of phase {segment.name} carry at the state S and the times CLOCK: of "
         "all that would do the multipliers of least"
     )
-    text = out.function(f"shares_{stage.name}(w)", says + " sum of squares, into SHARES.")
-    s = State(c, c.scope(), stage, "S")
+    text = out.function(
+        f"min_norm_{segment.name}(w)", says + " sum of squares, into MIN_NORM_MULTIPLIERS."
+    )
+    s = State(c, c.scope(), segment, "S")
     force, moment = body_loads(s)
-    rows, count = Rows(s, stage.every_row, apart=True), len(stage.every_row)
+    rows, count = Rows(s, segment.all_rows, per_body=True), len(segment.all_rows)
     acceleration = {
         body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a")
-        for body in c.shape.bodies
+        for body in c.spec.bodies
     }
     spin_rate = {
-        body: spin_rate_of(s, (body,), moment).called("spin_rate") for body in c.shape.bodies
+        body: spin_rate_of(s, (body,), moment).called("spin_rate") for body in c.spec.bodies
     }
     system = [x for row in rows.coupling() for x in row] + rows.without_joints(
         acceleration, spin_rate
     )
     (
-        c.slabs.add("SYSTEM", len(system)),
-        c.slabs.add("SHARES", count),
-        c.slabs.add("SYSTEM_SCRATCH", 3 * count**2 + 5 * count),
+        c.workspace.add("SYSTEM", len(system)),
+        c.workspace.add("MIN_NORM_MULTIPLIERS", count),
+        c.workspace.add("SYSTEM_SCRATCH", 3 * count**2 + 5 * count),
     )
     for k, value in enumerate(system):
-        s.scope.store(part("SYSTEM", k), value)
+        s.scope.store(component("SYSTEM", k), value)
     s.scope.write(text)
-    text.lanes()(f"linear.solve_min_norm(w, SYSTEM + l, {count}, SYSTEM_SCRATCH, SHARES + l)")
+    sizes = f"SYSTEM + l, {count}, SYSTEM_SCRATCH, MIN_NORM_MULTIPLIERS + l"
+    text.lanes()(f"linear.solve_min_norm(w, {sizes})")
 
 
-def before_wrenches(text: Text, c: Context, stage: Stage) -> None:
+def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
     """Lines for what has to be known of a state S before what joints carry."""
-    before_motion(text, c, stage)
-    if stage.shares:
-        text(f"shares_{stage.name}(w)")
+    before_motion(text, c, segment)
+    if segment.needs_min_norm:
+        text(f"min_norm_{segment.name}(w)")
 
 
 def make_wrenches(s: State) -> Motion:
     """The motion at a state, with multipliers that tell what joints carry."""
     motion = make_motion(s)
-    if not s.stage.shares:
+    if not s.segment.needs_min_norm:
         return motion
-    rows = Rows(s, s.stage.every_row, apart=True)
+    rows = Rows(s, s.segment.all_rows, per_body=True)
     return replace(
         motion,
-        multipliers=[s.scope.load(part("SHARES", k)) for k in range(len(rows.rows))],
+        multipliers=[
+            s.scope.load(component("MIN_NORM_MULTIPLIERS", k)) for k in range(len(rows.rows))
+        ],
         system=rows,
         shared=True,
     )
@@ -72,13 +77,14 @@ def make_wrenches(s: State) -> Motion:
 
 def store_wrenches(s: State, motion: Motion) -> None:
     """Force and moment of every joint that is followed, in axes of its first body, into WRENCH."""
-    with s.c.slabs.optional():
-        s.c.slabs.add("WRENCH", s.c.node_size)
-    for i, joint in enumerate(s.c.followed):
-        r = s.attitude(s.shape.scene.joint[joint].bodies[0])
+    with s.c.workspace.optional():
+        s.c.workspace.add("WRENCH", s.c.node_size)
+    for i, joint in enumerate(s.c.monitored_joints):
+        r = s.attitude(s.spec.scene.joint[joint].bodies[0])
         for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
             s.scope.store(
-                part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector)
+                component("WRENCH", 6 * i + 3 * k),
+                ZERO if vector is ZERO else vec3.unrotate(r, vector),
             )
 
 
@@ -97,7 +103,7 @@ def moment_of(s: State, motion: Motion, joint: str) -> Any:
     its bodies need to turn as one."""
     if motion.wrenches:
         return motion.wrenches[joint][1] if joint in motion.wrenches else ZERO
-    if joint in s.stage.welds and not motion.shared:
+    if joint in s.segment.welds and not motion.shared:
         return _moment_of_weld(s, motion, joint)
     rows = zip(motion.multipliers, motion.rows, strict=True)
     return add_all(
@@ -108,7 +114,7 @@ def moment_of(s: State, motion: Motion, joint: str) -> Any:
 def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
     """Euler's equations of the bodies on one side of a joint that lets nothing turn: what other
     loads and joints leave to it."""
-    joints = s.shape.scene.joint
+    joints = s.spec.scene.joint
     first, second = joints[joint].bodies
     side = _side(s, joint, second)
     if GROUND in side:  # nothing is known of what else the ground feels
@@ -122,7 +128,7 @@ def _side(s: State, joint: str, body: str) -> set[str]:
     """Bodies that turn as one with a body though a joint is cut."""
     found, pairs = (
         {body},
-        [set(s.shape.scene.joint[weld].bodies) for weld in s.stage.welds if weld != joint],
+        [set(s.spec.scene.joint[weld].bodies) for weld in s.segment.welds if weld != joint],
     )
     while more := [pair for pair in pairs if found & pair and not pair <= found]:
         found |= more[0]
@@ -134,7 +140,7 @@ def _left_to(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
     axes."""
     case, terms = s.case, []
     for body in sorted(side):
-        leader = s.stage.leader(body)
+        leader = s.segment.leader(body)
         if leader == GROUND:
             inertial: Any = ZERO
         else:
@@ -146,7 +152,7 @@ def _left_to(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
             left = inertial if moment is ZERO else vec3.sub(inertial, moment)
             terms.append(vec3.rotate(s.attitude(body), left))
         for m, one in zip(motion.multipliers, motion.rows, strict=True):
-            pair = s.shape.scene.joint[one.row.joint].bodies
+            pair = s.spec.scene.joint[one.row.joint].bodies
             terms += [
                 vec3.scale(-m, arm) for end, arm in zip(pair, one.arms, strict=True) if end == body
             ]

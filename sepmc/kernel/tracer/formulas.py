@@ -1,5 +1,5 @@
-"""The formulas that the wiring of a kernel calls, and what each gives: recorded, they are lines of
-the kernel that is being written."""
+"""Formulas that the emitter calls, with the shapes of their results; calls are traced into lines of
+the kernel."""
 
 from typing import Any
 
@@ -97,7 +97,16 @@ scalar: Any = Formulas(
 
 
 def square_root(x: Any) -> Any:
-    """Square root of a number, recorded as ``math.sqrt``."""
+    """Square root of a number, traced as ``math.sqrt``.
+
+    Parameters
+    ----------
+    x : Expr
+
+    Returns
+    -------
+    Expr
+    """
     return getattr(scalar, "math.sqrt")(x)
 
 

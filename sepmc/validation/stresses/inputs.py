@@ -11,7 +11,7 @@ import numpy as np
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection
 from sepmc.engine.dispatch import Block, interpreted, load_kernel
-from sepmc.kernel.spec.parameter_layout import make_plan
+from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import SceneError
 from sepmc.scene.parameters import Parameter
@@ -29,7 +29,7 @@ class _Varied:
 
     def __init__(self, tree: Tree):
         file = parse_campaign(copy.deepcopy(tree), "stress", None)
-        plan = make_plan(file.scene)
+        plan = make_parameter_layout(file.scene)
         self.nominal = {
             path: float(plan.nominal[slot])
             for path, slot in plan.slots.items()
@@ -46,13 +46,13 @@ class _Varied:
             np.ones(kernel.n_segments, dtype=np.int64),
             np.full(kernel.n_segments, math.inf),
         )
-        self.flight = step_selection.Flight(
-            kernel=kernel, steps=one, usual=usual, step=file.scene.solver.step
+        self.flight = step_selection.Integration(
+            kernel=kernel, steps=one, durations=usual, step=file.scene.solver.step
         )
 
     def fly(self, changed: list[dict[str, float]]) -> Block:
         """Cases that differ from the scene in some numbers, SI, each by its path."""
-        return step_selection.fly(
+        return step_selection.integrate(
             self.campaign,
             self.flight,
             np.array([list((self.nominal | values).values()) for values in changed]),

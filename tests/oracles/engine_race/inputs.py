@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from oracles.engine_race.vectors import Array, attitude, cross
-from sepmc.campaign.cases import draw
+from sepmc.campaign.cases import sample
 from sepmc.scene import parameters
 from sepmc.scene.messages import InputError
 
@@ -109,7 +109,9 @@ class _Values:
     """SI values of a campaign's cases by path: drawn where dispersed, else of the nominal case."""
 
     def __init__(self, campaign: Any, count: int):
-        rows = draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+        rows = (
+            sample(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+        )
         self.scene, self.count = campaign.nominal().scene, count
         self.drawn = {d.parameter.path: rows[:, i] for i, d in enumerate(campaign.file.dispersions)}
         self.asked: set[str] = set()

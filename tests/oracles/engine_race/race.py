@@ -7,7 +7,7 @@ columns. Compiling is told apart.
 
 import importlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from statistics import median
 from typing import Any
 
@@ -18,8 +18,8 @@ from oracles.engine_race.inputs import Inputs, read
 from oracles.engine_race.worker import Workers
 from sepmc.bench.clock import spread
 from sepmc.paths import EXTRA
+from sepmc.scene.messages import Log
 
-Say = Callable[[str], None]
 CASES = {"heyoka": 10000, "mujoco": 1024, "scipy": 4, "exudyn": 2}
 TOLERANCES = (1e-6, 1e-9, 1e-12, 1e-15)
 # heyoka with steps of our choice: orders and numbers of steps, locked, guided, free; of those tried
@@ -38,7 +38,7 @@ PLAIN = (1e-6, 1e-9, 1e-12)
 
 
 def race(
-    campaign: Any, threads: int, say: Say, cases: dict[str, int] | None = None, repeats: int = 7
+    campaign: Any, threads: int, say: Log, cases: dict[str, int] | None = None, repeats: int = 7
 ) -> list[Entry]:
     """Let every engine that is installed fly the first cases of a campaign.
 

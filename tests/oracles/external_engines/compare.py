@@ -30,7 +30,6 @@ a disagreement.
 
 import importlib
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -39,7 +38,7 @@ import pandas as pd
 from oracles.external_engines.case import GROUND, Case, attitude
 from oracles.external_engines.loads import motor_switches
 from sepmc.paths import EXTRA
-from sepmc.scene.messages import InputError, nobody
+from sepmc.scene.messages import InputError, Log, nobody
 
 ENGINES = ("heyoka", "pinocchio", "exudyn")
 FLOORS = {
@@ -59,7 +58,6 @@ TOLERANCES = {
     "exudyn": {"states": 1e-6, "wrenches": 1e-5},
 }
 Record = dict[str, np.ndarray]
-Say = Callable[[str], None]
 # Campaign, cases (-1: the nominal), our step and the instants compared, s. Steps such that our own
 # truncation is below 1e-10.
 FLIGHTS = (
@@ -72,7 +70,7 @@ FLIGHTS = (
 )
 
 
-def installed(say: Say = print) -> dict[str, Any]:
+def installed(say: Log = print) -> dict[str, Any]:
     """The engines that are here, by name: their ``fly``."""
     found = {}
     for name in ENGINES:
@@ -83,7 +81,7 @@ def installed(say: Say = print) -> dict[str, Any]:
     return found
 
 
-def needed(say: Say) -> dict[str, Any]:
+def needed(say: Log) -> dict[str, Any]:
     """`installed`. Raises InputError if none is."""
     found = installed(nobody)
     if not found:
@@ -93,7 +91,7 @@ def needed(say: Say) -> dict[str, Any]:
 
 
 def report(
-    say: Say = print, flights=FLIGHTS, engines: dict[str, Any] | None = None
+    say: Log = print, flights=FLIGHTS, engines: dict[str, Any] | None = None
 ) -> tuple[str, bool]:
     """Fly `FLIGHTS` with ``engines``, or every one that is installed: the differences as a table,
     and whether all are within their tolerances.
@@ -259,7 +257,7 @@ def compare(
     numbers: list[int],
     step_s: float = 0.01,
     engines: dict[str, Any] | None = None,
-    say: Say = print,
+    say: Log = print,
 ) -> pd.DataFrame:
     """Fly cases of a campaign with every engine that is installed.
 

@@ -13,7 +13,7 @@ import numpy as np
 from oracles.independent import CaseResult, simulate
 from oracles.random_scenes.draft import Tree
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution.accuracy import Achieved, deviation, scales, scene_scales
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, deviation, scales, scene_scales
 from sepmc.campaign.result import Result
 from sepmc.scene.messages import SceneError
 from sepmc.scene.model import Scene
@@ -211,7 +211,7 @@ def _compare(
         verdict.said.append(f"{fault}: {said}")
 
 
-def reported_errors(accuracy: Achieved | None) -> dict[str, float]:
+def reported_errors(accuracy: AchievedAccuracy | None) -> dict[str, float]:
     """Errors by outcome that a run tells; none if no case tells any, which is told as infinite: any
     row would do."""
     known = accuracy is not None and (
@@ -224,7 +224,7 @@ def _forbidden(campaign: Campaign, count: int) -> np.ndarray:
     """Which of the first cases drew what a parameter may not be, such as a negative radius: the
     independent flight knows no such limits."""
     laws = campaign.file.dispersions
-    drawn = campaign.draw(0, count)
+    drawn = campaign.sample(0, count)
     off = [~law.allowed(values) for law, values in zip(laws, drawn.T, strict=True)]
     return np.any([*off, np.isnan(campaign.in_si(drawn)).any(axis=1)], axis=0)
 

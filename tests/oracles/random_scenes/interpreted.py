@@ -16,7 +16,7 @@ from sepmc.campaign import campaign as campaigns
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.execution.accuracy import achieved, relative_error, scales, scene_scales
-from sepmc.campaign.execution.integration import Flight, usual_lengths
+from sepmc.campaign.execution.integration import Integration, typical_durations
 from sepmc.campaign.execution.step_refinement import longest_step
 from sepmc.engine.dispatch import integrate_cases, interpreted, load_kernel
 from sepmc.kernel.spec.methods import method
@@ -33,13 +33,13 @@ _CASES = 3  # as many as the gate compares
 def flown_plainly(wanted: bool = True, cases: int = _CASES) -> Iterator[None]:
     """Let campaigns be flown so meanwhile: kernels as plain Python, in steps found here by so many
     cases, which need be no more than are compared."""
-    usual = campaigns.plan_flight
-    campaigns.plan_flight = partial(_plan, trials=min(cases, _CASES)) if wanted else usual
+    usual = campaigns.select_steps
+    campaigns.select_steps = partial(_plan, trials=min(cases, _CASES)) if wanted else usual
     try:
         with interpreted(wanted):
             yield
     finally:
-        campaigns.plan_flight = usual
+        campaigns.select_steps = usual
 
 
 def _plan(
@@ -47,10 +47,10 @@ def _plan(
     history: bool = False,
     announce: Callable[[str], None] | None = None,
     trials: int = _CASES,
-) -> Flight:
+) -> Integration:
     scene = campaign.scene
     first, end = campaign.numbers.ranges[0] if campaign.file.input_table else (0, trials)
-    draws = campaign.in_si(campaign.draw(first, min(trials, end - first)))
+    draws = campaign.in_si(campaign.sample(first, min(trials, end - first)))
     kernel = load_kernel(step_selection.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]
     own = scene_scales(scene, units)
@@ -64,7 +64,7 @@ def _plan(
         sound = np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
         # now it is known how long stages last: the same steps once more
         if np.isinf(usual).all() and sound.any():
-            usual[:] = usual_lengths(ends, sound)
+            usual[:] = typical_durations(ends, sound)
             continue
         now = block.outcomes[:, : len(units)], sound
         if before is not None and (both := sound & before[1]).any():
@@ -90,14 +90,14 @@ def _plan(
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), len(draws))
             scale = scales(now[0][sound], units, own)
             chosen = steps // 2 if snapped else steps
-            left = step_selection.spares(campaign, history)
-            return Flight(
+            left = step_selection.fallbacks(campaign, history)
+            return Integration(
                 kernel=kernel,
                 steps=chosen,
-                usual=usual,
+                durations=usual,
                 scale=scale,
                 error=float(errors.max()),
                 achieved=told,
-                spares=left,
+                fallbacks=left,
             )
         before, steps = now, 2 * steps

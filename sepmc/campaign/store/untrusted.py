@@ -1,0 +1,160 @@
+"""Checks of run folders and Parquet shards from untrusted sources, before they are read.
+
+A folder may hold regular files and folders only: a link would be followed, a pipe would block. The
+size of a file is checked before it is read. A checksum does not help: an author of a shard can
+write its checksum too.
+"""
+
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sepmc.paths import is_local
+from sepmc.scene import limits
+from sepmc.schema import Status
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+# data folders of a run folder
+KINDS = ("cases", "histories", "selected", "accumulators")
+_FILE_NAME = re.compile(rf"(({'|'.join(KINDS)})/)?[A-Za-z0-9][A-Za-z0-9_.+-]{{0,250}}")
+_COLUMN_NAME = re.compile(r"[A-Za-z0-9_]{1,250}")
+_TEXT_COLUMNS = ("status", "phase", "kept_as")
+_STATUS_LABELS = frozenset(status.label for status in Status)
+
+
+class StoreError(Exception):
+    """A run folder that cannot be used as asked; the argument is the message to show."""
+
+
+def check_entries(folder: Path) -> None:
+    """Check that a run folder and its data folders contain regular files and folders only.
+
+    Raises
+    ------
+    StoreError
+        If an entry is a link, a pipe or a hard link, or a folder cannot be read.
+    """
+    if not is_local(folder):  # object storage has no links
+        return
+    for path in (folder, *(folder / kind for kind in KINDS)):
+        try:
+            with os.scandir(path) as entries:
+                for entry in entries:
+                    _check_entry(entry, path == folder)
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise StoreError(f"{path}: cannot be read: {reason}") from None
+
+
+def _check_entry(entry: "os.DirEntry[str]", is_rewritten: bool) -> None:
+    """Check one entry. ``is_rewritten``: files here are written in place, as figures are."""
+    if entry.is_symlink():
+        raise StoreError(
+            f"{entry.path}: is a link; a run folder holds its own files only: put the file there"
+        )
+    if not entry.is_file(follow_symlinks=False) and not entry.is_dir(follow_symlinks=False):
+        raise StoreError(f"{entry.path}: is neither a file nor a folder; take it out of the run")
+    if is_rewritten and entry.is_file() and entry.stat().st_nlink > 1:
+        reason = "has another name elsewhere (a hard link), where it would be written too: copy it"
+        raise StoreError(f"{entry.path}: {reason}")
+
+
+def is_file_name(file: str) -> bool:
+    """Return True if ``file`` is a valid path of a run file, relative to the run folder."""
+    return _FILE_NAME.fullmatch(file) is not None
+
+
+def read_bounded(path: Path, max_bytes: int) -> bytes:
+    """Read a file of at most ``max_bytes``. Raises StoreError if it is larger or unreadable."""
+    try:
+        return limits.content(path, max_bytes)
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise StoreError(f"{path}: {error}") from None
+
+
+def file_fault(file: "pq.ParquetFile", size: int, rows: int | None = None) -> str:
+    """Check the header of a Parquet file before its rows are read.
+
+    Parameters
+    ----------
+    file : ParquetFile
+    size : int
+        Bytes of the file.
+    rows : int, optional
+        Expected number of rows.
+
+    Returns
+    -------
+    str
+        Why no run writes such a file; empty if it is valid.
+    """
+    metadata, schema = file.metadata, file.schema_arrow
+    count = sum(metadata.row_group(k).num_rows for k in range(metadata.num_row_groups))
+    if count != metadata.num_rows or rows not in (None, count):
+        expected = metadata.num_rows if rows is None else rows
+        return f"has {count:,} rows, and should have {expected:,}"
+    if count * max(1, len(schema) - len(_TEXT_COLUMNS)) > limits.NUMBERS_A_BYTE * size:
+        return f"has {count:,} rows of {len(schema):,} columns, more than its bytes can hold"
+    names = schema.names
+    if bad := next((name for name in names if not _COLUMN_NAME.fullmatch(name)), None):
+        return f"has a column of another name than runs have: {bad[:60]!r}"
+    if len(set(names)) < len(names):
+        return "has a column twice"
+    for field in schema:
+        if not (_is_text(field.type) if field.name in _TEXT_COLUMNS else _is_number(field.type)):
+            return f"has a column {field.name} of another type: {field.type}"
+    return ""
+
+
+def table_fault(table: "pa.Table", first: int | None = None) -> str:
+    """Check columns that were read from a shard, whose case numbers start at ``first``.
+
+    Returns
+    -------
+    str
+        Why no run writes such columns; empty if they are valid.
+    """
+    for name in ("case", *_TEXT_COLUMNS):
+        if name in table.column_names and table[name].null_count:
+            return f"has rows without {name}"
+    if "status" in table.column_names:
+        known = {label for chunk in _categories(table["status"]) for label in chunk.to_pylist()}
+        if other := sorted(map(str, known - _STATUS_LABELS)):
+            return f"has an unknown status: {other[0][:60]!r}"
+    if first is not None and "case" in table.column_names:
+        numbers = table["case"].to_numpy()
+        if not np.array_equal(numbers, np.arange(first, first + len(numbers))):
+            return f"has other cases than {first} to {first + len(numbers) - 1}"
+    return ""
+
+
+def _categories(column: "pa.ChunkedArray") -> "list[pa.Array]":
+    import pyarrow as pa  # noqa: PLC0415  (not needed to look into a folder)
+
+    return [
+        chunk.dictionary if pa.types.is_dictionary(chunk.type) else chunk.unique()
+        for chunk in column.chunks
+    ]
+
+
+def _is_text(kind: "pa.DataType") -> bool:
+    import pyarrow as pa  # noqa: PLC0415
+
+    inner = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return bool(pa.types.is_string(inner) or pa.types.is_large_string(inner))
+
+
+def _is_number(kind: "pa.DataType") -> bool:
+    import pyarrow as pa  # noqa: PLC0415
+
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
