@@ -12,7 +12,7 @@ from sepmc.campaign.campaign import Campaign, load
 from sepmc.campaign.execution.accuracy import errors
 from sepmc.engine.dispatch import interpreted
 from sepmc.scene.messages import nobody
-from sepmc.validation.flights import SCENES, SIZES, NominalFlight, campaign
+from sepmc.validation.flights import SCENES, SIZES, NominalRun, campaign
 from sepmc.validation.line import CLOSE, Line
 
 # Cases of the shipped campaigns; an independent simulation of srb or hyper-x takes seconds.
@@ -60,7 +60,7 @@ def scenes() -> list[Line]:
         sizes = dict(SIZES)
         for column, value in expected_values.items():
             sizes[units[column]] = max(sizes[units[column]], abs(value))
-        nominal = NominalFlight(case_campaign, case_campaign.scene.run.end_time)
+        nominal = NominalRun(case_campaign, case_campaign.scene.run.end_time)
         differences = {
             c: abs(_difference(units[c], nominal.outcomes[c], value)) / sizes[units[c]]
             for c, value in expected_values.items()

@@ -1,7 +1,7 @@
 """Accurate and flagged lines of every stress, as measured.
 
-A line passes if it is flagged, whatever its error, so these counts show when a line that was accurate
-becomes flagged. After an intended change: ``python tests/measure/stress_counts.py``.
+A line passes if it is flagged, whatever its error; these counts show when an accurate line becomes
+flagged. After an intended change: ``python tests/measure/stress_counts.py``.
 """
 
 EXPECTED: dict[str, tuple[int, int]] = {

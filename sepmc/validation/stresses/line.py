@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sepmc.schema import AUDIT_BOUNDS, Status
-from sepmc.validation.flights import NominalFlight
+from sepmc.validation.flights import NominalRun
 from sepmc.validation.line import CLOSE
 
 EPS = float(np.finfo(float).eps)
@@ -91,7 +91,7 @@ def judge(
     quantity: str,
     error: float,
     bound: Bound,
-    flown: NominalFlight,
+    flown: NominalRun,
     resolved: bool = False,
 ) -> Stress:
     """The line of a flight."""
