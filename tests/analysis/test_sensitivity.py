@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy import stats
 
 import sepmc
@@ -349,7 +349,7 @@ def test_through_a_run_folder(tmp_path):
     partly violate a requirement."""
     slow = {"name": "slow", "metric": "separation_speed_m_s", "at_least": 0.55}
     campaign = sepmc.load("table2", {"run.end_time_s": 0.26, "requirement": [slow]})
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=150, seed=7, out=tmp_path / "run")
     told = call("sensitivity", tmp_path / "run", "separation_speed_m_s", "--no-plots")
     assert told.exit_code == 0, told.output
@@ -395,7 +395,7 @@ def test_a_saltelli_campaign(tmp_path):
     campaign = sepmc.load("table2", settings)
     with pytest.raises(InputError, match="groups of 4 cases: give a multiple, best 8 or 16"):
         campaign.run(cases=15)
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=256, out=tmp_path / "run")
     assert any("repeat each other" in note for note in result.notes)
     table = result.sensitivity("upper_pitch_deg")
