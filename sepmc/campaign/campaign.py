@@ -16,7 +16,7 @@ from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.execution import previous_run
 from sepmc.campaign.execution.chunk import SampleSpec
-from sepmc.campaign.execution.diagnostics import together
+from sepmc.campaign.execution.diagnostics import reversed_joints
 from sepmc.campaign.execution.forecast import forecast
 from sepmc.campaign.execution.limit_state import limit_state
 from sepmc.campaign.execution.rare_event import (
@@ -166,7 +166,7 @@ class Campaign(Definition):
         events = schema.event_columns(found.plan.contents)
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
         errors = () if found.error is None else zip(self.outcome_columns, found.error, strict=True)
-        notes = unfit + found.notes + together(scene, outcomes, which)
+        notes = unfit + found.notes + reversed_joints(scene, outcomes, which)
         _warn(notes, announce)
         frame.attrs = {
             "units": _Told({"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}}),

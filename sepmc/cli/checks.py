@@ -106,7 +106,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             )
             return
         from sepmc.analysis.requirements import sentence
-        from sepmc.campaign.execution.diagnostics import file_notes, sampled
+        from sepmc.campaign.execution.diagnostics import file_notes, sampling_notes
         from sepmc.campaign.execution.runner import implausible_note
         from sepmc.kernel.spec.describe import lines
         from sepmc.scene.units import unit_text
@@ -158,7 +158,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             broken += loaded.implausible_inertias(loaded.sample(first, end - first, None, total))
             drawn += end - first
         note = implausible_note(broken, drawn)
-        warned = [*sampled(loaded, numbers), *file_notes(loaded)]
+        warned = [*sampling_notes(loaded, numbers), *file_notes(loaded)]
         warned += undispersed(loaded)
         warned += ([note] if note else []) + redundant(loaded)
         for warning in warned:
@@ -172,7 +172,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
 def _nominal_told(loaded: "Campaign", warned: list[str]) -> bool:
     """Fly the nominal case roughly, and tell of it what is not ``warned`` of yet. Returns whether
     it was flown to its end in the work that a check may take."""
-    from sepmc.campaign.execution.diagnostics import of_nominal
+    from sepmc.campaign.execution.diagnostics import nominal_notes
     from sepmc.campaign.execution.single_case import UnknownError
     from sepmc.scene.messages import SceneWarning, nobody
 
@@ -189,7 +189,7 @@ def _nominal_told(loaded: "Campaign", warned: list[str]) -> bool:
         return False
     click.echo(f"  nominal      {flown['status']}")
     springs = flown["springs"] if flown["status"] in ("ok", "never-released") else None
-    for warning in [*flown["notes"], *of_nominal(loaded, flown["outcomes"], springs)]:
+    for warning in [*flown["notes"], *nominal_notes(loaded, flown["outcomes"], springs)]:
         if warning not in warned:
             click.echo(f"warning: {warning}", err=True)
     return True

@@ -83,13 +83,13 @@ class LimitState:
         """
         values = block.outcomes[:, self.index] * self.column.scale
         if self.contact is None:
-            values = margins(values, self.requirement)
+            margin = margins(values, self.requirement)
         else:  # NaN: the clearance never counts
             contact = block.outcomes[:, self.contact]
             distance = np.where(np.isnan(values), np.inf, np.maximum(values, 0.0))
-            values = np.where(contact > 0.5, np.fmin(values, _CONTACT_MARGIN), distance)
-            values = np.where(np.isnan(contact), np.nan, values)
-        return np.where(block.status == Status.OK, values, np.nan)
+            margin = np.where(contact > 0.5, np.fmin(values, _CONTACT_MARGIN), distance)
+            margin = np.where(np.isnan(contact), np.nan, margin)
+        return np.where(block.status == Status.OK, margin, np.nan)
 
 
 def limit_state(campaign: Definition, name: str) -> LimitState:
@@ -196,8 +196,8 @@ class MarginEvaluator:
             self.summary = self.log.summary
         elif self.log:
             self.log.add(margin, rows, self.summary)
-        inputs = inputs.shape[1]
-        status, results = rows[:, inputs], rows[:, inputs + 1 :]
+        n_inputs = inputs.shape[1]
+        status, results = rows[:, n_inputs], rows[:, n_inputs + 1 :]
         numbers, ok = self.count + np.arange(len(inputs)), status == Status.OK
         for index, worst in self.audited.items():  # audit columns have SI units
             worst.add(results[ok, index], numbers[ok])
