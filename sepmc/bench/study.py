@@ -190,7 +190,7 @@ class Way:
             limits=None,
             angles={},
             estimate=None,
-            most=np.inf,
+            error_limit=np.inf,
         )
         return Way(flight, campaign, study.part(other), self.asked)
 

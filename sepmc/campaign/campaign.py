@@ -25,7 +25,7 @@ from sepmc.campaign.execution.rare_event import (
     estimate_rare_event,
 )
 from sepmc.campaign.execution.runner import ExecutionOptions, PreviousRun, Runner
-from sepmc.campaign.execution.single_case import invalid, simulate_case
+from sepmc.campaign.execution.single_case import invalid_case, simulate_case
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.execution.work_ranges import Executor
 from sepmc.campaign.label import as_text
@@ -148,7 +148,7 @@ class Campaign(Definition):
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         if unfit:
             scene = self.nominal().scene
-            found = invalid(scene, len(self.result_columns))
+            found = invalid_case(scene, len(self.result_columns))
         else:
             found = simulate_case(scene, self.outcome_columns, step_s, announce, plain_work)
         columns = schema.history_columns(found.plan.contents)

@@ -18,7 +18,7 @@ from sepmc.campaign import cases
 from sepmc.campaign.execution import chunk, step_search, step_selection
 from sepmc.campaign.execution.accuracy import SAFETY, achieved, decisive, errors, scene_scales
 from sepmc.campaign.execution.diagnostics import accuracy_notes
-from sepmc.campaign.execution.integration import Integration, _is_like_trials
+from sepmc.campaign.execution.integration import Integration, _is_calibrated
 from sepmc.cli import app
 from sepmc.engine.dispatch import Block
 from sepmc.schema import Status
@@ -599,7 +599,9 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
         step_selection.integrate(campaign, flight, places),
         [column.name for column in campaign.outcome_columns],
     )
-    once = step_selection.integrate(campaign, replace(flight, limits=None, most=np.inf), places)
+    once = step_selection.integrate(
+        campaign, replace(flight, limits=None, error_limit=np.inf), places
+    )
     expected = [
         fly_independently(
             pair(REEL | {"spring.reel.point_m": [3.0, float(y), 0.0]}).nominal().to_dict()
@@ -742,7 +744,7 @@ def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
     usual = Integration(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
     found = np.array([[0.4], [0.6], [NAN]])
     block = Block(found, *np.zeros((5, 3)), guards=np.zeros((3, 1)))
-    assert_array_equal(_is_like_trials(usual, block), [True, False, True])
+    assert_array_equal(_is_calibrated(usual, block), [True, False, True])
 
 
 def test_histories_have_an_error_of_their_own(pair):
