@@ -3,7 +3,7 @@ tests/measure_clearance.py [CASES [CAMPAIGN ...]]``.
 
 Every row is held against a fine flight of the same case, whose outlines are compared by
 `sepmc.validation.geometry`. The fine flights are compiled,
-which a single run does by itself only beyond `sepmc.campaign.execution.single_case._MAX_PLAIN_STEPS` steps.
+which a single run only does beyond `single_case._MAX_PLAIN_STEPS` steps.
 """
 
 import sys

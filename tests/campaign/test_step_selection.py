@@ -260,10 +260,10 @@ def test_errors_are_shares_of_what_statistics_are_of():
         flown=np.array([True, True, True, False, True]),
         guarded=np.array([True, True, True, True, False]),
     )
-    assert_array_equal(step_selection._ended(block, None), [[1.0], [1.2]])
-    assert_array_equal(step_selection._ended(block, 0.1), [[1.0], [1.2], [1.4]])
+    assert_array_equal(step_selection._completed(block, None), [[1.0], [1.2]])
+    assert_array_equal(step_selection._completed(block, 0.1), [[1.0], [1.2], [1.4]])
     block.status[:] = [never, never, other, other, never]
-    assert_array_equal(step_selection._ended(block, None), [[1.0], [50.0]])
+    assert_array_equal(step_selection._completed(block, None), [[1.0], [50.0]])
 
 
 # -- what a run tells
@@ -489,7 +489,7 @@ def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
     told."""
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": 1e-7} | settings)
     expected = campaign.run(cases=60)
-    monkeypatch.setattr(step_selection, "_choose_steps", lambda *given: None)
+    monkeypatch.setattr(step_selection, "_common_steps", lambda *given: None)
     result = campaign.run(cases=60)
     assert result.notes == []
     assert result.accuracy.met
@@ -506,7 +506,7 @@ def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
 def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch, tmp_path):
     """No number of steps below the most allowed meets the goal: as many as bring the cases to what
     the reference settles to, and said, on the command line by its exit code too."""
-    monkeypatch.setattr(step_search, "_MOST_STEPS", 16)
+    monkeypatch.setattr(step_search, "_MAX_STEPS", 16)
     settings = {"run.history_step_s": 0.0, "solver.accuracy": 1e-12, "solver.method": "dopri5"}
     result = table2.with_settings(settings).run(cases=20)
     coarse = table2.with_settings(settings | {"solver.accuracy": 1e-3}).run(cases=20)

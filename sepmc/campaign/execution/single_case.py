@@ -300,7 +300,7 @@ class _SingleRun:
     def _with_rows(
         self, steps: np.ndarray, notes: list[str], forced_status: Status | None = None
     ) -> SingleCase:
-        """Result with history at some steps (segments,); ``forced_status``: the case is rejected."""
+        """Result with history at some steps (segments,); ``forced_status``: of a rejected case."""
         scene = self.plan.scene
         ends, changes = self._event_times(steps)
         instants, phases = _instants(
