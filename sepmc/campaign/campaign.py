@@ -12,7 +12,7 @@ import pandas as pd
 from sepmc import schema
 from sepmc.analysis.stopping import Until, read_until
 from sepmc.campaign.case_selection import CaseSelection
-from sepmc.campaign.cases import OF_ITS_SIZE
+from sepmc.campaign.cases import SIZE_DEPENDENT
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.execution import previous_run
 from sepmc.campaign.execution.chunk import SampleSpec
@@ -364,9 +364,9 @@ class Campaign(Definition):
                     runner.run_on(crew, wanted, tell)
                 parts = [numbers]
                 if stop:
-                    parts = list(numbers.growing(stop.first(self.rare_values)))
+                    parts = list(numbers.doubling(stop.first(self.rare_values)))
                 for part in [] if crew else parts:
-                    for first, end in wanted.within(part).pieces(runner.size):
+                    for first, end in wanted.within(part).split(runner.size):
                         if not runner.too_many_failed:
                             runner.run(first, end, tell)
                     if stop and runner.statistic_is_known(stop, part.end, len(parts)):
@@ -451,7 +451,7 @@ class Campaign(Definition):
         """When to stop. Raises InputError if that cannot be told of these cases."""
         text("until", asked, "separation_speed_m_s:0.01")
         found = read_until(asked, [column.name for column in self.outcome_columns])
-        if not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:
+        if not numbers.are_first or self.scene.run.sampler in SIZE_DEPENDENT:
             what = "a sampler whose cases depend on how many there are"
             what = what if numbers.are_first else "cases that are named"
             raise InputError(f"until = {asked}: excludes {what}")

@@ -154,7 +154,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         for item in required:
             click.echo("    " + sentence(item, units.get(item.metric, "")))
         broken = drawn = 0
-        for first, end in islice(numbers.pieces(_DRAWN), _TIMES):
+        for first, end in islice(numbers.split(_DRAWN), _TIMES):
             broken += loaded.implausible_inertias(loaded.sample(first, end - first, None, total))
             drawn += end - first
         note = implausible_note(broken, drawn)

@@ -31,7 +31,7 @@ from sepmc.analysis.statistics import (
 )
 from sepmc.analysis.streaming import Stream
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.cases import OF_ITS_SIZE
+from sepmc.campaign.cases import SIZE_DEPENDENT
 from sepmc.campaign.label import of_run, of_settings
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.cli.figures import clearance_bounds, draw_figures, marks_of, telling_outcomes
@@ -331,7 +331,7 @@ def _drawn(manifest: dict[str, Any], run: Campaign) -> tuple[Any, ...]:
     """What the draws of a case follow from, but for the laws."""
     sampler, drawn = run.scene.run.sampler, [d for d in run.file.dispersions if not d.column]
     together = tuple(d.parameter.path for d in drawn) if sampler in ("sobol", SALTELLI) else ()
-    size = run.scene.run.cases if sampler in OF_ITS_SIZE else 0
+    size = run.scene.run.cases if sampler in SIZE_DEPENDENT else 0
     return manifest.get("seed"), sampler, together, size
 
 

@@ -188,7 +188,7 @@ def chosen(
 
 def check_held(file: Path, number: int | None, seed: int | None, has_plan: bool = False) -> None:
     """A case replayed from a run folder must be one that the run holds."""
-    from sepmc.campaign.case_selection import named
+    from sepmc.campaign.case_selection import parse
     from sepmc.campaign.store import folders, manifests
 
     if number is None or seed is not None or not (file / folders.MANIFEST).is_file():
@@ -202,7 +202,7 @@ def check_held(file: Path, number: int | None, seed: int | None, has_plan: bool 
             "--set run.samples=rare.parquet"
         )
     held, which = manifest.get("cases"), manifest.get("numbers")
-    if which and number not in named(which):
+    if which and number not in parse(which):
         raise folders.StoreError(f"{file}: holds cases {which}; --case {number} is none of them")
     if not which and isinstance(held, int) and number >= held:
         raise folders.StoreError(

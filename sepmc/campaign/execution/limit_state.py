@@ -189,7 +189,7 @@ class MarginEvaluator:
 
     def _margins_of_batch(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         file = self.campaign.file
-        inputs = cases.at_scores(file.dispersions, scores, file.copulas)
+        inputs = cases.inputs_at_scores(file.dispersions, scores, file.copulas)
         logged = self.log.answer(inputs) if self.log else None
         margin, rows = logged or self._fly(inputs)
         if self.log and logged:
@@ -268,7 +268,7 @@ def rare_discrete_values(flights: MarginEvaluator, random: np.random.Generator) 
             if not 0.0 < weight < _RARE_PROBABILITY or index in correlated:
                 continue
             scores = random.standard_normal((_CASES_PER_VALUE, len(laws)))
-            scores[:, index] = cases.score(sum(weights[:number]) + 0.5 * weight)
+            scores[:, index] = cases.normal_score(sum(weights[:number]) + 0.5 * weight)
             margin, _ = flights.margins(scores)
             fraction = float(np.mean(~(margin >= 0.0)))
             values.append(RareValue(index, law.numbers[number], float(weight), fraction))

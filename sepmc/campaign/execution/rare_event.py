@@ -341,7 +341,7 @@ def _violating_inputs(campaign: Definition, found: Estimate) -> dict[str, tuple[
     weight = np.where(found.last.margin < 0.0, found.weight, 0.0)
     if not weight.sum():
         return {}
-    scores = cases.mixed(found.last.scores, campaign.file.copulas)
+    scores = cases.correlated_scores(found.last.scores, campaign.file.copulas)
     mean = np.average(scores, axis=0, weights=weight)
     sigma = np.sqrt(np.average((scores - mean) ** 2, axis=0, weights=weight))
     floor = np.maximum(sigma, 1e-9)

@@ -17,7 +17,7 @@ from sepmc.kernel.tracer.tracer import where
 from sepmc.routines import layout as at
 from sepmc.scene.contents import contents
 from sepmc.scene.model import GROUND
-from sepmc.schema import Status, across
+from sepmc.schema import Status, transverse_components
 
 # drift of a quaternion in a step, or share of energy lost, beyond which a case is not vouched for
 _UNRESOLVED = 1e-6
@@ -169,7 +169,7 @@ def emit_results(text: Text, c: Context) -> None:
     for slab, count in [("OUT", own), *_other_outcomes(c)]:
         text(f"put_columns(outcomes, {o}, w, {slab}, {count}, first)")
         o += count
-    for y, z in across(contents(shape.scene)):
+    for y, z in transverse_components(contents(shape.scene)):
         text.block("for i in range(first, min(first + LANES, draws.shape[1])):")(
             f"outcomes[{o}, i] = math.hypot(outcomes[{y}, i], outcomes[{z}, i])"
         )
