@@ -56,7 +56,7 @@ class Case:
     def __repr__(self) -> str:
         title = "nominal" if self.number < 0 else f"{self.number}"
         inputs = [f"{name}={value:.6g}" for name, value in list(self.inputs.items())[:3]]
-        rest = [f"{len(self.inputs) - 3} rest inputs"] if len(self.inputs) > 3 else []
+        rest = [f"{len(self.inputs) - 3} more inputs"] if len(self.inputs) > 3 else []
         return f"<Case {title}{': ' if inputs else ''}{', '.join(inputs + rest)}>"
 
     def _repr_html_(self) -> str:
