@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution import step_selection
-from sepmc.campaign.result import Result
+from sepmc.campaign.execution.integration import integrate
+from sepmc.campaign.execution.step_selection import CalibrationSize, select_steps
 from sepmc.engine.dispatch import interpreted
 from sepmc.scene.messages import no_log
 from sepmc.scene.model import GROUND
@@ -19,7 +19,7 @@ Array = np.ndarray
 SCENES = Path(__file__).parent / "scenes"
 # Scale by unit of scenes with lengths of about 1 m and rates of about 1 rad/s.
 SIZES = {"m": 1.0, "mm": 1e3, "m/s": 1.0, "m/s2": 1.0, "deg": 57.3, "deg/s": 57.3, "s": 1.0}
-_CORNERS, _SAMPLE = 3, 24  # calibration cases of interpreted runs
+_CALIBRATION = CalibrationSize(corners=3, sample=24)  # of interpreted runs
 
 
 class Track(NamedTuple):
@@ -89,16 +89,24 @@ class NominalRun:
         return np.einsum("nij,nj->ni", r, force), np.einsum("nij,nj->ni", r, moment)
 
 
-def run_interpreted(source: Campaign, cases: int) -> Result:
-    """Run a campaign interpreted, with few calibration cases, each of which takes as long as a
-    case."""
-    original = step_selection.CORNERS, step_selection.SAMPLE
-    step_selection.CORNERS, step_selection.SAMPLE = _CORNERS, _SAMPLE
-    try:
-        with interpreted():
-            return source.run(cases=cases, announce=no_log)
-    finally:
-        step_selection.CORNERS, step_selection.SAMPLE = original
+def run_interpreted(source: Campaign, cases: int) -> dict[str, Array]:
+    """Run a campaign interpreted, with few calibration cases, which take as long as others.
+
+    Parameters
+    ----------
+    source : Campaign
+    cases : int
+
+    Returns
+    -------
+    dict
+        Outcomes and audit (cases,) by column.
+    """
+    inputs = source.in_si(source.sample(0, cases))
+    with interpreted():
+        integration = select_steps(source, size=_CALIBRATION)
+        outcomes = integrate(source, integration, inputs).outcomes
+    return {c.name: c.scale * x for c, x in zip(source.result_columns, outcomes.T, strict=True)}
 
 
 def to_ground(r: Array, vectors: Array) -> Array:

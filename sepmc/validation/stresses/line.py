@@ -179,11 +179,8 @@ def brief(groups: Mapping[str, Sequence[Stress]]) -> str:
             if x.verdict == FLAGGED
             for word in ([x.status] if x.status != "ok" else x.beyond)
         )
-        text.append(
-            f"{name:22s}{len(lines):6d}{accurate:10d}{flagged:9d}"
-            f"{len(lines) - accurate - flagged:8d}{numbers}   {', '.join(flags) or '-'}"[
-                :140
-            ].rstrip()
-        )
+        silent = len(lines) - accurate - flagged
+        row = f"{name:22s}{len(lines):6d}{accurate:10d}{flagged:9d}{silent:8d}{numbers}   "
+        text.append(f"{row}{', '.join(flags) or '-'}"[:140].rstrip())
     text.append("\n" + _summary([line for lines in groups.values() for line in lines]))
     return "\n".join(text)
