@@ -18,7 +18,16 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
-from support.damaged_runs import RUNS, contents, damage, files, fly, is_repaired, is_reported, rows
+from support.damaged_runs import (
+    RUNS,
+    contents,
+    damage,
+    files,
+    is_repaired,
+    is_reported,
+    make_run,
+    rows,
+)
 
 
 def main():
@@ -32,7 +41,7 @@ def main():
     with tempfile.TemporaryDirectory() as temporary:
         folder, wholes = Path(temporary) / "damaged", []
         for name, words in RUNS.items():
-            whole = fly(Path(temporary) / name, *words)
+            whole = make_run(Path(temporary) / name, *words)
             before = {name: (whole / name).read_bytes() for name in files(whole)}
             wholes.append((whole, before, rows(whole), contents(whole)))
         for number in range(asked.count):
