@@ -1,5 +1,5 @@
-"""No line of `sepmc stress` is silent about an error; fair inputs come out accurate; a wrong line
-is told; the table keeps its width."""
+"""No line of `sepmc stress` is silent about an error; reasonable inputs are accurate, as many as
+before; wrong lines are detected; the table keeps its width."""
 
 import dataclasses
 import math
@@ -44,8 +44,8 @@ def test_every_stress_has_expected_counts():
 
 
 def test_verdict():
-    """Within the bound accurate, beyond it or NaN silent, with a status or an audit column flagged,
-    whatever the error."""
+    """Within the bound accurate, beyond it or NaN silent; with a flag flagged, whatever the
+    error."""
     assert LINE.verdict == ACCURATE
     for error in (2e-10, math.inf, math.nan):
         wrong = dataclasses.replace(LINE, error=error)
@@ -59,7 +59,7 @@ def test_verdict():
     assert dataclasses.replace(LINE, resolved=True).passes
 
 
-def test_an_error_nobody_is_told_of_is_silent(monkeypatch):
+def test_an_unreported_error_is_silent(monkeypatch):
     """A spring 1e-6 too stiff in the reference: the lines of stiff springs are SILENT, for status
     and audit cannot know."""
     spring_extension = references.spring_extension
