@@ -173,7 +173,7 @@ def test_a_forked_child_leaves_the_compilers_of_its_parent(tmp_path):
         """
 SHORT = '''from sepmc.engine.compile_units import compile_unit, workspace
 @compile_unit("")
-def flown(address):
+def entry(address):
     w = workspace(address)
     w[0] = {}.0
 '''
