@@ -130,14 +130,14 @@ def _check_nominal(campaign: "Campaign", known: list[str]) -> bool:
     """
     from sepmc.campaign.execution.diagnostics import of_nominal
     from sepmc.campaign.execution.single_case import UnknownError
-    from sepmc.scene.messages import SceneWarning, nobody
+    from sepmc.scene.messages import SceneWarning, no_log
 
     with warnings.catch_warnings():  # those of the file are shown already
         warnings.simplefilter("ignore", SceneWarning)
         rough = campaign.with_settings({"solver.accuracy": _ROUGH})
     try:
         found = rough.simulate(
-            step_s=rough.scene.run.end_time, announce=nobody, plain_work=_WORK
+            step_s=rough.scene.run.end_time, announce=no_log, plain_work=_WORK
         ).attrs
     except UnknownError as unknown:
         click.echo("  nominal      not flown to its end")

@@ -137,7 +137,7 @@ def _distributions(campaign: "Campaign") -> dict[str, tuple[Any, ...]]:
     """Return the distribution of each input, by column, with its correlations."""
     dispersions = campaign.file.dispersions
     found: dict[str, tuple[Any, ...]] = {
-        d.parameter.column: (d.law, d.numbers, d.weights) for d in dispersions
+        d.parameter.column: (d.distribution, d.numbers, d.weights) for d in dispersions
     }
     for copula in campaign.file.copulas:
         names = tuple(dispersions[index].parameter.column for index in copula.places)

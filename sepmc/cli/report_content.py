@@ -20,7 +20,7 @@ from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.drawing import draw_vehicle
 from sepmc.report.history_figures import run_figures
-from sepmc.scene.messages import Log, nobody
+from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
 from sepmc.schema import Status
 
@@ -72,7 +72,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
         run.summary,
         run.table,
         run.verdicts,
-        log=nobody,
+        log=no_log,
         page=into,
         converging=True,
     )

@@ -11,7 +11,7 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.result import Result
 from sepmc.engine.dispatch import interpreted
-from sepmc.scene.messages import nobody
+from sepmc.scene.messages import no_log
 from sepmc.scene.model import GROUND
 from sepmc.scene.read import parse_campaign
 
@@ -47,7 +47,7 @@ class NominalFlight:
 
     def __init__(self, flown: Campaign, every: float = 0.01):
         self.scene = flown.scene
-        self.history = flown.simulate(step_s=every, announce=nobody)
+        self.history = flown.simulate(step_s=every, announce=no_log)
         self.outcomes, self.status = self.history.attrs["outcomes"], self.history.attrs["status"]
         self.t, self.phase = (
             self.history["time_s"].to_numpy(),
@@ -96,7 +96,7 @@ def run_plainly(flown: Campaign, cases: int) -> Result:
     step_selection.CORNERS, step_selection.SAMPLE = _CORNERS, _SAMPLE
     try:
         with interpreted():
-            return flown.run(cases=cases, announce=nobody)
+            return flown.run(cases=cases, announce=no_log)
     finally:
         step_selection.CORNERS, step_selection.SAMPLE = usual
 

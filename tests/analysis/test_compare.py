@@ -199,6 +199,30 @@ def test_what_files_do_not_share():
     assert tree_differences(one, one) == []
 
 
+def test_a_number_in_another_unit_is_one_difference_or_none():
+    """Files are compared by the paths of their parameters, in SI."""
+    cg = "body.upper.cg_m.x"
+    one = {
+        "body": {"upper": {"cg_m": [0.1, 0.2, 0.3], "mass_kg": 1.0}, "x_mm": {"mass_kg": 1.0}},
+        "spring": [{"name": "a", "stroke_mm": 20.0}],
+        "dispersion": {cg: {"normal": [0.1, 0.01], "truncate_sigma": 3.0}},
+    }
+    two = {
+        "body": {"upper": {"cg_mm": [100.0, 200.0, 300.0], "mass_g": 1.5e3}, "x_m": {}},
+        "spring": [{"name": "a", "stroke_m": 0.02}],
+        "dispersion": {"body.upper.cg_mm.x": {"normal": [100.0, 10.0], "truncate_sigma": 3.0}},
+    }
+    found = tree_differences(one, two)
+    assert found == [
+        "body.upper.mass_kg: 1.0 -> mass_g = 1500.0",
+        "body.x_mm: {'mass_kg': 1.0} -> -",
+        "body.x_m: - -> {}",
+    ]
+    assert len(tree_differences(one, two, units=True)) == len(found) + 3
+    two["dispersion"]["body.upper.cg_mm.x"]["truncate_sigma"] = 2.0
+    assert len(tree_differences(one, two)) == len(found) + 1
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     """Two runs of one seed, of which the second has a heavier lower stage."""

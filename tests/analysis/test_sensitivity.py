@@ -320,8 +320,8 @@ def test_what_inputs_do_together_is_said():
     a, b = np.random.default_rng(7).normal(size=(2, 2000))
     cases = {"a": a, "b": b, "y": a * b, "status": np.array(["ok"] * 2000)}
     told = render_sensitivities(input_sensitivities(cases, ["a", "b"], "y"), "y", {})
-    assert "what is left is due to inputs together" in told
-    assert "inputs together" not in render_sensitivities(
+    assert "the rest is due to interactions" in told
+    assert "interactions" not in render_sensitivities(
         input_sensitivities(cases | {"y": a}, ["a", "b"], "y"), "y", {}
     )
 
@@ -357,8 +357,8 @@ def test_through_a_run_folder(tmp_path):
     kept = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     assert kept["input"].tolist() == table.index.tolist()
     assert_allclose(kept["rank"], table["rank"], rtol=1e-14)
-    order = "the surest first-order index first, then what else shifts its mean most"
-    assert f"what drives separation_speed_m_s: {order}\n" in told.stdout
+    order = "by first-order index (lower bound), then by shift of the mean"
+    assert f"sensitivity of separation_speed_m_s: {order}\n" in told.stdout
     rows = result.to_pandas()
     ok = rows[rows["status"] == "ok"]
     late = f"({len(rows) - len(ok)} others have no such outcome)"
@@ -472,7 +472,7 @@ def test_outcomes_over_inputs_say_of_which_run(tmp_path, drawn):
     units = {name: "deg/s"}
     scatter_figure({name: table}, cases, crossed, tmp_path, units, {}, "title\nset: k = 1")
     (figure,) = drawn
-    assert figure.get_suptitle() == "Outcomes over what drives them most\ntitle\nset: k = 1"
+    assert figure.get_suptitle() == "Outcomes over their leading inputs\ntitle\nset: k = 1"
     figure.draw_without_rendering()
     ax = figure.axes[0]
     assert ax.yaxis.label.get_window_extent().height <= 1.05 * ax.get_window_extent().height

@@ -196,7 +196,7 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
     )
     assert flown(drawn, 5)[INPUTS[0]].equals(rows[INPUTS[0]][:5])
     assert "column V_sep of run.samples (10, 20)" in campaign.input_columns[0].meaning
-    assert campaign.file.dispersions[0].law == "given"  # trial cases: over all its range
+    assert campaign.file.dispersions[0].distribution == "given"  # trial cases: over all its range
     assert campaign.file.dispersions[0].support == (10.0, 20.0)
 
 

@@ -138,7 +138,7 @@ def test_a_pair_that_correlates_must_have_occurred(written, tmp_path):
     table = rows.to_pandas()
     both = (table["in_spring_push_factor"] == 0.5) & (table["in_initial_pitch_deg"] == 1.0)
     assert both.sum() >= 10
-    with pytest.raises(InputError, match=r"with initial\.pitch_deg = 1 .* occurred 10 times"):
+    with pytest.raises(InputError, match=r"with initial\.pitch_deg = 1 .* occurs 10 times"):
         campaign.run(28, until=asked)
 
 

@@ -11,7 +11,7 @@ from oracles import independent
 from sepmc.campaign.campaign import Campaign, load
 from sepmc.campaign.execution.accuracy import errors
 from sepmc.engine.dispatch import interpreted
-from sepmc.scene.messages import nobody
+from sepmc.scene.messages import no_log
 from sepmc.validation.flights import SCENES, SIZES, NominalFlight, campaign
 from sepmc.validation.line import CLOSE, Line
 
@@ -82,7 +82,7 @@ def campaigns() -> list[Line]:
 def _campaign(name: str, cases: int) -> list[Line]:
     flown = load(f"{name}.toml")
     with interpreted(False):
-        result = flown.run(cases=cases, announce=nobody)
+        result = flown.run(cases=cases, announce=no_log)
     assert result.flight is not None
     assert result.accuracy is not None
     scale = result.flight.scale  # what the error that is told is a share of

@@ -121,7 +121,7 @@ def test_what_it_says(page):
     assert "PASS slow: separation_speed_m_s &lt;= 10 m/s" in text
     assert "NOT SHOWN parts: never-released does not occur in 99.73 %" in text
     assert "60 cases, 60 ok" in text
-    assert "what drives separation_speed_m_s" in text
+    assert "sensitivity of separation_speed_m_s" in text
     assert "fast, " in text
     assert "of 60 cases: " in text
     assert "the worst of fast: separation_speed_m_s 0.4" in text

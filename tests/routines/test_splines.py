@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 from spline_values import curve, grid6
 
-from sepmc.kernel.emit.tables import sum_of_cell
+from sepmc.kernel.emit.tables import cell_sum_lines
 from sepmc.kernel.spec.splines import pack
 from sepmc.routines import layout
 from sepmc.routines.lanes import LANES
@@ -94,7 +94,7 @@ def test_loaded_cells_agree_with_lookups(counts):
     w = np.concatenate([pack_of, np.zeros(out + 6 * LANES - at - len(pack_of))])
     for n in range(3):
         w[cell + 3 * n * LANES : cell + (3 * n + 1) * LANES] = math.inf
-    lines = "\n".join(sum_of_cell(str(cell), str(point), str(out), 6, seen))
+    lines = "\n".join(cell_sum_lines(str(cell), str(point), str(out), 6, seen))
     random, held = np.random.default_rng(4), 0
     lanes = inside(axes, LANES)
     for turn in range(60):

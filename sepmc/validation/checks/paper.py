@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sepmc.campaign.campaign import load
-from sepmc.scene.messages import nobody
+from sepmc.scene.messages import no_log
 from sepmc.validation import lagrange
 from sepmc.validation.checks.kinds import furthest
 from sepmc.validation.flights import NominalFlight, run_plainly
@@ -28,7 +28,7 @@ CASES = range(4)
 
 @cache
 def _drawn() -> dict[str, np.ndarray]:
-    return load("table2.toml", FINE).run(cases=200, announce=nobody).table
+    return load("table2.toml", FINE).run(cases=200, announce=no_log).table
 
 
 def _scatter() -> dict[str, float]:
