@@ -95,7 +95,7 @@ def test_rows_dependent_to_round_off_share_by_least_squares(plain, round_off):
     matrix[2, 2] *= 1.0 + round_off
     w = [0.0] * (54 * lanes)  # the system, its solution, and scratch
     w[: 9 * lanes : lanes] = [*matrix[np.tril_indices(3)].tolist(), *right.tolist()]
-    rank, _ = plain.linear.share(w, 0, 3, 12 * lanes, 9 * lanes)
+    rank, _ = plain.linear.solve_min_norm(w, 0, 3, 12 * lanes, 9 * lanes)
     assert rank == 2
     assert_allclose(w[9 * lanes : 12 * lanes : lanes], wanted, atol=20.0 * round_off + 1e-14)
 
