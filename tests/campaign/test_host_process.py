@@ -150,7 +150,7 @@ print(campaign.run(cases=40, seed=7).notes)
     )
     assert out.splitlines()[0] == "True 1 0 1"
     assert "this process was made by fork" in out.splitlines()[1]
-    assert "flies on one thread" in out.splitlines()[1]
+    assert "one thread" in out.splitlines()[1]
     assert out.splitlines()[2] == "[]"
 
 
