@@ -747,7 +747,7 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
     campaign = shipped(name) if name in SHIPPED else scene(name)
     text = step_selection.kernel_text(campaign, history=True)
     compile(text, name, "exec")
-    assert text.startswith('"""Flight of ')
+    assert text.startswith('"""Kernel of ')
     assert text == step_selection.kernel_text(campaign, history=True)
     for number in range(1, len(campaign.scene.phase) + 1):
         assert f"def rates_phase{number}(w):" in text
