@@ -1,4 +1,4 @@
-"""Where compiled code is kept: a folder that nobody else can write, since what it holds is run."""
+"""Folder of compiled code, writable by its user only, since its files are executed."""
 
 import atexit
 import os
@@ -9,79 +9,89 @@ from pathlib import Path
 
 from platformdirs import user_cache_dir
 
-SETTING = "SEPMC_CACHE_DIR"  # the environment variable that moves it
-_NOT_OURS = stat.S_IWGRP | stat.S_IWOTH
+SETTING = "SEPMC_CACHE_DIR"  # environment variable with the cache folder
+_WRITABLE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def cache_folder(name: str) -> Path:
-    """The folder of that name in the user's cache, ready to be written.
+    """Folder of a name in the user's cache, created if missing.
 
-    What may be read there but not written is linked from a folder of the same name in the temporary
-    folder. A cache that others can write is neither read nor written.
+    If it can be read but not written, a folder of this name in the temporary folder gets links to
+    its files. A cache that other users can write is neither read nor written.
+
+    Parameters
+    ----------
+    name : str
+        Name of the folder.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
     OSError
-        If neither can be written, with a sentence.
+        If neither folder can be written.
     """
     base = Path(os.environ.get(SETTING) or user_cache_dir("sepmc"))
     folder = base / "kernels" / name
-    if _made(folder):
+    if _create(folder):
         return folder
     try:
-        own = _temporary() / "kernels" / name
-        own.mkdir(mode=0o700, parents=True, exist_ok=True)
+        fallback = _temporary() / "kernels" / name
+        fallback.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
-        said = (
+        reason = (
             f"cannot be written, nor can a temporary folder ({error.strerror}); compiled kernels "
             f"need one of them, and {SETTING} moves the first"
         )
-        raise OSError(error.errno, said, str(base)) from None
+        raise OSError(error.errno, reason, str(base)) from None
     if _is_safe(folder):
         for path in folder.iterdir():
-            link = own / path.name
+            link = fallback / path.name
             if path.is_file() and not os.path.lexists(link):
                 link.symlink_to(path.resolve())
-    return own
+    return fallback
 
 
-def _made(folder: Path) -> bool:
-    """Make a folder, unless it is there; whether it can be written, by its user only."""
+def _create(folder: Path) -> bool:
+    """Create a folder if it is missing. Returns True if it is writable, by its user only."""
     try:
         folder.parent.parent.mkdir(parents=True, exist_ok=True)
-        for each in (folder.parent, folder):
-            each.mkdir(mode=0o700, exist_ok=True)
-            if each.stat().st_uid == _user() and each.stat().st_mode & _NOT_OURS:
-                each.chmod(0o700)
+        for part in (folder.parent, folder):
+            part.mkdir(mode=0o700, exist_ok=True)
+            if part.stat().st_uid == _user() and part.stat().st_mode & _WRITABLE:
+                part.chmod(0o700)
     except OSError:
         return False
     return os.access(folder, os.W_OK) and _is_safe(folder)
 
 
 def _is_safe(folder: Path) -> bool:
-    """Whether a folder is there that its owner only can write, and nobody else can replace."""
+    """Return True if a folder exists that only its owner can write, and nobody else can replace."""
     try:
-        modes = [each.stat().st_mode for each in (folder, folder.parent)]
+        modes = [part.stat().st_mode for part in (folder, folder.parent)]
     except OSError:
         return False
-    return all(stat.S_ISDIR(mode) and (os.name == "nt" or not mode & _NOT_OURS) for mode in modes)
+    return all(stat.S_ISDIR(mode) and (os.name == "nt" or not mode & _WRITABLE) for mode in modes)
 
 
 def _temporary() -> Path:
-    """A folder for temporary files that is the user's own: kept for later commands if its name is
-    not taken, or else gone with this process."""
+    """Private temporary folder of the user: one of a fixed name, kept for later commands, or one
+    that is deleted at exit."""
     folder = Path(tempfile.gettempdir()) / f"sepmc-kernels-{_user()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()  # its parent is everybody's, but keeps its entries to their owners
-        if found.st_uid == _user() and stat.S_IMODE(found.st_mode) == 0o700:
+        status = folder.lstat()  # the parent is shared, but protects entries of other users
+        if status.st_uid == _user() and stat.S_IMODE(status.st_mode) == 0o700:
             return folder
     except OSError:
         pass
-    made = Path(tempfile.mkdtemp(prefix="sepmc-kernels-"))
-    atexit.register(shutil.rmtree, made, ignore_errors=True)
-    return made
+    created = Path(tempfile.mkdtemp(prefix="sepmc-kernels-"))
+    atexit.register(shutil.rmtree, created, ignore_errors=True)
+    return created
 
 
 def _user() -> int:
+    """User number; 0 on systems without."""
     return os.getuid() if hasattr(os, "getuid") else 0

@@ -1,7 +1,7 @@
-"""Every compile option, and the name of the folder of compiled code: a digest of all kernel
-sources, of the compiler and of the processor.
+"""Compile options, and the cache folder of compiled code, named by a digest of the kernel sources,
+the compiler and the processor.
 
-Nothing outside this folder is cached or touched.
+Nothing outside this folder is cached or changed.
 """
 
 import contextlib
@@ -42,9 +42,9 @@ from sepmc.locks import locked
 # Fused multiply-adds only: no flag that lets the compiler assume there is no NaN, which must
 # survive to be reported.
 _FASTMATH = {"contract"}
-config: Any = numba.core.config  # its names are made at run time
+config: Any = numba.core.config  # its attributes are set at run time
 _HERE = Path(__file__).parent
-# Folders of what is compiled, and files: where a change asks for compiling anew.
+# Compiled sources: a change asks for compiling again.
 _SOURCES = (
     "jit.py",
     "physics/*.py",
@@ -57,8 +57,8 @@ _SOURCES = (
 
 
 def _import_array_maths() -> None:
-    """Import Numba's array maths without ``scipy.linalg`` (0.24 s): it only asks whether that is
-    there, and those who use it import it again."""
+    """Import Numba's array maths without ``scipy.linalg`` (0.24 s): Numba only checks that it is
+    installed, and modules that use it import it."""
     name = "scipy.linalg.cython_blas"
     if name in sys.modules or "numba.np.arraymath" in sys.modules:
         return
@@ -75,13 +75,13 @@ _import_array_maths()
 
 
 def processor() -> str:
-    """Name of the processor that code is made for, as LLVM has it."""
+    """Name of the processor that code is compiled for, as in LLVM."""
     return str(config.CPU_NAME or binding.get_host_cpu_name())
 
 
 def sources_digest() -> str:
-    """Digest of every source that is compiled, of what compiles it and of the processor."""
-    made_by = (
+    """Digest of all compiled sources, of the compilers' versions and of the processor."""
+    versions = (
         numba.__version__,
         llvmlite.__version__,
         sys.version_info[:2],
@@ -89,11 +89,11 @@ def sources_digest() -> str:
         processor(),
         config.CPU_FEATURES or binding.get_host_cpu_features().flatten(),
     )
-    return hashlib.sha256(repr(made_by).encode() + digest_of(_SOURCES)).hexdigest()[:16]
+    return hashlib.sha256(repr(versions).encode() + digest_of(_SOURCES)).hexdigest()[:16]
 
 
 def digest_of(patterns: Sequence[str]) -> bytes:
-    """Digest of files of this package, by names with wildcards."""
+    """Digest of files of this package, given by patterns with wildcards."""
     digest = hashlib.sha256()
     for path in sorted(path for pattern in patterns for path in _HERE.glob(pattern)):
         digest.update(path.relative_to(_HERE).as_posix().encode())
@@ -105,18 +105,18 @@ CACHE_FOLDER = cache_folder(sources_digest())
 
 
 @contextlib.contextmanager
-def one_at_a_time(what):
-    """Let one process at a time fill the cache with ``what`` it says: several at once can spoil it
-    (numba #4807), and would each take as long."""
-    path = CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{what}.lock"
+def cache_lock(name):
+    """Let one process at a time fill a part of the cache: several at once can damage it (numba
+    #4807), and would each take as long."""
+    path = CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{name}.lock"
     with locked(path, os.O_WRONLY | os.O_CREAT):
         yield
 
 
-def compiling(program: str) -> dict[str, Any]:
-    """Command and environment of a process that only fills the cache, by a program text; it imports
-    nothing from the working folder."""
-    path = os.pathsep.join(each for each in sys.path if each)
+def compile_command(program: str) -> dict[str, Any]:
+    """Arguments of `subprocess.Popen` for a program that only fills the cache. It imports nothing
+    from the working folder."""
+    path = os.pathsep.join(folder for folder in sys.path if folder)
     return {
         "args": [sys.executable, "-P", "-c", program],
         "env": {
@@ -130,10 +130,11 @@ def compiling(program: str) -> dict[str, Any]:
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _Lowering(NativeLowering):
-    """Lowering without LLVM's passes over a function by itself: they took a quarter of the time to
-    compile a piece, and the passes over the module follow once its formulas are copied into it."""
+    """Lowering without LLVM's function passes: they took a quarter of the compile time of a unit,
+    and the module passes follow once its formulas are inlined."""
 
     def run_pass(self, state):
+        """Lower with optimisation off."""
         level, config.OPT = config.OPT, 0
         try:
             return super().run_pass(state)
@@ -142,17 +143,18 @@ class _Lowering(NativeLowering):
 
 
 class Lean(CompilerBase):
-    """Numba's compiler without passes that a piece has no need of: those that look for closures,
-    constant branches and overloads to copy; a name for each value of a variable, which took half
-    of the time of `fly_block` (in a function a variable has one type: `kernel.text.Text`); ends of
-    lives, since a piece owns no memory."""
+    """Numba's compiler without passes that compile units do not need: closures, constant branches,
+    overloads to inline; static single assignment, which took half of the time of `integrate_block`
+    (a variable has one type in a function: `kernel.tracer.text.Text`); lifetimes of variables,
+    since a unit owns no memory."""
 
     before_lowering: Any = ()
     lowering: type[NativeLowering] = _Lowering
 
     def define_pipelines(self):
+        """Pipeline with the passes that are needed."""
         passes = PassManager("lean")
-        for each in (
+        for numba_pass in (
             TranslateByteCode,
             FixupArgs,
             IRProcessing,
@@ -162,13 +164,14 @@ class Lean(CompilerBase):
             self.lowering,
             NoPythonBackend,
         ):
-            passes.add_pass(each, each.__name__)
+            passes.add_pass(numba_pass, numba_pass.__name__)
         passes.finalize()
         return [passes]
 
 
 class _Linked(JITCodeLibrary):
-    """Code that is linked into a piece, which optimises it: no machine code is made of it alone."""
+    """Code that is linked into a compile unit and optimised there; no machine code is made of it
+    alone."""
 
     def _finalize_final_module(self):
         self._finalize_dynamic_globals()
@@ -177,10 +180,11 @@ class _Linked(JITCodeLibrary):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _Linking(NativeLowering):
-    """Lowering of a function that pieces call, and nothing else. LLVM's passes make a formula
-    straight before it is copied: without them, loops that call some are not vectorised."""
+    """Lowering of a function that only compile units call. LLVM's passes simplify a formula before
+    it is inlined: without them, loops that call some are not vectorised."""
 
     def run_pass(self, state):
+        """Lower into a library for linking, unless the function needs a Python wrapper."""
         if not state.flags.no_cpython_wrapper:
             return super().run_pass(state)
         name = state.func_id.func_qualname
@@ -199,23 +203,24 @@ class _Linking(NativeLowering):
 
 
 class Callee(Lean):
-    """The same for what pieces call: it holds the workspace it is given until it ends."""
+    """Compiler of functions that compile units call: the workspace argument stays referenced until
+    they return."""
 
     before_lowering = (IRLegalization,)
     lowering: type[NativeLowering] = _Linking
 
 
-# Wrappers make a function callable from Python. A process that only fills the cache needs none but
-# the door's (2 s of compiling).
+# Wrappers make a function callable from Python. A process that only fills the cache needs only that
+# of the block loop (saves 2 s).
 _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-BARE = "SEPMC_BARE"  # set in the environment of such a process
+BARE = "SEPMC_BARE"  # environment variable of such a process
 _WRAPPED = _BARE if os.environ.get(BARE) else {}
 _CALLED: dict[str, Any] = {"fastmath": _FASTMATH, "error_model": "numpy", "pipeline_class": Callee}
 
 
 def for_any_numbers(function):
-    """Compile a function once, and not anew for whole numbers that stand in calls of it. (Where
-    these say how long a loop is, code made for them is faster.)"""
+    """Compile a function once, not anew for each integer literal in its calls. (Where these are
+    loop counts, specialised code is faster.)"""
     if config.DISABLE_JIT:
         return function
     template = function.get_call_template
@@ -226,54 +231,64 @@ def for_any_numbers(function):
 
 
 def formula(function) -> Any:
-    """Compile a formula on scalars and tuples: callable from Python for tests, and always copied
-    into its caller, since a loop over cases with a call in it is not vectorised."""
+    """Compile a formula on scalars and tuples.
+
+    It can be called from Python, in tests, and is always inlined: a loop over cases with a call in
+    it is not vectorised.
+    """
     return for_any_numbers(numba.njit(forceinline=True, **_CALLED, **_WRAPPED)(function))
 
 
-# A formula too large for that.
+# A formula too large to be inlined everywhere.
 long_formula = numba.njit(**_CALLED, **_WRAPPED)
-# What works on a workspace: called from compiled code only.
+# A function of a workspace, called from compiled code only.
 routine = numba.njit(**_CALLED, **_BARE)
 
 
-def keep_apart() -> None:
-    """First line of a large routine: its code then stands once, not copied to each of its calls,
-    which took most of the time to compile."""
+def noinline() -> None:
+    """Keep a routine from being inlined. As the first line of a large routine it saves most of the
+    compile time of its callers."""
 
 
-@type_callable(keep_apart)
-def _type_of_mark(context):
+@type_callable(noinline)
+def _noinline_type(context):
+    """Numba's type of a call of `noinline`."""
     return lambda: numba.types.none
 
 
-@lower_builtin(keep_apart)
-def _mark_apart(context, builder, signature, arguments):
-    """Mark the function that is being compiled as one that is called, never copied into its
-    caller."""
+@lower_builtin(noinline)
+def _add_noinline(context, builder, signature, arguments):
+    """Add LLVM's attribute ``noinline`` to the function that is being compiled."""
     builder.function.attributes.add("noinline")
     return context.get_dummy_value()
 
 
 def compiled(function, signature, **options: Any) -> Any:
-    """Compile a function that is called by its address."""
+    """Compile a function to be called by its address."""
     return numba.cfunc(signature, fastmath=_FASTMATH, error_model="numpy", **options)(function)
 
 
 def machine_code(function: Any) -> tuple[list[str], bytes]:
-    """The symbol of a compiled function and those that it needs of others, and its object file."""
+    """Symbols and object file of a compiled function.
+
+    Returns
+    -------
+    symbols : list of str
+        Its own symbol, then those that it needs of others.
+    code : bytes
+    """
     library = function._library
     needed = [
-        each.name
-        for each in (*library._final_module.functions, *library._final_module.global_variables)
-        if each.is_declaration and not each.name.startswith("llvm.")
+        symbol.name
+        for symbol in (*library._final_module.functions, *library._final_module.global_variables)
+        if symbol.is_declaration and not symbol.name.startswith("llvm.")
     ]
     return [function.native_name, *needed], library._get_compiled_object()
 
 
 @cache
 def load_helpers() -> None:
-    """Let machine code find what Numba has it call, by name."""
+    """Register the functions that Numba's machine code calls by name."""
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     base._load_global_helpers()

@@ -1,4 +1,4 @@
-"""Locks of files between processes, which a process made by fork does not take over."""
+"""File locks between processes, not inherited by forked processes."""
 
 import contextlib
 import os
@@ -8,26 +8,34 @@ from pathlib import Path
 _open: set[int] = set()  # descriptors of files that this process has locked
 
 
-def _let_go() -> None:
-    """A process made by fork shares the locks of the one it is made of: these would last until both
-    have ended, and it would wait for itself."""
+def _close_inherited() -> None:
+    """Close inherited descriptors in a forked process: a shared lock would last until both
+    processes end, and the child would wait for itself."""
     for descriptor in _open:
         os.close(descriptor)
     _open.clear()
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_let_go)
+    os.register_at_fork(after_in_child=_close_inherited)
 
 
 @contextlib.contextmanager
 def locked(path: Path, flags: int, wait: bool = True) -> Iterator[None]:
-    """Hold the lock of a file or folder, opened by ``flags``, where these can be locked.
+    """Lock a file or folder, opened by ``flags``, inside the context, on systems that can lock it.
+
+    Parameters
+    ----------
+    path : Path
+    flags : int
+        Of `os.open`.
+    wait : bool
+        Wait for another process to release the lock.
 
     Raises
     ------
     BlockingIOError
-        If another process holds it and it is not to be waited for.
+        If another process has the lock and ``wait`` is False.
     """
     try:
         import fcntl  # noqa: PLC0415  (not on every system)
@@ -40,14 +48,14 @@ def locked(path: Path, flags: int, wait: bool = True) -> Iterator[None]:
     except BlockingIOError:
         os.close(descriptor)
         raise
-    except OSError:  # some shared folders cannot be
+    except OSError:  # some network folders cannot be locked
         pass
     _open.add(descriptor)
     try:
         yield
     finally:
-        if descriptor in _open:  # else closed, as this process was made by fork meanwhile
+        if descriptor in _open:  # else closed by a fork inside the context
             _open.discard(descriptor)
             with contextlib.suppress(OSError):
-                fcntl.flock(descriptor, fcntl.LOCK_UN)  # of processes made by fork, too
+                fcntl.flock(descriptor, fcntl.LOCK_UN)  # also for forked processes
             os.close(descriptor)

@@ -26,7 +26,7 @@ def _uninterrupted() -> Iterator[None]:
 def _begin() -> None:
     """Initialise a worker process: ignore SIGINT, defer garbage collection."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    gc_tuning.put_off()
+    gc_tuning.reduce_collections()
 
 
 @contextmanager

@@ -5,6 +5,7 @@ import tomllib
 
 import pytest
 from oracles.random_scenes.interpreted import flown_plainly
+from small_scenes import PAIR
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
@@ -32,33 +33,6 @@ class _Recent(dict):
 
 interpreted._loaded = _Recent(interpreted._loaded)
 
-# Two bodies on one axis in empty space, 3 kg ahead of 1 kg, mass centre at station 1.5 m. Nothing
-# acts on them.
-_PAIR = """
-environment = { atmosphere = "none", gravity = "none" }
-[body.fore]
-mass_kg = 3.0
-inertia_kg_m2 = [3.0, 4.0, 5.0]
-cg_m = [1.0, 0.0, 0.0]
-[body.aft]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.0]
-cg_m = [3.0, 0.0, 0.0]
-[joint.pins]
-bodies = ["fore", "aft"]
-point_m = [2.0, 0.0, 0.0]
-[[phase]]
-name = "locked"
-joints = { pins = "fixed" }
-[initial]
-altitude_m = 1000.0
-speed_m_s = 1.0
-[run]
-end_time_s = 0.5
-[solver]
-step_s = 0.05
-"""
-
 
 @pytest.fixture(scope="session")
 def table2():
@@ -70,7 +44,7 @@ def table2():
 def pair():
     """Maker of campaigns of two bodies in empty space, with values put in place by TOML path:
     ``pair({path: value})``."""
-    return lambda settings=None: Campaign(parse_campaign(tomllib.loads(_PAIR), "pair", settings))
+    return lambda settings=None: Campaign(parse_campaign(tomllib.loads(PAIR), "pair", settings))
 
 
 @pytest.fixture

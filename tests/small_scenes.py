@@ -6,6 +6,74 @@ import tomllib
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
+# Two bodies on one axis in empty space, 3 kg ahead of 1 kg, mass centre at station 1.5 m. Nothing
+# acts on them.
+PAIR = """
+environment = { atmosphere = "none", gravity = "none" }
+[body.fore]
+mass_kg = 3.0
+inertia_kg_m2 = [3.0, 4.0, 5.0]
+cg_m = [1.0, 0.0, 0.0]
+[body.aft]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.0]
+cg_m = [3.0, 0.0, 0.0]
+[joint.pins]
+bodies = ["fore", "aft"]
+point_m = [2.0, 0.0, 0.0]
+[[phase]]
+name = "locked"
+joints = { pins = "fixed" }
+[initial]
+altitude_m = 1000.0
+speed_m_s = 1.0
+[run]
+end_time_s = 0.5
+[solver]
+step_s = 0.05
+"""
+
+# two bodies that a spring parts in empty space
+SPRUNG = """
+environment = { atmosphere = "none", gravity = "none" }
+[body.fore]
+mass_kg = 3.0
+inertia_kg_m2 = [3.0, 4.0, 5.0]
+cg_m = [1.0, 0.0, 0.0]
+[body.aft]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.0]
+cg_m = [3.0, 0.0, 0.0]
+[[spring]]
+name = "push"
+bodies = ["fore", "aft"]
+point_m = [2.0, 0.0, 0.0]
+axis = [1.0, 0.0, 0.0]
+force_N = 30.0
+stroke_m = 0.02
+[joint.pins]
+bodies = ["fore", "aft"]
+point_m = [2.0, 0.0, 0.0]
+[[phase]]
+name = "locked"
+joints = { pins = "fixed" }
+until = { time_s = 0.05 }
+[[phase]]
+name = "free"
+[initial]
+altitude_m = 1000.0
+speed_m_s = 1.0
+[run]
+end_time_s = 0.3
+cases = 12
+seed = 4
+[solver]
+step_s = 0.05
+[dispersion]
+"body.fore.mass_kg" = { uniform = 0.5 }
+"spring.push.force_N" = { normal = 1.0, truncate_sigma = 3 }
+"""
+
 # A spring that pushes the two bodies of `conftest.pair` apart, and the mass that it moves, kg.
 PUSH = {
     "name": "push",

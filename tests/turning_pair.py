@@ -39,7 +39,7 @@ def by_independent_flights(campaign, count):
     """Statuses (n,) and outcomes (n, o), SI, of the first cases of a campaign, each by an
     independent flight."""
     flown, columns = (
-        [independent.fly(campaign.case(i).to_dict()) for i in range(count)],
+        [independent.simulate(campaign.case(i).to_dict()) for i in range(count)],
         campaign.outcome_columns,
     )
     return [one.status for one in flown], np.array(
@@ -51,7 +51,7 @@ def agrees(campaign, unclear=("force_time_s", "moment_time_s")):
     """The nominal case, all outcomes as the independent flight has them; but for those that are
     ``unclear``, such as the time of a peak, which is as sharp as the peak. Returns the outcomes by
     name."""
-    (status, outcomes), other = alone(campaign), independent.fly(campaign.nominal().to_dict())
+    (status, outcomes), other = alone(campaign), independent.simulate(campaign.nominal().to_dict())
     assert status == other.status == "ok"
     compared = 0
     for column in campaign.outcome_columns:

@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.proportions import difference_interval, paired_interval
-from sepmc.analysis.statistics import WIDTH, aligned, column, ok_rows, rounded, student
+from sepmc.analysis.statistics import column, ok_rows, student_half_width
+from sepmc.analysis.statistics_text import WIDTH, aligned, rounded
 from sepmc.scene.model import SALTELLI
 from sepmc.schema import is_yes_or_no
 
@@ -21,7 +22,7 @@ _MISSING = "-"
 RANDOM = "random"  # the sampler of independent cases
 
 
-def differences(one: Mapping[str, Any], two: Mapping[str, Any], path: str = "") -> list[str]:
+def tree_differences(one: Mapping[str, Any], two: Mapping[str, Any], path: str = "") -> list[str]:
     """A sentence for each value that two campaign trees do not share, by its TOML path."""
     found = []
     for key in [*one, *(key for key in two if key not in one)]:
@@ -29,7 +30,7 @@ def differences(one: Mapping[str, Any], two: Mapping[str, Any], path: str = "") 
         a, b = one.get(key, _MISSING), two.get(key, _MISSING)
         a, b = _by_name(a), _by_name(b)
         if isinstance(a, dict) and isinstance(b, dict):
-            found += differences(a, b, where)
+            found += tree_differences(a, b, where)
         elif a != b:
             found.append(f"{where}: {_brief(a)} -> {_brief(b)}")
     return found
@@ -78,12 +79,12 @@ def paired_rows(
     known = {name: column(one, name)[in_one] for name in inputs}
     agree = [name for name, x in known.items() if (x == column(two, name)[in_two]).all()]
     kept = [name for name in inputs if name not in changed]
-    if set(kept) <= set(agree) and (kept or _tell_apart([known[name] for name in agree])):
+    if set(kept) <= set(agree) and (kept or _distinguishes_rows([known[name] for name in agree])):
         return in_one, in_two
     return in_one[:0], in_two[:0]
 
 
-def _tell_apart(values: Sequence[np.ndarray]) -> bool:
+def _distinguishes_rows(values: Sequence[np.ndarray]) -> bool:
     """Whether columns (n,) differ between most rows, as draws of a continuous law do. One such
     column is enough: 84 of a million rows take 2 s, where rows of one table took 45 s."""
     code = np.zeros(len(values[0]) if values else 0, dtype=np.int64)
@@ -132,7 +133,7 @@ def compare(
         both = np.isfinite(before) & np.isfinite(after)
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
         pairs = int(both.sum()) if both.sum() > 1 else 0
-        by = _of_shares if is_yes_or_no(name) else _of_means
+        by = _proportion_difference if is_yes_or_no(name) else _mean_difference
         difference, low, high = by(*((before[both], after[both], True) if pairs else (a, b, False)))
         error = (error_sizes or {}).get(name, 0.0)
         if pairs:
@@ -158,7 +159,7 @@ def compare(
     return pd.DataFrame(rows, index=pd.Index(list(outcomes), name="outcome"))
 
 
-def _of_means(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float, float]:
+def _mean_difference(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float, float]:
     """Difference of two means, and its 95 % interval: of pairs, or of independent samples."""
     if min(len(a), len(b)) < 2:
         return np.nan, np.nan, np.nan
@@ -173,11 +174,13 @@ def _of_means(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float,
         if error > 0.0:  # Welch and Satterthwaite, by shares, which do not underflow
             share = of_a / (of_a + of_b)
             freedoms = 1.0 / (share**2 / (len(a) - 1) + (1.0 - share) ** 2 / (len(b) - 1))
-    reach = student(freedoms) * error
+    reach = student_half_width(freedoms) * error
     return difference, difference - reach, difference + reach
 
 
-def _of_shares(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float, float]:
+def _proportion_difference(
+    a: np.ndarray, b: np.ndarray, paired: bool
+) -> tuple[float, float, float]:
     """Difference of two shares of cases, and its 95 % interval, from outcomes that are 0 or 1."""
     if not (len(a) and len(b)):
         return np.nan, np.nan, np.nan
@@ -188,7 +191,7 @@ def _of_shares(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float
     return b.mean() - a.mean(), *ends
 
 
-def dependent(samplers: Sequence[str]) -> str:
+def dependence_warning(samplers: Sequence[str]) -> str:
     """The sentence on intervals of differences where cases of a run are not independent of each
     other; empty if they are. `run.samples` is not looked into."""
     if SALTELLI in samplers:
@@ -204,7 +207,7 @@ def dependent(samplers: Sequence[str]) -> str:
     return ""
 
 
-def text(table: pd.DataFrame, width: int = WIDTH) -> str:
+def render_comparison(table: pd.DataFrame, width: int = WIDTH) -> str:
     """Differences as an engineer reads them in a terminal."""
     head = ["outcome", "mean, first", "second", "second - first", "95 % interval", "sigma, first",
             "second", "pairs"]  # fmt: skip

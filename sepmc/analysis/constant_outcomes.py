@@ -96,12 +96,12 @@ def is_constant(table: pd.DataFrame, name: str) -> bool:
     return "constant" in table and name in table.index and bool(table.at[name, "constant"])
 
 
-def reach(table: pd.DataFrame, name: str) -> float:
+def max_spread(table: pd.DataFrame, name: str) -> float:
     """How far the values of a constant outcome may be apart, in its unit; 0 of any other."""
     return 2.0 * float(table["error_size"][name]) if is_constant(table, name) else 0.0
 
 
-def comparable(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
+def joint_error(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
     """How far an outcome of one run and of another may be apart by numerical error alone, in its
     unit; 0 if that is not known, as of times and places of extremes that are not flat."""
     alike = is_constant(one, name) and is_constant(two, name)
@@ -111,7 +111,7 @@ def comparable(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
     return sum(sizes) if np.isfinite(sizes).all() else 0.0
 
 
-def known_value(value: float, error: float) -> float:
+def round_to_error(value: float, error: float) -> float:
     """A value to the digits that its numerical error leaves; 0 if it leaves none."""
     if not np.isfinite(value) or abs(value) <= error:
         return 0.0 if abs(value) <= error else float(value)
@@ -119,18 +119,18 @@ def known_value(value: float, error: float) -> float:
     return float(f"{value:.{int(np.clip(np.floor(digits), 1, _DIGITS))}g}")
 
 
-def settled_value(table: pd.DataFrame, name: str) -> float:
-    """The one value of a constant outcome, see `known_value`."""
-    return known_value(float(table["mean"][name]), float(table["error_size"][name]))
+def constant_value(table: pd.DataFrame, name: str) -> float:
+    """The one value of a constant outcome, see `round_to_error`."""
+    return round_to_error(float(table["mean"][name]), float(table["error_size"][name]))
 
 
-def settled(table: pd.DataFrame) -> pd.DataFrame:
+def with_constant_values(table: pd.DataFrame) -> pd.DataFrame:
     """Statistics for a reader: those of a constant outcome are its one value, without a sigma."""
     if "constant" not in table:
         return table
     found = table.copy()
     rows = found["constant"].to_numpy(dtype=bool)
-    values = [settled_value(table, str(name)) for name in found.index[rows]]
+    values = [constant_value(table, str(name)) for name in found.index[rows]]
     for name in found:
         if name in ("mean", "min", "max") or str(name)[:2] in ("p0", "p1", "p5", "p9"):
             found.loc[rows, name] = np.where(np.isnan(found[name][rows]), np.nan, values)
@@ -138,17 +138,17 @@ def settled(table: pd.DataFrame) -> pd.DataFrame:
     return found
 
 
-def lines(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> list[str]:
+def render_constants(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> list[str]:
     """The constant outcomes of a table of `with_constants`, a line each, but for those that are yes
     or no."""
     return [
-        f"{name}: {told_value(table, name, units)}"
+        f"{name}: {render_constant(table, name, units)}"
         for name in map(str, table.index)
         if is_constant(table, name) and not is_yes_or_no(name)
     ]
 
 
-def told_value(table: pd.DataFrame, name: str, units: Mapping[str, str] | None = None) -> str:
+def render_constant(table: pd.DataFrame, name: str, units: Mapping[str, str] | None = None) -> str:
     """At what a constant outcome is constant, in words."""
     mean, error, n = (float(table[key][name]) for key in ("mean", "error_size", "n"))
     unit = (units or {}).get(name, "")
@@ -157,12 +157,14 @@ def told_value(table: pd.DataFrame, name: str, units: Mapping[str, str] | None =
     if _extreme(name) and error > _PLACED * abs(mean):
         return f"not known, as its extreme is flat ({within})"
     alike = f"all {n:.0f} values are the same" if table.at[name, "sigma"] == 0.0 else within
-    return f"constant {settled_value(table, name):.{_DIGITS}g}{unit} ({alike})"
+    return f"constant {constant_value(table, name):.{_DIGITS}g}{unit} ({alike})"
 
 
-def flat(found: "Histogram | None", table: pd.DataFrame, name: str) -> "Histogram | None":
+def collapse_constant(
+    found: "Histogram | None", table: pd.DataFrame, name: str
+) -> "Histogram | None":
     """The histogram of an outcome; if that is constant, of its one value, without bins."""
     if found is None or not is_constant(table, name):
         return found
-    value, none = settled_value(table, name), np.empty(0)
+    value, none = constant_value(table, name), np.empty(0)
     return found._replace(mean=value, sigma=0.0, low=value, high=value, edges=none, counts=none)

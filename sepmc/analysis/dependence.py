@@ -1,48 +1,61 @@
-"""Which inputs vary together, and whether cases are spread more evenly than chance would spread
-them, from the cases alone: counts in the cells of every pair of inputs."""
+"""Dependence between inputs, and too even sampling, from counts in the cells of pairs of inputs."""
 
 import numpy as np
 
-_LEVELS, _EACH = 8, 5.0  # most parts of an input; cases in a cell of a pair, at least, on average
+_MAX_PARTS, _MIN_EXPECTED = 8, 5.0  # parts of an input; mean cases in a cell of a pair
 _CHUNK = 16_384  # rows counted at once
-_CHANCE = 1e-4  # that any pair of independent inputs is named
-_STRENGTH = 0.02  # chi-square over the cases from which a pair is named: a correlation of 0.14
-_TOO_EVEN = -6.0  # sigmas of the sum of chi-squares: 1e-9 of random cases
+_CHANCE = 1e-4  # probability of a false report of any pair
+_STRENGTH = 0.02  # smallest chi-square / n of a reported pair: a correlation of 0.14
+_TOO_EVEN = -6.0  # sigmas of the sum of chi-squares: probability 1e-9 for random cases
 
 
 def dependence(x: np.ndarray) -> tuple[list[tuple[int, int]], bool]:
-    """Pairs of inputs (d, n) that vary together, and whether all are spread too evenly for
-    independent cases, as points of a Sobol sequence or of a grid are."""
+    """Find pairs of dependent inputs and detect samples that are too even to be independent.
+
+    Parameters
+    ----------
+    x : ndarray, shape (d, n)
+        Values of d inputs in n cases.
+
+    Returns
+    -------
+    pairs : list of (int, int)
+        Indices of inputs that depend on each other.
+    too_even : bool
+        True if the cases fill the cells more evenly than independent cases would, as points of a
+        Sobol sequence or of a grid do.
+    """
     from scipy.special import chdtrc  # noqa: PLC0415  (0.1 s)
 
     count, n = len(x), x.shape[1]
-    levels = int(np.clip(np.sqrt(n / _EACH), 2, _LEVELS))
-    parts = [_parts(row, levels) for row in x]
-    counts = np.zeros((levels * count, levels * count))
+    n_parts = int(np.clip(np.sqrt(n / _MIN_EXPECTED), 2, _MAX_PARTS))
+    parts = [_part_indices(row, n_parts) for row in x]
+    counts = np.zeros((n_parts * count, n_parts * count))
     for first in range(0, n, _CHUNK):
-        ones = np.concatenate(
-            [part[first : first + _CHUNK] == k for part in parts for k in range(levels)]
-        ).reshape(levels * count, -1)
-        counts += ones.astype(np.float32) @ ones.astype(np.float32).T
-    pairs, over, freedoms = [], 0.0, 0
+        membership = np.concatenate(
+            [part[first : first + _CHUNK] == k for part in parts for k in range(n_parts)]
+        ).reshape(n_parts * count, -1)
+        counts += membership.astype(np.float32) @ membership.astype(np.float32).T
+    pairs, excess, degrees = [], 0.0, 0
     for i in range(count):
         for j in range(i + 1, count):
-            of = counts[levels * i : levels * (i + 1), levels * j : levels * (j + 1)]
-            of = of[of.sum(axis=1) > 0][:, of.sum(axis=0) > 0]
-            free = (of.shape[0] - 1) * (of.shape[1] - 1)
-            if not free:
+            table = counts[n_parts * i : n_parts * (i + 1), n_parts * j : n_parts * (j + 1)]
+            table = table[table.sum(axis=1) > 0][:, table.sum(axis=0) > 0]
+            cell_degrees = (table.shape[0] - 1) * (table.shape[1] - 1)
+            if not cell_degrees:
                 continue
-            expected = np.outer(of.sum(axis=1), of.sum(axis=0)) / n
-            square = float(np.sum(((of - expected) ** 2 / expected)[expected >= 1.0]))
+            expected = np.outer(table.sum(axis=1), table.sum(axis=0)) / n
+            chi_square = float(np.sum(((table - expected) ** 2 / expected)[expected >= 1.0]))
             tests = count * (count - 1) / 2.0
-            if square > _STRENGTH * n and chdtrc(free, square) * tests < _CHANCE:
+            if chi_square > _STRENGTH * n and chdtrc(cell_degrees, chi_square) * tests < _CHANCE:
                 pairs.append((i, j))
-            elif expected.min() >= _EACH - 1.0:
-                over, freedoms = over + square, freedoms + free
-    return pairs, freedoms > 0 and (over - freedoms) / np.sqrt(2.0 * freedoms) < _TOO_EVEN
+            elif expected.min() >= _MIN_EXPECTED - 1.0:
+                excess, degrees = excess + chi_square, degrees + cell_degrees
+    return pairs, degrees > 0 and (excess - degrees) / np.sqrt(2.0 * degrees) < _TOO_EVEN
 
 
-def _parts(values: np.ndarray, most: int) -> np.ndarray:
-    """In which of ``most`` parts of about equally many cases each value lies (n,)."""
-    edges = np.unique(np.quantile(values, np.arange(most) / most, method="lower"))
+def _part_indices(values: np.ndarray, n_parts: int) -> np.ndarray:
+    """Return the index (n,) of the part of each value; ``n_parts`` parts have about equally many
+    cases."""
+    edges = np.unique(np.quantile(values, np.arange(n_parts) / n_parts, method="lower"))
     return np.searchsorted(edges, values, side="right") - 1

@@ -1,10 +1,11 @@
-"""Which law an outcome follows: its shape, whether it may be normal, and the nearest of some laws.
+"""Distribution fits of outcomes: shape, test of normality, and the nearest of six distributions.
 
-Laws have two parameters each, fitted by maximum likelihood, so that the likeliest of them is the
-nearest by any criterion of information. How well a law fits is told by Anderson and Darling's
-statistic, which weighs the tails, with the points that hold where both parameters come from the
-same cases (Stephens in D'Agostino and Stephens, Goodness-of-Fit Techniques, Dekker 1986, tables
-4.7, 4.17 and 4.22); held to simulation in the tests.
+Each distribution has two parameters, fitted by maximum likelihood, so the one of largest likelihood
+is also the nearest by any information criterion. The goodness of fit is the Anderson-Darling
+statistic, which weighs the tails, with critical values for parameters estimated from the same cases
+(Stephens in D'Agostino and Stephens, Goodness-of-Fit Techniques, Dekker 1986, tables 4.7, 4.17 and
+4.22); the tests compare them with simulation. `scipy.stats.anderson` limits p of a normal
+distribution to 0.15 where this table reaches 0.25, and imports scipy.stats (1 s).
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -14,59 +15,69 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.statistics import PERCENTILES, WIDTH, aligned, column, ok_rows, rounded
+from sepmc.analysis.statistics import PERCENTILES, column, ok_rows
+from sepmc.analysis.statistics_text import WIDTH, aligned, rounded
 
-FEWEST = 20  # cases from which anything is told
-LEVEL = 0.05  # below which a law is said not to fit
-ENDS = ("p0_135", "p99_865")  # three sigmas of a normal law from its mean
+MIN_CASES = 20  # an outcome with fewer values is not fitted
+LEVEL = 0.05  # p value below which a distribution is reported not to fit
+ENDS = ("p0_135", "p99_865")  # mean -+ 3 sigma of a normal distribution
 _NORMAL = {0.25: 0.470, 0.15: 0.561, 0.1: 0.631, 0.05: 0.752, 0.025: 0.873, 0.01: 1.035}
 _LOGISTIC = {0.25: 0.426, 0.1: 0.563, 0.05: 0.660, 0.025: 0.769, 0.01: 0.906}
 _EXTREME = {0.25: 0.474, 0.1: 0.637, 0.05: 0.757, 0.025: 0.877, 0.01: 1.038}
 
 
 @dataclass(frozen=True)
-class Law:
-    """A law with a location and a scale, by its name in scipy; of the values, or of their
-    logarithms. ``points`` are of the statistic by probability, for many cases."""
+class Distribution:
+    """Location-scale distribution of the values, or of their logarithms.
+
+    Parameters
+    ----------
+    scipy_name : str
+        Name in `scipy.stats`.
+    points : mapping of float to float
+        Asymptotic critical values of the Anderson-Darling statistic by probability.
+    of_logarithm : bool
+        True if the distribution is of the logarithm of the values.
+    """
 
     scipy_name: str
     points: Mapping[float, float]
     of_logarithm: bool = False
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """What is location and scale of: values (n,), or their logarithms."""
+        """Transform values (n,) to the variable that has location and scale."""
         return np.log(values) if self.of_logarithm else values
 
     def frozen(self, location: float, scale: float) -> Any:
-        """The law with its parameters."""
+        """Return the `scipy.stats` distribution with its parameters."""
         from scipy import stats  # noqa: PLC0415  (1 s)
 
         return getattr(stats, self.scipy_name)(location, scale)
 
     def fit(self, values: np.ndarray) -> tuple[float, float]:
-        """Location and scale of greatest likelihood."""
+        """Return location and scale of maximum likelihood."""
         from scipy import stats  # noqa: PLC0415
 
         location, scale = getattr(stats, self.scipy_name).fit(self(values))
         return float(location), float(scale)
 
     def probability(self, statistic: float, n: int) -> float:
-        """How likely n cases of the law lie as far from the one fitted to them, between 0.01 and
-        0.25, which stand for what is beyond."""
-        more = {"norm": 0.75 / n + 2.25 / n**2, "logistic": 0.25 / n}
-        reached = statistic * (1.0 + more.get(self.scipy_name, 0.2 / np.sqrt(n)))
+        """Return the p value of an Anderson-Darling statistic of n cases, limited to 0.01 to
+        0.25."""
+        adjustments = {"norm": 0.75 / n + 2.25 / n**2, "logistic": 0.25 / n}
+        adjusted = statistic * (1.0 + adjustments.get(self.scipy_name, 0.2 / np.sqrt(n)))
         levels = np.array(list(self.points))
-        p = np.exp(np.interp(reached, list(self.points.values()), np.log(levels)))
+        p = np.exp(np.interp(adjusted, list(self.points.values()), np.log(levels)))
         return round(float(p), 4)
 
 
-LAWS = {
-    "normal": Law("norm", _NORMAL),
-    "lognormal": Law("norm", _NORMAL, of_logarithm=True),
-    "Weibull": Law("gumbel_l", _EXTREME, of_logarithm=True),
-    "extreme value, largest": Law("gumbel_r", _EXTREME),
-    "extreme value, smallest": Law("gumbel_l", _EXTREME),
-    "logistic": Law("logistic", _LOGISTIC),
+DISTRIBUTIONS = {
+    "normal": Distribution("norm", _NORMAL),
+    "lognormal": Distribution("norm", _NORMAL, of_logarithm=True),
+    "Weibull": Distribution("gumbel_l", _EXTREME, of_logarithm=True),
+    "extreme value, largest": Distribution("gumbel_r", _EXTREME),
+    "extreme value, smallest": Distribution("gumbel_l", _EXTREME),
+    "logistic": Distribution("logistic", _LOGISTIC),
 }
 COLUMNS = (
     "n", "skewness", "skewness_se", "kurtosis", "kurtosis_se", "normal_p", "law", "location",
@@ -74,13 +85,13 @@ COLUMNS = (
 )  # fmt: skip
 
 
-CONSTANT = "constant"  # in place of a law
+CONSTANT = "constant"  # reported in place of a distribution
 
 
-def laws(
+def fit_distributions(
     cases: Mapping[str, Any], outcomes: Sequence[str], constant: Collection[str] = ()
 ) -> pd.DataFrame:
-    """Shape of each outcome over the cases whose status is ``ok``, and the law nearest to it.
+    """Describe the shape of each outcome over the ``ok`` cases and fit the nearest distribution.
 
     Parameters
     ----------
@@ -89,116 +100,135 @@ def laws(
     outcomes : sequence of str
         Columns to describe.
     constant : collection of str
-        Those whose values differ by no more than their numerical error
-        (`sepmc.analysis.constant_outcomes`); their law is `CONSTANT`, without numbers.
+        Outcomes whose values differ by no more than their numerical error
+        (`sepmc.analysis.constant_outcomes`); their ``law`` is `CONSTANT`, without numbers.
 
     Returns
     -------
     DataFrame, one row per outcome
-        ``n``; ``skewness`` and ``kurtosis`` (excess: 0 of a normal law), with standard errors of
-        normal cases; ``normal_p``, how likely so many cases of a normal law lie as far from it;
-        the nearest ``law``, its ``location`` and ``scale`` (of the logarithm if it is lognormal or
-        Weibull), its ``p``, and its points ``p0_135`` and ``p99_865``, in the outcome's unit.
-        Probabilities stop at 0.01 and 0.25, which stand for what is beyond. An outcome with fewer
-        than `FEWEST` values, or most of them equal to others, has no law.
+        ``n``; ``skewness`` and excess ``kurtosis``, with their standard errors for normal cases;
+        ``normal_p``, the p value of a normal distribution; ``law``, the name of the nearest
+        distribution, its ``location`` and ``scale`` (of the logarithm for lognormal and Weibull),
+        its p value ``p``, and its quantiles ``p0_135`` and ``p99_865`` in the outcome's unit.
+        P values are limited to 0.01 and 0.25. ``law`` is empty for an outcome with fewer than
+        `MIN_CASES` values or fewer than n / 2 distinct ones.
     """
     ok = ok_rows(cases)
-    rows = [
+    table_rows = [
         {"n": int(np.isfinite(column(cases, name)[ok]).sum()), "law": CONSTANT}
         if name in constant
-        else _law(column(cases, name)[ok])
+        else _fit_nearest(column(cases, name)[ok])
         for name in outcomes
     ]
-    return pd.DataFrame(rows, index=pd.Index(outcomes, name="outcome"), columns=list(COLUMNS))
+    return pd.DataFrame(table_rows, index=pd.Index(outcomes, name="outcome"), columns=list(COLUMNS))
 
 
-def _law(values: np.ndarray) -> dict[str, Any]:
+def _fit_nearest(values: np.ndarray) -> dict[str, Any]:
+    """Return the row of `fit_distributions` for the values (n,) of one outcome."""
     x = np.sort(values[np.isfinite(values)])
     n = len(x)
-    found: dict[str, Any] = {"n": n, "law": ""}
-    if n < FEWEST or 2 * len(np.unique(x)) < n:
-        return found
+    row: dict[str, Any] = {"n": n, "law": ""}
+    if n < MIN_CASES or 2 * len(np.unique(x)) < n:
+        return row
     z = (x - x.mean()) / x.std()
-    found |= {
+    row |= {
         "skewness": (z**3).mean(),
-        # of normal cases, exact (Fisher, Proc. R. Soc. A 130, 1930)
+        # exact for normal cases (Fisher, Proc. R. Soc. A 130, 1930)
         "skewness_se": np.sqrt(6.0 * (n - 2) / ((n + 1.0) * (n + 3))),
         "kurtosis": (z**4).mean() - 3.0,
         "kurtosis_se": np.sqrt(24.0 * n * (n - 2) * (n - 3) / ((n + 3.0) * (n + 5))) / (n + 1),
     }
-    likeliest = -np.inf
-    for name, law in LAWS.items():
-        if law.of_logarithm and x[0] <= 0.0:
+    best_likelihood = -np.inf
+    for name, distribution in DISTRIBUTIONS.items():
+        if distribution.of_logarithm and x[0] <= 0.0:
             continue
-        location, scale = law.fit(x)
-        with_parameters, y = law.frozen(location, scale), law(x)
-        p = law.probability(_anderson_darling(with_parameters, y), n)
+        location, scale = distribution.fit(x)
+        fitted, y = distribution.frozen(location, scale), distribution(x)
+        p = distribution.probability(_anderson_darling(fitted, y), n)
         if name == "normal":
-            found["normal_p"] = p
-        likelihood = with_parameters.logpdf(y).sum() - (y.sum() if law.of_logarithm else 0.0)
-        if likelihood > likeliest:
-            likeliest = likelihood
-            ends = with_parameters.ppf([PERCENTILES[end] / 100.0 for end in ENDS])
-            ends = np.exp(ends) if law.of_logarithm else ends
-            found |= {"law": name, "location": location, "scale": scale, "p": p}
-            found |= zip(ENDS, ends, strict=True)
-    return found
+            row["normal_p"] = p
+        likelihood = fitted.logpdf(y).sum() - (y.sum() if distribution.of_logarithm else 0.0)
+        if likelihood > best_likelihood:
+            best_likelihood = likelihood
+            tails = fitted.ppf([PERCENTILES[end] / 100.0 for end in ENDS])
+            tails = np.exp(tails) if distribution.of_logarithm else tails
+            row |= {"law": name, "location": location, "scale": scale, "p": p}
+            row |= zip(ENDS, tails, strict=True)
+    return row
 
 
-def _anderson_darling(law: Any, x: np.ndarray) -> float:
-    """The statistic A^2 of rising values (n,)."""
+def _anderson_darling(distribution: Any, x: np.ndarray) -> float:
+    """Return the Anderson-Darling statistic A^2 of sorted values (n,)."""
     n = len(x)
     weights = (2.0 * np.arange(1, n + 1) - 1.0) / n
-    return float(-n - weights @ (law.logcdf(x) + law.logsf(x[::-1])))
+    return float(-n - weights @ (distribution.logcdf(x) + distribution.logsf(x[::-1])))
 
 
-def text(
-    found: pd.DataFrame,
+def render_fits(
+    fits: pd.DataFrame,
     statistics: pd.DataFrame,
     units: Mapping[str, str],
     width: int = WIDTH,
     sampler: str = "random",
 ) -> str:
-    """The laws of outcomes, as an engineer reads them in a terminal; ``statistics`` are of the same
-    cases."""
-    rows = [["outcome", "unit", "skewness", "kurtosis", "normal, p", "nearest law", "p"]]
+    """Render the fits of outcomes as a text table.
+
+    Parameters
+    ----------
+    fits : DataFrame
+        From `fit_distributions`.
+    statistics : DataFrame
+        Statistics of the same cases.
+    units : mapping of outcome to unit
+    width : int
+        Characters in a line.
+    sampler : str
+        Value of ``run.sampler``.
+    """
+    rows = [["outcome", "unit", "skewness", "kurtosis", "normal, p", "nearest distribution", "p"]]
     for end in ENDS:
-        rows[0] += [f"{PERCENTILES[end]:g} %: law", "cases (95 %)"]
-    beside = statistics.loc[list(found.index)]
-    for (name, row), (_, at) in zip(found.iterrows(), beside.iterrows(), strict=True):
-        law = str(row["law"])
-        cells = [str(name), units.get(str(name), "")]
-        if law == CONSTANT:
+        rows[0] += [f"{PERCENTILES[end]:g} %: fitted", "cases (95 %)"]
+    sample = statistics.loc[list(fits.index)]
+    for (outcome, row), (_, statistic_row) in zip(fits.iterrows(), sample.iterrows(), strict=True):
+        name_of_fit = str(row["law"])
+        cells = [str(outcome), units.get(str(outcome), "")]
+        if name_of_fit == CONSTANT:
             rows.append([*cells, *3 * ["-"], CONSTANT, *5 * ["-"]])
             continue
-        if not law:
-            between = [part for end in ENDS for part in ("-", _interval(at, end))]
-            rows.append([*cells, *5 * ["-"], *between])
+        if not name_of_fit:
+            intervals = [part for end in ENDS for part in ("-", _interval(statistic_row, end))]
+            rows.append([*cells, *5 * ["-"], *intervals])
             continue
         cells += [f"{row[k]:.2f} +- {row[f'{k}_se']:.2f}" for k in ("skewness", "kurtosis")]
         cells += [_probability(row["normal_p"])]
-        cells += [law if row["p"] > LEVEL else f"none ({law})", _probability(row["p"])]
+        cells += [
+            name_of_fit if row["p"] > LEVEL else f"none ({name_of_fit})",
+            _probability(row["p"]),
+        ]
         for end in ENDS:
-            cells += [rounded(row[end], at["sigma"]), _interval(at, end)]
+            cells += [rounded(row[end], statistic_row["sigma"]), _interval(statistic_row, end)]
         rows.append(cells)
-    told = [line.rstrip() for line in aligned(rows, width)]
-    told += [
+    lines = [line.rstrip() for line in aligned(rows, width)]
+    lines += [
         "",
-        "+-: one standard error, if the law is normal; larger where it has longer tails.",
-        "p: how likely so many cases of that law lie as far from it. The more cases, the smaller a "
-        "difference it shows.",
+        "+-: one standard error for normal cases; larger for heavier tails.",
+        "p: probability that as many cases of that distribution deviate from it at least as much "
+        "(Anderson-Darling). The more cases, the smaller the deviation that is detected.",
     ]
     if sampler != "random":
-        told += [f"Cases of run.sampler = '{sampler}' are not independent: p is no probability."]
-    return "\n".join(told)
+        lines += [
+            f"Cases of run.sampler = '{sampler}' are not independent: p is not a probability."
+        ]
+    return "\n".join(lines)
 
 
 def _probability(p: float) -> str:
+    """Format a p value; the ends of the table are inequalities."""
     return "> 0.25" if p >= max(_NORMAL) else "< 0.01" if p <= min(_NORMAL) else f"{p:.2f}"
 
 
 def _interval(row: pd.Series, end: str) -> str:
-    """Where a point of all cases lies, as so many show."""
+    """Format the 95 % interval of a percentile of the cases."""
     ends = [row[f"{end}_low"], row[f"{end}_high"]]
     if not np.isfinite(ends).all():
         return "too few"

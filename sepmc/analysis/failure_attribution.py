@@ -1,11 +1,10 @@
-"""Which inputs, and which pairs of them, set the cases that violate something apart from the
-rest.
+"""Failure attribution: inputs, and pairs of inputs, that distinguish violating cases from the rest.
 
-An input is cut into parts of equally many cases, a pair into cells. What the part or cell of a case
-tells of whether the case violates is their mutual information; against what chance would tell, n
-cases give a chi-square of 2 n times it (the G-test: Sokal and Rohlf, Biometry, 17). A pair is named
-where each of its inputs tells something that the other does not, and where the odds of a violation
-are larger by half in a cell than in what else lies in the same part of either.
+An input is partitioned into parts of equally many cases, a pair of inputs into cells. The measure
+is the mutual information of the part or cell of a case and its violation; for an input without
+effect, 2 n times it follows a chi-square distribution (G-test: Sokal and Rohlf, Biometry, 17). A
+pair is attributed only if each of its inputs adds information to the other, and if the odds of a
+violation in its cell are at least 1.5 times those in the rest of either part.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,28 +15,37 @@ from textwrap import fill
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.requirements import violating
-from sepmc.analysis.statistics import WIDTH, column, ok_rows
+from sepmc.analysis.requirements import violation_masks
+from sepmc.analysis.statistics import column, ok_rows
+from sepmc.analysis.statistics_text import WIDTH
 from sepmc.analysis.variance_indices import PATTERNS
 from sepmc.scene.model import Requirement
 
-_PARTS = (2, 8)  # fewest and most parts of an input
-_EACH = 1.0  # violations for each part of an input, or cell of a pair, on average: with fewer the
-# G-test finds too little; by 12 of them and more chance comes out right within a factor of three
-_BOTH = 1.5  # times the odds in the rest of either part, at least, are those in a cell of a pair
-_PATTERNED = "what sets them apart is not looked for: cases of sampler {design} are not independent"
-_CHANCE = 1e-3  # that anything at all is named of what has no cause
+_PART_LIMITS = (2, 8)  # parts of an input, at least and at most
+# mean violations in a part of an input, or cell of a pair: with fewer the G-test has too little
+# power; from 12 on, `chance` is right within a factor of three
+_MIN_PER_CELL = 1.0
+# smallest ratio of the odds in a pair's cell to those in the rest of either part
+_MIN_ODDS_RATIO = 1.5
+_PATTERNED = "no failure attribution: cases of sampler {design} are not independent"
+_CHANCE = 1e-3  # probability of any false attribution
 
 
 @dataclass(frozen=True)
-class Cause:
-    """An input, or a pair, and where its violations are.
+class Attribution:
+    """An input, or a pair of inputs, and the region of its violations.
 
-    ``inputs`` : one or two names
-    ``information`` : share of what there is to know of violations, 0 to 1
-    ``chance`` : probability that so much is told by inputs that have nothing to do with it
-    ``region`` : of each input the least and greatest value of the part that by itself tells most
-    ``inside``, ``violations`` : violations in that part and all; ``cases`` : cases in that part
+    Parameters
+    ----------
+    inputs : tuple of one or two names
+    information : float
+        Explained fraction of the information on violations, 0 to 1.
+    chance : float
+        Probability that inputs without effect explain as much.
+    region : tuple of (min, max), one per input
+        Values in the part or cell with the largest information.
+    inside, violations, cases : int
+        Violations in the region, all violations, and cases in the region.
     """
 
     inputs: tuple[str, ...]
@@ -49,152 +57,211 @@ class Cause:
     cases: int
 
 
-def causes(
+def attribute_failures(
     cases: Mapping[str, np.ndarray], inputs: Sequence[str], violates: np.ndarray
-) -> list[Cause]:
-    """Inputs and pairs that set violating cases apart, what tells most first.
+) -> list[Attribution]:
+    """Find inputs and pairs that distinguish violating cases, sorted by information.
 
     Parameters
     ----------
     cases : mapping of name to column, shape (n_cases,)
-    inputs : names of the dispersed inputs
+    inputs : sequence of str
+        Names of the dispersed inputs.
     violates : ndarray, shape (n_cases,), bool
+
+    Returns
+    -------
+    list of Attribution
+        Significant ones only; empty if no case or every case violates.
     """
     n, k = len(violates), int(np.count_nonzero(violates))
     if k in (0, n):
         return []
-    each = min(k, n - k) / _EACH
-    parts, coarse = _cut(cases, inputs, each), _cut(cases, inputs, np.sqrt(each))
-    told = {name: _information(part.of, part.number, violates) for name, part in parts.items()}
-    pairs = list(combinations(coarse, 2))
-    tests, known = len(parts) + len(pairs), _information(violates.astype(int), 2, violates)
-    found = []
+    per_cell = min(k, n - k) / _MIN_PER_CELL
+    partitions, coarse_partitions = (
+        _partition(cases, inputs, per_cell),
+        _partition(cases, inputs, np.sqrt(per_cell)),
+    )
+    information = {
+        name: _cell_information(partition.part, partition.number, violates)
+        for name, partition in partitions.items()
+    }
+    pairs = list(combinations(coarse_partitions, 2))
+    tests, total = (
+        len(partitions) + len(pairs),
+        _cell_information(violates.astype(int), 2, violates),
+    )
+    attributions = []
 
-    def name_if_sure(within: dict[str, _Parts], bits: float, more: float, freedoms: int) -> None:
-        chance = min(1.0, tests * _chance(2.0 * n * more, freedoms))
+    def add_if_significant(
+        partition_of: dict[str, _Partition],
+        cell_information: float,
+        extra_information: float,
+        degrees: int,
+    ) -> None:
+        chance = min(1.0, tests * _chi2_tail(2.0 * n * extra_information, degrees))
         if chance < _CHANCE:
-            cause = _cause(within, bits / known, chance, violates)
-            found.extend([cause] if cause else [])
+            attribution = _attribution(partition_of, cell_information / total, chance, violates)
+            attributions.extend([attribution] if attribution else [])
 
-    for name, part in parts.items():
-        name_if_sure({name: part}, told[name], told[name], part.number - 1)
-    coarsely = {name: _information(part.of, part.number, violates) for name, part in coarse.items()}
-    for one, two in pairs:
-        a, b = coarse[one], coarse[two]
-        both = _information(a.of * b.number + b.of, a.number * b.number, violates)
-        # what the second tells within each part of the first, and the other way round
-        more = min(
-            (both - coarsely[one], a.number * (b.number - 1)),
-            (both - coarsely[two], b.number * (a.number - 1)),
-            key=lambda each: -_chance(2.0 * n * each[0], each[1]),
+    for name, partition in partitions.items():
+        add_if_significant(
+            {name: partition}, information[name], information[name], partition.number - 1
         )
-        name_if_sure({one: a, two: b}, both, *more)
-    return sorted(found, key=lambda cause: -cause.information)
+    coarse_information = {
+        name: _cell_information(partition.part, partition.number, violates)
+        for name, partition in coarse_partitions.items()
+    }
+    for one, two in pairs:
+        a, b = coarse_partitions[one], coarse_partitions[two]
+        pair_information = _cell_information(
+            a.part * b.number + b.part, a.number * b.number, violates
+        )
+        # information of the second input within each part of the first, and vice versa
+        extra_information = min(
+            (pair_information - coarse_information[one], a.number * (b.number - 1)),
+            (pair_information - coarse_information[two], b.number * (a.number - 1)),
+            key=lambda pair: -_chi2_tail(2.0 * n * pair[0], pair[1]),
+        )
+        add_if_significant({one: a, two: b}, pair_information, *extra_information)
+    return sorted(attributions, key=lambda attribution: -attribution.information)
 
 
-def of_requirement(
+def attribute_violations(
     requirement: Requirement,
     cases: Mapping[str, np.ndarray],
     inputs: Sequence[str],
     others: Sequence[Requirement] = (),
     design: str = "random",
-) -> list[Cause]:
-    """Causes of the violations of a requirement among the cases of which it is known; ``others`` as
-    for `violating`. None of a patterned ``design``, whose cases the G-test does not hold for: of 40
-    Sobol campaigns each named a pair of inputs without effect, 3 a single one."""
+) -> list[Attribution]:
+    """Attribute the violations of a requirement, among the cases with a known result.
+
+    Parameters
+    ----------
+    requirement : Requirement
+    cases : mapping of name to column
+    inputs : sequence of str
+    others : sequence of Requirement
+        As for `violation_masks`.
+    design : str
+        Sampler of the cases. The result is empty for patterned ones, for which the G-test is
+        invalid: all of 40 Sobol campaigns named a pair of inputs without effect, 3 a single one.
+
+    Returns
+    -------
+    list of Attribution
+    """
     if design in PATTERNS:
         return []
-    violates, known = violating(requirement, cases, others)
-    return causes({name: column(cases, name)[known] for name in inputs}, inputs, violates[known])
+    violates, known = violation_masks(requirement, cases, others)
+    return attribute_failures(
+        {name: column(cases, name)[known] for name in inputs}, inputs, violates[known]
+    )
 
 
-def of_missing(
+def attribute_missing(
     metric: str, cases: Mapping[str, np.ndarray], inputs: Sequence[str], design: str = "random"
-) -> tuple[int, list[Cause]]:
-    """In how many cases that came to their end an outcome is missing, and what sets them apart."""
+) -> tuple[int, list[Attribution]]:
+    """Count the ``ok`` cases without an outcome, and attribute them to inputs."""
     ok = ok_rows(cases)
-    lacks = np.isnan(column(cases, metric)[ok])
-    if design in PATTERNS or not lacks.any():
-        return int(lacks.sum()), []
-    return int(lacks.sum()), causes({n: column(cases, n)[ok] for n in inputs}, inputs, lacks)
+    missing = np.isnan(column(cases, metric)[ok])
+    if design in PATTERNS or not missing.any():
+        return int(missing.sum()), []
+    return int(missing.sum()), attribute_failures(
+        {n: column(cases, n)[ok] for n in inputs}, inputs, missing
+    )
 
 
-def _cut(
-    cases: Mapping[str, np.ndarray], inputs: Sequence[str], most: float
-) -> dict[str, "_Parts"]:
-    """The inputs that vary, each in so many parts at most."""
-    count = int(np.clip(most, *_PARTS))
-    every = {name: _Parts(column(cases, name), count) for name in inputs}
-    return {name: part for name, part in every.items() if part.number > 1}
+def _partition(
+    cases: Mapping[str, np.ndarray], inputs: Sequence[str], limit: float
+) -> dict[str, "_Partition"]:
+    """Partition the inputs that vary, each into at most ``limit`` parts."""
+    max_parts = int(np.clip(limit, *_PART_LIMITS))
+    partitions = {name: _Partition(column(cases, name), max_parts) for name in inputs}
+    return {name: partition for name, partition in partitions.items() if partition.number > 1}
 
 
-class _Parts:
-    """An input cut into parts of equally many cases, at most so many: in which each case lies."""
+class _Partition:
+    """Partition of an input into parts of equally many cases; ``part`` (n,) is the part of each
+    case."""
 
-    def __init__(self, values: np.ndarray, most: int):
+    def __init__(self, values: np.ndarray, max_parts: int):
         edges = np.unique(values)
-        if len(edges) > most:
-            edges = np.unique(np.quantile(values, np.arange(most) / most, method="lower"))
+        if len(edges) > max_parts:
+            edges = np.unique(np.quantile(values, np.arange(max_parts) / max_parts, method="lower"))
         self.values, self.number = values, len(edges)
-        self.of = np.searchsorted(edges, values, side="right") - 1
+        self.part = np.searchsorted(edges, values, side="right") - 1
 
 
-def _information(cells: np.ndarray, number: int, violates: np.ndarray) -> float:
-    """Mutual information of the cell of a case, and whether it violates, natural units."""
-    counts = [np.bincount(cells[which], minlength=number) for which in (violates, ~violates)]
-    return float(_told(np.array(counts)))
+def _cell_information(cells: np.ndarray, number: int, violates: np.ndarray) -> float:
+    """Return the mutual information of the cell (n,) of a case and its violation, in nats."""
+    counts = [np.bincount(cells[rows], minlength=number) for rows in (violates, ~violates)]
+    return float(_mutual_information(np.array(counts)))
 
 
-def _told(counts: np.ndarray) -> np.ndarray:
-    """Mutual information of the two first axes of counts (2, cells, ...), natural units."""
-    shares = counts / counts.sum(axis=(0, 1))
-    expected = shares.sum(axis=0) * shares.sum(axis=1, keepdims=True)
-    there = np.where(shares > 0.0, shares, 1.0)
-    over = np.where(shares > 0.0, expected, 1.0)
-    return np.asarray(np.sum(shares * np.log(there / over), axis=(0, 1)))
+def _mutual_information(counts: np.ndarray) -> np.ndarray:
+    """Return the mutual information of the first two axes of counts (2, cells, ...), in nats."""
+    fractions = counts / counts.sum(axis=(0, 1))
+    expected = fractions.sum(axis=0) * fractions.sum(axis=1, keepdims=True)
+    numerator = np.where(fractions > 0.0, fractions, 1.0)
+    denominator = np.where(fractions > 0.0, expected, 1.0)
+    return np.asarray(np.sum(fractions * np.log(numerator / denominator), axis=(0, 1)))
 
 
-def _chance(statistic: float, freedoms: int) -> float:
-    """Probability that chi-square is larger."""
+def _chi2_tail(statistic: float, degrees: int) -> float:
+    """Return the probability that chi-square with ``degrees`` of freedom exceeds the statistic."""
     from scipy.special import chdtrc  # noqa: PLC0415  (0.1 s)
 
-    return float(chdtrc(freedoms, max(statistic, 0.0)))
+    return float(chdtrc(degrees, max(statistic, 0.0)))
 
 
-def _cause(
-    within: Mapping[str, _Parts], share: float, chance: float, violates: np.ndarray
-) -> Cause | None:
-    """What is told of an input or pair, and the part or cell that tells most by itself, of those
-    with a larger share of violations than all; None if there is no cell that it takes both inputs
-    of a pair for."""
-    shape = tuple(part.number for part in within.values())
-    cells = np.ravel_multi_index([part.of for part in within.values()], shape)
+def _attribution(
+    partition_of: Mapping[str, _Partition],
+    information_fraction: float,
+    chance: float,
+    violates: np.ndarray,
+) -> Attribution | None:
+    """Build the attribution of an input or pair, with the part or cell of most information among
+    those with more violations than average; None if no cell needs both inputs of a pair."""
+    shape = tuple(partition.number for partition in partition_of.values())
+    cells = np.ravel_multi_index([partition.part for partition in partition_of.values()], shape)
     size, k, n = int(np.prod(shape)), int(np.count_nonzero(violates)), len(violates)
     inside = np.bincount(cells[violates], minlength=size).reshape(shape)
     cases = np.bincount(cells, minlength=size).reshape(shape)
-    alone = _told(np.array([[inside, k - inside], [cases - inside, n - k - (cases - inside)]]))
-    alone[inside <= cases * (k / n)] = -1.0
-    for axis in range(len(shape)) if len(shape) > 1 else ():  # along each input of a pair
-        rest, of_rest = (x.sum(axis=axis, keepdims=True) - x for x in (cases, inside))
-        alone[_odds(inside, cases) < _BOTH * _odds(of_rest, rest)] = -1.0
-    at = np.unravel_index(int(np.argmax(alone)), shape)
-    if alone[at] < 0.0:
-        return None
-    here = cells == np.ravel_multi_index(at, shape)
-    region = tuple(
-        (float(part.values[here].min()), float(part.values[here].max())) for part in within.values()
+    information = _mutual_information(
+        np.array([[inside, k - inside], [cases - inside, n - k - (cases - inside)]])
     )
-    told = float(np.clip(share, 0.0, 1.0))
-    return Cause(tuple(within), told, chance, region, int(inside[at]), k, int(cases[at]))
+    information[inside <= cases * (k / n)] = -1.0
+    for axis in range(len(shape)) if len(shape) > 1 else ():  # along each input of a pair
+        other_cases, other_violations = (
+            x.sum(axis=axis, keepdims=True) - x for x in (cases, inside)
+        )
+        information[
+            _odds(inside, cases) < _MIN_ODDS_RATIO * _odds(other_violations, other_cases)
+        ] = -1.0
+    best = np.unravel_index(int(np.argmax(information)), shape)
+    if information[best] < 0.0:
+        return None
+    inside_region = cells == np.ravel_multi_index(best, shape)
+    region = tuple(
+        (float(partition.values[inside_region].min()), float(partition.values[inside_region].max()))
+        for partition in partition_of.values()
+    )
+    fraction = float(np.clip(information_fraction, 0.0, 1.0))
+    return Attribution(
+        tuple(partition_of), fraction, chance, region, int(inside[best]), k, int(cases[best])
+    )
 
 
 def _odds(inside: np.ndarray, cases: np.ndarray) -> np.ndarray:
-    """Odds of a violation, with half a case on either side (Haldane, Ann. Hum. Genet. 20, 1956)."""
+    """Return the odds of a violation, with half a case added on either side (Haldane, Ann. Hum.
+    Genet. 20, 1956)."""
     return np.asarray((inside + 0.5) / (cases - inside + 0.5))
 
 
-def table(found: Mapping[str, Sequence[Cause]]) -> pd.DataFrame:
-    """Causes of what is violated, by its name, a row each; a pair has a second input."""
+def attribution_table(attributions: Mapping[str, Sequence[Attribution]]) -> pd.DataFrame:
+    """Tabulate attributions by the name of what is violated, a row each; pairs fill
+    ``second_*``."""
     rows = [
         {
             "violated": name,
@@ -210,8 +277,8 @@ def table(found: Mapping[str, Sequence[Cause]]) -> pd.DataFrame:
             "cases": one.cases,
             "violations": one.violations,
         }
-        for name, causes_of in found.items()
-        for one in causes_of
+        for name, each in attributions.items()
+        for one in each
     ]
     columns = pd.Index(
         ["violated", "input", "low", "high", "second_input", "second_low", "second_high",
@@ -220,32 +287,33 @@ def table(found: Mapping[str, Sequence[Cause]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def text(
+def render_attribution(
     what: str,
-    found: Sequence[Cause],
+    attributions: Sequence[Attribution],
     keys: Mapping[str, str],
     most: int = 5,
     width: int = WIDTH,
     design: str = "random",
 ) -> str:
-    """Causes as an engineer reads them in a terminal; inputs by their ``keys``."""
+    """Render attributions as text; ``keys`` maps inputs to their TOML paths."""
     if design in PATTERNS:
         return f"{what}: {_PATTERNED.format(design=design)}"
-    if not found:
-        return f"{what}: no input or pair of inputs is shown to set these cases apart from the rest"
-    lines = [f"{what}: what sets these cases apart from the rest"]
-    for one in found[:most]:
-        where = " and ".join(
+    if not attributions:
+        return f"{what}: no input or pair of inputs distinguishes these cases from the rest"
+    lines = [f"{what}: inputs that distinguish these cases from the rest"]
+    for attribution in attributions[:most]:
+        region = " and ".join(
             f"{keys.get(name, name)} "
             + (f"= {low:.5g}" if low == high else f"{low:.5g} to {high:.5g}")
-            for name, (low, high) in zip(one.inputs, one.region, strict=True)
+            for name, (low, high) in zip(attribution.inputs, attribution.region, strict=True)
         )
-        told = " and ".join(keys.get(name, name) for name in one.inputs)
-        together = " together tell" if len(one.inputs) > 1 else " tells"
+        names = " and ".join(keys.get(name, name) for name in attribution.inputs)
+        verb = " together explain" if len(attribution.inputs) > 1 else " explains"
         lines.append(
             fill(
-                f"{told}{together} {100.0 * one.information:.0f} % of it, most where {where}: "
-                f"{one.inside} of the {one.violations} are among these {one.cases} cases",
+                f"{names}{verb} {100.0 * attribution.information:.0f} % of the failures, mostly "
+                f"where {region}: {attribution.inside} of the {attribution.violations} are among "
+                f"the {attribution.cases} cases there",
                 width,
                 initial_indent="  ",
                 subsequent_indent="      ",

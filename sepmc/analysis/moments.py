@@ -1,4 +1,4 @@
-"""Mean, sigma, their standard errors and the extremes of values that pass by once."""
+"""Single-pass mean, sigma, their standard errors, and extremes."""
 
 from typing import NamedTuple
 
@@ -8,15 +8,15 @@ from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
 
 
 class Group(NamedTuple):
-    """What is known of ``n`` values: the extremes with their cases, the sum of those that are
-    infinite, and of the others, how many there are, their mean and sums of the powers 2 to 4 of
-    their distance from it, over ``scale``."""
+    """Moments of a group of ``n`` values: extremes with their cases, sum of the ``infinite``
+    values, and of the ``finite`` ones the mean and the sums of powers 2 to 4 of the deviations over
+    ``scale``."""
 
     n: int
-    least: float
-    case_least: int
-    greatest: float
-    case_greatest: int
+    min_value: float
+    case_min: int
+    max_value: float
+    case_max: int
     infinite: float
     finite: int
     scale: float
@@ -25,78 +25,78 @@ class Group(NamedTuple):
 
     @classmethod
     def of(cls, x: np.ndarray, numbers: np.ndarray) -> "Group":
-        """Of values without NaN, shape (n,), n > 0, and the numbers of their cases, rising."""
+        """Build a group from values (n,), n > 0, without NaN, and their case numbers in increasing
+        order."""
         low, high = x.argmin(), x.argmax()
-        least, greatest, n, infinite = float(x[low]), float(x[high]), x.size, 0.0
-        ends = least, int(numbers[low]), greatest, int(numbers[high])
-        if np.isinf(least) or np.isinf(greatest):
+        min_value, max_value, n, infinite = float(x[low]), float(x[high]), x.size, 0.0
+        ends = min_value, int(numbers[low]), max_value, int(numbers[high])
+        if np.isinf(min_value) or np.isinf(max_value):
             with np.errstate(invalid="ignore"):
                 infinite = float(x[np.isinf(x)].sum())
             x = x[np.isfinite(x)]
             if not x.size:
                 return cls(n, *ends, infinite, 0, 0.0, 0.0, (0.0, 0.0, 0.0))
-            least, greatest = float(x.min()), float(x.max())
-        scale, mean = greatest - least or max(abs(least), 1.0), float(x.mean())
+            min_value, max_value = float(x.min()), float(x.max())
+        scale, mean = max_value - min_value or max(abs(min_value), 1.0), float(x.mean())
         d = (x - mean) / scale
         q = d * d
-        # einsum, as a dot product of so many wakes the threads of BLAS, which then fight with those
-        # that fly: 100 times slower
+        # einsum: a dot product of this length starts BLAS threads, which compete with those of the
+        # kernel: 100 times slower
         powers = float(q.sum()), float(np.einsum("i,i", q, d)), float(np.einsum("i,i", q, q))
         return cls(n, *ends, infinite, x.size, scale, mean, powers)
 
 
-class Groups(list[Group]):
-    """Groups of the values of one outcome, for `Moments` to take one after the other."""
+class GroupList(list[Group]):
+    """Groups of one outcome for `Moments` to merge in order."""
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """As `Moments.add`."""
+        """Append a group, as `Moments.add` would merge it."""
         if x.size:
             self.append(Group.of(x, numbers))
 
 
 class Moments:
-    """First four moments and the extremes, with their cases, of the values of one outcome.
+    """First four moments and extremes of one outcome, with the cases of the extremes.
 
     Sums of powers are taken about the mean of each group and merged (Pebay, SAND2008-6212), in
-    units of the first group's span: no digits are lost where the mean is large beside sigma, and
-    the fourth power neither overflows nor underflows. Equal groups give equal bits.
+    units of the first group's range: no digits are lost where the mean is large compared with
+    sigma, and the fourth power neither overflows nor underflows. Equal groups give equal bits.
     """
 
     def __init__(self) -> None:
         self.n = 0
-        self.least, self.greatest = np.inf, -np.inf
-        self.case_least = self.case_greatest = -1
-        # sum of the values that are infinite: they have no moments but must stay visible
+        self.min_value, self.max_value = np.inf, -np.inf
+        self.case_min = self.case_max = -1
+        # sum of the infinite values, which have no moments but must show in the mean
         self._infinite = 0.0
         self._count = 0
         self._scale = self._mean = self._m2 = self._m3 = self._m4 = 0.0
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Take a group of values without NaN, shape (n,), and the numbers of their cases,
-        rising."""
+        """Add a group of values (n,) without NaN, and their case numbers in increasing order."""
         if x.size:
-            self.take(Group.of(x, numbers))
+            self.merge(Group.of(x, numbers))
 
-    def take(self, group: Group) -> None:
-        """Take a group whose cases come next."""
+    def merge(self, group: Group) -> None:
+        """Add a group of cases that follow."""
         self.n += group.n
-        if group.least < self.least or self.case_least < 0:
-            self.least, self.case_least = group.least, group.case_least
-        if group.greatest > self.greatest or self.case_greatest < 0:
-            self.greatest, self.case_greatest = group.greatest, group.case_greatest
+        if group.min_value < self.min_value or self.case_min < 0:
+            self.min_value, self.case_min = group.min_value, group.case_min
+        if group.max_value > self.max_value or self.case_max < 0:
+            self.max_value, self.case_max = group.max_value, group.case_max
         with np.errstate(invalid="ignore"):
             self._infinite += group.infinite
         if not group.finite:
             return
         if self._scale == 0.0:
             self._scale = group.scale
-        share, (m2, m3, m4) = group.scale / self._scale, group.powers
-        self._merge(
-            group.finite, group.mean / self._scale, m2 * share**2, m3 * share**3, m4 * share**4
+        ratio, (m2, m3, m4) = group.scale / self._scale, group.powers
+        self._combine(
+            group.finite, group.mean / self._scale, m2 * ratio**2, m3 * ratio**3, m4 * ratio**4
         )
 
-    def _merge(self, n: int, mean: float, m2: float, m3: float, m4: float) -> None:
-        """Equations (3.1) of Pebay for two groups."""
+    def _combine(self, n: int, mean: float, m2: float, m3: float, m4: float) -> None:
+        """Combine moments by equations (3.1) of Pebay."""
         a, both = self._count, self._count + n
         if a == 0:
             self._count, self._mean, self._m2, self._m3, self._m4 = n, mean, m2, m3, m4
@@ -117,31 +117,31 @@ class Moments:
         )
 
     def state(self) -> list[np.ndarray]:
-        """What it holds, for `restore`."""
+        """Return the state as arrays for `restore`."""
         return [scalars(self)]
 
     def restore(self, arrays: Arrays) -> None:
-        """Hold what another one held."""
+        """Load the state returned by `state`."""
         set_scalars(self, next(arrays))
 
     def row(self) -> dict[str, float]:
-        """n, mean, sigma, min, max, mean_se, sigma_se, case_min and case_max; see
+        """Return n, mean, sigma, min, max, mean_se, sigma_se, case_min and case_max; see
         `sepmc.analysis.statistics.statistics`."""
         if self.n == 0:
             return {"n": 0}
         row = {
             "n": self.n,
-            "min": self.least,
-            "max": self.greatest,
-            "case_min": self.case_least,
-            "case_max": self.case_greatest,
+            "min": self.min_value,
+            "max": self.max_value,
+            "case_min": self.case_min,
+            "case_max": self.case_max,
         }
         if self._infinite != 0.0:  # NaN too: infinities of both signs
             return row | {"mean": self._infinite}
         if self.n == 1:
-            return row | {"mean": self.least}
-        if self.least == self.greatest:
-            return row | {"mean": self.least, "sigma": 0.0, "mean_se": 0.0, "sigma_se": 0.0}
+            return row | {"mean": self.min_value}
+        if self.min_value == self.max_value:
+            return row | {"mean": self.min_value, "sigma": 0.0, "mean_se": 0.0, "sigma_se": 0.0}
         n, scale = self.n, self._scale
         variance = self._m2 / (n - 1)
         sigma = np.sqrt(variance)

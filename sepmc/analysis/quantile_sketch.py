@@ -1,12 +1,12 @@
 """Quantiles and histograms of values that pass by once, in constant memory.
 
-The first `ROOM` values are kept, and while there are no more every answer is exact. Then a grid of
-`BINS` equal bins is laid out from them, over their central 99.9 % and a quarter of that on either
-side, and values are counted in it. By Chebyshev's inequality no 0.05 % and 99.95 % points are
-further than sqrt(2000) = 44.7 sigma from a mean, so a bin is never wider than 1.5 x 89.4 / 32768 =
-0.41 % of the sigma of those values, and a quantile never further off than a bin: for a normal law
-0.03 % of sigma. What falls beyond the grid is counted in bins that grow with their distance from
-it, 64 to each doubling.
+The first `EXACT_VALUES` values are kept, and while there are no more every answer is exact. Then a
+grid of `BINS` equal bins is laid out from them, over their central 99.9 % and a quarter of that on
+either side, and values are counted in it. By Chebyshev's inequality no 0.05 % and 99.95 % points
+are further than sqrt(2000) = 44.7 sigma from a mean, so a bin is never wider than 1.5 x 89.4 /
+32768 = 0.41 % of the sigma of those values, and a quantile never further off than a bin: for a
+normal law 0.03 % of sigma. What falls beyond the grid is counted in bins that grow with their
+distance from it, 64 to each doubling.
 
 The result depends on the order of the values alone, not on how they were grouped.
 """
@@ -18,21 +18,21 @@ from copy import copy
 import numpy as np
 
 from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
-from sepmc.analysis.proportions import ranked
+from sepmc.analysis.proportions import order_statistics
 
-ROOM = 65536  # values kept before they are counted: 0.5 MB for each outcome
+EXACT_VALUES = 65536  # values kept before they are counted: 0.5 MB for each outcome
 BINS = 32768
 _OCTAVE = 64  # bins of a tail for each doubling of the distance from the grid
 # a value repeated so often in the first ROOM is a point mass, and is answered as it is
-_ATOM = ROOM // 1000
+_ATOM = EXACT_VALUES // 1000
 _NO_GRID = np.empty(0)
 
 
-class Sketch:
+class QuantileSketch:
     """Counts of the values of one outcome; NaN is the caller's to leave out."""
 
     def __init__(self) -> None:
-        self._waiting = np.empty(ROOM)
+        self._waiting = np.empty(EXACT_VALUES)
         self._filled = 0
         self._grid: _Grid | None = None
 
@@ -41,7 +41,7 @@ class Sketch:
         return self.state()
 
     def __setstate__(self, state: list[np.ndarray]) -> None:
-        self._waiting, self._filled = np.empty(ROOM), 0
+        self._waiting, self._filled = np.empty(EXACT_VALUES), 0
         self.restore(iter(state))
 
     def state(self) -> list[np.ndarray]:
@@ -58,24 +58,24 @@ class Sketch:
     def add(self, values: np.ndarray) -> None:
         """Take values, shape (n,), in the order of their cases."""
         while values.size:
-            count = min(ROOM - self._filled, values.size)
+            count = min(EXACT_VALUES - self._filled, values.size)
             self._waiting[self._filled : self._filled + count] = values[:count]
             self._filled += count
             values = values[count:]
-            if self._filled == ROOM:
+            if self._filled == EXACT_VALUES:
                 self._count()
 
-    def apart(self) -> "Sketch | Values":
-        """What counts other values for this one to `take`."""
+    def new_partial(self) -> "QuantileSketch | ValueList":
+        """What counts other values for this one to `merge`."""
         if self._grid is None:
-            return Values()
-        found = Sketch()
+            return ValueList()
+        found = QuantileSketch()
         found._grid = self._grid.empty()
         return found
 
-    def take(self, others: "Sketch | Values") -> None:
+    def merge(self, others: "QuantileSketch | ValueList") -> None:
         """Take values that `apart` counted, whose cases come next."""
-        if isinstance(others, Values):
+        if isinstance(others, ValueList):
             for values in others:
                 self.add(values)
             return
@@ -83,7 +83,7 @@ class Sketch:
         assert self._grid is not None
         assert others._grid is not None
         self._count()
-        self._grid.take(others._grid)
+        self._grid.merge(others._grid)
 
     def percentiles(self, percents: Sequence[float]) -> np.ndarray:
         """Sample percentiles, linear between order statistics as `numpy.percentile` has them; NaN
@@ -105,7 +105,7 @@ class Sketch:
     def ranked(self, places: np.ndarray) -> np.ndarray:
         """Values at places (k,) among all, rising, from 0."""
         if self._grid is None:
-            return ranked(self._waiting[: self._filled], places)
+            return order_statistics(self._waiting[: self._filled], places)
         self._count()
         return self._grid.ranked(places)
 
@@ -124,11 +124,11 @@ class Sketch:
         self._grid.count(x)
 
 
-class Values(list[np.ndarray]):
+class ValueList(list[np.ndarray]):
     """Values as they come."""
 
     def add(self, values: np.ndarray) -> None:
-        """As `Sketch.add`."""
+        """As `QuantileSketch.add`."""
         if values.size:
             self.append(values.copy())
 
@@ -207,7 +207,7 @@ class _Grid:
         found.n, found.least, found.greatest = 0, np.inf, -np.inf
         return found
 
-    def take(self, other: "_Grid") -> None:
+    def merge(self, other: "_Grid") -> None:
         """Count the values of the same grid."""
         self.n += other.n
         self.counts += other.counts

@@ -1,9 +1,8 @@
-"""How often values occurred that a campaign file gives a probability: a sample that holds a rare
-value too few times says nothing of what that value does.
+"""Occurrences of rare values: a sample with too few of them shows nothing of their effect.
 
-Counted are the values of every discrete distribution and, of two that a file correlates, the pairs
-that the correlation makes more probable than chance: a pair that is less probable is rarer than
-the same pair of independent parameters, which no file gives a probability either.
+Counted are the values of discrete distributions and, for two correlated ones, the pairs that the
+correlation makes more probable than independence. Less probable pairs are not counted: their
+probability is given by no file, like that of pairs of independent parameters.
 """
 
 import math
@@ -18,171 +17,184 @@ from sepmc.scene.correlation import Copula
 from sepmc.scene.dispersion import Dispersion
 from sepmc.wording import option
 
-# Times that a value is to be drawn before a mean or a sigma is believed: with fewer, intervals of a
-# mean that the value decides hold the true one too seldom (tests/measure_until.py).
-TIMES = 10
-_COMMON = 0.05  # probability from which on a value that was drawn at all shows in the intervals
-_ABOVE = 1.001  # times the probability of independent parameters, of a pair that is counted
-_NAMED = 3  # values that a sentence names
-_PAIRS = 4096  # of values, at most, that are looked at of two distributions
+# Occurrences required before a mean or a sigma is reported: with fewer, intervals of a mean that
+# depends on the value have too low a coverage (tests/measure/until.py).
+MIN_OCCURRENCES = 10
+_COMMON = 0.05  # a value of at least this probability shows in the intervals once sampled
+_MIN_RATIO = 1.001  # of a counted pair's probability to that of independent parameters
+_MAX_NAMED = 3  # values named in a message
+_MAX_PAIRS = 4096  # pairs of values of two distributions that are considered
 _NODES = 64  # of the Gauss-Legendre rule
-_FARTHEST = 40.0  # score beyond which nothing lies
+_MAX_SCORE = 40.0  # normal score beyond all probability
 
 
 @dataclass(frozen=True)
-class Rare:
-    """One value of a discrete distribution, or a pair of values of two that correlate.
+class RareValue:
+    """A value of a discrete distribution, or a pair of values of two correlated ones.
 
-    ``places`` are those of its parameters among all that are dispersed, ``values`` in the units of
-    their keys. ``enough`` is how often it is to occur: `TIMES`, or as often as a plan holds it.
+    Parameters
+    ----------
+    name : str
+    indices : tuple of int
+        Indices of its parameters among all dispersed ones.
+    values : tuple of float
+        In the units of the keys.
+    probability : float
+    min_count : int
+        Required occurrences: `MIN_OCCURRENCES`, or those in a table of samples if fewer.
     """
 
     name: str
-    places: tuple[int, ...]
+    indices: tuple[int, ...]
     values: tuple[float, ...]
     probability: float
-    enough: int = TIMES
+    min_count: int = MIN_OCCURRENCES
 
     @property
     def cases(self) -> int:
-        """Cases in which it is expected to occur often enough."""
-        return math.ceil(self.enough / self.probability)
+        """Expected number of cases until ``min_count`` occurrences."""
+        return math.ceil(self.min_count / self.probability)
 
 
 class Occurrence(NamedTuple):
-    """How often a value occurred among so many cases."""
+    """Number of ``times`` a rare value occurred among ``cases``."""
 
-    of: Rare
+    of: RareValue
     times: int
     cases: int
 
 
 def rare_values(
     dispersions: Sequence[Dispersion], copulas: Sequence[Copula] = ()
-) -> tuple[Rare, ...]:
-    """Values and pairs of values that a file gives a probability below 1."""
-    laws = [law if law.law == "discrete" else None for law in dispersions]
-    found = [
-        Rare(f"{law.parameter.key} = {value:g}", (place,), (value,), share, _enough(law, share))
-        for place, law in enumerate(laws)
-        if law
-        for value, share in _shares(law).items()
-        if share < 1.0
+) -> tuple[RareValue, ...]:
+    """Return the values, and pairs of values, of probability below 1."""
+    discrete = [each if each.law == "discrete" else None for each in dispersions]
+    result = [
+        RareValue(
+            f"{dispersion.parameter.key} = {value:g}",
+            (index,),
+            (value,),
+            probability,
+            _required_count(dispersion, probability),
+        )
+        for index, dispersion in enumerate(discrete)
+        if dispersion
+        for value, probability in _probabilities(dispersion).items()
+        if probability < 1.0
     ]
     for copula in copulas:
         for k, j in combinations(range(len(copula.places)), 2):
-            places = copula.places[k], copula.places[j]
-            one, two = (laws[place] for place in places)
-            if one and two and len(one.numbers) * len(two.numbers) <= _PAIRS:
+            indices = copula.places[k], copula.places[j]
+            first, second = (discrete[index] for index in indices)
+            if first and second and len(first.numbers) * len(second.numbers) <= _MAX_PAIRS:
                 correlation = float(np.dot(copula.factor[k], copula.factor[j]))
-                for values, share in _pairs(one, two, correlation):
+                for values, probability in _pairs(first, second, correlation):
                     name = (
-                        f"{one.parameter.key} = {values[0]:g} with "
-                        f"{two.parameter.key} = {values[1]:g}"
+                        f"{first.parameter.key} = {values[0]:g} with "
+                        f"{second.parameter.key} = {values[1]:g}"
                     )
-                    found.append(Rare(name, places, values, share))
-    return tuple(found)
+                    result.append(RareValue(name, indices, values, probability))
+    return tuple(result)
 
 
-def _shares(law: Dispersion) -> dict[float, float]:
-    """Probability of each value of a discrete distribution that has one, in the order of the
-    file."""
-    found: dict[float, float] = {}
-    for value, weight in zip(law.numbers, law.weights, strict=True):
+def _probabilities(dispersion: Dispersion) -> dict[float, float]:
+    """Return the probability of each value of a discrete distribution, in the order of the file."""
+    result: dict[float, float] = {}
+    for value, weight in zip(dispersion.numbers, dispersion.weights, strict=True):
         if weight > 0.0:
-            found[value] = found.get(value, 0.0) + weight / sum(law.weights)
-    return found
+            result[value] = result.get(value, 0.0) + weight / sum(dispersion.weights)
+    return result
 
 
-def _enough(law: Dispersion, share: float) -> int:
-    """Times that a value is to occur; no more than a plan holds it."""
-    return min(TIMES, round(share * sum(law.weights))) if law.column else TIMES
+def _required_count(dispersion: Dispersion, probability: float) -> int:
+    """Return the required occurrences of a value; no more than its rows in a table of samples."""
+    in_table = round(probability * sum(dispersion.weights)) if dispersion.column else np.inf
+    return int(min(MIN_OCCURRENCES, in_table))
 
 
 def _pairs(
-    one: Dispersion, two: Dispersion, correlation: float
+    first: Dispersion, second: Dispersion, correlation: float
 ) -> Iterator[tuple[tuple[float, float], float]]:
-    """Pairs of values that are more probable than those of independent parameters, and their
-    probability, if the normal scores of two discrete distributions correlate so."""
+    """Yield pairs of values of two discrete distributions, and their probability, where it exceeds
+    that of independent parameters; ``correlation`` is that of the normal scores."""
     from scipy.special import ndtri  # noqa: PLC0415  (0.1 s that most files do not need)
 
-    edges = [np.cumsum(law.weights) / np.sum(law.weights) for law in (one, two)]
-    below = np.zeros([len(each) + 1 for each in edges])
-    below[1:, -1], below[-1, 1:] = edges
-    inner = [np.clip(ndtri(each[:-1]), -_FARTHEST, _FARTHEST) for each in edges]
-    below[1:-1, 1:-1] = _both_below(inner[0][:, None], inner[1][None, :], correlation)
-    together: dict[tuple[float, float], float] = {}
-    for (i, j), part in np.ndenumerate(np.diff(np.diff(below, axis=0), axis=1)):
-        values = one.numbers[i], two.numbers[j]
-        together[values] = together.get(values, 0.0) + float(part)
-    alone = _shares(one), _shares(two)
-    for values, share in together.items():
-        if share > _ABOVE * alone[0].get(values[0], 1.0) * alone[1].get(values[1], 1.0):
-            yield values, share
+    edges = [np.cumsum(each.weights) / np.sum(each.weights) for each in (first, second)]
+    cdf = np.zeros([len(edge) + 1 for edge in edges])
+    cdf[1:, -1], cdf[-1, 1:] = edges
+    scores = [np.clip(ndtri(edge[:-1]), -_MAX_SCORE, _MAX_SCORE) for edge in edges]
+    cdf[1:-1, 1:-1] = _bivariate_normal_cdf(scores[0][:, None], scores[1][None, :], correlation)
+    joint: dict[tuple[float, float], float] = {}
+    for (i, j), cell in np.ndenumerate(np.diff(np.diff(cdf, axis=0), axis=1)):
+        values = first.numbers[i], second.numbers[j]
+        joint[values] = joint.get(values, 0.0) + float(cell)
+    marginals = _probabilities(first), _probabilities(second)
+    for values, probability in joint.items():
+        independent = marginals[0].get(values[0], 1.0) * marginals[1].get(values[1], 1.0)
+        if probability > _MIN_RATIO * independent:
+            yield values, probability
 
 
-def _both_below(h: np.ndarray, k: np.ndarray, correlation: float) -> np.ndarray:
-    """Probability that two standard normal numbers that correlate so are below h and k (Plackett,
-    Biometrika 41, 1954: its derivative by the correlation is their density, integrated here over
-    the arc sine of the correlation)."""
+def _bivariate_normal_cdf(h: np.ndarray, k: np.ndarray, correlation: float) -> np.ndarray:
+    """Return P(X < h, Y < k) of standard normal X, Y with a correlation (Plackett, Biometrika 41,
+    1954: the derivative by the correlation is the density, integrated over the arc sine of the
+    correlation)."""
     from scipy.special import ndtr  # noqa: PLC0415
 
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    reach = math.asin(max(-1.0, min(1.0, correlation)))
-    found = ndtr(h) * ndtr(k)
+    angle_end = math.asin(max(-1.0, min(1.0, correlation)))
+    result = ndtr(h) * ndtr(k)
     for node, weight in zip(nodes, weights, strict=True):
-        angle = 0.5 * reach * (1.0 + node)
-        power = (h * h + k * k - 2.0 * h * k * math.sin(angle)) / (2.0 * math.cos(angle) ** 2)
-        found = found + weight * reach / (4.0 * math.pi) * np.exp(-power)
-    return np.asarray(found)
+        angle = 0.5 * angle_end * (1.0 + node)
+        exponent = (h * h + k * k - 2.0 * h * k * math.sin(angle)) / (2.0 * math.cos(angle) ** 2)
+        result = result + weight * angle_end / (4.0 * math.pi) * np.exp(-exponent)
+    return np.asarray(result)
 
 
-def count(values: Sequence[Rare], drawn: np.ndarray) -> tuple[int, ...]:
-    """Rows of a case table (n, d): all of them, and those in which each value occurs. Counts of
-    tables that follow each other add up."""
-    single = {each.places[0] for each in values if len(each.places) == 1}
+def count_values(values: Sequence[RareValue], inputs: np.ndarray) -> tuple[int, ...]:
+    """Count the rows of a table of inputs (n, d): all of them, then those with each value; counts
+    add up over tables."""
+    single = {value.indices[0] for value in values if len(value.indices) == 1}
     counts = {
-        place: dict(zip(*np.unique(drawn[:, place], return_counts=True), strict=True))
-        for place in single
+        index: dict(zip(*np.unique(inputs[:, index], return_counts=True), strict=True))
+        for index in single
     }
     return (
-        len(drawn),
+        len(inputs),
         *(
-            int(counts[each.places[0]].get(each.values[0], 0))
-            if len(each.places) == 1
-            else int(np.count_nonzero((drawn[:, each.places] == each.values).all(axis=1)))
-            for each in values
+            int(counts[value.indices[0]].get(value.values[0], 0))
+            if len(value.indices) == 1
+            else int(np.count_nonzero((inputs[:, value.indices] == value.values).all(axis=1)))
+            for value in values
         ),
     )
 
 
-def occurrences(values: Sequence[Rare], counts: Sequence[int]) -> list[Occurrence]:
-    """How often each value occurred, by what `count` counted."""
-    cases, *each = counts or (0, *(0 for _ in values))
-    return [Occurrence(of, k, cases) for of, k in zip(values, each, strict=True)]
+def occurrences(values: Sequence[RareValue], counts: Sequence[int]) -> list[Occurrence]:
+    """Combine rare values with the counts of `count_values`."""
+    cases, *times = counts or (0, *(0 for _ in values))
+    return [Occurrence(value, k, cases) for value, k in zip(values, times, strict=True)]
 
 
-def seldom(found: Sequence[Occurrence]) -> list[Occurrence]:
-    """Of occurrences those that are too few to show what their value does, the most probable
-    first."""
-    few = [one for one in found if one.times < one.of.enough]
-    return sorted(few, key=lambda one: -one.of.probability)
+def undersampled(counted: Sequence[Occurrence]) -> list[Occurrence]:
+    """Return the occurrences below their required count, the most probable value first."""
+    rare = [one for one in counted if one.times < one.of.min_count]
+    return sorted(rare, key=lambda one: -one.of.probability)
 
 
-def not_shown(found: Sequence[Occurrence]) -> list[str]:
-    """The sentence that names values that statistics say nothing of, as they did not occur, or too
-    seldom; none if all occurred."""
-    few = [one for one in seldom(found) if not one.times or one.of.probability < _COMMON]
-    if not few:
+def render_undersampled(counted: Sequence[Occurrence]) -> list[str]:
+    """Return the warning that names undersampled values; empty if there is none."""
+    rare = [one for one in undersampled(counted) if not one.times or one.of.probability < _COMMON]
+    if not rare:
         return []
     first, *others = (
         f"{one.of.name} (probability {one.of.probability:.3g}) occurred in {one.times}"
-        for one in few[:_NAMED]
+        for one in rare[:_MAX_NAMED]
     )
-    said = ", ".join([f"{first} of {few[0].cases} cases", *others])
-    left = len(few) - _NAMED
-    more = f", and {left} more values as seldom" if left > 0 else ""
+    text = ", ".join([f"{first} of {rare[0].cases} cases", *others])
+    n_more = len(rare) - _MAX_NAMED
+    more = f", and {n_more} more values as rarely" if n_more > 0 else ""
     return [
-        f"{said}{more}: statistics and intervals hardly show what that does; fly more cases, or "
-        f"seek a requirement by {option('rare')}"
+        f"{text}{more}: statistics and intervals hardly show its effect; fly more cases, or "
+        f"estimate a requirement by {option('rare')}"
     ]

@@ -1,11 +1,10 @@
-"""Whether the cases of a campaign show what is required of it.
+"""Verdicts on requirements from the cases of a campaign.
 
-A case violates a requirement if its outcome is beyond the bound. A case that did not come to its
-end, or does not have the outcome, has shown neither: it counts as a violation where the requirement
-is to be shown, and not where it is to be refuted. A requirement on `VIOLATION` is violated by a
-case that violates any other. Method: Hanson and Beard, NASA/TP-2010-216447: n cases show a
-requirement if they have no more violations than a just insufficient system would have with a
-probability of 1 - confidence (`sepmc.analysis.proportions`).
+A case violates a requirement if its outcome is beyond the bound. A case that did not finish, or has
+no such outcome, is unknown: it counts as a violation where the requirement is to be shown, and not
+where it is to be refuted. A requirement on `VIOLATION` is violated by a case that violates any
+other. Method: Hanson and Beard, NASA/TP-2010-216447: n cases pass if a just insufficient system has
+as few violations with a probability of at most 1 - confidence (`sepmc.analysis.proportions`).
 """
 
 import math
@@ -19,98 +18,102 @@ import pandas as pd
 
 from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
 from sepmc.analysis.proportions import (
-    allowed,
-    at_least,
-    at_most,
-    cumulative,
-    design_place,
-    interval,
-    needed,
+    allowed_violations,
+    binomial_cdf,
+    binomial_interval,
+    design_rank,
+    lower_bound,
+    required_cases,
+    upper_bound,
 )
-from sepmc.analysis.statistics import WIDTH, column, ok_rows, rounded
+from sepmc.analysis.statistics import column, ok_rows
+from sepmc.analysis.statistics_text import WIDTH, rounded
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import is_yes_or_no
 
-_KEPT = "\N{NO-BREAK SPACE}"
-ALL = "all cases"
+_NO_BREAK = "\N{NO-BREAK SPACE}"
+ALL_CASES = "all cases"
 PASS, FAIL, NOT_SHOWN, NONE = "pass", "fail", "not shown", "no verdict"
-# Cases nearest to a bound of which it is known how near: more of them within the numerical error
-# leave no verdict.
-_NEAR = 65536
+# Stored margins nearest to a bound; more of them within the numerical error leave no verdict.
+_MAX_NEAR = 65536
 
 
-# of outcomes by name, as shares of their size or of a scale if that is larger; and these scales, in
-# their units (`sepmc.campaign.execution.accuracy.errors`)
+# Numerical errors by outcome: (relative error, scale). The error is relative to the size of the
+# outcome, or to the scale (in its unit) if larger (`sepmc.campaign.execution.accuracy.errors`).
 Errors = Mapping[str, tuple[float, float]]
 
 
-class Tally:
-    """Counts the cases that violate a requirement, as they pass by in their order."""
+class RequirementCounter:
+    """Accumulator of the cases that violate a requirement, in case order."""
 
     def __init__(self, requirement: Requirement):
         self.requirement = requirement
-        self.others: list[Tally] = []  # whose violations are its own
+        self.others: list[RequirementCounter] = []  # for VIOLATION: those of other requirements
         self.cases = self.violations = self.missing = 0
         self.worst = (math.nan, -1)  # value and case
-        self.first = self.first_unknown = -1  # case that violates, by its outcome or for want of it
-        self._least = math.inf
-        self._near = np.empty(0)  # margins nearest to the bound; below zero they violate
+        self.first = self.first_unknown = -1  # first violating case, and first unknown one
+        self._min_margin = math.inf
+        self._near = np.empty(0)  # margins nearest to the bound; negative ones violate
 
     def add(
-        self, numbers: np.ndarray, ok: np.ndarray, values: np.ndarray | None, met: np.ndarray
+        self, numbers: np.ndarray, ok: np.ndarray, values: np.ndarray | None, has_status: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Take cases; returns which of them (n,) are known to violate, and of which it is not
-        known.
+        """Count cases.
 
         Parameters
         ----------
         numbers : ndarray, shape (n,), int
-            Their numbers.
+            Case numbers.
         ok : ndarray, shape (n,), bool
-            Which of them came to their end.
+            Cases that finished.
         values : ndarray, shape (n,), optional
             The outcome; None if the requirement is on a status.
-        met : ndarray, shape (n,), bool
-            Which of them have that status.
+        has_status : ndarray, shape (n,), bool
+            Cases with that status.
+
+        Returns
+        -------
+        violates, unknown : ndarray, shape (n,), bool
         """
         self.cases += len(numbers)
         if values is None:
-            return self._count(numbers, ~ok & met, ~ok & ~met)
+            return self._count(numbers, ~ok & has_status, ~ok & ~has_status)
         margin = np.where(ok, margins(values, self.requirement), np.nan)
-        there = ~np.isnan(margin)
-        counted = self._count(numbers, margin < 0.0, ~there)
-        margin, values, numbers = margin[there], values[there], numbers[there]
+        known = ~np.isnan(margin)
+        counted = self._count(numbers, margin < 0.0, ~known)
+        margin, values, numbers = margin[known], values[known], numbers[known]
         if not len(margin):
             return counted
         at = int(np.argmin(margin))
-        if margin[at] < self._least:
-            self._least, self.worst = float(margin[at]), (float(values[at]), int(numbers[at]))
+        if margin[at] < self._min_margin:
+            self._min_margin, self.worst = float(margin[at]), (float(values[at]), int(numbers[at]))
         self._keep_near(margin)
         return counted
 
     def _keep_near(self, margin: np.ndarray) -> None:
+        """Store the margins nearest to the bound."""
         near = np.concatenate([self._near, margin])
-        if len(near) > _NEAR:
-            near = near[np.argpartition(np.abs(near), _NEAR)[:_NEAR]]
+        if len(near) > _MAX_NEAR:
+            near = near[np.argpartition(np.abs(near), _MAX_NEAR)[:_MAX_NEAR]]
         self._near = near
 
     def state(self) -> list[np.ndarray]:
-        """What it holds, for `restore`."""
+        """Return the state as arrays for `restore`."""
         return [scalars(self), np.array(self.worst), self._near]
 
     def restore(self, arrays: Arrays) -> None:
-        """Hold what another one held."""
+        """Load the state returned by `state`."""
         set_scalars(self, next(arrays))
         value, case = next(arrays).tolist()
         self.worst, self._near = (value, int(case)), next(arrays)
 
-    def take(self, others: "Tally") -> None:
-        """Take cases that come next, which another tally of the same requirement counted."""
+    def merge(self, others: "RequirementCounter") -> None:
+        """Add the counts of cases that follow, from another counter of the same requirement."""
         self.cases += others.cases
         self.violations += others.violations
         self.missing += others.missing
-        if others._least < self._least:
-            self._least, self.worst = others._least, others.worst
+        if others._min_margin < self._min_margin:
+            self._min_margin, self.worst = others._min_margin, others.worst
         self.first = others.first if self.first < 0 else self.first
         if self.first_unknown < 0:
             self.first_unknown = others.first_unknown
@@ -119,16 +122,16 @@ class Tally:
     def add_any(
         self, numbers: np.ndarray, counted: Sequence[tuple[np.ndarray, np.ndarray]]
     ) -> None:
-        """Take cases, by what `add` of the ``others`` returned."""
+        """Count cases that violate any of the ``others``, from the masks that their `add`
+        returned."""
         self.cases += len(numbers)
-        known, unknown = (np.any([each[k] for each in counted], axis=0) for k in (0, 1))
+        known, unknown = (np.any([masks[k] for masks in counted], axis=0) for k in (0, 1))
         self._count(numbers, known, unknown & ~known)
 
     def _count(
         self, numbers: np.ndarray, known: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Count cases (n,) that are known to violate, and those of which nothing is known; returns
-        both."""
+        """Count masks (n,) of violating and unknown cases; return both."""
         self.missing += int(np.count_nonzero(unknown))
         self.violations += int(np.count_nonzero(known | unknown))
         if self.first < 0 and known.any():
@@ -139,9 +142,8 @@ class Tally:
 
     @property
     def extreme(self) -> tuple[float, int]:
-        """Value and number of the worst case; of a requirement on what is yes or no, or on a
-        status, or if no case has the outcome, no value and the first case that violates it. -1 if
-        there is none."""
+        """Worst value and its case. For a requirement on a status, on an outcome that is 0 or 1, or
+        without any value: NaN and the first violating case, -1 if there is none."""
         item = self.requirement
         on_status = item.at_least is item.at_most is None
         if on_status or is_yes_or_no(item.metric) or self.worst[1] < 0:
@@ -150,98 +152,126 @@ class Tally:
 
     @property
     def nearest(self) -> float:
-        """Least distance of a case from the bound; infinite if no case has the outcome."""
+        """Smallest distance of a case from the bound; infinite if no case has the outcome."""
         return float(np.abs(self._near).min(initial=math.inf))
 
     def in_doubt(self, error: float) -> tuple[int, int] | None:
-        """Violations at least and at most, if outcomes are off by up to an ``error``; None if too
-        many cases are that near to the bound."""
+        """Return the smallest and largest number of violations for outcomes off by up to ``error``;
+        None if too many cases are that near to the bound."""
         near = self._near[np.abs(self._near) < error]
-        if len(near) == _NEAR:
+        if len(near) == _MAX_NEAR:
             return None
         below = int(np.count_nonzero(near < 0.0))
         return self.violations - below, self.violations + len(near) - below
 
 
-def tallies(requirements: Sequence[Requirement]) -> list[Tally]:
-    """A tally of each requirement, in their order."""
-    found = [Tally(item) for item in requirements]
-    for tally in found:
-        if tally.requirement.metric == VIOLATION:
-            tally.others = [other for other in found if other.requirement.metric != VIOLATION]
-    return found
+def requirement_counters(requirements: Sequence[Requirement]) -> list[RequirementCounter]:
+    """Return a counter for each requirement, in their order."""
+    counters = [RequirementCounter(item) for item in requirements]
+    for counter in counters:
+        if counter.requirement.metric == VIOLATION:
+            counter.others = [other for other in counters if other.requirement.metric != VIOLATION]
+    return counters
 
 
-def tally_all(
-    all_tallies: Sequence[Tally],
+def count_cases(
+    counters: Sequence[RequirementCounter],
     numbers: np.ndarray,
     ok: np.ndarray,
     values: Callable[[str], np.ndarray | None],
-    met: Callable[[str], np.ndarray],
+    has_status: Callable[[str], np.ndarray],
 ) -> None:
-    """Take cases into all tallies: ``values`` gives an outcome (n,) by its name, None of a status,
-    ``met`` which cases (n,) have a status; the others as for `Tally.add`."""
-    counted = [
-        tally.add(numbers, ok, values(tally.requirement.metric), met(tally.requirement.metric))
-        for tally in all_tallies
-        if not tally.others
+    """Count cases in all counters.
+
+    Parameters
+    ----------
+    counters : sequence of RequirementCounter
+    numbers, ok
+        As for `RequirementCounter.add`.
+    values : callable
+        Returns an outcome (n,) by name, None for a status.
+    has_status : callable
+        Returns the mask (n,) of cases with a status.
+    """
+    masks = [
+        counter.add(
+            numbers, ok, values(counter.requirement.metric), has_status(counter.requirement.metric)
+        )
+        for counter in counters
+        if not counter.others
     ]
-    for tally in all_tallies:
-        if tally.others:
-            tally.add_any(numbers, counted)
+    for counter in counters:
+        if counter.others:
+            counter.add_any(numbers, masks)
 
 
 def has_two_bounds(requirement: "Requirement | Verdict") -> bool:
-    """Whether a requirement has a bound on either side."""
+    """Return True if a requirement has a lower and an upper bound."""
     return requirement.at_least is not None and requirement.at_most is not None
 
 
 def margins(values: np.ndarray, requirement: "Requirement | Verdict") -> np.ndarray:
-    """How far values (n,) are within the bound; below zero beyond it; NaN of NaN."""
+    """Return the distances (n,) of values from the nearer bound, negative beyond it, NaN of NaN."""
     low, high = requirement.at_least, requirement.at_most
     below = values - low if low is not None else np.where(np.isnan(values), np.nan, math.inf)
     above = high - values if high is not None else np.where(np.isnan(values), np.nan, math.inf)
     return np.minimum(below, above)
 
 
-def violating(
+def violation_masks(
     requirement: Requirement, cases: Mapping[str, Any], others: Sequence[Requirement] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which cases of a table (n_cases,) violate a requirement, and of which of them it is known;
-    ``others`` are those that a requirement on `VIOLATION` is about."""
+    """Return the masks (n_cases,) of violating cases and of cases with a known result.
+
+    Parameters
+    ----------
+    requirement : Requirement
+    cases : mapping of name to column
+    others : sequence of Requirement
+        Requirements that one on `VIOLATION` combines.
+    """
     if requirement.metric == VIOLATION:
-        found = [violating(one, cases) for one in others if one.metric != VIOLATION]
-        ended = ok_rows(cases)  # of others it is known what they are, but not what they would be
-        found = [(one, there & (ended | one)) for one, there in found]
-        violates = np.any([one & there for one, there in found], axis=0)
-        return violates, violates | np.all([there for _, there in found], axis=0)
-    labels = np.asarray(cases["status"], dtype=object)
+        masks = [violation_masks(item, cases) for item in others if item.metric != VIOLATION]
+        ok = ok_rows(cases)  # the outcome of a failed case counts only where it violates
+        masks = [(violates_one, mask & (ok | violates_one)) for violates_one, mask in masks]
+        violates = np.any([violates_one & mask for violates_one, mask in masks], axis=0)
+        return violates, violates | np.all([mask for _, mask in masks], axis=0)
+    statuses = np.asarray(cases["status"], dtype=object)
     if requirement.metric in cases:
         margin = margins(column(cases, requirement.metric), requirement)
         return margin < 0.0, ok_rows(cases) & ~np.isnan(margin)
-    return labels == requirement.metric, np.ones(len(labels), dtype=bool)
+    return statuses == requirement.metric, np.ones(len(statuses), dtype=bool)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the cases of a campaign say of a requirement.
+    """Result of a requirement for the cases of a campaign.
 
-    ``verdict`` : pass; fail: shown not to hold, with the same confidence; not shown: neither; no
-    verdict, and ``why``
-    ``violations`` of ``cases``, ``allowed`` of them (-1: too few cases); ``missing``: those of them
-    that did not come to their end or have no such outcome, of which it is not known; ``lacking``:
-    those of them that came to their end
-    ``more`` : further cases, none of which violates, that would show it; 0 if it passes
-    ``share_low``, ``share_high`` : 95 % interval of the share that violates (Clopper-Pearson), from
-    no and from all cases of which it is not known; ``share_at_least``, ``share_at_most``: each with
-    the confidence of the requirement
-    ``design_value`` : what the required share of all cases does not pass, with the confidence: an
-    order statistic; between two bounds, of the margin to the nearer one, below zero beyond it; None
-    if the cases are too few
-    ``worst``, ``worst_case`` : the outcome that is worst, and its case; where it is yes or no, a
-    status, a violation of others, or in no case there, None, and the first case that violates
-    ``nearest`` : least distance of a case from the bound; ``error`` : numerical error there; None
-    where others are violated
+    Parameters
+    ----------
+    verdict : str
+        ``pass``; ``fail``: refuted with the same confidence; ``not shown``: neither;
+        ``no verdict``: see ``why``.
+    cases, violations, allowed : int
+        Cases, violations among them, and allowed violations (-1: too few cases).
+    missing, lacking : int
+        Unknown cases, which did not finish or have no such outcome; those of them that finished.
+    more : int
+        Further cases without a violation that would pass; 0 if it passes.
+    share_low, share_high : float
+        95 % Clopper-Pearson interval of the violation probability, with none and all of the unknown
+        cases counted as violations.
+    share_at_least, share_at_most : float
+        One-sided bounds of the violation probability, with the confidence of the requirement.
+    design_value : float, optional
+        Order statistic that bounds the required fraction of all cases with the confidence; for two
+        bounds of the margin to the nearer one, negative beyond it. None for too few cases.
+    worst, worst_case : float, int, optional
+        Worst outcome and its case; for a status, a yes-or-no outcome or `VIOLATION` None and the
+        first violating case.
+    nearest, error : float, optional
+        Smallest distance of a case from the bound, and the numerical error there; None for
+        `VIOLATION`.
     """
 
     name: str
@@ -269,56 +299,69 @@ class Verdict:
     lacking: int = 0
 
     def to_dict(self) -> dict[str, Any]:
-        """All fields by name."""
+        """Return all fields by name."""
         return asdict(self)
 
 
-def design_value(tally: Tally, count: int, ranked: Callable[[np.ndarray], np.ndarray]) -> float:
-    """The design value among so many outcomes, of two bounds `margins`, ``ranked`` by rising
-    places; NaN if there is none."""
-    item = tally.requirement
+def design_value(
+    counter: RequirementCounter, count: int, at_ranks: Callable[[np.ndarray], np.ndarray]
+) -> float:
+    """Return the design value of ``count`` outcomes, or of their `margins` for two bounds; NaN if
+    none exists. ``at_ranks`` returns the values at sorted ranks."""
+    item = counter.requirement
     if item.at_least is item.at_most is None:  # on a status
         return math.nan
-    place = design_place(
-        count, item.probability, item.confidence, item.at_least is None, tally.missing
+    rank = design_rank(
+        count, item.probability, item.confidence, item.at_least is None, counter.missing
     )
-    return math.nan if place is None else float(ranked(np.array([place]))[0])
+    return math.nan if rank is None else float(at_ranks(np.array([rank]))[0])
 
 
-def doubt(audit: pd.DataFrame, sampler: str) -> str:
-    """Why the cases of a run can show nothing, whatever they are; empty if they can."""
+def no_verdict_reason(audit: pd.DataFrame, sampler: str) -> str:
+    """Return why the cases of a run allow no verdict at all; empty if they do."""
     if (audit["beyond"] > 0).any():
         return "the audit failed"
     if sampler != "random":
         return (
-            f"cases of run.sampler = {sampler!r} do not come independently of each other, so "
-            "they show nothing with a confidence; fly random ones"
+            f"cases of run.sampler = {sampler!r} are not independent, so no confidence "
+            "applies to them; use run.sampler = 'random'"
         )
     return ""
 
 
-def judge(tally: Tally, errors: Errors, design: float, none: str = "", lacking: int = 0) -> Verdict:
-    """The verdict on a requirement.
+def judge(
+    counter: RequirementCounter,
+    errors: Errors,
+    design_value: float,
+    reason: str = "",
+    lacking: int = 0,
+) -> Verdict:
+    """Return the verdict on a requirement.
 
     Parameters
     ----------
-    tally : of all cases
-    errors : of outcomes
-    design : the `design_value`; NaN if there is none
-    none : why there can be no verdict; see `doubt`
-    lacking : cases that came to their end without the outcome
+    counter : RequirementCounter
+        Counter of all cases.
+    errors : mapping
+        Numerical errors of outcomes, see `Errors`.
+    design_value : float
+        See `design_value`; NaN if there is none.
+    reason : str
+        Why there can be no verdict, see `no_verdict_reason`.
+    lacking : int
+        Cases that finished without the outcome.
     """
-    item, n, k = tally.requirement, tally.cases, tally.violations
-    may = allowed(n, item.probability, item.confidence) if n else -1
-    # what two say of one bound is in doubt once
-    about = {
+    item, n, k = counter.requirement, counter.cases, counter.violations
+    allowed = allowed_violations(n, item.probability, item.confidence) if n else -1
+    # requirements on the same bound count once
+    distinct = {
         (one.requirement.metric, one.requirement.at_least, one.requirement.at_most): one
-        for one in tally.others or [tally]
+        for one in counter.others or [counter]
     }
-    parts = [(one, _error_at(one.requirement, errors)) for one in about.values()]
-    verdict, why = _verdict(tally, parts, none)
-    known = k - tally.missing
-    worst, worst_case = tally.extreme
+    bounded = [(one, _error_at(one.requirement, errors)) for one in distinct.values()]
+    verdict, why = _verdict(counter, bounded, reason)
+    known = k - counter.missing
+    worst, worst_case = counter.extreme
     return Verdict(
         item.name,
         item.metric,
@@ -330,170 +373,180 @@ def judge(tally: Tally, errors: Errors, design: float, none: str = "", lacking: 
         why,
         n,
         k,
-        may,
-        tally.missing,
-        0 if k <= may else needed(k, item.probability, item.confidence) - n,
-        interval(known, n)[0] if n else 0.0,
-        interval(k, n)[1] if n else 1.0,
-        at_least(known, n, item.confidence) if n else 0.0,
-        at_most(k, n, item.confidence) if n else 1.0,
-        _known(design),
+        allowed,
+        counter.missing,
+        0 if k <= allowed else required_cases(k, item.probability, item.confidence) - n,
+        binomial_interval(known, n)[0] if n else 0.0,
+        binomial_interval(k, n)[1] if n else 1.0,
+        lower_bound(known, n, item.confidence) if n else 0.0,
+        upper_bound(k, n, item.confidence) if n else 1.0,
+        _known(design_value),
         _known(worst),
         worst_case if worst_case >= 0 else None,
-        _known(tally.nearest),
-        _known(parts[0][1]) if not tally.others else None,
+        _known(counter.nearest),
+        _known(bounded[0][1]) if not counter.others else None,
         lacking,
     )
 
 
 def _known(number: float) -> float | None:
+    """Return a finite number, else None."""
     return number if math.isfinite(number) else None
 
 
 def _error_at(item: Requirement, errors: Errors) -> float:
-    """Numerical error of an outcome at its bound, in its unit; NaN if it is not known."""
+    """Return the numerical error of an outcome at its bound, in its unit; NaN if unknown."""
     bounds = [abs(bound) for bound in (item.at_least, item.at_most) if bound is not None]
     if not bounds or is_yes_or_no(item.metric):
         return 0.0
-    share, scale = errors.get(item.metric, (math.nan, math.nan))
-    return share * max(*bounds, scale)
+    relative, scale = errors.get(item.metric, (math.nan, math.nan))
+    return relative * max(*bounds, scale)
 
 
-def _verdict(tally: Tally, parts: Sequence[tuple[Tally, float]], none: str) -> tuple[str, str]:
-    """The verdict, and why there is none, if ``parts``, what it is about, have such errors."""
-    item, n = tally.requirement, tally.cases
+def _verdict(
+    counter: RequirementCounter, bounded: Sequence[tuple[RequirementCounter, float]], reason: str
+) -> tuple[str, str]:
+    """Return the verdict, and the reason if there is none; ``bounded`` are the counters with their
+    errors."""
+    item, n = counter.requirement, counter.cases
     if not n:
         return NONE, "no case was flown"
-    if none:
-        return NONE, none
-    if tally.missing == n:
-        what = "all of these outcomes" if tally.others else "this outcome"
-        return NONE, f"no case came to its end with {what}"
-    unknown = [part.requirement.metric for part, error in parts if math.isnan(error)]
+    if reason:
+        return NONE, reason
+    if counter.missing == n:
+        outcomes_text = "all of these outcomes" if counter.others else "this outcome"
+        return NONE, f"no case finished with {outcomes_text}"
+    unknown = [each.requirement.metric for each, error in bounded if math.isnan(error)]
     if unknown:
         return NONE, f"the numerical error of {', '.join(unknown)} is not known"
-    found, fewer, more = set(), 0, 0
-    for part, error in parts:
-        doubt = part.in_doubt(error)
-        if doubt is None:
+    results, near_violations, near_passes = set(), 0, 0
+    for each, error in bounded:
+        bounds = each.in_doubt(error)
+        if bounds is None:
             break
-        fewer, more = fewer + part.violations - doubt[0], more + doubt[1] - part.violations
+        near_violations += each.violations - bounds[0]
+        near_passes += bounds[1] - each.violations
     else:
-        ends = max(tally.violations - fewer, 0), min(tally.violations + more, n)
-        found = {_shown(k, min(tally.missing, k), n, item) for k in ends}
-    if len(found) != 1:
-        size = f" of {parts[0][1]:.1e}" if not tally.others else ""
+        k = counter.violations
+        ends = max(k - near_violations, 0), min(k + near_passes, n)
+        results = {_shown(end, min(counter.missing, end), n, item) for end in ends}
+    if len(results) != 1:
+        size = f" of {bounded[0][1]:.1e}" if not counter.others else ""
         return NONE, (
-            f"cases nearer to the bound than the numerical error{size} decide; a finer "
-            "solver.accuracy may tell, but for times and places of extremes"
+            f"cases nearer to the bound than the numerical error{size} determine the result; a "
+            "finer solver.accuracy may resolve it, except for times and places of extremes"
         )
-    return found.pop(), ""
+    return results.pop(), ""
 
 
 def _shown(k: int, missing: int, n: int, item: Requirement) -> str:
-    """What k violations in n cases show, of which so many are ``missing``."""
-    if k <= allowed(n, item.probability, item.confidence):
+    """Return the verdict for k violations in n cases, ``missing`` of them unknown."""
+    if k <= allowed_violations(n, item.probability, item.confidence):
         return PASS
-    # a system that is just sufficient would rarely have so many that are known
-    rarely = 1.0 - item.confidence
-    as_many = 1.0 - cumulative(k - missing - 1, n, 1.0 - item.probability) if k > missing else 1.0
-    return FAIL if as_many <= rarely else NOT_SHOWN
+    # probability of as many known violations in a system that just satisfies the requirement
+    risk = 1.0 - item.confidence
+    probability = (
+        1.0 - binomial_cdf(k - missing - 1, n, 1.0 - item.probability) if k > missing else 1.0
+    )
+    return FAIL if probability <= risk else NOT_SHOWN
 
 
-def table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
-    """Verdicts by the name of their requirement."""
+def verdict_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
+    """Tabulate verdicts by the name of their requirement."""
     names = [field.name for field in fields(Verdict)]
     rows = [verdict.to_dict() for verdict in verdicts]
     return pd.DataFrame(rows, columns=pd.Index(names)).set_index("name")
 
 
-def text(
+def render_verdicts(
     verdicts: Sequence[Verdict],
     units: Mapping[str, str],
     width: int = WIDTH,
-    of: str = ALL,
+    population: str = ALL_CASES,
 ) -> str:
-    """Verdicts as an engineer reads them in a terminal, ``of`` the cases that there are; nothing if
-    nothing is required."""
-    told = (_told(v, units.get(v.metric, ""), width, of) for v in verdicts)
-    return "\n".join(["requirements", *told])
+    """Render verdicts as text; ``population`` names the cases they refer to."""
+    parts = (_render_verdict(v, units.get(v.metric, ""), width, population) for v in verdicts)
+    return "\n".join(["requirements", *parts])
 
 
-def lacking(verdicts: Sequence[Verdict]) -> str:
-    """The sentence on what some cases, chosen from others, lack to show what is required of them;
-    empty if nothing is: they are as rare as what they were chosen by."""
-    few = [v for v in verdicts if v.verdict == NOT_SHOWN]
-    if not few:
+def render_cases_needed(verdicts: Sequence[Verdict]) -> str:
+    """Return a sentence on the further cases that filtered cases need to pass; empty if none are
+    needed."""
+    pending = [v for v in verdicts if v.verdict == NOT_SHOWN]
+    if not pending:
         return ""
-    most = max(v.more for v in few)
-    which = few[0].name if len(few) == 1 else f"{len(few)} requirements"
+    most = max(v.more for v in pending)
+    subject = pending[0].name if len(pending) == 1 else f"{len(pending)} requirements"
     return (
-        f"{which} not shown: {most} more such cases, none of which violates, would; a campaign "
-        "whose file fixes what is given (--set) flies such cases only"
+        f"{subject} not shown: {most} more such cases without a violation are needed; a campaign "
+        "with these inputs fixed (--set) runs such cases only"
     )
 
 
-def sentence(item: Requirement | Verdict, unit: str, of: str = ALL) -> str:
-    """A requirement in words, ``of`` the cases that it is held to."""
+def requirement_sentence(
+    item: Requirement | Verdict, unit: str, population: str = ALL_CASES
+) -> str:
+    """Describe a requirement; ``population`` names the cases it refers to."""
     bound = " and ".join(
         f"{sign} {number:g}{_spaced(unit)}"
         for sign, number in ((">=", item.at_least), ("<=", item.at_most))
         if number is not None
     )
-    what = f"{item.metric} {bound or 'does not occur'}"
+    text = f"{item.metric} {bound or 'does not occur'}"
     if item.metric == VIOLATION:
-        what = "no other requirement is violated"
+        text = "no other requirement is violated"
     return (
-        f"{item.name}: {what} in {_percent(item.probability)} "
-        f"of {of}, with {_percent(item.confidence)} confidence"
+        f"{item.name}: {text} in {_percent(item.probability)} "
+        f"of {population}, with {_percent(item.confidence)} confidence"
     )
 
 
-def _told(v: Verdict, unit: str, width: int, of: str) -> str:
+def _render_verdict(v: Verdict, unit: str, width: int, population: str) -> str:
+    """Render one verdict as indented lines."""
     required, confidence = _percent(v.probability), _percent(v.confidence)
     lines = [
-        sentence(v, unit, of),
+        requirement_sentence(v, unit, population),
         f"{v.violations} of {v.cases} cases violate it, "
-        + (f"{v.allowed} may" if v.allowed >= 0 else "where even none would not show it")
-        + (f"; {missing_text(v)}" if v.missing else ""),
+        + (f"{v.allowed} may" if v.allowed >= 0 else "too few cases to show it even without one")
+        + (f"; {render_missing(v)}" if v.missing else ""),
     ]
     if v.verdict == NONE:
         lines.insert(1, v.why)
     else:
-        lines[-1] += f"; of {of} {_violating(v)} do ({confidence})"
-    if v.verdict == NOT_SHOWN and of == ALL:
-        lines.append(f"{v.more} more cases, none of which violates it, would show it")
+        lines[-1] += f"; of {population} {_violating(v)} violate it ({confidence})"
+    if v.verdict == NOT_SHOWN and population == ALL_CASES:
+        lines.append(f"{v.more} more cases without a violation would show it")
     if v.worst is not None:
-        said = f"worst {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"
+        text = f"worst {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"
         if v.design_value is not None and v.verdict != NONE:
-            said += f"; {required} of {of} are {_designed(v, unit)}, with {confidence}"
-        lines.append(said)
+            text += f"; {required} of {population} are {_designed(v, unit)}, with {confidence}"
+        lines.append(text)
     head, indent = f"  {v.verdict.upper():10s}  ", " " * 14
     return "\n".join(
         fill(
-            line.replace(" %", _KEPT + "%"),
+            line.replace(" %", _NO_BREAK + "%"),
             width,
             initial_indent=indent if i else head,
             subsequent_indent=indent,
-        ).replace(_KEPT, " ")
+        ).replace(_NO_BREAK, " ")
         for i, line in enumerate(lines)
     )
 
 
-def missing_text(v: Verdict) -> str:
-    """Of how many cases that count as violations nothing is known, and why."""
+def render_missing(v: Verdict) -> str:
+    """Describe how many violating cases are unknown, and why."""
     ended = v.missing - v.lacking
     if v.metric == VIOLATION:
-        unknown = {"did not come to their end, or lack an outcome": v.missing}
+        unknown = {"did not finish or have no such outcome": v.missing}
     elif v.at_least is v.at_most is None:
         unknown = {"ended in another way": v.missing}
     else:
-        unknown = {"have no such outcome": v.lacking, "did not come to their end": ended}
+        unknown = {"have no such outcome": v.lacking, "did not finish": ended}
     return ", ".join(f"{count} of them {why}" for why, count in unknown.items() if count)
 
 
 def _designed(v: Verdict, unit: str) -> str:
-    """The design value in words."""
+    """Describe the design value."""
     value = v.design_value or 0.0
     if has_two_bounds(v):
         size = f"{_number(abs(value))}{_spaced(unit)}"
@@ -504,30 +557,33 @@ def _designed(v: Verdict, unit: str) -> str:
 
 
 def _violating(v: Verdict) -> str:
-    """What share of all cases violates a requirement."""
+    """Format the bound of the violation probability that supports the verdict."""
     return (
-        f"> {share_text(v.share_at_least, math.floor)}"
+        f"> {format_proportion(v.share_at_least, math.floor)}"
         if v.verdict == FAIL
-        else f"< {share_text(v.share_at_most, math.ceil)}"
+        else f"< {format_proportion(v.share_at_most, math.ceil)}"
     )
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:g} %"
+def _percent(fraction: float) -> str:
+    """Format a fraction as percent."""
+    return f"{100.0 * fraction:g} %"
 
 
 def _spaced(unit: str) -> str:
+    """Return a unit with a leading space, empty for dimensionless."""
     return f" {unit}" if unit not in ("", "1") else ""
 
 
-def share_text(share: float, rounding: Callable[[float], int] = round) -> str:
-    """A share of cases in two digits; of a bound that is to hold as it is printed, by another
-    ``rounding``."""
-    if 0.0 < share < 1.0:
-        unit = 10.0 ** (math.floor(math.log10(share)) - 1)
-        share = rounding(share / unit * (1.0 - 1e-12 * (rounding is math.ceil))) * unit
-    return f"{share:.1e}" if 0.0 < share < 0.0095 else f"{share:.2g}"
+def format_proportion(value: float, rounding: Callable[[float], int] = round) -> str:
+    """Format a proportion with two digits, rounded by ``rounding`` so that a bound stays a
+    bound."""
+    if 0.0 < value < 1.0:
+        unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+        value = rounding(value / unit * (1.0 - 1e-12 * (rounding is math.ceil))) * unit
+    return f"{value:.1e}" if 0.0 < value < 0.0095 else f"{value:.2g}"
 
 
 def _number(value: float) -> str:
+    """Format a number with four significant digits."""
     return rounded(value, abs(value), 4)

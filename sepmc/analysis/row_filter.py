@@ -1,4 +1,4 @@
-"""Cases of a run in which inputs have certain values: those in which a joint fails, say."""
+"""Row filter: cases whose inputs or outcomes satisfy terms such as ``joint.pins.fails=1``."""
 
 import fnmatch
 import re
@@ -22,88 +22,97 @@ _TESTS = {
 }
 
 
-def names_of(dispersions: Sequence[Dispersion], columns: Sequence[str]) -> dict[str, str]:
-    """What the columns of numbers of a case table can be called: by their names, and inputs by
-    their keys and paths."""
-    found = {name: name for name in columns if name != "status"}
-    for law in dispersions:
-        found |= {law.parameter.key: law.parameter.column, law.parameter.path: law.parameter.column}
-    return found
+def filter_names(dispersions: Sequence[Dispersion], columns: Sequence[str]) -> dict[str, str]:
+    """Map the names a filter accepts to numeric columns: column names, and keys and paths of
+    inputs."""
+    names = {name: name for name in columns if name != "status"}
+    for dispersion in dispersions:
+        names |= {
+            dispersion.parameter.key: dispersion.parameter.column,
+            dispersion.parameter.path: dispersion.parameter.column,
+        }
+    return names
 
 
-def where(
-    rows: Mapping[str, np.ndarray], columns: Mapping[str, str], asked: Sequence[str]
+def matching_rows(
+    rows: Mapping[str, np.ndarray], columns: Mapping[str, str], terms: Sequence[str]
 ) -> np.ndarray:
-    """Which cases (n,) meet all of what is ``asked``: terms such as ``joint.pins.fails=1`` or
-    ``initial.alpha_deg>5``, or several with ``or`` between them, of which one is enough; so is one
-    of the names that match a pattern, as in ``spring.*.fails=1``.
+    """Return the mask (n,) of cases that satisfy all terms.
 
     Parameters
     ----------
-    rows : case table by column
-    columns : mapping of what an input or outcome can be called to its column
-    asked : terms
+    rows : mapping of column to values, shape (n,)
+    columns : mapping of accepted name to column
+    terms : sequence of str
+        Terms such as ``joint.pins.fails=1`` or ``initial.alpha_deg>5``, or alternatives joined by
+        ``or``. A pattern such as ``spring.*.fails=1`` is satisfied if any matching column is.
+
+    Returns
+    -------
+    ndarray, shape (n,), bool
 
     Raises
     ------
     InputError
-        If a term cannot be read, or names nothing that the table has.
+        If a term cannot be parsed, or matches no column.
     """
-    found = np.ones(len(rows["case"]), dtype=bool)
-    for text in asked:
-        found &= np.any([_meets(rows, columns, term, text) for term in _OR.split(text)], axis=0)
-    return found
+    mask = np.ones(len(rows["case"]), dtype=bool)
+    for term in terms:
+        mask &= np.any(
+            [_meets(rows, columns, alternative, term) for alternative in _OR.split(term)], axis=0
+        )
+    return mask
 
 
-def outcomes_of(columns: Mapping[str, str], asked: Sequence[str]) -> list[str]:
-    """Columns by which cases are chosen that are no inputs."""
-    terms = [_read(columns, term, text) for text in asked for term in _OR.split(text)]
-    found = dict.fromkeys(name for known, _, _ in terms for name in known)
-    return [name for name in found if not name.startswith("in_") and name != "case"]
+def filter_outcomes(columns: Mapping[str, str], terms: Sequence[str]) -> list[str]:
+    """Return the columns of a filter that are outcomes, not inputs."""
+    parsed = [_read(columns, each, term) for term in terms for each in _OR.split(term)]
+    names = dict.fromkeys(name for matches, _, _ in parsed for name in matches)
+    return [name for name in names if not name.startswith("in_") and name != "case"]
 
 
 def _meets(
     rows: Mapping[str, np.ndarray], columns: Mapping[str, str], term: str, text: str
 ) -> np.ndarray:
-    """Which cases (n,) meet one term of a ``text``."""
-    known, test, number = _read(columns, term, text)
-    return np.any([_TESTS[test](column(rows, each), number) for each in known], axis=0)
+    """Return the mask (n,) of cases that satisfy one alternative of a term."""
+    names, test, number = _read(columns, term, text)
+    return np.any([_TESTS[test](column(rows, name), number) for name in names], axis=0)
 
 
 def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], str, float]:
-    """Columns, test and number of one term of a ``text``."""
+    """Parse one alternative of a term into columns, comparison and number."""
     match = _TERM.fullmatch(term)
     if not match:
         raise InputError(
-            f"given = {text}: must be NAME=VALUE, with =, !=, <, <=, > or >=; "
+            f"where = {text}: must be NAME=VALUE, with =, !=, <, <=, > or >=; "
             "several with 'or' between them"
         )
     name, test, value = match.groups()
-    known = sorted({columns[each] for each in fnmatch.filter(columns, name)})
-    if not known:
-        offered = [each for each in columns if not _unit_left_out(each, columns)]
-        keys = [each for each in offered if "." in each]
+    names = sorted({columns[name] for name in fnmatch.filter(columns, name)})
+    if not names:
+        offered = [name for name in columns if not _unit_left_out(name, columns)]
+        keys = [name for name in offered if "." in name]
         offered = keys if "." in name and keys else offered
-        raise InputError(f"given = {text}: no such input or outcome; {nearest(name, offered)}")
+        raise InputError(f"where = {text}: no such input or outcome; {nearest(name, offered)}")
     try:
         number = float(value)
     except ValueError:
         number = np.nan
     if np.isnan(number):
-        raise InputError(f"given = {text}: {value!r} must be a number")
-    return known, test, number
+        raise InputError(f"where = {text}: {value!r} must be a number")
+    return names, test, number
 
 
 def _unit_left_out(name: str, columns: Mapping[str, str]) -> str:
-    """The unit of an input that is called by its path without it; empty if it is not."""
+    """Return the unit of an input whose path is given without it, else an empty string."""
     stem = "in_" + name.replace(".", "_").replace("-", "_") + "_"
     return columns[name].removeprefix(stem) if columns[name].startswith(stem) else ""
 
 
-def units_taken(columns: Mapping[str, str], asked: Sequence[str]) -> list[str]:
-    """Sentences on the units of numbers of terms that name an input without one."""
-    terms = [_TERM.fullmatch(term) for text in asked for term in _OR.split(text)]
-    names = [each for term in terms if term for each in fnmatch.filter(columns, term[1])]
+def assumed_units(columns: Mapping[str, str], terms: Sequence[str]) -> list[str]:
+    """Return a sentence for each input whose unit the terms leave out."""
+    matches = [_TERM.fullmatch(match) for term in terms for match in _OR.split(term)]
+    names = [name for match in matches if match for name in fnmatch.filter(columns, match[1])]
     units = {name: _unit_left_out(name, columns) for name in names}
     return [
         f"{name} is taken in {unit}, as {columns[name]} is"
@@ -112,7 +121,7 @@ def units_taken(columns: Mapping[str, str], asked: Sequence[str]) -> list[str]:
     ]
 
 
-def in_words(asked: Sequence[str]) -> str:
-    """What is asked, as it is told."""
-    several = len(asked) > 1
-    return " and ".join(f"({each})" if several and _OR.search(each) else each for each in asked)
+def describe_filter(terms: Sequence[str]) -> str:
+    """Join the terms of a filter to one text."""
+    several = len(terms) > 1
+    return " and ".join(f"({term})" if several and _OR.search(term) else term for term in terms)

@@ -8,35 +8,36 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis import statistics as of
-from sepmc.analysis.proportions import CONFIDENCE, ranked
+from sepmc.analysis.proportions import CONFIDENCE, order_statistics
 from sepmc.analysis.requirements import (
     Errors,
-    Tally,
+    RequirementCounter,
     Verdict,
+    count_cases,
     design_value,
-    doubt,
     has_two_bounds,
     judge,
     margins,
-    tallies,
-    tally_all,
+    no_verdict_reason,
+    requirement_counters,
 )
-from sepmc.analysis.streaming import NAMED, Stream
+from sepmc.analysis.streaming import MAX_NAMED, StreamingStatistics
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 
-# cases whose columns are sorted whole, 4 MB each; of more the percentiles are those of a `Sketch`
-EXACT = 500_000
+# cases whose columns are sorted whole, 4 MB each; of more the percentiles are those of a
+# `QuantileSketch`
+MAX_EXACT_CASES = 500_000
 
 
-def by_case(columns: Mapping[str, Any]) -> pd.DataFrame:
+def index_by_case(columns: Mapping[str, Any]) -> pd.DataFrame:
     """A table of cases, a row each, whose index is their number."""
     table = pd.DataFrame(columns)
     table.index = pd.Index(table["case"].to_numpy())
     return table
 
 
-class Rows:
+class TableStatistics:
     """Statistics, audit and histograms of a case table; one column is looked at at a time.
 
     Parameters
@@ -68,7 +69,7 @@ class Rows:
         """Numbers of the first cases of each status but ok."""
         statuses, numbers = np.asarray(self.cases["status"]), np.asarray(self.cases["case"])
         return {
-            label: numbers[statuses == label][:NAMED].tolist()
+            label: numbers[statuses == label][:MAX_NAMED].tolist()
             for label in self.counts
             if label != of.OK
         }
@@ -90,13 +91,13 @@ class Rows:
     ) -> list[Verdict]:
         """Verdicts on the requirements, given the ``audit`` and how cases were drawn; outcomes have
         such numerical ``errors``."""
-        why, every = doubt(audit, sampler), tallies(self.requirements)
+        why, every = no_verdict_reason(audit, sampler), requirement_counters(self.requirements)
         labels = np.asarray(self.cases["status"])
 
         def values(name: str) -> np.ndarray | None:
             return of.column(self.cases, name) if name in self.outcomes else None
 
-        tally_all(
+        count_cases(
             every,
             np.asarray(self.cases["case"]),
             self._ok,
@@ -113,13 +114,13 @@ class Rows:
         """How many ok cases have no value; 0 if there are no values."""
         return 0 if values is None else int(np.count_nonzero(self._ok & np.isnan(values)))
 
-    def _design(self, tally: Tally, values: np.ndarray | None) -> float:
+    def _design(self, tally: RequirementCounter, values: np.ndarray | None) -> float:
         if values is None:
             return np.nan
         known = values[self._ok & ~np.isnan(values)]
         if has_two_bounds(tally.requirement):
             known = margins(known, tally.requirement)
-        return design_value(tally, len(known), partial(ranked, known))
+        return design_value(tally, len(known), partial(order_statistics, known))
 
     def histogram(self, name: str) -> of.Histogram | None:
         """Histogram of the finite values of an outcome, or None if it has none."""
@@ -136,12 +137,12 @@ def summarise(
     audits: Sequence[str],
     bounds: Mapping[str, float],
     requirements: Sequence[Requirement] = (),
-) -> Rows | Stream:
+) -> TableStatistics | StreamingStatistics:
     """Statistics of a stored case table (`sepmc.campaign.store.shards.CaseColumns`): exact up to
-    `EXACT` cases, from then on by a `Stream`."""
-    if cases.rows <= EXACT:
-        return Rows(cases, outcomes, audits, bounds, requirements)
-    stream = Stream(outcomes, audits, bounds, requirements)
+    `MAX_EXACT_CASES` cases, from then on by a `StreamingStatistics`."""
+    if cases.rows <= MAX_EXACT_CASES:
+        return TableStatistics(cases, outcomes, audits, bounds, requirements)
+    stream = StreamingStatistics(outcomes, audits, bounds, requirements)
     code_of = {status.label: int(status) for status in Status}
     for numbers, statuses, columns in cases.batches([*outcomes, *audits]):
         stream.add(

@@ -16,19 +16,20 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.dependence import dependence
-from sepmc.analysis.statistics import TWO_SIDED, WIDTH, aligned, column, ok_rows, rounded
+from sepmc.analysis.statistics import TWO_SIDED, column, ok_rows
+from sepmc.analysis.statistics_text import WIDTH, aligned, rounded
 from sepmc.analysis.variance_indices import (
     BY_GROUPS,
     BY_ROWS,
     ESTIMATORS,
     PATTERNED,
     PLAN,
-    by_few_cases,
-    groups_of,
-    independent,
-    of_groups,
-    of_order,
-    of_values,
+    few_cases_warning,
+    grouped_index,
+    independent_rows,
+    ordered_index,
+    saltelli_groups,
+    saltelli_indices,
 )
 from sepmc.scene.model import SALTELLI
 
@@ -45,7 +46,7 @@ COLUMNS = (
 _ENDS = ["first_low", "first_high", "total_low", "total_high"]
 
 
-def drivers(
+def input_sensitivities(
     cases: Mapping[str, np.ndarray],
     inputs: Sequence[str],
     outcome: str,
@@ -69,7 +70,7 @@ def drivers(
     indices : whether to compute indices, which take longest
     correlated : inputs that are known to vary together, group by group
     within : how far values may be apart by numerical error, if it is known that none are further
-        (`sepmc.analysis.constant_outcomes.reach`)
+        (`sepmc.analysis.constant_outcomes.max_spread`)
 
     Returns
     -------
@@ -109,7 +110,7 @@ def drivers(
     table = pd.DataFrame(np.nan, index=pd.Index(names, name="input"), columns=list(COLUMNS))
     known, outcomes = x[varied][:, there], y[there]
     if sampler == SALTELLI:
-        apart = independent(cases, len(inputs), sampler)
+        apart = independent_rows(cases, len(inputs), sampler)
         known, outcomes = x[varied][:, there & apart], y[there & apart]
         if not len(outcomes) or outcomes.min() == outcomes.max():
             raise ValueError(f"{outcome}: does not vary in cases that do not repeat each other")
@@ -128,7 +129,7 @@ def drivers(
         said = PATTERNED.format(what="run.samples" if sampler == PLAN else "what the cases give")
     elif indices and valid.first == BY_ROWS:
         _by_rows(table, known, outcomes, few)
-    if table["first"].notna().any() and (unsure := by_few_cases(known[few], outcomes)):
+    if table["first"].notna().any() and (unsure := few_cases_warning(known[few], outcomes)):
         table[_ENDS] = np.nan
         said = unsure
     table.attrs["said"] = said if indices else ""
@@ -142,17 +143,17 @@ def drivers(
     return table.iloc[np.lexsort((-table["rank"].abs(), -table["shift"], -sure))]
 
 
-def foremost(table: pd.DataFrame, most: int) -> pd.DataFrame:
-    """The ``most`` inputs of `drivers` that do most, in its order: the first of it, but a place in
-    four for those of the others that surely shift the mean farthest, as a failure of few cases may
-    that explains little of the variance."""
+def leading_inputs(table: pd.DataFrame, most: int) -> pd.DataFrame:
+    """The ``most`` inputs of `input_sensitivities` that do most, in its order: the first of it, but
+    a place in four for those of the others that surely shift the mean farthest, as a failure of few
+    cases may that explains little of the variance."""
     kept = most - max(1, most // 4)
     others = table.iloc[kept:]["shift"].sort_values(ascending=False, kind="stable").index
     return table[table.index.isin([*table.index[:kept], *others[: most - kept]])]
 
 
-def order_text(table: pd.DataFrame, most: int) -> str:
-    """In what order `foremost` has inputs."""
+def order_description(table: pd.DataFrame, most: int) -> str:
+    """In what order `leading_inputs` has inputs."""
     given = table["first_low"].notna().any()
     first = "the surest first-order index first" if given else "what surely shifts its mean first"
     return first + ("" if len(table) <= most else ", then what else shifts its mean most")
@@ -196,7 +197,7 @@ def _tails(x: np.ndarray, y: np.ndarray, of_few: bool) -> tuple[float, float, fl
 
 def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, few: np.ndarray) -> None:
     """First-order indices from independent cases, of inputs of ``few`` values (d,) or many."""
-    estimators = [of_values if of_few else of_order for of_few in few]
+    estimators = [grouped_index if of_few else ordered_index for of_few in few]
     found = np.array([of(row, y) for of, row in zip(estimators, x, strict=True)])
     _put(table, "first", *found.T)
 
@@ -207,10 +208,10 @@ def _by_saltelli(
     """First-order and total indices from whole groups of a Saltelli design. Returns what is to be
     said of it."""
     try:
-        groups = groups_of(numbers, x, y)
+        groups = saltelli_groups(numbers, x, y)
     except ValueError as error:
         return f"first-order and total indices are not given: {error}"
-    first, total = of_groups(groups)
+    first, total = saltelli_indices(groups)
     _put(table, "first", *first[:, varied])
     _put(table, "total", *total[:, varied])
     left = groups.left_out
@@ -221,7 +222,7 @@ def _put(table: pd.DataFrame, name: str, index: np.ndarray, half: np.ndarray) ->
     table[name], table[f"{name}_low"], table[f"{name}_high"] = index, index - half, index + half
 
 
-def text(
+def render_sensitivities(
     table: pd.DataFrame,
     outcome: str,
     keys: Mapping[str, str],
@@ -240,7 +241,7 @@ def text(
             f"{row['partial']:.2f}",
             f"{rounded(row['mean_low'], scale)} to {rounded(row['mean_high'], scale)}",
         ]
-        for name, row in foremost(table, most).iterrows()
+        for name, row in leading_inputs(table, most).iterrows()
     ]
     kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
     lines = aligned([[row[k] for k in kept] for row in [head, *rows]], width - 2)
@@ -249,19 +250,20 @@ def text(
     some = f"; of the {having} of {ok} ok cases that have it" if having < ok else ""
     return "\n".join(
         [
-            f"what drives {outcome}: {order_text(table, most)}{some}",
+            f"what drives {outcome}: {order_description(table, most)}{some}",
             *(f"  {line}".rstrip() for line in lines),
         ]
         + ([f"  and {left} more inputs"] if left > 0 else [])
         + [
             fill(each, width, initial_indent="  ", subsequent_indent="  ")
-            for each in remarks(table, keys)
+            for each in index_notes(table, keys)
         ]
     )
 
 
-def remarks(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
-    """Sentences on what indices of `drivers` mean, or why there are none; inputs by ``keys``."""
+def index_notes(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
+    """Sentences on what indices of `input_sensitivities` mean, or why there are none; inputs by
+    ``keys``."""
     lines = [table.attrs["said"]] if table.attrs["said"] else []
     if not table["first"].notna().any():
         return lines

@@ -1,29 +1,27 @@
-"""Sample statistics of a campaign's outcomes, how sure they are, and how they lie beside reference
-figures.
+"""Statistics of outcomes with standard errors, deviations from reference values, and the audit.
 
-Rows whose status is not ``ok`` never enter; they are counted. A NaN in an ``ok`` row is an outcome
-that case does not have (no release time, say): it is left out of that outcome alone, and the column
-``n`` says how many values stand behind every figure of the row.
+Only rows with status ``ok`` enter; the others are counted. A NaN in an ``ok`` row means that the
+case has no such outcome (a release time, say): it is left out of that outcome alone, and the column
+``n`` is the number of values behind a row.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import partial
-from itertools import groupby
-from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis import constant_outcomes
 from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
-from sepmc.analysis.proportions import CONFIDENCE, at_most, interval, percentile_ranks, ranked
-from sepmc.schema import is_yes_or_no
+from sepmc.analysis.proportions import (
+    CONFIDENCE,
+    order_statistics,
+    percentile_ranks,
+)
 
 OK = "ok"
 TWO_SIDED = 1.959963984540054  # normal quantile of 97.5 %
-WIDTH = 118  # of printed tables, in characters, where nothing is known of the screen
 PERCENTILES = {
     "p0_135": 0.135,
     "p1": 1.0,
@@ -34,14 +32,11 @@ PERCENTILES = {
     "p99_865": 99.865,
 }
 REFERENCED = ("mean", "sigma", "min", "max")
-# 1 / 0.00135: with fewer values the 0.135 % and 99.865 % points lie between the two outermost
-# values
-_TAIL_CASES = 741
 
 
 class Histogram(NamedTuple):
-    """How the n finite values of an outcome lie: cases between rising edges. Values that are all
-    equal have no edges and no counts."""
+    """Histogram of the n finite values of an outcome: counts between increasing edges. If all
+    values are equal, edges and counts are empty."""
 
     n: int
     mean: float
@@ -58,18 +53,16 @@ def statistics(
     reference: Mapping[str, Mapping[str, float]] | None = None,
     confidence: float = CONFIDENCE,
 ) -> pd.DataFrame:
-    """Describe each outcome over the cases whose status is ``ok``.
+    """Describe each outcome over the cases with status ``ok``.
 
     Parameters
     ----------
     cases : DataFrame or other mapping of name to column, shape (n_cases,)
-        Columns ``case`` (number), ``status`` (string) and the outcomes, each in the unit its name
-        ends with.
+        Columns ``case`` (number), ``status`` (string) and the outcomes in the units of their names.
     outcomes : sequence of str
         Columns to describe.
     reference : mapping of outcome to {"mean", "sigma", "min", "max"}, optional
-        Figures to compare with, in the outcome's unit; any of the four, or the outcome itself, may
-        be absent.
+        Values to compare with, in the outcome's unit; any may be absent.
     confidence : float, optional
         Of the intervals of percentiles.
 
@@ -77,20 +70,23 @@ def statistics(
     -------
     DataFrame, one row per outcome
         ``n``; ``mean``, ``sigma`` (divisor n - 1), ``min``, ``max`` and percentiles ``p0_135`` to
-        ``p99_865`` (linear between order statistics: sample percentiles), in
-        the outcome's unit; ``mean_se`` = sigma / sqrt(n) and ``sigma_se``, see Notes; ``case_min``
-        and ``case_max``, the numbers of the (first) cases with the extremes, floats so that they
-        can be NaN too; ``p0_135_low``, ``p0_135_high`` and so on, the order statistics that hold
-        that percentile of the law between them with the ``confidence``. What needs more values than
-        there are is NaN. With ``reference`` also ``ref_*``, and deviations here minus reference:
-        ``dev_mean``, ``dev_min``, ``dev_max`` in reference sigmas, ``dev_sigma`` relative (0.01 is
-        one percent).
+        ``p99_865`` (linear between order statistics), in the outcome's unit; ``mean_se`` = sigma /
+        sqrt(n) and ``sigma_se``, see Notes; ``case_min`` and ``case_max``, the first cases with the
+        extremes (floats, to allow NaN); ``p0_135_low``, ``p0_135_high`` and so on, the order
+        statistics that bound a percentile with the ``confidence``. Values that need more cases are
+        NaN. With ``reference`` also ``ref_*`` and the deviations from it:
+        ``dev_mean``, ``dev_min``, ``dev_max`` in reference sigmas, ``dev_sigma`` relative.
+
+    Raises
+    ------
+    KeyError
+        If the case table lacks an outcome.
 
     Notes
     -----
-    Var(s^2) = (mu4 - (n - 3) / (n - 1) sigma^4) / n for any law with a fourth moment, so se(s) =
-    sqrt(Var(s^2)) / (2 s). The Gaussian s / sqrt(2 n) would be 58 % too large for uniform data.
-    Checked against repeated sampling in the tests.
+    Var(s^2) = (mu4 - (n - 3) / (n - 1) sigma^4) / n for any distribution with a fourth moment, so
+    se(s) = sqrt(Var(s^2)) / (2 s). The Gaussian s / sqrt(2 n) would be 58 % too large for uniform
+    data. The tests compare it with repeated sampling.
     """
     missing = [name for name in outcomes if name not in cases]
     if missing:
@@ -104,22 +100,33 @@ def statistics(
     )
 
 
-def student(freedoms: Any, confidence: float = 0.95) -> Any:
-    """Half the width of a two-sided interval of a mean, in standard errors that were estimated with
-    so many degrees of freedom (Student's t); shape of ``freedoms``, NaN of those below 1."""
+def student_half_width(degrees: Any, confidence: float = 0.95) -> Any:
+    """Return the half-width of a two-sided confidence interval of a mean, in standard errors.
+
+    Parameters
+    ----------
+    degrees : float or ndarray
+        Degrees of freedom of the standard error (Student's t).
+    confidence : float
+
+    Returns
+    -------
+    float or ndarray, shape of ``degrees``
+        NaN where ``degrees`` is not positive.
+    """
     from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s that most runs do not need)
 
-    known = np.where(np.asarray(freedoms) > 0, freedoms, np.nan)
-    return stdtrit(known, 0.5 + 0.5 * confidence)
+    valid = np.where(np.asarray(degrees) > 0, degrees, np.nan)
+    return stdtrit(valid, 0.5 + 0.5 * confidence)
 
 
 def ok_rows(cases: Mapping[str, Any]) -> np.ndarray:
-    """Which cases count, shape (n_cases,), bool."""
+    """Return the mask (n_cases,) of cases with status ``ok``."""
     return np.asarray(cases["status"] == OK)
 
 
 def column(cases: Any, name: str) -> np.ndarray:
-    """A column of a case table as floats; what a nullable column lacks is NaN."""
+    """Return a column of a case table as floats; missing values of a nullable column are NaN."""
     values = cases[name]
     return (
         values.to_numpy(dtype=float, na_value=np.nan)
@@ -133,7 +140,7 @@ def statistics_table(
     outcomes: Sequence[str],
     reference: Mapping[str, Mapping[str, float]] | None,
 ) -> pd.DataFrame:
-    """The table of `statistics` from a row for each outcome."""
+    """Build the table of `statistics` from a row for each outcome."""
     columns = [
         "n",
         "mean",
@@ -147,7 +154,7 @@ def statistics_table(
         "case_max",
         *(f"{name}_{end}" for name in PERCENTILES for end in ("low", "high")),
     ]
-    # all float: a nullable column would turn the NaN of a row into pd.NA
+    # all float: a nullable column would turn NaN into pd.NA
     data = {
         name: np.array(
             [row.get(name, np.nan) for row in rows], dtype="int64" if name == "n" else float
@@ -155,13 +162,13 @@ def statistics_table(
         for name in columns
     }
     if reference is not None:
-        data |= _beside(data, outcomes, reference)
-    # all columns at once: the first insertion of one more name takes pandas 0.1 s
+        data |= _reference_columns(data, outcomes, reference)
+    # all columns at once: pandas takes 0.1 s for the first insertion of a column
     return pd.DataFrame(data, index=pd.Index(list(outcomes), name="outcome", dtype="str"))
 
 
 def histogram(x: np.ndarray) -> Histogram | None:
-    """Histogram of the finite values among x, shape (n,), or None if there are none."""
+    """Return the histogram of the finite values among x (n,), or None if there are none."""
     x = x[np.isfinite(x)]
     if not x.size:
         return None
@@ -179,8 +186,8 @@ def histogram_of(
     high: float,
     count: Callable[[np.ndarray], np.ndarray],
 ) -> Histogram:
-    """Histogram with as many bins as n values fill; ``count`` gives the cases between edges."""
-    # below that it is round-off, and the edges of the bins would coincide
+    """Build a histogram with 2 n^(1/3) bins, 8 to 60; ``count`` returns the cases between edges."""
+    # a smaller range is round-off, and edges of bins would coincide
     if not high - low > 1e-12 * max(abs(low), abs(high)):
         return Histogram(n, mean, 0.0 if n > 1 else np.nan, low, high, np.empty(0), np.empty(0))
     edges = np.linspace(low, high, int(np.clip(2 * np.cbrt(n), 8, 60)) + 1)
@@ -188,10 +195,9 @@ def histogram_of(
 
 
 def _describe(values: np.ndarray, numbers: np.ndarray, confidence: float) -> dict[str, object]:
-    """One row of the table from one outcome's values, shape (n_ok,), and the case numbers they
-    belong to."""
-    there = ~np.isnan(values)
-    x, numbers = values[there], numbers[there]
+    """Return the row of one outcome from its values and case numbers, each (n_ok,)."""
+    present = ~np.isnan(values)
+    x, numbers = values[present], numbers[present]
     if x.size == 0:
         return {"n": 0}
     mean, sigma, mean_se, sigma_se = _moments(x)
@@ -204,35 +210,48 @@ def _describe(values: np.ndarray, numbers: np.ndarray, confidence: float) -> dic
         "mean_se": mean_se,
         "sigma_se": sigma_se,
     }
-    # between two infinities there is no number, and the table then says NaN
+    # a percentile between two infinities is NaN
     with np.errstate(invalid="ignore"):
         row |= dict(zip(PERCENTILES, np.percentile(x, list(PERCENTILES.values())), strict=True))
-    row |= percentile_ends(x.size, partial(ranked, x), confidence)
+    row |= percentile_ends(x.size, partial(order_statistics, x), confidence)
     return row | {"case_min": numbers[x.argmin()], "case_max": numbers[x.argmax()]}
 
 
 def percentile_ends(
-    n: int, ranked: Callable[[np.ndarray], np.ndarray], confidence: float = CONFIDENCE
+    n: int, at_ranks: Callable[[np.ndarray], np.ndarray], confidence: float = CONFIDENCE
 ) -> dict[str, float]:
-    """Intervals of the percentiles, by name: order statistics that hold each with a ``confidence``,
-    of values ``ranked`` by rising places; an end that n values cannot give is NaN."""
-    places: dict[str, int] = {}
+    """Return the bounds of all percentiles by column name.
+
+    Parameters
+    ----------
+    n : int
+        Values.
+    at_ranks : callable
+        Returns the values at sorted ranks (k,).
+    confidence : float
+
+    Returns
+    -------
+    dict of str to float
+        Without bounds that n values cannot give.
+    """
+    ranks: dict[str, int] = {}
     for name, percent in PERCENTILES.items():
         low, high = percentile_ranks(n, percent / 100.0, confidence)
-        places |= {f"{name}_low": low, f"{name}_high": high}
-    there = {name: place for name, place in places.items() if 0 <= place < n}
-    return dict(zip(there, ranked(np.array(list(there.values()), dtype=int)), strict=True))
+        ranks |= {f"{name}_low": low, f"{name}_high": high}
+    existing = {name: rank for name, rank in ranks.items() if 0 <= rank < n}
+    return dict(zip(existing, at_ranks(np.array(list(existing.values()), dtype=int)), strict=True))
 
 
 def _moments(x: np.ndarray) -> tuple[float, float, float, float]:
-    """Mean, sigma and the standard errors of both, from values of shape (n,), n >= 1."""
+    """Return mean, sigma and their standard errors of values (n,), n >= 1."""
     n, low, span = x.size, x.min(), np.ptp(x)
     if n == 1:
         return float(low), np.nan, np.nan, np.nan
-    # the rounded mean of equal values need not equal them, and would leave a sigma of some 1e-17
+    # the rounded mean of equal values need not equal them, which would give a sigma of 1e-17
     if span == 0.0:
         return float(low), 0.0, 0.0, 0.0
-    # an infinity in an ok row stays visible: mean inf, sigma NaN
+    # an infinity in an ok row gives mean inf, sigma NaN
     with np.errstate(invalid="ignore"):
         mean = x.mean()
         # of order 1, so that the fourth power neither overflows nor underflows
@@ -250,27 +269,27 @@ def _moments(x: np.ndarray) -> tuple[float, float, float, float]:
     )
 
 
-def _beside(
+def _reference_columns(
     data: Mapping[str, np.ndarray],
     outcomes: Sequence[str],
     reference: Mapping[str, Mapping[str, float]],
 ) -> dict[str, np.ndarray]:
-    """The reference figures and the deviations from them; absent ones are NaN."""
-    given = {
+    """Return the columns of reference values and deviations; absent ones are NaN."""
+    known = {
         name: np.array(
             [float(reference.get(outcome, {}).get(name, np.nan)) for outcome in outcomes]
         )
         for name in REFERENCED
     }
-    # deviations in units of nothing do not exist
-    scale = np.where(given["sigma"] > 0.0, given["sigma"], np.nan)
-    deviations = {f"dev_{name}": (data[name] - given[name]) / scale for name in REFERENCED}
-    return {f"ref_{name}": values for name, values in given.items()} | deviations
+    # no deviations in units of a zero sigma
+    scale = np.where(known["sigma"] > 0.0, known["sigma"], np.nan)
+    deviations = {f"dev_{name}": (data[name] - known[name]) / scale for name in REFERENCED}
+    return {f"ref_{name}": values for name, values in known.items()} | deviations
 
 
 def status_counts(cases: Mapping[str, Any]) -> dict[str, int]:
-    """Count the cases of each status: ``ok`` first (0 if there is none), then the failures, most
-    frequent first. Sums to the rows."""
+    """Count the cases of each status: ``ok`` first (0 if there is none), then the others by
+    frequency."""
     counts = {
         str(status): int(count)
         for status, count in pd.Series(cases["status"]).value_counts(dropna=False).items()
@@ -279,42 +298,42 @@ def status_counts(cases: Mapping[str, Any]) -> dict[str, int]:
     return {OK: counts.pop(OK, 0)} | counts
 
 
-class Worst:
-    """The worst value of an audit column and the number of cases beyond its bound; NaN is worse
-    than any number."""
+class AuditSummary:
+    """Worst value of an audit column and number of cases beyond its bound; NaN is worse than any
+    number."""
 
     def __init__(self, name: str, bounds: Mapping[str, float]):
-        self.bound, self._smallest = bounds.get(name, np.nan), name.startswith("smallest")
+        self.bound, self._is_minimum = bounds.get(name, np.nan), name.startswith("smallest")
         self.worst, self.case, self.beyond, self._rank = np.nan, -1, 0, -np.inf
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Take values of ok cases, shape (n,), and the numbers of these cases, rising."""
+        """Add values (n,) of ok cases and their case numbers, in increasing order."""
         if not x.size:
             return
-        order = -x if self._smallest else x
-        at = int(order.argmax())  # of the first NaN, if there is one
+        order = -x if self._is_minimum else x
+        at = int(order.argmax())  # the first NaN, if any
         rank = np.inf if np.isnan(x[at]) else float(order[at])
         if self.case < 0 or rank > self._rank:
             self.worst, self.case, self._rank = float(x[at]), int(numbers[at]), rank
         if not np.isnan(self.bound) and not x[at] <= self.bound:
             self.beyond += int(np.count_nonzero(~(x <= self.bound)))
 
-    def apart(self) -> "Worst":
-        """What counts other cases for this one to `take`."""
-        found = copy(self)
-        found.worst, found.case, found.beyond, found._rank = np.nan, -1, 0, -np.inf
-        return found
+    def new_partial(self) -> "AuditSummary":
+        """Return an empty summary that counts other cases, to `merge` later."""
+        empty = copy(self)
+        empty.worst, empty.case, empty.beyond, empty._rank = np.nan, -1, 0, -np.inf
+        return empty
 
     def state(self) -> list[np.ndarray]:
-        """What it holds, for `restore`."""
+        """Return the state as arrays for `restore`."""
         return [scalars(self)]
 
     def restore(self, arrays: Arrays) -> None:
-        """Hold what another one held."""
+        """Load the state returned by `state`."""
         set_scalars(self, next(arrays))
 
-    def take(self, others: "Worst") -> None:
-        """Take cases that come next, which others counted."""
+    def merge(self, others: "AuditSummary") -> None:
+        """Add the summary of cases that follow."""
         if others.case >= 0 and (self.case < 0 or others._rank > self._rank):
             self.worst, self.case, self._rank = others.worst, others.case, others._rank
         self.beyond += others.beyond
@@ -323,73 +342,54 @@ class Worst:
 def audit(
     cases: Mapping[str, Any], bounds: Mapping[str, float], columns: Sequence[str]
 ) -> pd.DataFrame:
-    """How well the ok cases of a case table were integrated.
+    """Audit the integration of the ok cases of a case table.
+
+    Parameters
+    ----------
+    cases : mapping of name to column, shape (n_cases,)
+    bounds : mapping of column to bound
+    columns : sequence of str
+        Audit columns.
 
     Returns
     -------
-    table : DataFrame, one row for each of ``columns`` that the case table has
-        worst (the largest value; of smallest_pivot the smallest), case (the first that has it),
-        bound (NaN: none), beyond (number of ok cases whose value is above it or NaN).
+    DataFrame, one row for each of ``columns`` in the case table
+        ``worst`` (the largest value; of ``smallest_pivot`` the smallest), ``case`` (the first that
+        has it), ``bound`` (NaN: none), ``beyond`` (ok cases above the bound or NaN).
     """
     ok = ok_rows(cases)
     numbers = np.asarray(cases["case"])[ok]
-    found = {name: Worst(name, bounds) for name in columns if name in cases}
-    for name, worst in found.items():
-        worst.add(column(cases, name)[ok], numbers)
-    return audit_table(found)
+    summaries = {name: AuditSummary(name, bounds) for name in columns if name in cases}
+    for name, summary in summaries.items():
+        summary.add(column(cases, name)[ok], numbers)
+    return audit_table(summaries)
 
 
-def audit_table(found: Mapping[str, Worst]) -> pd.DataFrame:
-    """The table of `audit`."""
-    rows = {name: [w.worst, w.case, w.bound, w.beyond] for name, w in found.items()}
+def audit_table(summaries: Mapping[str, AuditSummary]) -> pd.DataFrame:
+    """Build the table of `audit` from the summaries of its columns."""
+    rows = {name: [one.worst, one.case, one.bound, one.beyond] for name, one in summaries.items()}
     return pd.DataFrame.from_dict(
         rows, orient="index", columns=["worst", "case", "bound", "beyond"]
     )
 
 
-def audit_text(table: pd.DataFrame, width: int = WIDTH) -> str:
-    """An audit in one line, or a line for each column that has cases beyond its bound."""
-    if not len(table) or table["case"].max() < 0:
-        return "audit: no ok case to audit"
-    failed = table[table["beyond"] > 0]
-    if len(failed):
-        lines = [
-            f"AUDIT FAILED: {row['beyond']:.0f} cases have {name} > {row['bound']:g} (worst "
-            f"{row['worst']:.2g}, case {row['case']:.0f})"
-            for name, row in failed.iterrows()
-        ]
-        return "\n".join(lines)
-    bounded = table[table["bound"].notna()]
-    worst = ", ".join(f"{name} {row['worst']:.1e}" for name, row in bounded.iterrows())
-    said = fill(f"audit passed; worst of all ok cases: {worst}", width)
-    if "attitude_singular" in table.index and table["worst"]["attitude_singular"] > 0.0:
-        case = table["case"]["attitude_singular"]
-        said += "\n" + fill(
-            f"roll and pitch of some cases may have jumped (case {case:.0f}): see the column "
-            "attitude_singular",
-            width,
-        )
-    return said
-
-
 def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Spread of a quantity over the cases, at each time.
+    """Return percentiles of a quantity over the cases at each time.
 
     Parameters
     ----------
     histories : DataFrame, long form
-        Columns ``case``, ``time_s`` and ``column``: one row per case and time. Rows of failed cases
-        are the caller's to leave out.
+        Columns ``case``, ``time_s`` and ``column``: a row per case and time, without failed cases.
     column : str
         The quantity. NaN is left out of its time.
 
     Returns
     -------
     DataFrame, shape (n_times, 8)
-        Indexed by ``time_s`` in s, ascending: ``min``, ``p1``, ``p5``, ``p50``, ``p95``, ``p99``,
+        Indexed by increasing ``time_s`` in s: ``min``, ``p1``, ``p5``, ``p50``, ``p95``, ``p99``,
         ``max``, ``mean``, in the column's unit.
     """
-    # cases may reach one time by different sums; nobody asks for less than a nanosecond
+    # sums of steps differ by round-off from case to case; nanoseconds identify a time
     time = histories["time_s"].round(9)
     grouped = histories[column].astype(float).groupby(time)
     curves = grouped.agg(["min", "max", "mean"])
@@ -397,204 +397,3 @@ def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:
     quantiles = grouped.quantile(np.array([PERCENTILES[name] for name in inner]) / 100.0).unstack()
     curves[inner] = quantiles.to_numpy().reshape(len(curves), len(inner))
     return curves[["min", *inner, "max", "mean"]].rename_axis("time_s")
-
-
-def rounded(value: float, scale: float, digits: int = 3) -> str:
-    """Write ``value`` with the decimals that show ``scale`` (its sigma, say) to ``digits``
-    significant digits; "-" if it is NaN."""
-    if pd.isna(value):
-        return "-"
-    if not (np.isfinite(scale) and scale > 0.0):  # nothing to measure by but the value itself
-        scale, digits = abs(value), digits + 1
-    if not (np.isfinite(scale) and scale > 0.0):
-        return f"{value:zg}"
-    decimals = max(0, digits - 1 - int(np.floor(np.log10(scale))))
-    plain = decimals <= 7 and abs(value) < 1e8
-    return f"{value:z.{decimals}f}" if plain else f"{value:z.{digits}e}"
-
-
-def summary_text(
-    stats: pd.DataFrame,
-    counts: Mapping[str, int],
-    units: Mapping[str, str] | None = None,
-    source: str = "paper",
-    width: int = WIDTH,
-) -> str:
-    """Write the tables an engineer reads in a terminal, folded to ``width`` characters; a blank
-    line stands between groups of outcomes.
-
-    Parameters
-    ----------
-    stats : DataFrame
-        From `statistics`; with ``ref_*`` columns a table beside the reference follows. Constant
-        outcomes (`sepmc.analysis.constant_outcomes`) have a line each, before the table.
-    counts : mapping of status to number of cases
-        From `status_counts`.
-    units : mapping of outcome to unit, optional
-        Adds a column of units.
-    source : str
-        What to call the reference at the head of its columns.
-
-    Returns
-    -------
-    str
-        Every figure of a row has the decimals that show its sigma to three digits, standard errors
-        to two.
-    """
-    parts = [_counts_line(counts, width)]
-    for lines in (share_lines(stats), constant_outcomes.lines(stats, units)):
-        parts += ["\n".join(f"  {line}" for line in lines)] if lines else []
-    stats = stats[~_are_shares(stats)]
-    varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
-    if len(varied):
-        parts.append(_layout(list(varied.index), groups(varied, units), width))
-    if varied["n"].between(1, _TAIL_CASES - 1).any():
-        said = (
-            f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between "
-            "the two outermost values."
-        )
-        parts.append(fill(said, width))
-    stats = constant_outcomes.settled(stats)
-    compared = (
-        stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)]
-        if "ref_mean" in stats
-        else stats[:0]
-    )
-    if len(compared):
-        called = source if source[:1].isupper() else f"the {source}"  # "Table 3", "the paper"
-        head = (
-            f"Beside {called} (dev: here minus {called}; mean, max and min in its sigmas, "
-            "sigma in percent)"
-        )
-        beside = [
-            (name, _comparison(compared, name, source)) for name in ("mean", "sigma", "max", "min")
-        ]
-        parts += [fill(head, width) + "\n\n" + _layout(list(compared.index), beside, width)]
-    return "\n\n".join(parts) + "\n"
-
-
-def _counts_line(counts: Mapping[str, int], width: int) -> str:
-    """The first line: how many cases, how many of them count, and what became of the others."""
-    total, ok = sum(counts.values()), counts.get(OK, 0)
-    others = ", ".join(f"{status} {count}" for status, count in counts.items() if status != OK)
-    return fill(f"{total} cases, {ok} ok" + (f"; left out: {others}" if others else ""), width)
-
-
-def _are_shares(stats: pd.DataFrame) -> np.ndarray:
-    return stats.index.map(is_yes_or_no).to_numpy(dtype=bool)
-
-
-def share_lines(stats: pd.DataFrame) -> list[str]:
-    """Of a table of `statistics`, the outcomes that are yes or no: in how many cases, and in what
-    share of all."""
-    lines, shares = [], stats[_are_shares(stats)]
-    for name, n, mean in zip(shares.index, shares["n"], shares["mean"], strict=True):
-        k = round(n * mean) if n else 0
-        low, high = interval(k, int(n)) if n else (0.0, 1.0)
-        share = f"< {at_most(0, int(n)):.1e}" if n and not k else f"{low:.2g} to {high:.2g}"
-        lines.append(f"{name}: {k} of {n} ok cases; of all such {share} ({100.0 * CONFIDENCE:g} %)")
-    return lines
-
-
-def groups(
-    stats: pd.DataFrame, units: Mapping[str, str] | None
-) -> list[tuple[str, dict[str, list[str]]]]:
-    """The main table of `statistics` in text: columns as (heading, {column: cells})."""
-    stats = constant_outcomes.settled(stats)
-
-    def column(name: str) -> list[str]:
-        return [
-            rounded(value, sigma) for value, sigma in zip(stats[name], stats["sigma"], strict=True)
-        ]
-
-    def error(name: str) -> list[str]:
-        return [rounded(value, value, 2) for value in stats[name]]
-
-    def case(name: str) -> list[str]:
-        return ["-" if pd.isna(value) else str(int(value)) for value in stats[name]]
-
-    alike = stats["constant"] if "constant" in stats else np.zeros(len(stats), dtype=bool)
-    sigma = np.where(alike, "constant", column("sigma")).tolist()
-    first = {"unit": [units.get(name, "") for name in stats.index]} if units else {}
-    percent = {f"{value:g} %": column(name) for name, value in PERCENTILES.items()}
-    # two groups, so that wide numbers can be folded between them
-    lower, upper = list(percent.items())[:4], list(percent.items())[4:]
-    return [
-        ("", first | {"n": [str(n) for n in stats["n"]]}),
-        ("", {"mean": column("mean"), "s.e.": error("mean_se")}),
-        ("", {"sigma": sigma, "s.e.": error("sigma_se")}),
-        ("", {"min": column("min"), "case": case("case_min")}),
-        ("", {"max": column("max"), "case": case("case_max")}),
-        ("percentiles", dict(lower)),
-        ("percentiles", dict(upper)),
-    ]
-
-
-def _comparison(stats: pd.DataFrame, name: str, source: str) -> dict[str, list[str]]:
-    """Reference, here and deviation of one statistic. The reference keeps the digits it was given
-    with."""
-    given = ["-" if np.isnan(value) else f"{value:.6g}" for value in stats[f"ref_{name}"]]
-    here = [rounded(value, sigma) for value, sigma in zip(stats[name], stats["sigma"], strict=True)]
-    unit = (100.0, ".1f", "%") if name == "sigma" else (1.0, ".2f", "")
-    deviation = [
-        "-" if np.isnan(dev) else f"{dev * unit[0]:+z{unit[1]}}{unit[2]}"
-        for dev in stats[f"dev_{name}"]
-    ]
-    return {source: given, "here": here, "dev": deviation}
-
-
-def aligned(rows: Sequence[Sequence[str]], width: int = WIDTH) -> list[str]:
-    """Rows of cells as lines: the first column to the left, the others to the right; those that
-    would pass ``width`` in a further block below."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    blocks, used = [[0]], widths[0]
-    for k in range(1, len(widths)):
-        if used + 2 + widths[k] > width and len(blocks[-1]) > 1:
-            blocks, used = [*blocks, [0]], widths[0]
-        blocks[-1].append(k)
-        used += 2 + widths[k]
-    lines: list[str] = []
-    for block in blocks:
-        lines += [""] if lines else []
-        lines += [
-            "  ".join(row[k].rjust(widths[k]) if k else row[k].ljust(widths[k]) for k in block)
-            for row in rows
-        ]
-    return lines
-
-
-_GROUP = 3  # outcomes that begin with the same word stand by themselves
-
-
-def _gaps(names: list[str]) -> set[int]:
-    """Places before which a group of outcomes, of a body or a joint, begins or ends."""
-    words = [name.split("_")[0] for name in names]
-    runs = [len(list(run)) for _, run in groupby(words)]
-    starts = np.cumsum([0, *runs])
-    large = [run >= _GROUP for run in runs]
-    return {int(starts[k]) for k in range(1, len(runs)) if large[k] or large[k - 1]}
-
-
-def _layout(names: list[str], groups: list[tuple[str, dict[str, list[str]]]], width: int) -> str:
-    """Set groups of columns beside each other under their headings; what would pass ``width`` goes
-    into a further block below."""
-    longest = max(len(name) for name in [*names, "outcome"])
-    stub = [text.ljust(longest) for text in ["", "outcome", *names]]
-    blocks, used = [[stub]], longest
-    for heading, columns in groups:
-        padded = [
-            [cell.rjust(max(map(len, [head, *cells]))) for cell in [head, *cells]]
-            for head, cells in columns.items()
-        ]
-        lines = ["  ".join(row) for row in zip(*padded, strict=True)]
-        lines = [heading.center(len(lines[0]), "-") if heading else " " * len(lines[0]), *lines]
-        if used + 3 + len(lines[0]) > width and len(blocks[-1]) > 1:
-            blocks, used = [*blocks, [stub]], longest
-        blocks[-1].append(lines)
-        used += 3 + len(lines[0])
-    gaps, texts = _gaps(names), []
-    for block in blocks:
-        first, head, *rows = ["   ".join(row).rstrip() for row in zip(*block, strict=True)]
-        body = [line for k, row in enumerate(rows) for line in ([""] if k in gaps else []) + [row]]
-        texts.append("\n".join([*([first] if first else []), head, *body]))
-    return "\n\n".join(texts)

@@ -1,10 +1,10 @@
-"""How well a campaign knows a statistic so far, to stop where that is enough.
+"""Stopping rule of a campaign: run until a statistic is known to a tolerance.
 
-A run looks after 256, 512, ... cases, for a mean or a sigma after 2,048, 4,096, ... cases. What it
-states then holds with 95 % however often it looked before, as each of n looks states an interval of
-1 - 0.05 / n (Bonferroni). Intervals of shares and percentiles hold whatever the distribution is.
-That of a mean needs a sample that shows what decides it: every value that the file gives a
-probability, and a sigma that is known itself. Coverage on fifteen problems: tests/measure_until.py.
+The statistic is checked after 256, 512, ... cases, a mean or a sigma after 2,048, 4,096, ... cases.
+Its interval has a coverage of 95 % whatever the number n of checks, as each uses the confidence 1 -
+0.05 / n (Bonferroni). Intervals of proportions and percentiles hold for any distribution. That of a
+mean requires a sample that contains what determines it: every value that the file gives a
+probability, and a sigma known itself. Coverage on fifteen problems: tests/measure/until.py.
 """
 
 import math
@@ -15,23 +15,23 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.constant_outcomes import known_value
-from sepmc.analysis.proportions import CONFIDENCE, interval
-from sepmc.analysis.rare_values import Occurrence, Rare, seldom
-from sepmc.analysis.statistics import PERCENTILES, student
+from sepmc.analysis.constant_outcomes import round_to_error
+from sepmc.analysis.proportions import CONFIDENCE, binomial_interval
+from sepmc.analysis.rare_values import Occurrence, RareValue, undersampled
+from sepmc.analysis.statistics import PERCENTILES, student_half_width
 from sepmc.scene.messages import InputError, nearest
 from sepmc.schema import Status, is_yes_or_no
 from sepmc.wording import option
 
-_MEANT = "METRIC:TOLERANCE, as separation_speed_m_s:0.01, or upper_pitch_deg.p99:0.1, or :1%"
-# Cases after which is looked first; for a mean or a sigma enough that what 0.2 % of all cases do is
-# among them, with 98 %, though no file tells of it
-_FIRST, _FIRST_OF_MOMENTS = 256, 2048
-_FEWEST = 50  # values from which a mean or a sigma is stated
-# Standard error of a sigma, as a share of it, at which an interval of the mean is believed: n is
-# then at least 25 times the kurtosis less 1, and so 25 times the squared skewness (Cochran,
+_FORMAT = "METRIC:TOLERANCE, as separation_speed_m_s:0.01, or upper_pitch_deg.p99:0.1, or :1%"
+# Cases before the first look; for a mean or a sigma enough to contain an event of 0.2 % probability
+# with 98 %, even if no file gives that probability
+_FIRST_LOOK, _FIRST_LOOK_OF_MOMENTS = 256, 2048
+_MIN_VALUES = 50  # values required to report a mean or a sigma
+# Largest relative standard error of sigma at which an interval of the mean is accepted: n is then
+# at least 25 times the kurtosis less 1, and so 25 times the squared skewness (Cochran,
 # Sampling Techniques, Wiley 1977, eq 2.18)
-_SIGMA_KNOWN = 0.1
+_MAX_SIGMA_ERROR = 0.1
 
 
 class _Summary(Protocol):
@@ -40,22 +40,33 @@ class _Summary(Protocol):
     def statistics(self, *, confidence: float = CONFIDENCE) -> pd.DataFrame: ...
 
 
-class Look(NamedTuple):
-    """What cases so far show of a statistic: its value, both ends of its interval, whether that is
-    narrow ``enough``, and a sentence on what the cases ``lack`` to state it, if anything."""
+class InterimEstimate(NamedTuple):
+    """Estimate at one check: value, interval, whether that is ``sufficient``, and a sentence on the
+    ``shortfall`` of cases, empty if there is none."""
 
     value: float
     low: float
     high: float
-    enough: bool
-    lack: str
+    sufficient: bool
+    shortfall: str
 
 
 @dataclass(frozen=True)
-class Until:
-    """How far the ends of the 95 % interval of a statistic may be from it: of the ``statistic``
-    (mean, sigma, share or a percentile) of a ``metric``, an outcome or a status, in its unit, or as
-    a share of the statistic's size if ``relative``; ``text`` is what `read_until` reads."""
+class StoppingRule:
+    """Tolerance of a statistic: largest distance of the ends of its 95 % interval from it.
+
+    Parameters
+    ----------
+    metric : str
+        An outcome or a status.
+    statistic : str
+        ``mean``, ``sigma``, ``share`` (proportion) or a percentile.
+    tolerance : float
+        In the unit of the statistic, or a fraction of its size if ``relative``.
+    relative : bool
+    text : str
+        The text that `parse_stopping_rule` parses to this rule.
+    """
 
     metric: str
     statistic: str
@@ -65,108 +76,129 @@ class Until:
 
     @property
     def name(self) -> str:
-        """What is asked for, in words."""
+        """Statistic and metric in words."""
         return f"{self.statistic} of {self.metric}"
 
     @property
     def is_moment(self) -> bool:
-        """Whether it is a mean or a sigma, which values that did not occur would change."""
+        """True for a mean or a sigma, which depend on values that did not occur."""
         return self.statistic in ("mean", "sigma")
 
-    def first(self, values: Sequence[Rare]) -> int:
-        """Cases after which is looked first; it is looked again whenever they have doubled. For a
-        mean or a sigma each of the rare ``values`` is expected to have occurred often enough."""
+    def first(self, values: Sequence[RareValue]) -> int:
+        """Return the number of cases before the first check; each later one doubles it. A mean or a
+        sigma waits until each of the rare ``values`` is expected to occur often enough."""
         if not self.is_moment:
-            return _FIRST
-        count, needed = _FIRST_OF_MOMENTS, max((each.cases for each in values), default=0)
-        return count << max(0, math.ceil(math.log2(max(needed, 1) / count)))
+            return _FIRST_LOOK
+        count = _FIRST_LOOK_OF_MOMENTS
+        cases_needed = max((value.cases for value in values), default=0)
+        return count << max(0, math.ceil(math.log2(max(cases_needed, 1) / count)))
 
-    def check(self, values: Sequence[Rare], cases: int) -> None:
-        """Raise InputError if so many cases are not expected to show what a mean or a sigma takes:
-        all the rare ``values``."""
-        rarest = max(values, key=lambda each: each.cases, default=None)
+    def check(self, values: Sequence[RareValue], cases: int) -> None:
+        """Raise InputError if ``cases`` are not expected to contain all the rare ``values`` often
+        enough for a mean or a sigma."""
+        rarest = max(values, key=lambda value: value.cases, default=None)
         if self.is_moment and rarest is not None and rarest.cases > cases:
             raise InputError(
-                f"until: the {self.name} is not known before {rarest.name} (probability "
-                f"{rarest.probability:.3g}) occurred {rarest.enough} times, in about "
-                f"{rarest.cases:,} cases; {cases:,} are asked for: give more "
-                f"{option('cases')}, or no {option('until')}"
+                f"until: the {self.name} cannot be estimated before {rarest.name} (probability "
+                f"{rarest.probability:.3g}) occurs {rarest.min_count} times, in about "
+                f"{rarest.cases:,} cases; {cases:,} are requested: set more "
+                f"{option('cases')} or leave out {option('until')}"
             )
 
     def look(
-        self, summary: _Summary, looks: int, found: Sequence[Occurrence], within: float = 0.0
-    ) -> Look:
-        """What the cases of a ``summary`` show, if there are at most so many ``looks`` at growing
-        numbers of them, and rare values occurred as ``found``. Values of a constant outcome lie
-        ``within`` so much of each other (`sepmc.analysis.constant_outcomes.reach`): its intervals
-        are those of its numerical error."""
-        value, low, high = self.known(summary, 1.0 - (1.0 - CONFIDENCE) / looks)
-        if within > 0.0:
-            error = 0.5 * within
-            value = 0.0 if self.statistic == "sigma" else known_value(value, error)
-            low, high = value - error, value + error
-        lack = self._lack(summary, found, within) if self.is_moment else ""
-        return Look(value, low, high, not lack and self.is_met(value, low, high), lack)
+        self, summary: _Summary, looks: int, occurred: Sequence[Occurrence], spread: float = 0.0
+    ) -> InterimEstimate:
+        """Return the estimate from the cases of a summary.
 
-    def known(
+        Parameters
+        ----------
+        summary : statistics of the cases so far
+        looks : int
+            Largest number of checks in the run.
+        occurred : sequence of Occurrence
+            Occurrences of rare values.
+        spread : float
+            Largest difference between values of a constant outcome
+            (`sepmc.analysis.constant_outcomes.max_spread`), 0 of others; the interval of a constant
+            outcome is that of its numerical error.
+        """
+        value, low, high = self.interval(summary, 1.0 - (1.0 - CONFIDENCE) / looks)
+        if spread > 0.0:
+            error = 0.5 * spread
+            value = 0.0 if self.statistic == "sigma" else round_to_error(value, error)
+            low, high = value - error, value + error
+        shortfall = self._shortfall(summary, occurred, spread) if self.is_moment else ""
+        return InterimEstimate(
+            value, low, high, not shortfall and self.is_met(value, low, high), shortfall
+        )
+
+    def interval(
         self, summary: _Summary, confidence: float = CONFIDENCE
     ) -> tuple[float, float, float]:
-        """The statistic, and both ends of its interval: infinite where there are too few cases."""
+        """Return the statistic and both ends of its interval, infinite for too few cases."""
         counts, table = summary.counts, summary.statistics(confidence=confidence)
         if self.metric not in table.index:
-            return _share(counts.get(self.metric, 0), sum(counts.values()), confidence)
+            return _proportion(counts.get(self.metric, 0), sum(counts.values()), confidence)
         row = table.loc[self.metric].astype(float).to_dict()
         n, value = round(row["n"]), row.get(self.statistic, math.nan)
         if self.statistic == "share":
-            return _share(round(n * row["mean"]) if n else 0, n, confidence)
+            return _proportion(round(n * row["mean"]) if n else 0, n, confidence)
         if self.statistic in PERCENTILES:
             low, high = row[f"{self.statistic}_low"], row[f"{self.statistic}_high"]
         else:
-            half = student(n - 1, confidence) * row[f"{self.statistic}_se"]
+            half = student_half_width(n - 1, confidence) * row[f"{self.statistic}_se"]
             low, high = value - half, value + half
         return value, *((-math.inf, math.inf) if np.isnan(high - low) else (low, high))
 
     def is_met(self, value: float, low: float, high: float) -> bool:
-        """Whether a statistic that is ``known`` so is known well enough."""
-        within = self.tolerance * (abs(value) if self.relative else 1.0)
-        return max(high - value, value - low) <= within
+        """Return True if both ends of the interval are within the tolerance."""
+        allowed = self.tolerance * (abs(value) if self.relative else 1.0)
+        return max(high - value, value - low) <= allowed
 
-    def sentence(self, look: Look, flown: int, cases: int) -> str:
-        """What a look at the ``flown`` of so many cases showed."""
-        asked = f"{100 * self.tolerance:g} %" if self.relative else f"{self.tolerance:g}"
-        missed = f": NOT MET{'; ' if look.lack else ''}{look.lack}" if not look.enough else ""
+    def sentence(self, look: InterimEstimate, completed: int, cases: int) -> str:
+        """Describe an estimate after ``completed`` of ``cases`` cases."""
+        tolerance_text = f"{100 * self.tolerance:g} %" if self.relative else f"{self.tolerance:g}"
+        not_met = (
+            f": NOT MET{'; ' if look.shortfall else ''}{look.shortfall}"
+            if not look.sufficient
+            else ""
+        )
         return (
-            f"after {flown} of {cases} cases the {self.name} is {look.value:.6g}, between "
-            f"{look.low:.6g} and {look.high:.6g} (95 %); asked: no more than {asked} from "
-            f"it{missed}"
+            f"after {completed} of {cases} cases the {self.name} is {look.value:.6g}, between "
+            f"{look.low:.6g} and {look.high:.6g} (95 %); requested: within {tolerance_text} of "
+            f"it{not_met}"
         )
 
-    def _lack(self, summary: _Summary, found: Sequence[Occurrence], within: float) -> str:
-        """What cases lack to state a mean or a sigma; empty if nothing."""
-        if few := seldom(found):
-            one = few[-1]  # the least probable
+    def _shortfall(self, summary: _Summary, occurred: Sequence[Occurrence], spread: float) -> str:
+        """Return a sentence on the cases missing to report a mean or a sigma, else an empty
+        string."""
+        if rare := undersampled(occurred):
+            rarest = rare[-1]  # the least probable
             return (
-                f"{one.of.name} (probability {one.of.probability:.3g}) occurred in {one.times} of "
-                f"{one.cases} cases, and should in {one.of.enough}"
+                f"{rarest.of.name} (probability {rarest.of.probability:.3g}) occurred in "
+                f"{rarest.times} of {rarest.cases} cases; {rarest.of.min_count} are required"
             )
         row = summary.statistics().loc[self.metric].astype(float).to_dict()
         n, sigma, error = round(row["n"]), row["sigma"], row["sigma_se"]
-        if n < _FEWEST:
-            return f"{n} cases have {self.metric}, and {_FEWEST} should"
-        if error > _SIGMA_KNOWN * sigma and not within:
+        if n < _MIN_VALUES:
+            return f"{n} cases have {self.metric}; {_MIN_VALUES} are required"
+        if error > _MAX_SIGMA_ERROR * sigma and not spread:
             return (
-                f"few cases far from the others decide its sigma, whose standard error is "
-                f"{100.0 * error / sigma:.0f} % of it and should be {100.0 * _SIGMA_KNOWN:.0f} %"
+                "a few outlying cases determine sigma: its standard error is "
+                f"{100.0 * error / sigma:.0f} % of it and must be at most "
+                f"{100.0 * _MAX_SIGMA_ERROR:.0f} %"
             )
         return ""
 
 
-def _share(k: int, n: int, confidence: float) -> tuple[float, float, float]:
-    return (k / n, *interval(k, n, confidence)) if n else (math.nan, -math.inf, math.inf)
+def _proportion(k: int, n: int, confidence: float) -> tuple[float, float, float]:
+    """Return k / n and its interval; NaN and infinite ends without cases."""
+    return (k / n, *binomial_interval(k, n, confidence)) if n else (math.nan, -math.inf, math.inf)
 
 
-def read_until(text: str, outcomes: Collection[str]) -> Until:
-    """What ``METRIC:TOLERANCE`` asks for. Raises InputError with what is allowed."""
+def parse_stopping_rule(text: str, outcomes: Collection[str]) -> StoppingRule:
+    """Parse ``METRIC:TOLERANCE`` or ``METRIC.STATISTIC:TOLERANCE%``; raise InputError with the
+    allowed values."""
     name, colon, size = text.rpartition(":")
     relative = size.endswith("%")
     try:
@@ -174,17 +206,19 @@ def read_until(text: str, outcomes: Collection[str]) -> Until:
     except ValueError:
         tolerance = math.nan
     if not colon or not 0.0 < tolerance < math.inf:
-        raise InputError(f"until = {text}: must be {_MEANT}")
+        raise InputError(f"until = {text}: must be {_FORMAT}")
     metric, dot, statistic = name.partition(".")
     statuses = [status.label for status in Status if status is not Status.OK]
     if metric not in outcomes and metric not in statuses:
-        said = nearest(metric, [*outcomes, *statuses])
-        raise InputError(f"until = {text}: no such outcome or status as {metric!r}; {said}")
+        hint = nearest(metric, [*outcomes, *statuses])
+        raise InputError(f"until = {text}: no such outcome or status as {metric!r}; {hint}")
     if metric in statuses or is_yes_or_no(metric):
-        known = ["share"]
+        allowed = ["share"]
     else:
-        known = ["mean", "sigma", *PERCENTILES]
-    statistic = (statistic if dot else known[0]).replace(".", "_")
-    if statistic not in known:
-        raise InputError(f"until = {text}: no such statistic as {statistic!r}; {', '.join(known)}")
-    return Until(metric, statistic, tolerance, relative, text)
+        allowed = ["mean", "sigma", *PERCENTILES]
+    statistic = (statistic if dot else allowed[0]).replace(".", "_")
+    if statistic not in allowed:
+        raise InputError(
+            f"until = {text}: no such statistic as {statistic!r}; {', '.join(allowed)}"
+        )
+    return StoppingRule(metric, statistic, tolerance, relative, text)

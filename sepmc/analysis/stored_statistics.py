@@ -1,4 +1,4 @@
-"""Statistics and histograms that a run left in files, where it kept no cases to count again."""
+"""Statistics and histograms read from the files of a run that stored no case rows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ _COLUMNS = ["outcome", "from", "to", "cases"]
 
 
 @dataclass(frozen=True)
-class Told:
-    """A ``table`` of statistics by outcome, and the ``bins`` of histograms."""
+class StoredStatistics:
+    """Stored statistics: a ``table`` with a row per outcome, and the ``bins`` of histograms."""
 
     table: pd.DataFrame
     bins: pd.DataFrame
@@ -21,12 +21,11 @@ class Told:
     def statistics(
         self, reference: Mapping[str, Mapping[str, float]] | None = None
     ) -> pd.DataFrame:
-        """As `sepmc.analysis.streaming.Stream.statistics`; the reference is in it as it was
-        told."""
+        """Return the stored table; it contains the reference that was given when it was written."""
         return self.table
 
     def histogram(self, name: str) -> Histogram | None:
-        """As `sepmc.analysis.streaming.Stream.histogram`."""
+        """Return the histogram of an outcome, or None if it has no finite value."""
         row = np.asarray(self.table.loc[[name], ["n", "mean", "sigma", "min", "max"]], dtype=float)
         n, mean, sigma, low, high = row[0].tolist()
         if not n or not np.isfinite(mean):
@@ -37,11 +36,11 @@ class Told:
         return Histogram(int(n), mean, sigma, low, high, edges, counts)
 
 
-def bins_of(histograms: Mapping[str, Histogram | None]) -> pd.DataFrame:
-    """Histograms as a table: a row for each bin."""
-    parts = [
+def histogram_table(histograms: Mapping[str, Histogram | None]) -> pd.DataFrame:
+    """Return histograms as a table with a row per bin."""
+    tables = [
         pd.DataFrame({"outcome": name, "from": h.edges[:-1], "to": h.edges[1:], "cases": h.counts})
         for name, h in histograms.items()
         if h is not None and len(h.counts)
     ]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=_COLUMNS)
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=_COLUMNS)

@@ -1,8 +1,8 @@
 """Statistics of cases that pass by once, in memory that does not grow with them.
 
-Cases are taken in grains of `GRAIN`, counted from the first case whatever the chunks they come in,
-so the result is the same bits for any chunk size. Measured: 140 ns a case for 21 outcomes and 11
-audit columns on one thread; shared among two it takes longer, 200 ns.
+Cases are taken in grains of `ACCUMULATION_BLOCK`, counted from the first case whatever the chunks
+they come in, so the result is the same bits for any chunk size. Measured: 140 ns a case for 21
+outcomes and 11 audit columns on one thread; shared among two it takes longer, 200 ns.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,25 +12,25 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.accumulator_state import Arrays
-from sepmc.analysis.moments import Groups, Moments
+from sepmc.analysis.moments import GroupList, Moments
 from sepmc.analysis.proportions import CONFIDENCE
-from sepmc.analysis.quantile_sketch import Sketch
+from sepmc.analysis.quantile_sketch import QuantileSketch
 from sepmc.analysis.requirements import (
     Errors,
-    Tally,
+    RequirementCounter,
     Verdict,
+    count_cases,
     design_value,
-    doubt,
     has_two_bounds,
     judge,
     margins,
-    tallies,
-    tally_all,
+    no_verdict_reason,
+    requirement_counters,
 )
 from sepmc.analysis.statistics import (
     PERCENTILES,
+    AuditSummary,
     Histogram,
-    Worst,
     audit_table,
     histogram_of,
     percentile_ends,
@@ -39,8 +39,8 @@ from sepmc.analysis.statistics import (
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 
-GRAIN = 16384  # 128 kB a column: three of them fit into a level 2 cache of 1 MB
-NAMED = 20  # failed cases of each status that are named
+ACCUMULATION_BLOCK = 16384  # 128 kB a column: three of them fit into a level 2 cache of 1 MB
+MAX_NAMED = 20  # failed cases of each status that are named
 _LABELS = list(dict.fromkeys(status.label for status in Status))
 
 
@@ -54,7 +54,7 @@ class _Counts(Protocol):
         """Take values, shape (n,), in the order of their cases."""
 
 
-class _Counters:
+class _BlockCounters:
     """What counts cases, a grain at a time: by outcome ``moments``, ``sketches`` and, by
     requirement of two bounds, those of ``margins``; tallies of requirements, audits, and how cases
     ended."""
@@ -64,11 +64,11 @@ class _Counters:
         moments: Mapping[str, _Takes],
         sketches: Mapping[str, _Counts],
         margins: Mapping[str, _Counts],
-        audits: Mapping[str, Worst],
+        audits: Mapping[str, AuditSummary],
         requirements: Sequence[Requirement],
     ):
         self._moments, self._sketches, self._margins = moments, sketches, margins
-        self.audits, self.tallies = audits, tallies(requirements)
+        self.audits, self.tallies = audits, requirement_counters(requirements)
         self.by_code = np.zeros(len(Status), dtype=np.int64)
         self.failed: dict[str, list[int]] = {}
 
@@ -82,7 +82,7 @@ class _Counters:
             for code in (np.flatnonzero(counts[1:]) + 1).tolist():
                 self._name(Status(code).label, numbers[codes == code])
         places = {name: k for k, name in enumerate(self._moments)}
-        tally_all(
+        count_cases(
             self.tallies,
             numbers,
             codes == Status.OK,
@@ -103,15 +103,15 @@ class _Counters:
         for worst, column in zip(self.audits.values(), columns[len(self._moments) :], strict=True):
             worst.add(column[ok], numbers)
 
-    def take(self, others: "_Counters") -> None:
+    def merge(self, others: "_BlockCounters") -> None:
         """Take what does not depend on grains of cases that come next."""
         self.by_code += others.by_code
         for label, numbers in others.failed.items():
             self._name(label, np.array(numbers, dtype=np.int64))
         for own, tally in zip(self.tallies, others.tallies, strict=True):
-            own.take(tally)
+            own.merge(tally)
         for name, worst in self.audits.items():
-            worst.take(others.audits[name])
+            worst.merge(others.audits[name])
 
     def state(self) -> list[np.ndarray]:
         """What it holds besides what is given to it, for `restore`."""
@@ -132,29 +132,32 @@ class _Counters:
     def _name(self, label: str, numbers: np.ndarray) -> None:
         """Name cases that ended so, if not enough are named."""
         named = self.failed.setdefault(label, [])
-        named += numbers[: NAMED - len(named)].tolist()
+        named += numbers[: MAX_NAMED - len(named)].tolist()
 
 
-class Apart:
-    """Counts whole grains of cases for a `Stream`, which takes them: elsewhere, or later."""
+class PartialStatistics:
+    """Counts whole grains of cases for a `StreamingStatistics`, which takes them: elsewhere, or
+    later."""
 
-    def __init__(self, stream: "Stream"):
-        self.groups = {name: Groups() for name in stream.moments}
-        self.sketches = {name: sketch.apart() for name, sketch in stream.sketches.items()}
-        self.margins = {name: sketch.apart() for name, sketch in stream.margins.items()}
-        audits = {name: worst.apart() for name, worst in stream.audits.items()}
+    def __init__(self, stream: "StreamingStatistics"):
+        self.groups = {name: GroupList() for name in stream.moments}
+        self.sketches = {name: sketch.new_partial() for name, sketch in stream.sketches.items()}
+        self.margins = {name: sketch.new_partial() for name, sketch in stream.margins.items()}
+        audits = {name: worst.new_partial() for name, worst in stream.audits.items()}
         requirements = [tally.requirement for tally in stream.tallies]
-        self.counters = _Counters(self.groups, self.sketches, self.margins, audits, requirements)
+        self.counters = _BlockCounters(
+            self.groups, self.sketches, self.margins, audits, requirements
+        )
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
-        """As `Stream.add`; the first one is that of a grain."""
-        for first in range(0, len(numbers), GRAIN):
-            grain = slice(first, first + GRAIN)
+        """As `StreamingStatistics.add`; the first one is that of a grain."""
+        for first in range(0, len(numbers), ACCUMULATION_BLOCK):
+            grain = slice(first, first + ACCUMULATION_BLOCK)
             self.counters.add(numbers[grain], codes[grain], columns[:, grain])
 
 
-class Stream:
-    """Takes the cases of a campaign in their order, and gives what `Rows` of
+class StreamingStatistics:
+    """Takes the cases of a campaign in their order, and gives what `TableStatistics` of
     `sepmc.analysis.row_statistics` gives: statistics, audit, histograms.
 
     Parameters
@@ -172,50 +175,54 @@ class Stream:
         requirements: Sequence[Requirement] = (),
     ):
         self.moments = {name: Moments() for name in outcomes}
-        self.sketches = {name: Sketch() for name in outcomes}
-        self.margins = {item.name: Sketch() for item in requirements if has_two_bounds(item)}
-        self.audits = {name: Worst(name, bounds) for name in audits}
-        self._counters = _Counters(
+        self.sketches = {name: QuantileSketch() for name in outcomes}
+        self.margins = {
+            item.name: QuantileSketch() for item in requirements if has_two_bounds(item)
+        }
+        self.audits = {name: AuditSummary(name, bounds) for name in audits}
+        self._counters = _BlockCounters(
             self.moments, self.sketches, self.margins, self.audits, requirements
         )
         self.tallies, self.failed = self._counters.tallies, self._counters.failed
-        self._held = np.empty((len(outcomes) + len(audits), GRAIN))
+        self._held = np.empty((len(outcomes) + len(audits), ACCUMULATION_BLOCK))
         self._numbers, self._codes, self._filled = (
-            np.empty(GRAIN, dtype=np.int64),
-            np.empty(GRAIN, dtype=np.int64),
+            np.empty(ACCUMULATION_BLOCK, dtype=np.int64),
+            np.empty(ACCUMULATION_BLOCK, dtype=np.int64),
             0,
         )
 
-    def apart(self) -> Apart:
-        """What counts cases for this one to `take`."""
-        return Apart(self)
+    def new_partial(self) -> PartialStatistics:
+        """What counts cases for this one to `merge`."""
+        return PartialStatistics(self)
 
-    def take(self, others: Apart) -> None:
+    def merge(self, others: PartialStatistics) -> None:
         """Take cases that come next, after whole grains, counted by what was made with `apart`."""
         assert self._filled == 0
         for name, moments in self.moments.items():
             for group in others.groups[name]:
-                moments.take(group)
+                moments.merge(group)
         for name, sketch in self.sketches.items():
-            sketch.take(others.sketches[name])
+            sketch.merge(others.sketches[name])
         for name, sketch in self.margins.items():
-            sketch.take(others.margins[name])
-        self._counters.take(others.counters)
+            sketch.merge(others.margins[name])
+        self._counters.merge(others.counters)
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
         """Take cases: their numbers and status codes, shape (n,), and columns, shape (k, n), each
         row contiguous."""
         done, count = 0, len(numbers)
         while done < count:
-            if self._filled == 0 and count - done >= GRAIN:  # whole grains need no copy
+            if (
+                self._filled == 0 and count - done >= ACCUMULATION_BLOCK
+            ):  # whole grains need no copy
                 self._counters.add(
-                    numbers[done : done + GRAIN],
-                    codes[done : done + GRAIN],
-                    columns[:, done : done + GRAIN],
+                    numbers[done : done + ACCUMULATION_BLOCK],
+                    codes[done : done + ACCUMULATION_BLOCK],
+                    columns[:, done : done + ACCUMULATION_BLOCK],
                 )
-                done += GRAIN
+                done += ACCUMULATION_BLOCK
                 continue
-            part = min(GRAIN - self._filled, count - done)
+            part = min(ACCUMULATION_BLOCK - self._filled, count - done)
             here, there = slice(self._filled, self._filled + part), slice(done, done + part)
             self._numbers[here], self._codes[here], self._held[:, here] = (
                 numbers[there],
@@ -223,7 +230,7 @@ class Stream:
                 columns[:, there],
             )
             self._filled, done = self._filled + part, done + part
-            if self._filled == GRAIN:
+            if self._filled == ACCUMULATION_BLOCK:
                 self._flush()
 
     def state(self) -> list[np.ndarray]:
@@ -277,7 +284,8 @@ class Stream:
         reference: Mapping[str, Mapping[str, float]] | None = None,
         confidence: float = CONFIDENCE,
     ) -> pd.DataFrame:
-        """As `sepmc.analysis.statistics.statistics`; percentiles are those of a `Sketch`."""
+        """As `sepmc.analysis.statistics.statistics`; percentiles are those of a
+        `QuantileSketch`."""
         self._flush()
         percents = list(PERCENTILES.values())
         rows = [
@@ -296,17 +304,17 @@ class Stream:
     def verdicts(
         self, errors: Errors, audit: pd.DataFrame, sampler: str = "random"
     ) -> list[Verdict]:
-        """As `sepmc.analysis.row_statistics.Rows.verdicts`; design values are those of a
-        `Sketch`."""
-        why = doubt(audit, sampler)
+        """As `sepmc.analysis.row_statistics.TableStatistics.verdicts`; design values are those of a
+        `QuantileSketch`."""
+        why = no_verdict_reason(audit, sampler)
         return [judge(t, errors, self._design(t), why, self._lacking(t)) for t in self.tallies]
 
-    def _lacking(self, tally: Tally) -> int:
+    def _lacking(self, tally: RequirementCounter) -> int:
         """How many ok cases do not have the outcome that a requirement is on."""
         known = self.moments.get(tally.requirement.metric)
         return 0 if known is None else int(self._counters.by_code[Status.OK]) - known.n
 
-    def _design(self, tally: Tally) -> float:
+    def _design(self, tally: RequirementCounter) -> float:
         name = tally.requirement.metric
         if name not in self.moments:
             return float("nan")

@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 
 from sepmc.analysis.proportions import CONFIDENCE
-from sepmc.analysis.proportions import interval as of_shares
+from sepmc.analysis.proportions import binomial_interval as of_shares
 from sepmc.analysis.statistics import TWO_SIDED
 
 REPLICAS = 10  # twenty, each of half the size: 92 to 96 % of intervals hold, not 94 to 97 %
@@ -35,19 +35,19 @@ _FEW = 5  # first cases a replica from which all that violate come; some 20 wher
 
 # from scores (n, d) to margins (n,), NaN where a case has none, and what is to be told of each case
 # (n, k)
-Limit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-Random = Callable[[str], np.random.Generator]  # by the name of what it is for
+LimitFunction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+NamedGenerator = Callable[[str], np.random.Generator]  # by the name of what it is for
 
 
 @dataclass(frozen=True)
-class States:
-    """Cases that chains stand at: ``scores`` (n, d), ``margin`` (n,), what is ``told`` of them (n,
-    k), the ``number`` (n,) of the flight, the ``level`` (n,) it was flown for, and the place (n,)
-    of the first case, its ``origin``."""
+class ChainStates:
+    """Cases that chains stand at: ``scores`` (n, d), ``margin`` (n,), what is ``records`` of them
+    (n, k), the ``number`` (n,) of the flight, the ``level`` (n,) it was flown for, and the place
+    (n,) of the first case, its ``origin``."""
 
     scores: np.ndarray
     margin: np.ndarray
-    told: np.ndarray
+    records: np.ndarray
     number: np.ndarray
     level: np.ndarray
     origin: np.ndarray
@@ -69,7 +69,7 @@ class States:
 
 
 @dataclass(frozen=True)
-class Course:
+class LevelSchedule:
     """The way down: ``thresholds`` of the margin, and the sizes of moves (d,) within each. Cases
     without a margin count as ``worst``. ``known`` and ``unknown``: trial cases that violate at the
     end, and that have no margin there; ``reached``: whether the bound was."""
@@ -107,7 +107,7 @@ class Estimate:
     known: np.ndarray
     unknown: np.ndarray
     levels: tuple[Level, ...]
-    last: States
+    last: ChainStates
     replica: np.ndarray
     weight: np.ndarray
     origins: int
@@ -135,8 +135,8 @@ class Estimate:
             return of_shares(round(float(found.mean()) * cases), cases)
         if not found.any():  # no more than come to the last threshold that any came to
             reached = [level.replicas for level in self.levels if level.reached > 0.0]
-            return 0.0, interval(reached[-1])[1] if reached else 1.0
-        return interval(found)
+            return 0.0, mean_interval(reached[-1])[1] if reached else 1.0
+        return mean_interval(found)
 
     @property
     def spread(self) -> float:
@@ -145,11 +145,11 @@ class Estimate:
         return float(self.known.std(ddof=1)) / mean if mean else math.nan
 
 
-def interval(found: np.ndarray, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def mean_interval(found: np.ndarray, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Interval of a mean of independent estimates (r,) of a positive number, some above 0.
 
     Their mean times exp(+-t s), with Student's t of r - 1 and the standard error s of the mean as a
-    share of it: estimates scatter as their logarithms do. Coverage: `tests/measure_rare.py`.
+    share of it: estimates scatter as their logarithms do. Coverage: `tests/measure/rare.py`.
     """
     from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s that other commands do not need)
 
@@ -159,7 +159,7 @@ def interval(found: np.ndarray, confidence: float = CONFIDENCE) -> tuple[float, 
     return mean * math.exp(-reach), min(1.0, mean * math.exp(reach))
 
 
-def plain_cases(probability: float, interval: tuple[float, float]) -> float:
+def equivalent_direct_cases(probability: float, interval: tuple[float, float]) -> float:
     """How many cases that are counted would give an interval as narrow, in the logarithm; NaN if it
     begins or ends at 0."""
     low, high = interval
@@ -170,7 +170,7 @@ def plain_cases(probability: float, interval: tuple[float, float]) -> float:
 
 
 def estimate(
-    limit: Limit, dimensions: int, random: Random, most: int
+    limit: LimitFunction, dimensions: int, random: NamedGenerator, most: int
 ) -> tuple[Estimate, Estimate, int]:
     """The probability that the margin is below zero.
 
@@ -188,7 +188,7 @@ def estimate(
         latter are so many that they hide the others.
     flights : int
     """
-    flown = _Flown(limit)
+    flown = _FlightCounter(limit)
     trials = LENGTH * round(min(max(most // 100, _TRIALS[0]), _TRIALS[1]) / LENGTH)
     depth = _depth(most, trials)
     courses = [_levels(flown, dimensions, random("levels"), trials, depth, -math.inf)]
@@ -208,7 +208,7 @@ def _depth(flights: int, trials: int) -> int:
     return max(0, min(_MOST_LEVELS, int(levels)))
 
 
-def remarks(found: Estimate) -> list[str]:
+def estimate_warnings(found: Estimate) -> list[str]:
     """Sentences on what makes an estimate doubtful."""
     said, low, high = [], float(found.known.min()), float(found.known.max())
     if not found.reached:
@@ -242,32 +242,32 @@ def remarks(found: Estimate) -> list[str]:
     return said
 
 
-class _Flown:
+class _FlightCounter:
     """Flies, and numbers what is flown."""
 
-    def __init__(self, limit: Limit):
+    def __init__(self, limit: LimitFunction):
         self.limit, self.count = limit, 0
 
-    def fly(self, scores: np.ndarray, level: int, origin: np.ndarray) -> States:
-        margin, told = self.limit(scores)
+    def fly(self, scores: np.ndarray, level: int, origin: np.ndarray) -> ChainStates:
+        margin, records = self.limit(scores)
         number = np.arange(self.count, self.count + len(scores))
         self.count += len(scores)
-        return States(scores, margin, told, number, np.full(len(scores), level), origin)
+        return ChainStates(scores, margin, records, number, np.full(len(scores), level), origin)
 
 
-def _order(states: States, worst: float) -> np.ndarray:
+def _order(states: ChainStates, worst: float) -> np.ndarray:
     """Margins (n,), and ``worst`` of what has none."""
     return np.where(np.isnan(states.margin), worst, states.margin)
 
 
 def _levels(
-    flown: _Flown,
+    flown: _FlightCounter,
     dimensions: int,
     random: np.random.Generator,
     size: int,
     depth: int,
     worst: float,
-) -> Course:
+) -> LevelSchedule:
     """The way down that trial chains find, with so many cases a level, and so many levels at
     most."""
     states = flown.fly(random.standard_normal((size, dimensions)), 0, np.arange(size))
@@ -280,7 +280,7 @@ def _levels(
         reached = np.count_nonzero(order < 0.0) >= chains
         threshold = None if reached else _next(order, chains, thresholds)
         if threshold is None or len(thresholds) == depth:
-            return Course(thresholds, steps, worst, int(known), int(unknown), bool(reached))
+            return LevelSchedule(thresholds, steps, worst, int(known), int(unknown), bool(reached))
         thresholds.append(threshold)
         seeds = states.at(_drawn(np.flatnonzero(order <= threshold), chains, random))
         own = seeds.scores.std(axis=0)
@@ -292,7 +292,7 @@ def _levels(
             parts.append(states)
             scale *= math.exp((accepted - _ACCEPTED) / math.sqrt(k))
         steps.append(np.minimum(1.0, scale * own))
-        states = States.joined(parts)
+        states = ChainStates.joined(parts)
 
 
 def _next(order: np.ndarray, chains: int, before: list[float]) -> float | None:
@@ -313,14 +313,14 @@ def _drawn(places: np.ndarray, count: int, random: np.random.Generator) -> np.nd
 
 
 def _moved(
-    flown: _Flown,
-    states: States,
+    flown: _FlightCounter,
+    states: ChainStates,
     step: np.ndarray,
     noise: np.ndarray,
     threshold: float,
     worst: float,
     level: int,
-) -> tuple[States, float]:
+) -> tuple[ChainStates, float]:
     """Where chains stand after a conditional move of size ``step`` (d,), and the share accepted:
     all that is within the threshold, as the move leaves the normal law as it is."""
     scores = np.sqrt(1.0 - step**2) * states.scores + step * noise
@@ -329,14 +329,14 @@ def _moved(
     return states.moved(to, accepted), float(accepted.mean())
 
 
-def _size(course: Course, flights: int) -> int:
+def _size(course: LevelSchedule, flights: int) -> int:
     """Cases of a level of a replica, of so many flights in all: seeds are flown already."""
     of_each = 1.0 + len(course.thresholds) * (1.0 - 1.0 / LENGTH)
     return LENGTH * max(1, int(flights / REPLICAS / of_each / LENGTH))
 
 
 def _replicas(
-    flown: _Flown, dimensions: int, random: Random, size: int, course: Course
+    flown: _FlightCounter, dimensions: int, random: NamedGenerator, size: int, course: LevelSchedule
 ) -> Estimate:
     """Go down a course by independent replicas, of so many cases a level each, side by side."""
     apart = "" if course.worst < 0.0 else " without unknown"
@@ -368,7 +368,7 @@ def _replicas(
             )
             parts.append(after)
             moves.append(accepted)
-        states, acceptance = States.joined(parts), float(np.mean(moves))
+        states, acceptance = ChainStates.joined(parts), float(np.mean(moves))
         replica = np.tile(np.repeat(np.arange(REPLICAS), chains), LENGTH)
     violates = states.margin < 0.0
     known, unknown = (
@@ -392,7 +392,7 @@ def _replicas(
 
 def _level(
     threshold: float,
-    states: States,
+    states: ChainStates,
     within: np.ndarray,
     reached: np.ndarray,
     before: Sequence[Level],

@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sepmc.analysis.statistics import student
+from sepmc.analysis.statistics import student_half_width
 from sepmc.scene.model import REPLICATES, SALTELLI
 
 PLAN, LHS, SOBOL = "plan", "lhs", "sobol"
 BY_ROWS, BY_GROUPS, NONE = "rows", "groups", ""
 
 
-class Valid(NamedTuple):
+class ValidEstimator(NamedTuple):
     """Estimator of first-order indices that is valid for a sampler (by groups: of total ones, too),
     and a sentence on what follows from how the cases were drawn; empty if nothing is to be said."""
 
@@ -32,21 +32,21 @@ PATTERNED = (
     "first-order indices are not given: {what} is patterned, and an input without effect can "
     "take on the effect of two others together; use run.sampler random, lhs or saltelli"
 )
-# Coverage of 95 % intervals: python tests/measure_sensitivity.py
-ESTIMATORS: Mapping[str, Valid] = {
-    "random": Valid(BY_ROWS),
-    LHS: Valid(
+# Coverage of 95 % intervals: python tests/measure/sensitivity.py
+ESTIMATORS: Mapping[str, ValidEstimator] = {
+    "random": ValidEstimator(BY_ROWS),
+    LHS: ValidEstimator(
         BY_ROWS, "sampler lhs: intervals of indices are those of random cases, at least 95 %"
     ),
-    PLAN: Valid(
+    PLAN: ValidEstimator(
         BY_ROWS, "run.samples: intervals of indices hold if its rows are independent cases"
     ),
-    SOBOL: Valid(NONE, PATTERNED.format(what="a Sobol sequence")),
-    SALTELLI: Valid(BY_GROUPS),
+    SOBOL: ValidEstimator(NONE, PATTERNED.format(what="a Sobol sequence")),
+    SALTELLI: ValidEstimator(BY_GROUPS),
 }
 # Fourth cumulant of an outcome less the means of its groups, over its squared variance and over the
 # cases, from which on few of them decide its variance: 95 % intervals of indices hold 70 to 91 %,
-# below it 92 % and more (tests/measure_sensitivity.py)
+# below it 92 % and more (tests/measure/sensitivity.py)
 MOST_TAILED = 0.01
 # samplers whose cases are not independent, so that no test of chance holds for counts of them
 PATTERNS = (SOBOL, SALTELLI)
@@ -54,7 +54,7 @@ MOST_LEFT_OUT = 0.05  # of the groups of a Saltelli design, before the rest no l
 _LAGS, _LAGS_OF_ROOT = (4, 64), 0.5  # fewest and most places apart; over the root of the cases
 
 
-def of_order(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """First-order index of an input of many values, and half of its 95 % interval.
 
     Parameters
@@ -86,7 +86,7 @@ def of_order(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return index, _half(influence, 2.0 * fourth / most, by_chance)
 
 
-def of_values(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+def grouped_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """First-order index of an input of few values, and half of its 95 % interval: epsilon squared,
     the variance between groups less what chance gives them (Kelley, PNAS 21, 1935)."""
     n, group, y = len(y), np.unique(x, return_inverse=True)[1], _standard(y)
@@ -103,7 +103,7 @@ def of_values(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return index, _half(influence, 4.0 * fourth / n, by_chance)
 
 
-def independent(cases: Mapping[str, np.ndarray], inputs: int, sampler: str) -> np.ndarray:
+def independent_rows(cases: Mapping[str, np.ndarray], inputs: int, sampler: str) -> np.ndarray:
     """Which cases (n,) do not repeat others: all, but of a group of a Saltelli design the first and
     the last, which the rest repeat in all inputs but one, or in one."""
     count = len(cases["status"])
@@ -113,7 +113,7 @@ def independent(cases: Mapping[str, np.ndarray], inputs: int, sampler: str) -> n
     return np.isin(numbers % (inputs + 2), (0, inputs + 1))
 
 
-class Groups(NamedTuple):
+class SaltelliGroups(NamedTuple):
     """Whole groups of a Saltelli design: outcomes (groups, inputs + 2), how many groups were left
     out as a case of theirs has no outcome, and of which sequence each is (groups,)."""
 
@@ -122,7 +122,7 @@ class Groups(NamedTuple):
     replicates: np.ndarray
 
 
-def groups_of(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Groups:
+def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> SaltelliGroups:
     """Groups of a Saltelli design, by the ``numbers`` (n,) of its cases.
 
     Parameters
@@ -163,10 +163,10 @@ def groups_of(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Groups:
         raise ValueError(
             f"no group of some of the {REPLICATES} sequences of the Saltelli design is whole"
         )
-    return Groups(y[whole], left_out + parts, replicates)
+    return SaltelliGroups(y[whole], left_out + parts, replicates)
 
 
-def of_groups(found: Groups) -> tuple[np.ndarray, np.ndarray]:
+def saltelli_indices(found: SaltelliGroups) -> tuple[np.ndarray, np.ndarray]:
     """First-order and total indices of a Saltelli design (Saltelli et al., Computer Physics
     Communications 181, 2010, equations b and f), each (2, inputs): index, half of its interval by
     Student's law, from the sequences, of which each is scrambled for itself. The groups of one are
@@ -182,7 +182,9 @@ def of_groups(found: Groups) -> tuple[np.ndarray, np.ndarray]:
         index = float(product.mean() / variance)
         influence = (product - index * spread) / variance
         parts = np.bincount(found.replicates, influence) * REPLICATES / len(influence)
-        return index, float(student(REPLICATES - 1) * parts.std(ddof=1) / np.sqrt(REPLICATES))
+        return index, float(
+            student_half_width(REPLICATES - 1) * parts.std(ddof=1) / np.sqrt(REPLICATES)
+        )
 
     changed = (every[:, 1:-1] - mean).T
     first, total = zip(
@@ -191,7 +193,7 @@ def of_groups(found: Groups) -> tuple[np.ndarray, np.ndarray]:
     return np.array(first).T, np.array(total).T
 
 
-def by_few_cases(grouped: np.ndarray, y: np.ndarray) -> str:
+def few_cases_warning(grouped: np.ndarray, y: np.ndarray) -> str:
     """The sentence that intervals of indices are not given, as few cases far from the others decide
     the variance of an outcome (n,), or nothing. Inputs of few values, ``grouped`` (d, n), explain
     what lies far by themselves: of each of their values there are cases enough."""
@@ -243,4 +245,4 @@ def _half(influence: np.ndarray, too_much: float, more: float) -> float:
     if of_mean > 0.0:
         kurtosis = float(np.mean(influence**4)) / variance**2
         freedoms = 2.0 * n / max(kurtosis - 1.0, 1e-9) * (1.0 + more / of_mean) ** 2
-    return float(student(np.clip(freedoms, 2.0, 1e9)) * np.sqrt(of_mean + more))
+    return float(student_half_width(np.clip(freedoms, 2.0, 1e9)) * np.sqrt(of_mean + more))

@@ -22,7 +22,7 @@ from sepmc.bench import (
 )
 from sepmc.bench.folder import SUMMARY, open_folder
 from sepmc.bench.reference import Reference, make_reference, reference_times
-from sepmc.bench.study import Study, drawn
+from sepmc.bench.study import Study, sample_inputs
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store import folders
@@ -101,7 +101,7 @@ def _study(
     bare = campaign.with_settings({"run.history_step_s": 0.0})
     flight = select_steps(bare, announce=say)
     wanted = cases or (QUICK_CASES if quick else CASES)
-    study = Study(bare, flight, drawn(bare, wanted), repeats, threads, quick, say)
+    study = Study(bare, flight, sample_inputs(bare, wanted), repeats, threads, quick, say)
     fit = max(QUICK_CASES, int(_REFERENCE_S / (reference_times() * study.seconds)))
     if cases is None and fit < wanted:
         say(f"{fit} cases, as the reference of {wanted} would take more than {_REFERENCE_S:g} s")

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from sepmc.bench.study import Study, Way
+from sepmc.bench.study import SolverVariant, Study
 from sepmc.engine.dispatch import use_threads
 
 MOST = 2000  # cases flown each time
@@ -16,7 +16,7 @@ ALONE = (0, 3, -1)
 def same_bits(study: Study) -> dict[str, bool]:
     """Whether outcomes and statuses are the same to the last bit, by what is varied."""
     draws = study.draws[: min(MOST, study.own_cases)]
-    way = Way(study.flight, study.campaign, len(draws))
+    way = SolverVariant(study.flight, study.campaign, len(draws))
     use_threads(study.threads)
     whole = _flown(way, draws)
     return {
@@ -25,26 +25,26 @@ def same_bits(study: Study) -> dict[str, bool]:
     }
 
 
-Rows = tuple[np.ndarray, np.ndarray]
-Trial = tuple[Callable[[], Rows], Callable[[Rows], Rows]]
+RowBatch = tuple[np.ndarray, np.ndarray]
+Trial = tuple[Callable[[], RowBatch], Callable[[RowBatch], RowBatch]]
 
 
-def _trials(study: Study, way: Way, draws: np.ndarray) -> dict[str, Iterator[Trial]]:
-    def all_of(rows: Rows) -> Rows:
+def _trials(study: Study, way: SolverVariant, draws: np.ndarray) -> dict[str, Iterator[Trial]]:
+    def all_of(rows: RowBatch) -> RowBatch:
         return rows
 
-    def on_one() -> Rows:
+    def on_one() -> RowBatch:
         use_threads(1)
         try:
             return _flown(way, draws)
         finally:
             use_threads(study.threads)
 
-    def in_chunks(size: int) -> Callable[[], Rows]:
+    def in_chunks(size: int) -> Callable[[], RowBatch]:
         most = draws[: 200 * size]  # small chunks need not cover all
         return lambda: _joined([_flown(way, most[i : i + size]) for i in range(0, len(most), size)])
 
-    def alone(i: int) -> Callable[[], Rows]:
+    def alone(i: int) -> Callable[[], RowBatch]:
         return lambda: _flown(way, draws[i : i + 1] if i >= 0 else draws[i:])
 
     return {
@@ -69,20 +69,20 @@ def _trials(study: Study, way: Way, draws: np.ndarray) -> dict[str, Iterator[Tri
     }
 
 
-def _flown(way: Way, draws: np.ndarray) -> Rows:
+def _flown(way: SolverVariant, draws: np.ndarray) -> RowBatch:
     block = way.fly(draws)
     return block.outcomes, block.status
 
 
-def _part(rows: Rows, which: slice) -> Rows:
+def _part(rows: RowBatch, which: slice) -> RowBatch:
     return rows[0][which], rows[1][which]
 
 
-def _joined(parts: list[Rows]) -> Rows:
+def _joined(parts: list[RowBatch]) -> RowBatch:
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
-def _same(one: Rows, other: Rows) -> bool:
+def _same(one: RowBatch, other: RowBatch) -> bool:
     """Bit for bit: a NaN is itself, 0 is not -0."""
     return all(
         a.shape == b.shape

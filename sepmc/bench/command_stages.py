@@ -12,7 +12,7 @@ import pandas as pd
 
 from sepmc.bench import subprocess_calls
 from sepmc.bench.clock import rounds, seconds, spread
-from sepmc.bench.study import Study, drawn
+from sepmc.bench.study import Study, sample_inputs
 from sepmc.campaign.campaign import load
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.store import manifests
@@ -103,8 +103,8 @@ def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, f
     dispatch.load_kernel(step_selection.kernel_text(campaign, history=history))
     found["load kernel"] = time.perf_counter() - began
     found["pilot"] = seconds(lambda: step_selection.select_steps(campaign, history))
-    drawn(campaign, 1)
-    found["sample"] = seconds(lambda: drawn(campaign, cases))
+    sample_inputs(campaign, 1)
+    found["sample"] = seconds(lambda: sample_inputs(campaign, cases))
     result = campaign.run(
         cases,
         threads=threads,

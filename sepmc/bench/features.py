@@ -18,7 +18,7 @@ from sepmc.bench.work_precision import PER
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.integration import by_name
 from sepmc.campaign.execution.step_selection import kernel_text, stage_names
-from sepmc.engine.dispatch import fly_cases, load_kernel, use_threads
+from sepmc.engine.dispatch import integrate_cases, load_kernel, use_threads
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 
@@ -112,7 +112,7 @@ def _flight(study: Study, variant: Variant) -> Callable[[], object]:
         text = kernel_text(campaign, flight.one_method, history=room > 0)
         kernel = load_kernel(text, study.say)
     methods = by_name(kernel, flight.method_names)
-    return lambda: fly_cases(
+    return lambda: integrate_cases(
         kernel, campaign.plan, flight.steps, flight.durations, campaign.slots, draws, room, methods
     )
 
@@ -120,7 +120,7 @@ def _flight(study: Study, variant: Variant) -> Callable[[], object]:
 def _has_stages(study: Study, campaign: Campaign) -> bool:
     """Whether the kernel of a campaign has as many stages as the study's: only then can it fly in
     its steps."""
-    return len(stage_names(campaign)) == study.flight.kernel.stages
+    return len(stage_names(campaign)) == study.flight.kernel.n_segments
 
 
 def _variants(study: Study, history_step: float) -> list[Variant]:

@@ -25,12 +25,12 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.integration import Integration, by_name
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.engine import interpreted, kernel_cache
-from sepmc.engine.dispatch import fly_cases
+from sepmc.engine.dispatch import integrate_cases
 from sepmc.jit import BARE
-from sepmc.kernel.emit.compile_units import ALIKE, split
+from sepmc.kernel.emit.compile_units import ENTRY, split
 from sepmc.kernel.emit.context import Context
 from sepmc.kernel.spec.methods import method
-from sepmc.kernel.spec.structure import make_shape
+from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.lanes import LANES
 from sepmc.routines.layout import NO_HISTORY
 from sepmc.scene.read import parse_campaign
@@ -66,11 +66,11 @@ class Flops:
 def count(campaign: Campaign, flight: Integration) -> Flops | None:
     """Operations of a case of a campaign flown as ``flight`` has it; None if the compiled code does
     not show them."""
-    shape = make_shape(campaign.plan, campaign.dispersed)
+    shape = make_kernel_spec(campaign.plan, campaign.dispersed)
     called = shape.names.of["phase"]
     solver = flight.one_method
     context = Context(shape, solver or campaign.scene.solver.method, NO_HISTORY)
-    flown = {s.phase: context.flown_as(s) or s.name for s in shape.stages if not s.late}
+    flown = {s.phase: context.alias_of(s) or s.name for s in shape.segments if not s.late}
     found = _each(kernel_text(campaign, solver), flown)
     if set(found) != set(called.values()):
         return None
@@ -80,13 +80,13 @@ def count(campaign: Campaign, flight: Integration) -> Flops | None:
     taken = subprocess_calls.call("flops:evaluations_here", asked, {"NUMBA_DISABLE_JIT": "1"})
     rates = sum(taken[name] * each[name] for name in names)
     sums = 0.0
-    for stage, name in zip(shape.stages, flight.method_names, strict=True):
-        if not stage.late:
+    for segment, name in zip(shape.segments, flight.method_names, strict=True):
+        if not segment.late:
             rk = method(name)
             rows = (*rk.a[1 : rk.stages, : rk.stages], rk.b)
             of_a_step = sum(2 * int(np.count_nonzero(row)) + 1 for row in rows)
-            steps_made = taken[shape.names.back[stage.phase]] / rk.stages
-            sums += steps_made * of_a_step * shape.active(stage)
+            steps_made = taken[shape.names.back[segment.phase]] / rk.stages
+            sums += steps_made * of_a_step * shape.active_size(segment)
     return Flops({name: taken[name] for name in names}, each, rates, float(sums))
 
 
@@ -97,7 +97,7 @@ def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
     found: dict[str, float | None] = {}
     for phase, stage in flown.items():
         piece = texts[f"rates_{stage}"]
-        kept = kernel_cache.CACHE_FOLDER / f"{kernel_cache.write([piece])[0]}.flops.json"
+        kept = kernel_cache.CACHE_FOLDER / f"{kernel_cache.write_modules([piece])[0]}.flops.json"
         if kept.is_file():
             found[phase] = json.loads(kept.read_text(encoding="utf-8"))
             continue
@@ -109,8 +109,8 @@ def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
 
 def flops_here(piece: str) -> float | None:
     """Flops of an evaluation by a piece of a kernel, which is compiled here."""
-    module = kernel_cache.module(kernel_cache.write([piece])[0])
-    return in_code(getattr(module, ALIKE)._library.get_llvm_str(), ALIKE)
+    module = kernel_cache.load_module(kernel_cache.write_modules([piece])[0])
+    return in_code(getattr(module, ENTRY)._library.get_llvm_str(), ENTRY)
 
 
 def in_code(code: str, name: str) -> float | None:
@@ -152,11 +152,11 @@ def evaluations_here(
 
         return rates
 
-    called = make_shape(campaign.plan, campaign.dispersed).names.of["phase"]
+    called = make_kernel_spec(campaign.plan, campaign.dispersed).names.of["phase"]
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     drawn = campaign.sample(0, 1) * campaign.factors
-    fly_cases(
+    integrate_cases(
         kernel,
         campaign.plan,
         np.array(steps, dtype=np.int64),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sepmc.bench.study import FULL, Study, Way
+from sepmc.bench.study import FULL, SolverVariant, Study
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.schema import Status
 
@@ -56,7 +56,7 @@ def make_reference(study: Study) -> Reference:
     """The reference of a study."""
     campaign = study.with_settings({"solver.method": METHOD})
     flight = study.flight if study.method == METHOD else select_steps(campaign, announce=study.say)
-    first = Way(flight, campaign, study.own_cases)
+    first = SolverVariant(flight, campaign, study.own_cases)
     outcomes, sound, change, flown = _refined(study, first)
     times = int(flown.flight.steps[0] // first.flight.steps[0])
     other = _other(study, first, times)
@@ -67,7 +67,9 @@ def make_reference(study: Study) -> Reference:
     return Reference(outcomes, sound, how, flown.setting, change, opinion, difference, other.cases)
 
 
-def _refined(study: Study, way: Way) -> tuple[np.ndarray, np.ndarray, float, Way]:
+def _refined(
+    study: Study, way: SolverVariant
+) -> tuple[np.ndarray, np.ndarray, float, SolverVariant]:
     """Double the steps while that changes less and less; outcomes, which are sound, the last
     change, and the way they were flown."""
     last = way.fly(study.draws)
@@ -84,7 +86,7 @@ def _refined(study: Study, way: Way) -> tuple[np.ndarray, np.ndarray, float, Way
     return best
 
 
-def _other(study: Study, own: Way, times: int) -> Way:
+def _other(study: Study, own: SolverVariant, times: int) -> SolverVariant:
     """Another way to the same answer: the other formulation of the equations, at so many times its
     resolution, by a part of the cases."""
     other = "reduced" if own.formulation == FULL else FULL

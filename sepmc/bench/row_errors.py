@@ -14,10 +14,10 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
     """Every case's ``error`` and ``true_error``, the largest of the outcomes that decide, with the
     ``outcome`` that has it; and what is to be known of them, in a few numbers."""
     block, names = study.default.fly(study.draws), np.array(study.names)
-    both = np.flatnonzero(block.flown & reference.sound[: len(block.status)])
+    both = np.flatnonzero(block.has_outcomes & reference.sound[: len(block.status)])
     decides, scale = decisive(study.campaign.outcome_columns), study.flight.scale
     assert scale is not None
-    assert block.again is not None
+    assert block.refinement is not None
     found = errors(
         block.outcomes[both][:, : len(names)][:, decides],
         reference.outcomes[both][:, decides],
@@ -36,8 +36,8 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
     low, middle, high = np.quantile(share, _QUANTILES) if len(share) else (np.nan,) * 3
     return frame, {
         "cases": len(frame),
-        "flown_again": block.again.finer,
-        "by_another_kernel": block.again.spare,
+        "flown_again": block.refinement.n_refined,
+        "by_another_kernel": block.refinement.n_fallback,
         "largest_error": float(told.max(initial=0.0)),
         "largest_true_error": float(true.max(initial=0.0)),
         "true_over_told_1_percent": float(low),

@@ -93,9 +93,9 @@ class Study:
         return self.part(self.formulation)
 
     @property
-    def default(self) -> "Way":
+    def default(self) -> "SolverVariant":
         """The way that the pilot chose."""
-        return Way(
+        return SolverVariant(
             self.flight, self.campaign, self.own_cases, self.campaign.scene.solver.accuracy, True
         )
 
@@ -143,7 +143,7 @@ class Study:
 
 
 @dataclass(frozen=True)
-class Way:
+class SolverVariant:
     """A way to fly: a flight, the campaign with the method and formulation that it was planned for,
     and how many of the cases."""
 
@@ -181,7 +181,7 @@ class Way:
         """About how many a case takes; with a step that is given, only in proportion."""
         return self.flight.evaluations
 
-    def by_formulation(self, study: Study, other: str) -> "Way":
+    def by_formulation(self, study: Study, other: str) -> "SolverVariant":
         """The same steps by the other formulation of the equations, with nothing flown again."""
         given = {"solver.method": self.method, "solver.formulation": other}
         campaign = study.with_settings(given)
@@ -192,13 +192,13 @@ class Way:
             estimate=None,
             error_limit=np.inf,
         )
-        return Way(flight, campaign, study.part(other), self.asked)
+        return SolverVariant(flight, campaign, study.part(other), self.asked)
 
     def fly(self, draws: np.ndarray) -> Block:
         """Fly as many cases as the way has, the first of ``draws`` (n, d), SI."""
         return integrate(self.campaign, self.flight, draws[: self.cases])
 
 
-def drawn(campaign: Campaign, count: int) -> np.ndarray:
+def sample_inputs(campaign: Campaign, count: int) -> np.ndarray:
     """The first ``count`` cases of a campaign, (count, d), SI."""
     return campaign.sample(0, count) * campaign.factors

@@ -10,9 +10,9 @@ import pandas as pd
 
 from sepmc.bench.clock import rounds, spread
 from sepmc.bench.reference import METHOD, Reference
-from sepmc.bench.study import FULL, Study, Way
+from sepmc.bench.study import FULL, SolverVariant, Study
 from sepmc.campaign.execution.step_selection import Integration, select_steps
-from sepmc.engine.dispatch import Block, now_and_then
+from sepmc.engine.dispatch import Block, progress_reporter
 from sepmc.kernel.spec.methods import AUTO, METHODS
 
 # asked of the pilot, to get steps that a user might fly with
@@ -26,28 +26,28 @@ _MOST = 25  # times as many evaluations as by default are left out
 def measure(study: Study, reference: Reference) -> pd.DataFrame:
     """One row a way to fly; times are medians, for 10,000 cases, ms; ``scaled`` if fewer than the
     study's were flown."""
-    ways = _ways(study, "reduced")
+    ways = _variants(study, "reduced")
     if study.formulation == FULL:
-        ways += _ways(study, FULL)
+        ways += _variants(study, FULL)
     else:  # at the steps that reduced equations are flown in: they agree to round-off
         own = [way for way in ways if way.method == study.method and np.isfinite(way.asked)]
         ways += [way.by_formulation(study, FULL) for way in own]
     return rows_of(study, reference, _without(reference, study, ways))
 
 
-def own_ways(study: Study, reference: Reference) -> list[Way]:
+def own_variants(study: Study, reference: Reference) -> list[SolverVariant]:
     """Ways to fly by the scene's own formulation; not that of the reference."""
-    return _without(reference, study, _ways(study, study.formulation))
+    return _without(reference, study, _variants(study, study.formulation))
 
 
-def _without(reference: Reference, study: Study, ways: list[Way]) -> list[Way]:
+def _without(reference: Reference, study: Study, ways: list[SolverVariant]) -> list[SolverVariant]:
     known = (study.formulation, METHOD, reference.setting)
     return [way for way in ways if (way.formulation, way.method, way.setting) != known]
 
 
-def rows_of(study: Study, reference: Reference, ways: list[Way]) -> pd.DataFrame:
+def rows_of(study: Study, reference: Reference, ways: list[SolverVariant]) -> pd.DataFrame:
     """Fly some ways and time them, in rounds; a row each."""
-    flown, tell = [], now_and_then(study.say, _EVERY_S)
+    flown, tell = [], progress_reporter(study.say, _EVERY_S)
     for number, way in enumerate(ways):
         block = way.fly(study.draws)
         tell(partial(_so_far, number + 1, len(ways)))
@@ -73,11 +73,13 @@ def _so_far(done: int, total: int, seconds: float) -> str:
 
 def _flown_again(block: Block) -> float:
     """Share of the cases of a block that were flown again."""
-    assert block.again is not None
-    return block.again.finer / len(block.status)
+    assert block.refinement is not None
+    return block.refinement.n_refined / len(block.status)
 
 
-def _row(way: Way, times: list[float], error: float, worst: str, few: bool) -> dict[str, Any]:
+def _row(
+    way: SolverVariant, times: list[float], error: float, worst: str, few: bool
+) -> dict[str, Any]:
     scale = 1e3 * PER / way.cases
     return {
         "formulation": way.formulation,
@@ -97,7 +99,7 @@ def _row(way: Way, times: list[float], error: float, worst: str, few: bool) -> d
     }
 
 
-def _ways(study: Study, formulation: str) -> list[Way]:
+def _variants(study: Study, formulation: str) -> list[SolverVariant]:
     """Each method in the steps that the pilot chooses for several accuracies, and in multiples of
     those for the accuracy asked. By the full formulation only the scene's own method, without
     multiples."""
@@ -106,13 +108,13 @@ def _ways(study: Study, formulation: str) -> list[Way]:
     return [way for method in methods for way in _of_method(study, method, formulation)]
 
 
-def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
+def _of_method(study: Study, method: str, formulation: str) -> list[SolverVariant]:
     campaign = study.with_settings({"solver.method": method, "solver.formulation": formulation})
     cases, most = study.part(formulation), _MOST * study.default.evaluations
     if (method, formulation) == (study.method, study.formulation):
         first = study.default
     else:
-        first = Way(
+        first = SolverVariant(
             select_steps(campaign, announce=study.say), campaign, cases, study.default.asked
         )
     ways = [first]
@@ -120,7 +122,7 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
         for accuracy in ACCURACIES[::8] if study.quick else ACCURACIES:
             if accuracy != first.asked:
                 ways.append(
-                    Way(
+                    SolverVariant(
                         select_steps(campaign.with_settings({"solver.accuracy": accuracy})),
                         campaign,
                         cases,
@@ -130,8 +132,8 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
             if ways[-1].evaluations > most:
                 break  # it takes still more for the next ones
     if formulation != FULL:
-        ways += [Way(flight, campaign, cases) for flight in _multiples(first.flight)]
-    found: dict[tuple[Any, ...], Way] = {}
+        ways += [SolverVariant(flight, campaign, cases) for flight in _multiples(first.flight)]
+    found: dict[tuple[Any, ...], SolverVariant] = {}
     for way in ways:
         found.setdefault((*way.flight.steps.tolist(), *way.flight.method_names), way)
     for way in found.values():

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.engine.dispatch import whole
+from sepmc.engine.dispatch import check_int
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError
 
@@ -161,11 +161,11 @@ def read(value: Any, name: str = "cases") -> int | CaseSelection:
         return _from_text(value.strip(), name)
     is_iterable = isinstance(value, Iterable) and not isinstance(value, bytes | Mapping)
     if is_iterable and getattr(value, "ndim", None) != 0:
-        selection = CaseSelection.of(whole(name, number, 0, CASES - 1) for number in value)
+        selection = CaseSelection.of(check_int(name, number, 0, CASES - 1) for number in value)
         if not selection.count:
             raise InputError(f"{name} = []: {_ALLOWED}")
         return selection
-    return whole(name, value, 1, CASES)
+    return check_int(name, value, 1, CASES)
 
 
 def _from_text(text: str, name: str) -> int | CaseSelection:
@@ -175,7 +175,7 @@ def _from_text(text: str, name: str) -> int | CaseSelection:
             number = float(text)
         except ValueError:
             raise error from None
-        return whole(name, number if number.is_integer() else text, 1, CASES)
+        return check_int(name, number if number.is_integer() else text, 1, CASES)
     ranges = []
     for part in text.split(","):
         ends = part.split(":")

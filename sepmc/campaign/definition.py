@@ -12,14 +12,18 @@ import msgspec
 import numpy as np
 
 from sepmc import schema
-from sepmc.analysis.rare_values import Rare, rare_values
+from sepmc.analysis.rare_values import RareValue, rare_values
 from sepmc.analysis.variance_indices import LHS, PLAN
 from sepmc.campaign import cases
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.case_selection import read as read_numbers
 from sepmc.campaign.cases import SIZE_DEPENDENT
-from sepmc.engine.dispatch import whole
-from sepmc.kernel.spec.parameter_layout import Plan, apart, make_plan
+from sepmc.engine.dispatch import check_int
+from sepmc.kernel.spec.parameter_layout import (
+    ParameterLayout,
+    make_parameter_layout,
+    separation_sign,
+)
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.limits import CASES, SEED
@@ -101,10 +105,10 @@ class Definition:
         return self.file.scene
 
     @cached_property
-    def plan(self) -> Plan:
+    def plan(self) -> ParameterLayout:
         """Layout of the kernel parameters. Raises SceneError if two columns of the case table have
         one name."""
-        plan = make_plan(self.scene, dispersed=self.dispersed)
+        plan = make_parameter_layout(self.scene, dispersed=self.dispersed)
         plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
         names = Counter(
             column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)]
@@ -120,7 +124,7 @@ class Definition:
         return frozenset(d.parameter.path for d in self.file.dispersions)
 
     @cached_property
-    def rare_values(self) -> tuple[Rare, ...]:
+    def rare_values(self) -> tuple[RareValue, ...]:
         """Values, and pairs of values, that have a probability in the file."""
         return rare_values(self.file.dispersions, self.file.copulas)
 
@@ -270,9 +274,9 @@ class Definition:
             If a case is not in the sample table, or not in a sample of this size.
         """
         sampling = self.sampling_of(total)
-        first = whole("first", first, 0, CASES - 1)
+        first = check_int("first", first, 0, CASES - 1)
         end = sampling.cases if self.scene.run.sampler in SIZE_DEPENDENT else CASES
-        count = whole("count", count, 0, max(end - first, 0))
+        count = check_int("count", count, 0, max(end - first, 0))
         dispersions, inputs = self.file.dispersions, self.file.input_table
         table = cases.sample(dispersions, self._seed(seed), first, count, sampling)
         if inputs is not None:
@@ -333,7 +337,7 @@ class Definition:
     def sampling_of(self, total: int | None = None) -> cases.Sampling:
         """Sampling of ``total`` cases. Raises InputError if the sampler cannot have this number."""
         run = self.scene.run
-        size = run.cases if total is None else whole("total", total, 1, CASES)
+        size = run.cases if total is None else check_int("total", total, 1, CASES)
         sampling = cases.Sampling(run.sampler, size, self.file.copulas)
         if fault := cases.size_fault(sampling, len(self.file.dispersions)):
             raise InputError(f"cases = {size}: {fault}")
@@ -372,7 +376,7 @@ class Definition:
         """
         total = self.scene.run.cases if total is None else total
         depends_on_size = self.scene.run.sampler in cases.SIZE_DEPENDENT
-        number = whole("case", number, 0, (total if depends_on_size else CASES) - 1)
+        number = check_int("case", number, 0, (total if depends_on_size else CASES) - 1)
         inputs = self.sample(number, 1, seed, total)[0]
         values = {
             d.parameter.path: float(x)
@@ -391,13 +395,13 @@ class Definition:
         if initial.path_reference is None:
             initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
         joints = {
-            name: msgspec.structs.replace(joint, apart=apart(self.scene, name))
+            name: msgspec.structs.replace(joint, apart=separation_sign(self.scene, name))
             for name, joint in self.scene.joint.items()
         }
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
     def _seed(self, seed: int | None) -> int:
-        return self.scene.run.seed if seed is None else whole("seed", seed, 0, SEED)
+        return self.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
 
     def implausible_inertias(self, inputs: np.ndarray) -> int:
         """Number of rows of inputs (n, d) in which the inertia of a body breaks the triangle

@@ -16,16 +16,18 @@ from sepmc.analysis import (
     requirements,
     sensitivity,
 )
-from sepmc.analysis.row_filter import in_words, names_of, where
-from sepmc.analysis.row_statistics import by_case
+from sepmc.analysis.row_filter import describe_filter, filter_names
+from sepmc.analysis.row_filter import matching_rows as matching
+from sepmc.analysis.row_statistics import index_by_case
 from sepmc.analysis.statistics import ok_rows, statistics
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Case
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors, with_scales
 from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.sinks import RunOutput
+from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import shards
-from sepmc.engine.dispatch import text, whole
+from sepmc.engine.dispatch import check_int, check_text
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError, RunWarning, nearest, warn
 from sepmc.scene.model import Requirement
@@ -55,6 +57,7 @@ class Result:
     accuracy: AchievedAccuracy | None = None
     resumed: int = 0  # cases that the folder held already
     stopped: bool = False  # as more cases failed than may
+    written: RunStatistics | None = None  # the statistics in the folder
 
     def __repr__(self) -> str:
         counts = ", ".join(
@@ -70,7 +73,7 @@ class Result:
         from html import escape  # noqa: PLC0415
 
         columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
-        table = constant_outcomes.settled(self.statistics())[columns]
+        table = constant_outcomes.with_constant_values(self.statistics())[columns]
         return f"<p>{escape(repr(self))}</p>{table.to_html()}"
 
     @property
@@ -94,7 +97,7 @@ class Result:
         ValueError
             If only statistics were kept, ``stats_only=True``.
         """
-        return by_case(self.table)
+        return index_by_case(self.table)
 
     def histories(self) -> pd.DataFrame | None:
         """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s``
@@ -104,21 +107,24 @@ class Result:
             return shards.read_histories(self.folder, stored=self.kept.history_shards)
         return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
 
-    def statistics(self, *given: str) -> pd.DataFrame:
+    def statistics(self, *where: str) -> pd.DataFrame:
         """Statistics of every outcome, see `sepmc.analysis.statistics.statistics`, with its
         numerical ``error``, that in its unit, and whether it is ``constant``
         (`sepmc.analysis.constant_outcomes`): of all cases, or of those for which all terms
-        ``given`` hold, such as ``"joint.bolt.fails=1"``."""
-        if given:
+        of ``where`` hold, such as ``"joint.bolt.fails=1"``."""
+        if where:
             rows, outcomes = self._rows(), self.campaign.summary_inputs[0]
-            for term in given:
-                text("given", term, "joint.bolt.fails=1")
-            held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)
+            for term in where:
+                check_text("where", term, "joint.bolt.fails=1")
+            held = matching(rows, filter_names(self.campaign.file.dispersions, list(rows)), where)
             if not held.any():
-                warn(f"{in_words(given)}: holds in none of {len(held)} cases", RunWarning)
+                warn(f"{describe_filter(where)}: holds in none of {len(held)} cases", RunWarning)
             elif not ok_rows(rows)[held].any():
                 none = "none of them came to its end as asked, so there are no statistics"
-                warn(f"{in_words(given)}: {held.sum()} of {len(held)} cases; {none}", RunWarning)
+                warn(
+                    f"{describe_filter(where)}: {held.sum()} of {len(held)} cases; {none}",
+                    RunWarning,
+                )
             kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
             return with_errors(self.campaign, self._errors, statistics(kept, outcomes))
         table = self.kept.summary.statistics(self.campaign.reference)
@@ -133,31 +139,31 @@ class Result:
         `sepmc.analysis.requirements.Verdict`."""
         errors = with_scales(self.campaign, self._errors, self.kept.summary.statistics())
         sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()
-        return requirements.table(self.kept.summary.verdicts(errors, audited, sampler))
+        return requirements.verdict_table(self.kept.summary.verdicts(errors, audited, sampler))
 
-    def drivers(self, outcome: str, indices: bool = True) -> pd.DataFrame:
+    def sensitivity(self, outcome: str, indices: bool = True) -> pd.DataFrame:
         """How much each input drives an outcome, a row each; see
-        `sepmc.analysis.sensitivity.drivers`, which raises ValueError if the outcome does not vary
-        by more than its numerical error."""
+        `sepmc.analysis.sensitivity.input_sensitivities`, which raises ValueError if the outcome
+        does not vary by more than its numerical error."""
         if outcome not in self.outcomes:
             raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
         design, correlated = self.campaign.design, self.campaign.correlated
-        within = constant_outcomes.reach(self.statistics(), outcome)
-        return sensitivity.drivers(
+        within = constant_outcomes.max_spread(self.statistics(), outcome)
+        return sensitivity.input_sensitivities(
             self._rows(), self._inputs, outcome, design, indices, correlated, within
         )
 
-    def laws(self) -> pd.DataFrame:
+    def fit(self) -> pd.DataFrame:
         """Shape of every outcome that is a number, and the law nearest to it, a row each; see
-        `sepmc.analysis.distributions.laws`."""
+        `sepmc.analysis.distributions.fit_distributions`."""
         table = self.statistics()
         numbers = [name for name in self.outcomes if not is_yes_or_no(name)]
         alike = [name for name in numbers if constant_outcomes.is_constant(table, name)]
-        return distributions.laws(self._rows(), numbers, alike)
+        return distributions.fit_distributions(self._rows(), numbers, alike)
 
-    def causes(self, name: str) -> list[failure_attribution.Cause]:
+    def causes(self, name: str) -> list[failure_attribution.Attribution]:
         """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have
-        a status; see `sepmc.analysis.failure_attribution.causes`."""
+        a status; see `sepmc.analysis.failure_attribution.attribute_failures`."""
         rows, known = self._rows(), {item.name: item for item in self.campaign.file.requirements}
         statuses = [status.label for status in Status if status is not Status.OK]
         if name not in known and name not in statuses:
@@ -165,7 +171,7 @@ class Result:
             raise InputError(f"{name}: no such requirement or status; {said}")
         item = known.get(name) or Requirement(name=name, metric=name)
         others, design = list(known.values()), self.campaign.design
-        return failure_attribution.of_requirement(item, rows, self._inputs, others, design)
+        return failure_attribution.attribute_violations(item, rows, self._inputs, others, design)
 
     @property
     def _inputs(self) -> list[str]:
@@ -174,7 +180,7 @@ class Result:
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
         no such case."""
-        number, flown = whole("case", number, 0, CASES - 1), self._flown
+        number, flown = check_int("case", number, 0, CASES - 1), self._flown
         if number not in flown:
             raise InputError(f"case = {number}: must be one of those flown, {flown}")
         found = self.campaign.case(number, self.seed, self.total)

@@ -1,5 +1,5 @@
-"""What flies a written kernel: compiled code, how it is kept, and how it is called."""
+"""Running of written kernels: compiling, caching and calling."""
 
 from sepmc.engine.numba_settings import check
 
-check()  # before Numba is imported, which fails by what it cannot use
+check()  # before the import of Numba, which fails on settings it cannot use

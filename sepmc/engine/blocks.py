@@ -1,8 +1,8 @@
-"""The door of kernels: blocks of lanes in parallel. One prange loop serves all scenes; it calls
-their kernels by address.
+"""Entry into compiled kernels: one parallel loop over blocks of lanes, for all scenes, that calls a
+kernel by its address.
 
-A kernel compiled into a prange loop of its own would be optimised and turned into machine code
-three times, a third of its time to compile.
+A kernel compiled into a parallel loop of its own would be optimised and turned into machine code
+three times, a third of its compile time.
 """
 
 import itertools
@@ -21,11 +21,11 @@ from sepmc.jit import compiled, machine_code
 from sepmc.routines.lanes import LANES
 
 NAME = "blocks"  # of the loop's object file
-_LINE, _PAGE = 8, 512  # numbers of a line of memory, and of a page
-# Pages of memory differ: where one lies can cost a kernel up to twice the time (6 % of the places
-# of `table2` without an atmosphere). So no run stays where it is: each flight starts a page on.
-_PLACES = 16
-_flights = itertools.count()
+_LINE, _PAGE = 8, 512  # numbers in a cache line and in a page of memory
+# The page that a workspace starts at can double the time of a kernel (6 % of the pages, `table2`
+# without an atmosphere). So each call starts at the next page, and no run stays on a slow one.
+_PAGES = 16
+_calls = itertools.count()
 
 
 def _enter_intrinsic(typing_context, kernel, workspace, first, arguments):
@@ -34,13 +34,13 @@ def _enter_intrinsic(typing_context, kernel, workspace, first, arguments):
     def generate(context, builder, signature, values):
         from llvmlite import ir  # noqa: PLC0415
 
-        whole, number = ir.IntType(64), ir.DoubleType().as_pointer()
-        kinds = [number, whole, whole.as_pointer()]
-        function = ir.FunctionType(ir.VoidType(), kinds).as_pointer()
-        address, place, first, given = values
+        integer, double_p = ir.IntType(64), ir.DoubleType().as_pointer()
+        types_in = [double_p, integer, integer.as_pointer()]
+        function = ir.FunctionType(ir.VoidType(), types_in).as_pointer()
+        address, data, first, values_p = values
         builder.call(
             builder.inttoptr(address, function),
-            [builder.inttoptr(place, number), first, builder.inttoptr(given, kinds[2])],
+            [builder.inttoptr(data, double_p), first, builder.inttoptr(values_p, types_in[2])],
         )
         return context.get_dummy_value()
 
@@ -50,118 +50,126 @@ def _enter_intrinsic(typing_context, kernel, workspace, first, arguments):
 _enter: Any = intrinsic(_enter_intrinsic)
 
 
-def _fly_blocks(kernel, blocks, workspaces, size, arguments):
-    """Fly blocks 0 to ``blocks`` of LANES cases with the kernel at an address; each thread has a
-    workspace of its own, so many bytes from one to the next."""
+def _run_blocks(kernel, blocks, workspaces, size, arguments):
+    """Integrate blocks 0 to ``blocks`` of LANES cases with the kernel at an address. The workspaces
+    of the threads are ``size`` bytes apart."""
     for number in prange(blocks):
         _enter(kernel, workspaces + get_thread_id() * size, number * LANES, arguments)
 
 
-def fly(
-    kernel: Kernel,
-    scene,
-    whole,
-    numbers,
-    nominal,
-    slots,
-    draws,
-    steps,
-    pace,
-    times,
-    usual,
-    every,
-    outcomes,
-    ends,
-    history,
-    status,
-    methods,
-) -> None:
-    """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps``
-    (stages,) steps a stage, that is a phase, or the time in which joints are late. It usually lasts
-    ``usual`` (stages,) s. Where switches and events divide it, so many steps from one to the next,
-    or fewer, a multiple of ``times``, if that many times the longest is no longer than ``pace``
-    (stages,) s; 0: never fewer. ``methods`` (stages,) are numbers of the methods of each stage.
+def integrate(
+    kernel: Kernel, scene, table, numbers, nominal, slots, samples, steps, pace, times, typical,
+    history_times, outcomes, ends, history, status, methods,
+) -> None:  # fmt: skip
+    """Integrate all cases (columns of ``samples``) with a kernel.
 
-    Writes outcomes (o, n), the times ``ends`` (stages, n) at which stages end, and status (n,): 0,
-    or -1 if this kernel cannot vouch for a case. If it was written for separations over time, also
-    speed and distance of every joint ``every`` so many seconds, into history (n, rows, 2 joints);
-    if for full histories, ``every`` (rows, 2) holds the time and the stage of every row. Arrays are
+    The n cases have d sampled parameters, p parameters in all, o outcomes and error indicators. A
+    segment is a phase, or the part of a phase in which a delayed release is pending. Arrays are
     contiguous.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    scene, table, numbers : ndarray
+        Content of the scene (`sepmc.routines.layout.Model`).
+    nominal : ndarray, shape (p,)
+        Nominal parameters.
+    slots : ndarray of int, shape (d,)
+        Positions of the sampled parameters in ``nominal``.
+    samples : ndarray, shape (d, n)
+        Sampled parameters, SI units.
+    steps : ndarray of int, shape (segments,)
+        Steps of a segment. An interval between two events takes as many or fewer.
+    pace : ndarray, shape (segments,)
+        Step length, s, which fewer steps must not exceed; 0: never fewer.
+    times : int
+        Numbers of steps of an interval are multiples of this.
+    typical : ndarray, shape (segments,)
+        Typical duration of each segment, s.
+    history_times : float or ndarray, shape (rows, 2)
+        Interval between rows of a separation history, s, or time and segment of every row of a full
+        history.
+    outcomes : ndarray, shape (o, n)
+        Output.
+    ends : ndarray, shape (segments, n)
+        Output: times at which segments end, s.
+    history : ndarray, shape (n, rows, columns)
+        Output: for separation histories speed and distance of every joint.
+    status : ndarray of int, shape (n,)
+        Output: status of each case; below 0 if the kernel rejects it.
+    methods : ndarray of int, shape (segments,)
+        Number of the integration method of each segment.
+
+    Raises
+    ------
+    RuntimeError
+        If the kernel is a copy without machine code, as unpickling makes it.
     """
     arrays = (
-        nominal,
-        slots,
-        draws,
-        steps,
-        usual,
-        np.atleast_1d(np.asarray(every, dtype=np.float64)),
-        outcomes,
-        ends,
-        history,
-        status,
-        scene,
-        whole,
-        numbers,
-        pace,
-        np.array([times], dtype=np.int64),
-        methods,
-    )
+        nominal, slots, samples, steps, typical,
+        np.atleast_1d(np.asarray(history_times, dtype=np.float64)), outcomes, ends, history, status,
+        scene, table, numbers, pace, np.array([times], dtype=np.int64), methods,
+    )  # fmt: skip
     if kernel.plain is not None:
-        from sepmc.engine.interpreted import in_numbers  # noqa: PLC0415
+        from sepmc.engine.interpreted import as_python  # noqa: PLC0415
 
         results = (outcomes, ends, history, status)
-        given = [in_numbers(array, any(array is one for one in results)) for array in arrays]
-        with np.errstate(all="ignore"):  # as compiled code is
-            for first in range(0, draws.shape[1], kernel.plain.LANES):
-                kernel.plain.fly_block([math.nan] * kernel.plain.SIZE_W, first, given)
+        values = [as_python(array, any(array is result for result in results)) for array in arrays]
+        with np.errstate(all="ignore"):  # as in compiled code
+            for first in range(0, samples.shape[1], kernel.plain.LANES):
+                kernel.plain.integrate_block([math.nan] * kernel.plain.SIZE_W, first, values)
         return
     if not kernel.address:
-        raise RuntimeError("a copy of a kernel cannot be flown: it has to be loaded again")
+        raise RuntimeError("a copy of a kernel has no machine code: load the kernel again")
     for array in arrays:
         assert array.flags.c_contiguous
     sizes = np.array(
         [[array.ctypes.data, *array.shape, *(3 - array.ndim) * [1]] for array in arrays],
         dtype=np.int64,
     )
-    room, workspaces = _workspaces(kernel)
-    blocks = (draws.shape[1] + LANES - 1) // LANES
+    buffer, workspaces = _workspaces(kernel)
+    blocks = (samples.shape[1] + LANES - 1) // LANES
     if threads.is_forked():
-        _fly_alone(kernel.address, blocks, workspaces, sizes.ctypes.data)
+        _run_serial(kernel.address, blocks, workspaces, sizes.ctypes.data)
         return
-    with threads.in_turn():
-        _loop()(kernel.address, blocks, workspaces, room.strides[0], sizes.ctypes.data)
+    with threads.parallel_region():
+        _loop()(kernel.address, blocks, workspaces, buffer.strides[0], sizes.ctypes.data)
 
 
-def _fly_alone(kernel: int, blocks: int, workspace: int, arguments: int) -> None:
-    """`_fly_blocks` on the thread of the caller: the same machine code of the kernel, so the same
-    bits, outside of Numba's threads."""
+def _run_serial(kernel: int, blocks: int, workspace: int, arguments: int) -> None:
+    """Run the blocks on the thread of the caller, outside of Numba's threads: the same machine code
+    of the kernel, so the same bits."""
     enter = CFUNCTYPE(None, *3 * (c_int64,))(kernel)
     for number in range(blocks):
         enter(workspace, number * LANES, arguments)
 
 
 def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
-    """A row for each thread, with the addresses of the kernel's pieces at its start, and the
-    address of what comes after these in the first row, where a line of memory begins."""
-    calls = kernel.calls
-    size = len(calls) + kernel.size
-    room = np.empty((threads.in_use(), size + -size % _LINE + _LINE + _PLACES * _PAGE))
-    skipped = -(room.ctypes.data // room.itemsize) % _LINE + next(_flights) % _PLACES * _PAGE
-    room.view(np.int64)[:, skipped : skipped + len(calls)] = calls
-    return room, room.ctypes.data + (skipped + len(calls)) * room.itemsize
+    """Allocate one workspace for each thread, each with the addresses of the compile units in
+    front.
+
+    Returns the buffer (threads, numbers) and the address of the first workspace, at the start of a
+    cache line.
+    """
+    addresses = kernel.table
+    size = len(addresses) + kernel.size
+    buffer = np.empty((threads.in_use(), size + -size % _LINE + _LINE + _PAGES * _PAGE))
+    offset = -(buffer.ctypes.data // buffer.itemsize) % _LINE + next(_calls) % _PAGES * _PAGE
+    buffer.view(np.int64)[:, offset : offset + len(addresses)] = addresses
+    return buffer, buffer.ctypes.data + (offset + len(addresses)) * buffer.itemsize
 
 
 def compile_blocks() -> None:
     """Compile the loop over blocks into the cache folder."""
     signature = types.void(*5 * (types.int64,))
-    cache_files.keep(NAME, *machine_code(compiled(_fly_blocks, signature, parallel=True)))
+    cache_files.store(NAME, *machine_code(compiled(_run_blocks, signature, parallel=True)))
 
 
 @cache
 def _loop() -> Any:
-    """The loop over blocks; it is compiled if it is not in the cache folder."""
-    threads.in_use()  # which lets machine code find Numba's threads
+    """Load the loop over blocks, after compiling it if it is not in the cache folder."""
+    threads.in_use()  # starts the threads that the machine code uses
     return PYFUNCTYPE(None, *5 * (c_int64,))(cache_files.link_or_make(NAME, compile_blocks))
 
 
-__all__ = ["NAME", "compile_blocks", "fly"]
+__all__ = ["NAME", "compile_blocks", "integrate"]

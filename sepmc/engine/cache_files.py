@@ -1,8 +1,8 @@
-"""Files of the cache folder, sealed by a checksum: one that was cut short or changed counts as not
-there. Machine code of functions as such files, and linked into this process.
+"""Files of the cache folder, each with a checksum: a truncated or changed file counts as missing.
+Object files of compiled functions, and their linking into this process.
 
-Code is what Numba made for this processor. Numba's own cache keeps beside that what is needed to
-compile more functions with it, and takes 10 ms to load one, thirty times as long.
+Object files are specific to the processor. Numba's own cache also stores the data to compile more
+functions on top, and takes 10 ms to load a function, thirty times as long.
 """
 
 import hashlib
@@ -19,29 +19,36 @@ from sepmc.cache_folder import SETTING
 from sepmc.jit import CACHE_FOLDER, load_helpers
 
 _DIGEST = hashlib.sha256().digest_size  # bytes
-_seen: dict[str, tuple[list[str], bytes]] = {}  # symbols and code that are not linked yet
-_linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, and what holds the code
+_seen: dict[str, tuple[list[str], bytes]] = {}  # symbols and code, read but not linked
+_linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, owners of the code
 
 
 def put(path: Path, content: bytes) -> None:
-    """Write a file such that no other process or thread ever sees a part of it."""
+    """Write a file atomically: no other process or thread sees a partial file.
+
+    Raises
+    ------
+    OSError
+        With the reason, the folder and the setting that moves the cache.
+    """
     draft = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
     try:
         draft.write_bytes(content)
         draft.replace(path)
     except OSError as error:
         draft.unlink(missing_ok=True)
-        said = f"{error.strerror} in the cache of kernels; {SETTING} moves it"
-        raise OSError(error.errno, said, str(path)) from error
+        reason = f"{error.strerror} in the cache of kernels; {SETTING} moves it"
+        raise OSError(error.errno, reason, str(path)) from error
 
 
 def put_sealed(path: Path, content: bytes) -> None:
-    """Write a file with a checksum in front, of its name too: no file stands in for another."""
+    """Write a file with a checksum of its name and content in front, so that no file can replace
+    another."""
     put(path, _digest(path, content) + content)
 
 
 def read_sealed(path: Path) -> bytes | None:
-    """The content of a sealed file; None if it is not there as it was written."""
+    """Content of a sealed file; None if it is missing or damaged."""
     try:
         written = path.read_bytes()
     except OSError:
@@ -51,34 +58,51 @@ def read_sealed(path: Path) -> bytes | None:
 
 
 def _digest(path: Path, content: bytes) -> bytes:
+    """Checksum of a file's name and content."""
     return hashlib.sha256(path.name.encode() + b"\n" + content).digest()
 
 
-def keep(name: str, symbols: list[str], code: bytes) -> None:
-    """Write the object file of a function, by the first of ``symbols``; it needs the others."""
+def store(name: str, symbols: list[str], code: bytes) -> None:
+    """Write the object file of a function.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file in the cache folder.
+    symbols : list of str
+        Symbol of the function, then the symbols that it needs of others.
+    code : bytes
+        Object file.
+    """
     put_sealed(_path(name), json.dumps(symbols).encode() + b"\n" + code)
 
 
-def is_kept(name: str) -> bool:
-    """Whether there is an object file of that name, as it was written."""
+def is_stored(name: str) -> bool:
+    """Return True if an undamaged object file of this name is in the cache folder."""
     return name in _linked or _read(name) is not None
 
 
 def link(name: str) -> int:
-    """Address of the function of an object file in this process, or 0 if there is no such file, as
-    it was written."""
+    """Address of the function of an object file in this process; 0 if the file is missing or
+    damaged.
+
+    Raises
+    ------
+    RuntimeError
+        If a symbol that the code needs is not in this process.
+    """
     if name not in _linked:
-        kept = _read(name)
-        if kept is None:
+        stored = _read(name)
+        if stored is None:
             return 0
-        _linked[name] = _link(*kept)
+        _linked[name] = _link(*stored)
         del _seen[name]
     return _linked[name][0]
 
 
 def link_or_make(name: str, make: Callable[[], None]) -> int:
-    """`link`; a file that is not there is made first."""
-    if not is_kept(name):
+    """Link an object file, after making it if it is missing."""
+    if not is_stored(name):
         make()
     return link(name)
 
@@ -88,7 +112,7 @@ def _path(name: str) -> Path:
 
 
 def _read(name: str) -> tuple[list[str], bytes] | None:
-    """Symbols and machine code of an object file, which is read once."""
+    """Symbols and machine code of an object file, read once; None if it is missing or damaged."""
     if name not in _seen:
         content = read_sealed(_path(name))
         if content is None:
@@ -99,16 +123,16 @@ def _read(name: str) -> tuple[list[str], bytes] | None:
 
 
 def _link(symbols: list[str], code: bytes) -> tuple[int, binding.ExecutionEngine]:
-    """Load machine code; LLVM would let it call what it does not find, without a word."""
+    """Load machine code. LLVM itself would load code with missing symbols without an error."""
     load_helpers()
     target = binding.Target.from_default_triple().create_target_machine(jit=True)
     engine = binding.create_mcjit_compiler(binding.parse_assembly(""), target)
     symbol, *needed = symbols
-    missing = [each for each in needed if not binding.address_of_symbol(each)]
+    missing = [name for name in needed if not binding.address_of_symbol(name)]
     if missing:
         raise RuntimeError(
-            f"machine code of numba {numba.__version__} needs {', '.join(missing)}, which are not "
-            "there; install a version of numba that sepmc was tried with"
+            f"machine code of numba {numba.__version__} needs {', '.join(missing)}, not defined "
+            "in this process; install a version of numba that sepmc was tested with"
         )
     engine.add_object_file(binding.ObjectFileRef.from_data(code))
     engine.finalize_object()

@@ -1,7 +1,7 @@
-"""What a function returns for given types of arguments, found once. Numba tries every overload of
-an operator again at each of its calls, a fifth of the time that a piece takes to compile.
+"""Cache of the types that Numba functions return for given argument types. Numba tries every
+overload of an operator again at each call, a fifth of the time to compile a unit.
 
-Only for processes that do nothing but fill the cache.
+Only for processes that do nothing but compile.
 """
 
 from typing import Any
@@ -9,19 +9,19 @@ from typing import Any
 from numba.core.types.functions import BaseFunction
 
 
-def keep() -> None:
-    """Let Numba keep what it finds, for the life of the process."""
-    find = BaseFunction.get_call_type
+def cache_call_types() -> None:
+    """Let Numba cache the types it finds, for the life of the process."""
+    find_type = BaseFunction.get_call_type
 
     def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
-        kept = self.__dict__.setdefault("_sepmc_kept", {})
+        cached = self.__dict__.setdefault("_sepmc_types", {})
         try:
             key = (id(context), args, tuple(sorted(kws.items())))
-            known = kept.get(key)
+            known = cached.get(key)
         except TypeError:  # not hashable
-            return find(self, context, args, kws)
+            return find_type(self, context, args, kws)
         if known is None:
-            known = kept[key] = find(self, context, args, kws)
+            known = cached[key] = find_type(self, context, args, kws)
         return known
 
     setattr(BaseFunction, "get_call_type", get_call_type)  # noqa: B010  (a method, says mypy)

@@ -1,7 +1,7 @@
-"""Processes that compile modules of the cache folder into the disk cache, side by side.
+"""Processes that compile modules of the cache folder in parallel.
 
-They live on for a while: much of what a small piece takes is compiling the formulas that it calls,
-once in every process.
+They stay alive between kernels: much of the compile time of a small unit is spent on the formulas
+it calls, once in every process.
 """
 
 import atexit
@@ -15,12 +15,12 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from sepmc.engine.host_process import at_fork
-from sepmc.jit import compiling
+from sepmc.jit import compile_command
 
 Progress = Callable[[int, int], None]  # done, total
-IDLE_S = 60.0  # after which they end
+IDLE_S = 60.0  # idle time after which the processes end
 _SERVE = "from sepmc.engine.kernel_cache import serve; serve()"
-_crew: list["Compiler"] = []
+_compilers: list["Compiler"] = []
 _compiling = threading.Lock()
 _end: threading.Timer | None = None
 
@@ -30,38 +30,39 @@ class Compiler:
 
     def __init__(self) -> None:
         self.process = subprocess.Popen(
-            **compiling(_SERVE),
+            **compile_command(_SERVE),
             text=True,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
         )
 
-    def compile_from(self, left: deque[str], done: Callable[[], None]) -> bool:
-        """Compile what is left until nothing is. Returns whether the process lived to do so."""
+    def compile_from(self, names: deque[str], on_done: Callable[[], None]) -> bool:
+        """Compile modules from a shared queue until it is empty. Returns True if the process
+        survived."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         while True:
             try:
-                print(left.popleft(), file=self.process.stdin, flush=True)
+                print(names.popleft(), file=self.process.stdin, flush=True)
             except IndexError:
                 return True
-            except OSError:  # it has ended
+            except OSError:  # the process has ended
                 return False
             if not self.process.stdout.readline():
                 return False
-            done()
+            on_done()
 
-    def let_go(self) -> None:
-        """Close the pipes, and leave the process to that which started it: this one was made of it
-        by fork, and may have half a line to write."""
+    def detach(self) -> None:
+        """Close the pipes without writing what they buffer, and leave the process to its parent:
+        this process is a fork of the parent."""
         for pipe in (self.process.stdin, self.process.stdout):
             assert pipe is not None
             nowhere = os.open(os.devnull, os.O_RDWR)
             os.dup2(nowhere, pipe.fileno())
             os.close(nowhere)
             pipe.close()
-        self.process.returncode = 0  # it is no child of this one
+        self.process.returncode = 0  # not a child of this process
 
     def end(self) -> None:
         """Kill the process and close its pipes."""
@@ -70,74 +71,89 @@ class Compiler:
             self.process.communicate()  # closes its pipes
 
 
-def _begin_again() -> None:
-    """In a process made by fork: compilers, and who waits for them, are those of the other."""
+def _forget_parent() -> None:
+    """Drop the compilers of the parent process, and a lock that may be taken, after a fork."""
     global _compiling, _end
     _compiling, _end = threading.Lock(), None
-    while _crew:
-        _crew.pop().let_go()
+    while _compilers:
+        _compilers.pop().detach()
 
 
-at_fork(_begin_again)
+at_fork(_forget_parent)
 
 
 def compile_all(names: Sequence[str], progress: Progress = lambda done, total: None) -> bool:
-    """Compile modules in a process for each core, each the next one as it is through; ``progress``
-    is told after each module. Returns whether all were compiled."""
+    """Compile modules in one process for each core.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the modules.
+    progress : callable (int, int)
+        Called after each module with the number of compiled modules and their total.
+
+    Returns
+    -------
+    bool
+        True if all were compiled.
+    """
     global _end  # noqa: PLW0603
     if not names:
         return True
-    count = itertools.count(1)
+    counter = itertools.count(1)
     with _compiling:
         if _end is not None:
             _end.cancel()
         try:
-            lived = _share_out(deque(names), lambda: progress(next(count), len(names)))
+            survived = _compile_queue(deque(names), lambda: progress(next(counter), len(names)))
         finally:
             _end = threading.Timer(IDLE_S, _end_idle)
             _end.daemon = True
             _end.start()
-        if not lived:
+        if not survived:
             end_all()
-    return lived
+    return survived
 
 
-def _share_out(left: deque[str], done: Callable[[], None]) -> bool:
-    """Let processes compile what is left. Returns whether all of them lived to do so."""
-    crew = _ready(min(os.cpu_count() or 1, len(left)))
-    with ThreadPoolExecutor(len(crew)) as threads:
+def _compile_queue(queue: deque[str], on_done: Callable[[], None]) -> bool:
+    """Let the processes compile the modules of a queue. Returns True if all of them survived."""
+    compilers = _ready(min(os.cpu_count() or 1, len(queue)))
+    with ThreadPoolExecutor(len(compilers)) as threads:
         try:
-            return all(list(threads.map(lambda one: one.compile_from(left, done), crew)))
-        except BaseException:  # interrupted: the threads end with the processes
-            left.clear()
-            for one in crew:
-                one.process.kill()
+            return all(
+                list(threads.map(lambda compiler: compiler.compile_from(queue, on_done), compilers))
+            )
+        except BaseException:  # interrupted: the threads end when the processes do
+            queue.clear()
+            for compiler in compilers:
+                compiler.process.kill()
             raise
 
 
 def running() -> list[Compiler]:
-    """The processes there are."""
-    return list(_crew)
+    """Return the processes that are running."""
+    return list(_compilers)
 
 
 @atexit.register
 def end_all() -> None:
     """End all processes."""
-    while _crew:
-        _crew.pop().end()
+    while _compilers:
+        _compilers.pop().end()
 
 
 def _ready(count: int) -> list[Compiler]:
-    """So many processes; those that run already, first."""
-    for one in running():
-        if one.process.poll() is not None:
-            one.end()
-            _crew.remove(one)
-    while len(_crew) < count:
-        _crew.append(Compiler())
-    return _crew[:count]
+    """Return ``count`` processes: running ones first, then new ones."""
+    for compiler in running():
+        if compiler.process.poll() is not None:
+            compiler.end()
+            _compilers.remove(compiler)
+    while len(_compilers) < count:
+        _compilers.append(Compiler())
+    return _compilers[:count]
 
 
 def _end_idle() -> None:
+    """End all processes once none is compiling."""
     with _compiling:
         end_all()

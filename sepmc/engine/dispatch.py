@@ -1,5 +1,5 @@
-"""The Python side of the door: blocks of arrays in and out of compiled code, threads, compiling,
-and what a run may ask for."""
+"""Python side of compiled code: calls of kernels with arrays, threads, loading and compiling of
+kernels, and checks of the arguments of a run."""
 
 import contextlib
 import math
@@ -17,54 +17,97 @@ import numpy as np
 from sepmc import schema
 from sepmc.engine.host_process import loading
 from sepmc.engine.written_kernel import Kernel
-from sepmc.kernel.spec.parameter_layout import Plan
+from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.checks import MOST_ROWS
 from sepmc.scene.messages import InputError, shorten
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
-_NO_LIMIT = 2**40  # to the number of steps
-_EVERY_S = 5.0  # between two words on how far the compiling is
-_waited: list[float] = []  # for compilers, s
+_NO_LIMIT = 2**40  # number of steps
+_EVERY_S = 5.0  # between two messages on the progress of compiling
+_waited: list[float] = []  # times waited for compilers, s
 
 
-def one_of(status: np.ndarray, kinds: Sequence[int]) -> np.ndarray:
-    """Which of the cases (n,) have one of some kinds of status; ten times as fast as `numpy.isin`,
-    which sorts."""
-    found = status == kinds[0]
-    for kind in kinds[1:]:
-        found |= status == kind
-    return np.asarray(found)
+def status_in(status: np.ndarray, codes: Sequence[int]) -> np.ndarray:
+    """Mask of the cases whose status is one of some codes.
+
+    Ten times as fast as `numpy.isin`, which sorts.
+
+    Parameters
+    ----------
+    status : ndarray, shape (n,)
+    codes : sequence of int
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    mask = status == codes[0]
+    for code in codes[1:]:
+        mask |= status == code
+    return np.asarray(mask)
 
 
 @dataclass
-class Again:
-    """What is told of the cases of a block: the largest ``error`` (o,) of each outcome, as far as
-    cases tell it one by one; how many were flown again at finer steps than the others, and by a
-    spare kernel; and how many no step settled; the largest ``guards`` (g,) of those that were not
-    flown again, which tell errors of the other outcomes, or none."""
+class RefinementSummary:
+    """Counts and errors of the refined cases of a block.
+
+    Attributes
+    ----------
+    error : ndarray, shape (o,)
+        Largest error of each outcome over the cases that were integrated with refined steps.
+    n_refined : int
+        Cases integrated again with smaller steps.
+    n_fallback : int
+        Cases integrated again by a fallback kernel.
+    n_unconverged : int
+        Cases whose outcomes did not converge.
+    indicators : ndarray, shape (g,) or (0,)
+        Largest error indicators of the cases that were not refined; they give the errors of the
+        outcomes of these cases.
+    """
 
     error: np.ndarray
-    finer: int = 0
-    spare: int = 0
-    unsettled: int = 0
-    guards: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    n_refined: int = 0
+    n_fallback: int = 0
+    n_unconverged: int = 0
+    indicators: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    def with_others(self, others: "Again") -> "Again":
-        """These and others."""
-        return Again(
-            np.maximum(self.error, others.error),
-            self.finer + others.finer,
-            self.spare + others.spare,
-            self.unsettled + others.unsettled,
-            self.guards if len(self.guards) else others.guards,
+    def merged(self, other: "RefinementSummary") -> "RefinementSummary":
+        """Summary of the cases of this one and of another one."""
+        return RefinementSummary(
+            np.maximum(self.error, other.error),
+            self.n_refined + other.n_refined,
+            self.n_fallback + other.n_fallback,
+            self.n_unconverged + other.n_unconverged,
+            self.indicators if len(self.indicators) else other.indicators,
         )
 
 
 @dataclass
 class Block:
-    """Arrays a call of the door fills, and what is to be told of the cases that another kernel
-    flew."""
+    """Arrays that one call of a kernel fills, and the summary of the cases integrated again.
+
+    Attributes
+    ----------
+    outcomes : ndarray, shape (n, o)
+        Outcomes and audit columns, in SI units.
+    status : ndarray, shape (n,)
+        Status of each case; below 0 if the kernel rejected it.
+    times : ndarray, shape (n, rows)
+        Times of the history rows, s.
+    phases : ndarray, shape (n, rows)
+        Phase number of each history row.
+    history : ndarray, shape (n, rows, columns)
+        Separation speeds and distances.
+    rows : ndarray, shape (n,)
+        Number of valid history rows of each case.
+    indicators : ndarray, shape (n, g), optional
+        Error indicators (`sepmc.kernel.emit.context.Context`), not negative. NaN: unknown. Minus
+        infinity: the steps were too long to count the full turns of pitch and roll.
+    refinement : RefinementSummary, optional
+        Summary of the cases integrated again.
+    """
 
     outcomes: np.ndarray
     status: np.ndarray
@@ -72,67 +115,86 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    # (n, g): how hard cases are to integrate (`sepmc.kernel.emit.context.Context`), not below 0;
-    # NaN: not known; minus infinity: steps were too long to tell by how many turns pitch and roll
-    # went on
-    guards: np.ndarray | None = None
-    again: Again | None = None
+    indicators: np.ndarray | None = None
+    refinement: RefinementSummary | None = None
 
     @property
     def error(self) -> np.ndarray:
-        """The estimate of the error of each case (n,), its last audit column."""
+        """Estimated error of each case (n,): the last audit column."""
         return self.outcomes[:, -1]
 
     @property
-    def guarded(self) -> np.ndarray:
-        """Which cases (n,) have guards that are all known; others are flown again."""
-        assert self.guards is not None
-        return np.asarray((self.guards >= 0.0).all(axis=1))
+    def has_indicators(self) -> np.ndarray:
+        """Mask (n,) of the cases with all error indicators known; others are integrated again."""
+        assert self.indicators is not None
+        return np.asarray((self.indicators >= 0.0).all(axis=1))
 
     @property
     def turns_unclear(self) -> np.ndarray:
-        """Cases (n,) that shorter steps may tell more of."""
-        if self.guards is None:
+        """Mask (n,) of the cases whose full turns of pitch and roll need shorter steps."""
+        if self.indicators is None:
             return np.zeros(len(self.status), dtype=bool)
-        return np.asarray(np.isneginf(self.guards).any(axis=1))
+        return np.asarray(np.isneginf(self.indicators).any(axis=1))
 
     @property
-    def flown(self) -> np.ndarray:
-        """Which cases (n,) have outcomes."""
-        return one_of(self.status, (Status.OK, Status.NEVER_RELEASED))
+    def has_outcomes(self) -> np.ndarray:
+        """Mask (n,) of the cases that have outcomes."""
+        return status_in(self.status, (Status.OK, Status.NEVER_RELEASED))
 
 
-def fly_cases(
+def integrate_cases(
     kernel: Kernel,
-    plan: Plan,
+    plan: ParameterLayout,
     steps: np.ndarray,
-    usual: np.ndarray,
+    typical: np.ndarray,
     slots: np.ndarray,
     draws: np.ndarray,
-    room: int = 0,
+    n_rows: int = 0,
     methods: np.ndarray | None = None,
 ) -> tuple[Block, np.ndarray]:
-    """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column. ``steps``,
-    ``usual`` and ``methods``, each (stages,), as `sepmc.engine.blocks.fly` has them; without
-    methods, every stage is flown by its most exact one. A scene's ``solver.step`` is the pace of
-    all its stages, and ``steps`` are in how many parts it is divided.
+    """Integrate cases with the kernel of a scene, in one call.
 
-    Returns the block, whose status is below 0 where the kernel does not vouch for a case
-    (FINER_STEPS and ANOTHER_KERNEL of `sepmc.routines.layout`), and the times (stages, n) at which
-    phases end, and joints that are late have let go.
+    Parameters
+    ----------
+    kernel : Kernel
+    plan : Plan
+    steps : ndarray of int, shape (segments,)
+        Steps of each segment. With a ``solver.step`` in the scene that is the length of the
+        segments' steps, and ``steps`` divide it.
+    typical : ndarray, shape (segments,)
+        Typical duration of each segment, s (`sepmc.engine.blocks.integrate`).
+    slots : ndarray of int, shape (d,)
+        Positions of the sampled values in the parameter vector.
+    draws : ndarray, shape (n, d)
+        Sampled values in SI units; fastest if stored by column.
+    n_rows : int
+        Rows of the separation history of a case; 0 for none.
+    methods : ndarray of int, shape (segments,), optional
+        Number of the method of each segment; by default the most accurate one of each.
+
+    Returns
+    -------
+    block : Block
+        Its status is FINER_STEPS or ANOTHER_KERNEL of `sepmc.routines.layout`, below 0, where the
+        kernel rejects a case.
+    ends : ndarray, shape (segments, n)
+        Times at which segments end, s: ends of phases, and delayed releases.
     """
     n, columns = len(draws), schema.result_columns(plan.contents)
-    # kernels write all of it but the estimate of the error, the last of the columns
-    outcomes, status = np.empty((len(columns) + kernel.guards, n)), np.empty(n, dtype=np.int64)
+    # the kernel writes all outcomes but the last, the estimated error
+    outcomes, status = (
+        np.empty((len(columns) + kernel.n_indicators, n)),
+        np.empty(n, dtype=np.int64),
+    )
     outcomes[len(columns) - 1] = np.nan
-    ends = np.empty((kernel.stages, n))
-    width = 2 * len(plan.joints) if room else 0
-    history = np.full((n, room, width), np.nan)
+    ends = np.empty((kernel.n_segments, n))
+    width = 2 * len(plan.joints) if n_rows else 0
+    history = np.full((n, n_rows, width), np.nan)
     _call(
         kernel,
         plan,
         steps,
-        usual,
+        typical,
         slots,
         draws,
         plan.scene.run.history_step,
@@ -142,33 +204,59 @@ def fly_cases(
         status,
         methods,
     )
-    rows = np.broadcast_to(np.arange(room) * plan.scene.run.history_step, (n, room))
-    phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
-    kept = np.where(status > Status.NEVER_RELEASED, 0, room)
+    rows = np.broadcast_to(np.arange(n_rows) * plan.scene.run.history_step, (n, n_rows))
+    phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, n_rows))
+    valid = np.where(status > Status.NEVER_RELEASED, 0, n_rows)
     block = Block(
-        outcomes[: len(columns)].T, status, rows, phases, history, kept, outcomes[len(columns) :].T
+        outcomes[: len(columns)].T, status, rows, phases, history, valid, outcomes[len(columns) :].T
     )
     return block, ends
 
 
-def fly_everything(
-    kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
+def integrate_nominal(
+    kernel: Kernel,
+    plan: ParameterLayout,
+    steps: np.ndarray,
+    typical: np.ndarray,
+    instants: np.ndarray,
 ) -> tuple[np.ndarray, int, bool, np.ndarray, np.ndarray]:
-    """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in
-    SI; its status, as `fly_cases` has it; whether shorter steps may tell by how many turns pitch
-    and roll went on; the times (stages + changes,) at which stages end, then those at which joints
-    let go within, and rows (n, columns) at ``instants`` (n, 3), each a time, the number of a stage,
-    and 1 or -1 if the row is to be as things are just after that time or before; NaN if the case
-    did not get so far."""
+    """Integrate the nominal case with a kernel written for full histories.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    plan : Plan
+    steps : ndarray of int, shape (segments,)
+    typical : ndarray, shape (segments,)
+        Typical duration of each segment, s.
+    instants : ndarray, shape (m, 3)
+        Time of a row, s; number of its segment; 1 for the state just after that time, -1 before.
+
+    Returns
+    -------
+    outcomes : ndarray, shape (o,)
+        Outcomes and audit columns, in SI units.
+    status : int
+        As in `integrate_cases`.
+    turns_unclear : bool
+        The steps were too long to count the full turns of pitch and roll.
+    ends : ndarray, shape (segments + changes,)
+        Times at which segments end, then times of the releases within segments, s.
+    rows : ndarray, shape (m, columns)
+        History rows in SI units; NaN if the case ended before.
+    """
     columns, none = len(schema.result_columns(plan.contents)), np.empty(0, dtype=np.int64)
-    outcomes, status = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64)
-    ends = np.empty((kernel.stages + kernel.changes, 1))
+    outcomes, status = (
+        np.full((columns + kernel.n_indicators, 1), np.nan),
+        np.zeros(1, dtype=np.int64),
+    )
+    ends = np.empty((kernel.n_segments + kernel.n_changes, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
     _call(
         kernel,
         plan,
         steps,
-        usual,
+        typical,
         none,
         np.empty((1, 0)),
         instants,
@@ -187,12 +275,23 @@ def fly_everything(
 
 
 def _call(
-    kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status, methods=None
+    kernel,
+    plan,
+    steps,
+    typical,
+    slots,
+    draws,
+    history_times,
+    outcomes,
+    ends,
+    history,
+    status,
+    methods=None,
 ) -> None:
-    """One call of the door of written kernels."""
-    from sepmc.engine.blocks import fly  # noqa: PLC0415
+    """Call the block loop with the arrays of a plan."""
+    from sepmc.engine.blocks import integrate  # noqa: PLC0415
 
-    model, nominal, drawn = (
+    model, nominal, sampled = (
         plan.model,
         np.ascontiguousarray(plan.nominal),
         np.ascontiguousarray(draws.T),
@@ -200,21 +299,39 @@ def _call(
     if plan.scene.solver.step is not None:
         times, steps, pace = (
             int(steps.max()),
-            np.full(kernel.stages, _NO_LIMIT),
-            np.full(kernel.stages, plan.scene.solver.step),
+            np.full(kernel.n_segments, _NO_LIMIT),
+            np.full(kernel.n_segments, plan.scene.solver.step),
         )
     else:
-        times, pace = 1, np.zeros(kernel.stages)
-    fly(
-        kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, pace,
-        times, usual, every, outcomes, ends, history,
-        status, np.zeros(kernel.stages, dtype=np.int64) if methods is None else methods,
+        times, pace = 1, np.zeros(kernel.n_segments)
+    integrate(
+        kernel, model.scene, model.table, model.numbers, nominal, slots, sampled, steps, pace,
+        times, typical, history_times, outcomes, ends, history,
+        status, np.zeros(kernel.n_segments, dtype=np.int64) if methods is None else methods,
     )  # fmt: skip
 
 
-def whole(name: str, value: Any, least: float, most: float | None = None) -> int:
-    """A whole number in range; raises InputError (a ValueError) with the name, the value and what
-    is allowed."""
+def check_int(name: str, value: Any, minimum: float, maximum: float | None = None) -> int:
+    """Convert a value to an integer in a range.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : object
+        An integer, or a float with an integer value (tables of numbers hold such).
+    minimum, maximum : float
+        Inclusive bounds; no upper bound if ``maximum`` is None.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InputError
+        A ValueError with the name, the value and the allowed range.
+    """
     try:
         if isinstance(value, bool):
             raise TypeError
@@ -222,86 +339,93 @@ def whole(name: str, value: Any, least: float, most: float | None = None) -> int
         number = int(value) if is_whole else operator.index(value)
     except TypeError:
         raise InputError(f"{name} = {value!r}: must be a whole number") from None
-    if number < least or (most is not None and number > most):
+    if number < minimum or (maximum is not None and number > maximum):
         raise InputError(
-            f"{name} = {number}: must be >= {least}"
-            + (f" and <= {most}" if most is not None else "")
+            f"{name} = {number}: must be >= {minimum}"
+            + (f" and <= {maximum}" if maximum is not None else "")
         )
     return number
 
 
-def text(name: str, value: Any, example: str) -> str:
-    """A text; raises InputError (a ValueError) with the name, the value and an example."""
+def check_text(name: str, value: Any, example: str) -> str:
+    """Return a value that is text.
+
+    Raises
+    ------
+    InputError
+        A ValueError with the name, the value and an example, if it is anything else.
+    """
     if not isinstance(value, str):
         raise InputError(f"{name} = {shorten(value)}: must be text, as {example!r}")
     return value
 
 
-def check_every(step_s: float, scene: Scene, name: str = "step_s") -> None:
-    """Raise InputError, a ValueError, if a history cannot have a row every ``step_s``."""
-    most = 10 * MOST_ROWS
+def check_history_step(step_s: float, scene: Scene, name: str = "step_s") -> None:
+    """Raise InputError, a ValueError, if a history cannot have a row every ``step_s`` seconds."""
+    limit = 10 * MOST_ROWS
     if isinstance(step_s, bool) or not isinstance(step_s, Real):
         raise InputError(f"{name} = {shorten(step_s)}: must be a number of seconds")
-    if not (step_s > 0.0 and scene.run.end_time / step_s <= most):
+    if not (step_s > 0.0 and scene.run.end_time / step_s <= limit):
         raise InputError(
-            f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / most:g} so that there "
-            f"are at most {most} rows"
+            f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / limit:g} so that there "
+            f"are at most {limit} rows"
         )
 
 
 def check_threads(threads: int | None) -> int | None:
-    """``threads`` if compiled code can use so many here.
+    """Return ``threads`` if compiled code can use that many on this machine.
 
     Raises
     ------
     InputError
         If it cannot, or if Numba's settings allow no threads at all.
     """
-    from sepmc.engine import threads as own  # noqa: PLC0415  (numba)
+    from sepmc.engine import threads as pool  # noqa: PLC0415  (numba)
 
-    own.in_use()
+    pool.in_use()
     if threads is None:
         return None
-    found, most = whole("threads", threads, -math.inf), own.max_threads()
-    if not 1 <= found <= most:
+    count, limit = check_int("threads", threads, -math.inf), pool.max_threads()
+    if not 1 <= count <= limit:
         raise InputError(
-            f"threads = {found}: must lie in 1 to {most}, the cores of this machine or fewer where "
-            "NUMBA_NUM_THREADS is set"
+            f"threads = {count}: must lie in 1 to {limit}, the cores of this machine or fewer "
+            "where NUMBA_NUM_THREADS is set"
         )
-    return found
+    return count
 
 
-def note_of_threads(threads: int | None) -> list[str]:
-    """What deserves a look of the number of threads: `sepmc.engine.threads.note_of_fork`."""
-    from sepmc.engine import threads as own  # noqa: PLC0415
+def thread_notes(threads: int | None) -> list[str]:
+    """Notes on the number of threads for the user (`sepmc.engine.threads.fork_notes`)."""
+    from sepmc.engine import threads as pool  # noqa: PLC0415
 
-    return own.note_of_fork(threads)
+    return pool.fork_notes(threads)
 
 
 def use_threads(threads: int | None) -> None:
-    """Fly on this many threads from now on, or on all."""
-    from sepmc.engine import threads as own  # noqa: PLC0415
+    """Run compiled code on this many threads from now on; None: all."""
+    from sepmc.engine import threads as pool  # noqa: PLC0415
 
-    own.use_threads(threads)
+    pool.use_threads(threads)
 
 
 @contextlib.contextmanager
 def using_threads(threads: int | None) -> Iterator[None]:
-    """Fly on this many threads meanwhile, or on all; then on as many as Numba was set to."""
-    from sepmc.engine import threads as own  # noqa: PLC0415
+    """Run compiled code on this many threads (None: all) inside the context, then restore the
+    number."""
+    from sepmc.engine import threads as pool  # noqa: PLC0415
 
-    with own.using_threads(threads):
+    with pool.using_threads(threads):
         yield
 
 
-# of this Python thread: others go on as they were
+# a context variable: other Python threads are not affected
 _interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
 
 
 @contextlib.contextmanager
 def interpreted(wanted: bool = True) -> Iterator[None]:
-    """Fly kernels that are loaded meanwhile as plain Python: nothing is compiled, a case takes
-    milliseconds instead of microseconds."""
+    """Run kernels that are loaded inside the context as plain Python: nothing is compiled, a case
+    takes milliseconds instead of microseconds."""
     before = _interpreting.set(wanted)
     try:
         yield
@@ -309,26 +433,49 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
         _interpreting.reset(before)
 
 
-def now_and_then(
-    announce: Callable[[str], None] | None, every_s: float
+def progress_reporter(
+    log: Callable[[str], None] | None, every_s: float
 ) -> Callable[[Callable[[float], str]], None]:
-    """What tells how far something is, if the last word on it was so many seconds ago: by a text
-    made of the seconds since it began."""
-    begun = last = time.monotonic()
+    """Create a function that logs progress at most once per interval.
 
-    def tell(text: Callable[[float], str]) -> None:
-        nonlocal last
+    Parameters
+    ----------
+    log : callable (str), optional
+        Receives the messages; None: no messages.
+    every_s : float
+        Least time between two messages, s.
+
+    Returns
+    -------
+    callable
+        Takes a function that renders the message from the seconds since the start.
+    """
+    start = reported = time.monotonic()
+
+    def report(render: Callable[[float], str]) -> None:
+        nonlocal reported
         now = time.monotonic()
-        if announce and now - last > every_s:
-            last = now
-            announce(text(now - begun))
+        if log and now - reported > every_s:
+            reported = now
+            log(render(now - start))
 
-    return tell
+    return report
 
 
-def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Kernel:
-    """The kernel with this text, ready to fly: loaded from the disk cache, after compiling there
-    what of it is not yet."""
+def load_kernel(text: str, log: Callable[[str], None] | None = None) -> Kernel:
+    """Load a kernel from the disk cache, after compiling the units that are missing there.
+
+    Parameters
+    ----------
+    text : str
+        Python source of the kernel.
+    log : callable (str), optional
+        Receives messages on the progress of compiling.
+
+    Returns
+    -------
+    Kernel
+    """
     if _interpreting.get() or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         from sepmc.engine import interpreted as plain  # noqa: PLC0415
 
@@ -336,31 +483,31 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
             return plain.load(text)
     from sepmc.engine import kernel_cache  # noqa: PLC0415
 
-    pieces = kernel_cache.pieces_of(text)
-    left = len(kernel_cache.missing(pieces))
-    if left:
-        if announce:
-            announce(
-                f"compiling {left} piece{'s' * (left != 1)} of this scene's kernel, once; about "
+    units = kernel_cache.compile_units_of(text)
+    count = len(kernel_cache.missing_units(units))
+    if count:
+        if log:
+            log(
+                f"compiling {count} unit{'s' * (count != 1)} of this scene's kernel, once; about "
                 "half a second of a core each ..."
             )
-        tell = now_and_then(announce, _EVERY_S)
+        report = progress_reporter(log, _EVERY_S)
 
         def progress(done: int, total: int) -> None:
             if done < total:
-                tell(lambda seconds: f"compiled {done} of {total} in {seconds:.0f} s")
-            elif announce:  # the last word, however soon after another
-                announce(f"compiled {done} of {total}")
+                report(lambda seconds: f"compiled {done} of {total} in {seconds:.0f} s")
+            elif log:  # the last message is never skipped
+                log(f"compiled {done} of {total}")
 
-        begun = time.monotonic()
+        start = time.monotonic()
         try:
-            kernel_cache.compile_apart(pieces, progress)
+            kernel_cache.compile_in_subprocesses(units, progress)
         finally:
-            _waited.append(time.monotonic() - begun)
+            _waited.append(time.monotonic() - start)
     with loading:
-        return kernel_cache.load(pieces)
+        return kernel_cache.load(units)
 
 
-def waited_for_compilers() -> float:
-    """How long this process has waited for compilers so far, s."""
+def compile_wait_s() -> float:
+    """Time for which this process has waited for compilers, s."""
     return sum(_waited)

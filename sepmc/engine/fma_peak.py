@@ -1,19 +1,19 @@
-"""The most fused multiply-adds this machine does in a second: the ceiling that other kernels are
-held against."""
+"""Peak rate of fused multiply-adds of this machine: the upper bound for the rate of a kernel."""
 
 import numpy as np
 from numba import njit, prange
 
 from sepmc.jit import formula
 
-NUMBERS = 64  # side by side, in as many registers as that takes
-CHAINS = 8  # slabs of them, in turn: a multiply-add takes four cycles, and two can begin in each
+NUMBERS = 64  # numbers in a chain, in vector registers
+CHAINS = 8  # independent chains: a multiply-add takes four cycles, two can start in each
 STEPS = 32  # multiply-adds on each number between load and store
-FLOPS = 2 * STEPS * CHAINS * NUMBERS  # of a pass over a block
+FLOPS = 2 * STEPS * CHAINS * NUMBERS  # in a pass over a block
 
 
 @formula
 def _one(x, a, b):
+    """Eight multiply-adds, one on each number."""
     return (
         x[0] * a + b, x[1] * a + b, x[2] * a + b, x[3] * a + b, x[4] * a + b, x[5] * a + b,
         x[6] * a + b, x[7] * a + b,
@@ -22,21 +22,29 @@ def _one(x, a, b):
 
 @formula
 def _four(x, a, b):
+    """Four rounds of `_one`."""
     return _one(_one(_one(_one(x, a, b), a, b), a, b), a, b)
 
 
 @formula
 def _sixteen(x, a, b):
+    """Sixteen rounds of `_one`."""
     return _four(_four(_four(_four(x, a, b), a, b), a, b), a, b)
 
 
 @njit(parallel=True, fastmath={"contract"}, error_model="numpy")
 def multiply_add(blocks, passes, a, b):
-    """Put every number of ``blocks`` (m, CHAINS NUMBERS) through ``passes`` times STEPS of x = x a
-    + b; a block a thread.
+    """Apply x = x a + b ``passes`` times STEPS times to every number; one block a thread.
 
-    Numbers do not wait for each other: the loop over them is vectorised, and as many multiply-adds
-    as the processor holds are under way.
+    The numbers are independent, so the loop over them is vectorised and the processor's pipelines
+    are full.
+
+    Parameters
+    ----------
+    blocks : ndarray, shape (m, CHAINS * NUMBERS)
+        Changed in place.
+    passes : int
+    a, b : float
     """
     for i in prange(blocks.shape[0]):
         w = blocks[i]
@@ -62,5 +70,5 @@ def multiply_add(blocks, passes, a, b):
 
 
 def blocks(threads: int) -> np.ndarray:
-    """Numbers to work on, a block a thread."""
+    """Numbers to work on, shape (threads, CHAINS * NUMBERS)."""
     return np.ones((threads, CHAINS * NUMBERS))

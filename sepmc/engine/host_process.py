@@ -1,21 +1,21 @@
-"""What this process shares with its host: a lock for what Python threads must not do at once, and
-what a process made by fork must not take over.
+"""State shared with the host process: a lock for loading kernels, and what a forked process must
+reset.
 
-`os.register_at_fork` tells both; systems without fork have no such function.
+`os.register_at_fork` serves both; systems without fork do not have it.
 """
 
 import os
 import threading
 from collections.abc import Callable
 
-# Kernels are written and loaded by one Python thread at a time: modules of formulas are exchanged
-# meanwhile (`sepmc.engine.interpreted`), and a module imported by another thread would hold the
-# wrong ones. A fork waits for it, so that no child begins with half of an exchange.
+# Kernels are written and loaded by one Python thread at a time: `sepmc.engine.interpreted` swaps
+# modules of formulas, and a module imported by another thread meanwhile would get the wrong ones.
+# A fork waits for this lock, so that no child starts in the middle of a swap.
 loading = threading.RLock()
 
 
 def at_fork(in_child: Callable[[], None]) -> None:
-    """Have ``in_child`` called first in every process that is made of this one by fork."""
+    """Register a function that is called first in every process forked from this one."""
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=in_child)
 

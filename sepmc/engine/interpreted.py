@@ -1,10 +1,10 @@
-"""Written kernels as plain Python: the same text, one lane, nothing compiled. For a few cases of a
-new scene, and for a debugger.
+"""Written kernels run as plain Python: the same text, one lane, nothing compiled. Used for a few
+cases of a new scene, and in a debugger.
 
 The formulas that a text calls are imported a second time with the compiler off; the compiled ones
-stay as they are. Numbers are Python's own, with which plain Python is three times as fast as with
-numpy's. What these would do and Python's would not is put in on the way: division by zero, roots
-and powers without an answer.
+stay in use. Python's floats make this three times as fast as numpy's. Where numpy's would give
+infinity or NaN and Python's raise an error (division by zero, roots and powers), safe operations
+replace the plain ones.
 """
 
 import ast
@@ -20,26 +20,26 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.engine.work_budget import SEARCHES, counts
+from sepmc.engine.work_budget import SEARCHES, counting_lines
 from sepmc.engine.written_kernel import Kernel
 from sepmc.jit import config
 
-_AGAIN = ("sepmc.jit", "sepmc.physics", "sepmc.routines")  # what is imported a second time
+_COPIED = ("sepmc.jit", "sepmc.physics", "sepmc.routines")  # imported a second time
 _plain: dict[str, ModuleType] = {}  # second copies, by name
 _loaded: dict[str, Kernel] = {}  # kernels, by their text
 
 
 class Numbers(list[Any]):
-    """Numbers of an array of one axis."""
+    """Numbers of an array with one axis."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape, as an array of one axis has it."""
+        """Shape, as that of an array with one axis."""
         return (len(self),)
 
 
 class Table:
-    """An array of several axes that gives and takes Python's numbers."""
+    """An array of several axes with elements read and written as Python's numbers."""
 
     def __init__(self, array: np.ndarray):
         self.array, self.shape, self.item = array, array.shape, array.item
@@ -51,19 +51,31 @@ class Table:
         self.array[key] = value
 
 
-def in_numbers(array: np.ndarray, kept: bool = False) -> Any:
-    """What a kernel is given for an array: a list that reads fast, or what is written to the array
-    if it is to be ``kept``."""
+def as_python(array: np.ndarray, writable: bool = False) -> Any:
+    """Convert an array for a kernel in plain Python.
+
+    Parameters
+    ----------
+    array : ndarray
+    writable : bool
+        Write the elements through to the array.
+
+    Returns
+    -------
+    Numbers, Table or list
+        A list, fast to read, if the array has one axis and is not to be written; a list of
+        namespaces for records.
+    """
     if array.dtype.names is not None:
         return [
             SimpleNamespace(**{name: row[name].item() for name in array.dtype.names})
             for row in array
         ]
-    return Numbers(array.tolist()) if array.ndim == 1 and not kept else Table(array)
+    return Numbers(array.tolist()) if array.ndim == 1 and not writable else Table(array)
 
 
 def _over(a: float, b: float) -> float:
-    """A number over zero."""
+    """Divide a number by zero, as IEEE 754 does."""
     return (
         math.nan
         if a == 0.0 or math.isnan(a)
@@ -72,18 +84,20 @@ def _over(a: float, b: float) -> float:
 
 
 def _power(a: float, b: float) -> float:
+    """Raise a number to a power; the result of numpy's power where Python's fails or is complex."""
     try:
-        found = a**b
+        power = a**b
     except ArithmeticError:
-        found = math.nan
-    if isinstance(found, complex) or math.isnan(found):
+        power = math.nan
+    if isinstance(power, complex) or math.isnan(power):
         with np.errstate(all="ignore"):
             return float(np.float64(a) ** b)
-    return found
+    return power
 
 
-def _rounded(to: Any) -> Any:
-    return lambda x: math.copysign(to(x), x) if math.isfinite(x) else x
+def _rounded(rounding: Any) -> Any:
+    """Make a rounding function return a float with the sign of its argument."""
+    return lambda x: math.copysign(rounding(x), x) if math.isfinite(x) else x
 
 
 _MATH = SimpleNamespace(**vars(math) | {"sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan})
@@ -91,50 +105,54 @@ _NUMPY = SimpleNamespace(**vars(np) | {"floor": _rounded(math.floor), "ceil": _r
 
 
 class _Divisions(ast.NodeTransformer):
-    """``a / b`` as ``a / d if (d := b) else _over(a, d)``; ``a ** 2`` as ``(c := a) * c``, as it is
-    compiled, other powers as ``_power(a, b)``."""
+    """Replace ``a / b`` by ``a / d if (d := b) else _over(a, d)``, ``a ** 2`` by ``(c := a) * c``,
+    as it is compiled, and other powers by ``_power(a, b)``."""
 
     def __init__(self) -> None:
         self.count = 0
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        """A division or a power made safe, its operands first; other operations as they are."""
+        """Replace a division or a power after its operands; keep other operations."""
         self.generic_visit(node)
         return self._safe(node, node.left, node.op, node.right)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
-        """``a /= b`` and ``a **= b`` as assignments of what is safe; others as they are."""
+        """Replace ``a /= b`` and ``a **= b`` by assignments; keep others."""
         self.generic_visit(node)
         left = ast.parse(ast.unparse(node.target), mode="eval").body
         safe = self._safe(node, left, node.op, node.value)
         return node if safe is node else ast.copy_location(ast.Assign([node.target], safe), node)
 
     def _safe(self, node: Any, left: ast.expr, op: ast.operator, right: ast.expr) -> Any:
-        def new(made: Any) -> Any:
-            return ast.copy_location(made, node)
+        """Safe expression of a division or a power, or the node itself."""
+
+        def new(created: Any) -> Any:
+            return ast.copy_location(created, node)
 
         if isinstance(op, ast.Pow) and isinstance(right, ast.Constant) and right.value == 2:
             self.count += 1
             name = f"_base_{self.count}"
-            base, again = new(ast.Name(name, ast.Store())), new(ast.Name(name, ast.Load()))
-            return new(ast.BinOp(new(ast.NamedExpr(base, left)), ast.Mult(), again))
+            base, reused = new(ast.Name(name, ast.Store())), new(ast.Name(name, ast.Load()))
+            return new(ast.BinOp(new(ast.NamedExpr(base, left)), ast.Mult(), reused))
         if isinstance(op, ast.Pow):
             return new(ast.Call(new(ast.Name("_power", ast.Load())), [left, right], []))
         if not isinstance(op, ast.Div) or (isinstance(right, ast.Constant) and right.value):
             return node
         self.count += 1
         name = f"_divisor_{self.count}"
-        divisor, there = new(ast.Name(name, ast.Store())), new(ast.Name(name, ast.Load()))
-        other = new(ast.Call(new(ast.Name("_over", ast.Load())), [left, there], []))
+        divisor, denominator = new(ast.Name(name, ast.Store())), new(ast.Name(name, ast.Load()))
+        quotient = new(ast.Call(new(ast.Name("_over", ast.Load())), [left, denominator], []))
         return new(
             ast.IfExp(
-                new(ast.NamedExpr(divisor, right)), new(ast.BinOp(left, ast.Div(), there)), other
+                new(ast.NamedExpr(divisor, right)),
+                new(ast.BinOp(left, ast.Div(), denominator)),
+                quotient,
             )
         )
 
 
 def _compiled(text: str, name: str) -> Any:
-    """Python's code of a text whose functions divide safely."""
+    """Compile a text into Python code whose functions divide safely."""
     tree, divisions, lines = ast.parse(text), _Divisions(), text.splitlines()
     for k, node in enumerate(tree.body):
         if isinstance(node, ast.FunctionDef) and any(
@@ -145,10 +163,10 @@ def _compiled(text: str, name: str) -> Any:
 
 
 class _Loader(importlib.machinery.SourceFileLoader):
-    """A module of formulas with divisions made safe; none of that is kept on disk."""
+    """Import a module of formulas with safe divisions, without a cache file."""
 
     def get_code(self, fullname: str) -> Any:
-        """Code of the module, compiled from its text."""
+        """Compile the module from its text."""
         path = self.get_filename(fullname)
         return _compiled(self.get_data(path).decode(), path)
 
@@ -159,11 +177,13 @@ class _Loader(importlib.machinery.SourceFileLoader):
 
 
 class _Finder(importlib.abc.MetaPathFinder):
+    """Find modules that are imported a second time."""
+
     def find_spec(
         self, fullname: str, path: Any, target: Any = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """Where a module is that is imported a second time, with its loader; None for any other."""
-        if not _is_ours(fullname):
+        """Spec of a module that is imported a second time, with its loader; None for any other."""
+        if not _is_copied(fullname):
             return None
         spec = importlib.machinery.PathFinder.find_spec(fullname, path, target)
         if spec is not None and spec.origin is not None:
@@ -171,18 +191,20 @@ class _Finder(importlib.abc.MetaPathFinder):
         return spec
 
 
-def _is_ours(name: str) -> bool:
-    return any(name == ours or name.startswith(ours + ".") for ours in _AGAIN)
+def _is_copied(name: str) -> bool:
+    """Return True for modules that are imported a second time."""
+    return any(name == prefix or name.startswith(prefix + ".") for prefix in _COPIED)
 
 
-def _ours() -> dict[str, ModuleType]:
-    return {name: module for name, module in sys.modules.items() if _is_ours(name)}
+def _copied() -> dict[str, ModuleType]:
+    """Imported modules that have second copies."""
+    return {name: module for name, module in sys.modules.items() if _is_copied(name)}
 
 
 @contextlib.contextmanager
 def _without_compiler() -> Iterator[None]:
-    """Let formulas and routines, imported meanwhile, be their second copies."""
-    compiled, switch, finder = _ours(), config.DISABLE_JIT, _Finder()
+    """Replace formulas and routines by their second copies for imports inside the context."""
+    compiled, switch, finder = _copied(), config.DISABLE_JIT, _Finder()
     package = sys.modules["sepmc"]
     for name in compiled:
         del sys.modules[name]
@@ -194,17 +216,17 @@ def _without_compiler() -> Iterator[None]:
     finally:
         sys.meta_path.remove(finder)
         config.DISABLE_JIT = switch
-        _plain.update(_ours())
-        for name in _ours():
+        _plain.update(_copied())
+        for name in _copied():
             del sys.modules[name]
         sys.modules.update(compiled)
-        for name, module in compiled.items():  # the package holds its parts by name, too
+        for name, module in compiled.items():  # also attributes of the package
             if name.count(".") == 1:
                 setattr(package, name.partition(".")[2], module)
 
 
 def load(text: str) -> Kernel:
-    """The kernel with this text, to be flown by `sepmc.engine.blocks.fly` in plain Python."""
+    """Load a kernel to run in plain Python (`sepmc.engine.blocks.integrate`)."""
     if text not in _loaded:
         module = ModuleType("sepmc_scene")
         vars(module).update(_over=_over, _power=_power)
@@ -212,14 +234,14 @@ def load(text: str) -> Kernel:
             exec(_compiled(text, "<kernel>"), module.__dict__)
         for name, value in vars(module).items():
             if isinstance(value, FunctionType) and value.__code__.co_filename == "<kernel>":
-                setattr(module, name, counts(value, has_workspace=True))
+                setattr(module, name, counting_lines(value, has_workspace=True))
         for plain in (module, *_plain.values()):
             _in_python(plain)
-        _loaded.clear()  # one scene at a time: a thousand would fill the memory
+        _loaded.clear()  # keep one scene: a thousand would fill the memory
         _loaded[text] = Kernel(
-            guards=module.GUARDS,
-            stages=module.STAGES,
-            changes=module.CHANGES,
+            n_indicators=module.N_INDICATORS,
+            n_segments=module.N_SEGMENTS,
+            n_changes=module.N_CHANGES,
             methods=module.METHODS,
             plain=module,
         )
@@ -234,31 +256,31 @@ def _in_python(module: ModuleType) -> None:
         elif value is np:
             setattr(module, name, _NUMPY)
         elif isinstance(value, np.ndarray):
-            setattr(module, name, in_numbers(value))
+            setattr(module, name, as_python(value))
         elif isinstance(value, FunctionType) and value.__module__ in SEARCHES:
             if not hasattr(value, "__wrapped__"):
-                setattr(module, name, counts(value))
+                setattr(module, name, counting_lines(value))
         elif name == "eliminate" and not isinstance(value, partial):
             setattr(module, name, partial(_eliminate, value, vars(module)["_DEPENDENT"]))
 
 
 def _eliminate(
-    routine: Any, dependent: float, w: list[float], place: int, n: int, scratch: int, out: int
+    routine: Any, dependent: float, w: list[float], start: int, n: int, scratch: int, out: int
 ) -> float:
-    """`linear.eliminate` of one lane by LAPACK, which pivots alike: ten times as fast. What is no
-    number is left to the routine itself."""
-    from scipy.linalg import lapack  # noqa: PLC0415  (that other scenes do not need)
+    """`linear.eliminate` for one lane by LAPACK, with the same pivoting: ten times as fast. Systems
+    with NaN or infinity go to the routine itself."""
+    from scipy.linalg import lapack  # noqa: PLC0415  (few scenes need it)
 
-    numbers = np.array(w[place : place + n * n + n])
+    numbers = np.array(w[start : start + n * n + n])
     if not np.isfinite(numbers).all():
-        return float(routine(w, place, n, scratch, out))
-    pivot, found = 0.0, np.full(n, math.nan)
-    matrix, side = numbers[: n * n].reshape(n, n), numbers[n * n :]
+        return float(routine(w, start, n, scratch, out))
+    pivot, solution = 0.0, np.full(n, math.nan)
+    matrix, right_side = numbers[: n * n].reshape(n, n), numbers[n * n :]
     largest = abs(matrix).max(axis=1)
     if largest.all():
         factors, order, _ = lapack.dgetrf(matrix / largest[:, None])
         smallest = float(abs(factors.diagonal()).min(initial=1.0))
         if smallest > dependent:
-            pivot, found = smallest, lapack.dgetrs(factors, order, side / largest)[0]
-    w[out : out + n] = found.tolist()
+            pivot, solution = smallest, lapack.dgetrs(factors, order, right_side / largest)[0]
+    w[out : out + n] = solution.tolist()
     return pivot

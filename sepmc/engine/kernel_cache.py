@@ -1,5 +1,4 @@
-"""Kernels written for one scene (`sepmc.kernel.emit.module`): kept on disk in pieces, compiled
-apart and side by side, loaded."""
+"""Kernels on disk: split into compile units, compiled in parallel in processes, loaded."""
 
 import gc
 import hashlib
@@ -16,44 +15,64 @@ from sepmc.engine import blocks, cache_files, call_types
 from sepmc.engine.compile_units import table
 from sepmc.engine.compile_workers import Progress, compile_all
 from sepmc.engine.written_kernel import Kernel
-from sepmc.jit import CACHE_FOLDER, machine_code, one_at_a_time
-from sepmc.kernel.emit.compile_units import ALIKE, split, told
+from sepmc.jit import CACHE_FOLDER, cache_lock, machine_code
+from sepmc.kernel.emit.compile_units import ENTRY, kernel_properties, split
 
-# What is left to the collector before it looks: looking took a fifth of the time to compile.
-_GARBAGE = 1_000_000
-# modules whose routines take seconds to compile, however short what calls them
-_LONG = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.peaks")
+# Objects between two garbage collections, which took a fifth of the compile time.
+_GC_THRESHOLD = 1_000_000
+# modules with routines that take seconds to compile
+_SLOW = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.peaks")
 
 
-class Pieces(msgspec.Struct, frozen=True):
-    """The pieces of a kernel: names of their modules in the cache folder, in the order of their
-    table, and what the kernel says of itself (`sepmc.kernel.emit.compile_units.told`)."""
+class CompileUnits(msgspec.Struct, frozen=True):
+    """Compile units of a kernel, and its sizes.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Modules in the cache folder, in the order of the table of addresses.
+    size : int
+        Numbers of the workspace.
+    n_indicators, n_segments, n_changes : int
+        Error indicators; segments; reported times of releases within segments.
+    methods : tuple
+        Names of the integration methods of each segment.
+    """
 
     names: tuple[str, ...]
     size: int
-    guards: int
-    stages: int
-    changes: int
+    n_indicators: int
+    n_segments: int
+    n_changes: int
     methods: tuple[tuple[str, ...], ...]
 
 
-def pieces_of(text: str) -> Pieces:
-    """The pieces of a kernel, whose modules are written into the cache folder unless they are
-    known: to split a kernel takes as long as to write it."""
+def compile_units_of(text: str) -> CompileUnits:
+    """Split a kernel into compile units and write their modules into the cache folder.
+
+    Splitting takes as long as writing the kernel, so the result is stored.
+    """
     known = CACHE_FOLDER / f"kernel_{_digest(text)}.sealed"
-    kept = cache_files.read_sealed(known)
-    if kept is not None:
-        found = msgspec.json.decode(kept, type=Pieces)
-        if all(cache_files.is_kept(name) or _is_written(name) for name in found.names):
-            return found
-    found = Pieces(tuple(write([piece.text for piece in split(text)])), **told(text))
-    cache_files.put_sealed(known, msgspec.json.encode(found))
-    return found
+    stored = cache_files.read_sealed(known)
+    if stored is not None:
+        units = msgspec.json.decode(stored, type=CompileUnits)
+        if all(cache_files.is_stored(name) or _is_written(name) for name in units.names):
+            return units
+    units = CompileUnits(
+        tuple(write_modules([unit.text for unit in split(text)])), **kernel_properties(text)
+    )
+    cache_files.put_sealed(known, msgspec.json.encode(units))
+    return units
 
 
-def write(texts: Sequence[str]) -> list[str]:
-    """Put the texts of modules into the cache folder where they are new. Returns the modules'
-    names, digests of the texts."""
+def write_modules(texts: Sequence[str]) -> list[str]:
+    """Write texts as modules into the cache folder, if they are new.
+
+    Returns
+    -------
+    list of str
+        Names of the modules, made of digests of the texts.
+    """
     names = []
     for text in texts:
         name = _name_of(text)
@@ -68,86 +87,95 @@ def _digest(text: str) -> str:
 
 
 def _name_of(text: str) -> str:
-    return f"sepmc_piece_{_digest(text)}"
+    return f"sepmc_unit_{_digest(text)}"
 
 
 def _is_written(name: str) -> bool:
-    """Whether a module is in the cache folder, with the text that its name stands for."""
+    """Return True if a module is in the cache folder with the text its name stands for."""
     try:
         return _name_of((CACHE_FOLDER / f"{name}.py").read_text(encoding="utf-8")) == name
     except (OSError, UnicodeDecodeError):
         return False
 
 
-def module(name: str) -> ModuleType:
-    """A module of the cache folder, whose piece is compiled as it is imported."""
+def load_module(name: str) -> ModuleType:
+    """Import a module of the cache folder, which compiles its unit."""
     spec = importlib.util.spec_from_file_location(name, CACHE_FOLDER / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def _compile(name: str) -> None:
-    """Compile the loop over blocks, or a piece, into the cache folder."""
+    """Compile the loop over blocks or a compile unit into the cache folder."""
     if name == blocks.NAME:
         blocks.compile_blocks()
     else:
-        cache_files.keep(name, *machine_code(getattr(module(name), ALIKE)))
+        cache_files.store(name, *machine_code(getattr(load_module(name), ENTRY)))
 
 
-def load(pieces: Pieces) -> Kernel:
-    """A kernel from its pieces, the last of which is entered; what is not in the cache folder is
-    compiled there."""
-    addresses = [cache_files.link_or_make(name, partial(_compile, name)) for name in pieces.names]
+def load(units: CompileUnits) -> Kernel:
+    """Load a kernel from its compile units; units missing in the cache folder are compiled here."""
+    addresses = [cache_files.link_or_make(name, partial(_compile, name)) for name in units.names]
     return Kernel(
         addresses[-1],
-        pieces.size,
+        units.size,
         table(addresses),
-        pieces.guards,
-        pieces.stages,
-        pieces.changes,
-        pieces.methods,
+        units.n_indicators,
+        units.n_segments,
+        units.n_changes,
+        units.methods,
     )
 
 
-def missing(pieces: Pieces) -> list[str]:
-    """What the cache folder does not hold: the loop over blocks, modules of these pieces; what
-    takes longest first."""
-    left = [name for name in dict.fromkeys(pieces.names) if not cache_files.is_kept(name)]
-    left.sort(key=_takes, reverse=True)
-    return left if cache_files.is_kept(blocks.NAME) else [blocks.NAME, *left]
+def missing_units(units: CompileUnits) -> list[str]:
+    """Names of the modules that are not compiled, the block loop included; slowest first."""
+    absent = [name for name in dict.fromkeys(units.names) if not cache_files.is_stored(name)]
+    absent.sort(key=_compile_order, reverse=True)
+    return absent if cache_files.is_stored(blocks.NAME) else [blocks.NAME, *absent]
 
 
-def _takes(name: str) -> tuple[bool, int]:
-    """What tells how long a piece takes to compile: whether it calls long routines, its length."""
+def _compile_order(name: str) -> tuple[bool, int]:
+    """Key that sorts units by compile time: calls of slow routines, then length."""
     text = (CACHE_FOLDER / f"{name}.py").read_text(encoding="utf-8")
-    return any(module in text for module in _LONG), len(text)
+    return any(module in text for module in _SLOW), len(text)
 
 
-def compile_apart(pieces: Pieces, progress: Progress = lambda done, total: None) -> bool:
-    """Compile what is missing of pieces, and the loop over blocks, into the cache folder, in
-    processes of their own; ``progress`` is told after each. Returns whether that worked.
+def compile_in_subprocesses(
+    units: CompileUnits, progress: Progress = lambda done, total: None
+) -> bool:
+    """Compile the missing units and the block loop into the cache folder, in separate processes.
 
-    Every campaign flies what the cache holds: code as compiled and the same code loaded can differ
-    in the last bit.
+    Campaigns always run code loaded from the cache: code just compiled and the same code loaded can
+    differ in the last bit.
+
+    Parameters
+    ----------
+    units : CompileUnits
+    progress : callable (int, int)
+        Called after each unit with the number of compiled units and their total.
+
+    Returns
+    -------
+    bool
+        True if all were compiled.
     """
     try:
-        with one_at_a_time("pieces"):
-            return compile_all(missing(pieces), progress)
+        with cache_lock("units"):
+            return compile_all(missing_units(units), progress)
     except OSError:
         return False
 
 
 def serve() -> None:
-    """Compile what the lines of the standard input name, and give each name back when that is
-    done."""
-    answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what anything prints is no answer
-    gc.set_threshold(_GARBAGE)
-    call_types.keep()
+    """Compile the modules named on standard input, a line each, and answer each with its name."""
+    output = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # other output goes to standard error
+    gc.set_threshold(_GC_THRESHOLD)
+    call_types.cache_call_types()
     for line in sys.stdin:
         name = line.strip()
         _compile(name)
-        print(name, file=answers, flush=True)
+        print(name, file=output, flush=True)

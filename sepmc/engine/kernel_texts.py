@@ -1,31 +1,46 @@
-"""Texts of written kernels, kept in the cache folder: to write one takes as long as to fly ten
-thousand cases with it."""
+"""Texts of written kernels, stored in the cache folder: writing one takes as long as integrating
+ten thousand cases."""
 
 import hashlib
 import pickle
 
 from sepmc.engine.host_process import loading
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.routines.layout import NO_HISTORY
 
-# beside what is compiled: where a change asks for a new text
+# sources of the texts, in addition to the compiled ones: a change asks for new texts
 _WRITERS = ("kernel/**/*.py", "schema.py")
 
 
-def written(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
-    """The text of a kernel, as `sepmc.kernel.emit.module.emit` writes it, once."""
+def written(shape: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
+    """Text of a kernel (`sepmc.kernel.emit.module.emit`), loaded from the cache folder or written.
+
+    Parameters
+    ----------
+    shape : Shape
+        Structure of the kernel.
+    method_name : str
+        Integration method.
+    history : int
+        NO_HISTORY, SEPARATION_HISTORY or FULL_HISTORY.
+
+    Returns
+    -------
+    str
+        Python source.
+    """
     # imported here: numba
     from sepmc.engine.cache_files import put_sealed, read_sealed  # noqa: PLC0415
     from sepmc.jit import CACHE_FOLDER, digest_of  # noqa: PLC0415
 
-    shaped = shape.plan, shape.names, sorted(shape.dispersed), shape.care
-    asked = pickle.dumps((*shaped, method_name, history))
-    digest = hashlib.sha256(asked + digest_of(_WRITERS)).hexdigest()[:32]
+    structure = shape.layout, shape.names, sorted(shape.dispersed), shape.variant
+    key = pickle.dumps((*structure, method_name, history))
+    digest = hashlib.sha256(key + digest_of(_WRITERS)).hexdigest()[:32]
     path = CACHE_FOLDER / f"text_{digest}.sealed"
-    kept = read_sealed(path)
-    if kept is not None:
-        return kept.decode()
-    with loading:  # what is written, and the formulas that are imported for it
+    stored = read_sealed(path)
+    if stored is not None:
+        return stored.decode()
+    with loading:  # emitting imports formulas
         from sepmc.kernel.emit.module import emit  # noqa: PLC0415
 
         text = emit(shape, method_name, history)

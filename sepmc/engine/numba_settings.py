@@ -1,4 +1,4 @@
-"""Settings of Numba in the environment, checked before it is imported."""
+"""Check of Numba's environment variables before it is imported."""
 
 import os
 import sys
@@ -9,13 +9,14 @@ _THREADS = "NUMBA_NUM_THREADS"
 
 
 def check() -> None:
-    """Raise InputError if Numba cannot be imported as it is set; nothing, if it already is."""
-    given = os.environ.get(_THREADS, "")
-    if not given or "numba" in sys.modules:
+    """Raise InputError if Numba cannot be imported with its setting; do nothing if it is
+    imported."""
+    value = os.environ.get(_THREADS, "")
+    if not value or "numba" in sys.modules:
         return
     try:
-        threads = int(given)
+        threads = int(value)
     except ValueError:
         threads = 0
     if threads < 1:
-        raise InputError(f"{_THREADS} = {given}: must be a whole number >= 1")
+        raise InputError(f"{_THREADS} = {value}: must be a whole number >= 1")

@@ -1,9 +1,9 @@
-"""Threads that compiled code flies on: how many, and where they cannot be used.
+"""Threads of compiled code: their number, and the processes that cannot use them.
 
-A process made by fork from one in which Numba's threads run has none of them. GNU OpenMP kills it
-as soon as it enters a parallel loop, so it flies on one thread, outside that loop. Numba's layer
-``workqueue`` ends the process if two Python threads enter such a loop at once, so there they do
-so in turn; the layers ``omp`` and ``tbb`` take several.
+A process forked from one in which Numba's threads run has none of them. GNU OpenMP kills it when it
+enters a parallel loop, so it runs kernels on one thread, outside that loop. Numba's layer
+``workqueue`` ends the process if two Python threads enter such a loop at once, so they take turns;
+the layers ``omp`` and ``tbb`` allow several.
 """
 
 import contextlib
@@ -20,24 +20,25 @@ from sepmc.jit import config
 from sepmc.scene.messages import InputError
 
 _LAYERS = ("default", "omp", "tbb", "workqueue", "safe", "forksafe", "threadsafe")
-_ONE_AT_A_TIME = "workqueue"
-_turn = threading.Lock()
+_EXCLUSIVE = "workqueue"
+_region_lock = threading.Lock()
 _forked = _noted = False
 
 
-def _begin_again() -> None:
-    """In a process made by fork: another thread may have held the lock, and Numba's are gone."""
-    global _turn, _forked, _noted  # noqa: PLW0603
-    _turn, _noted = threading.Lock(), False
+def _reset_after_fork() -> None:
+    """Reset after a fork: another thread may have held the lock, and Numba's threads do not
+    exist."""
+    global _region_lock, _forked, _noted  # noqa: PLW0603
+    _region_lock, _noted = threading.Lock(), False
     _forked = _forked or parallel._is_initialized
 
 
-at_fork(_begin_again)
+at_fork(_reset_after_fork)
 
 
 def _threads_are_gone() -> bool:
-    """Whether Numba's threads were started before this module was there, and are not threads of
-    this process: it was made by fork then."""
+    """Return True if Numba's threads were started in the process this one was forked from, before
+    this module was imported."""
     if not (parallel._is_initialized and sys.platform == "linux"):
         return False
     count = len(os.listdir("/proc/self/task"))
@@ -47,36 +48,41 @@ def _threads_are_gone() -> bool:
 _forked = _threads_are_gone()
 
 
-def note_of_fork(asked: int | None) -> list[str]:
-    """A sentence, once in a process: it was made by fork, so it flies on one thread though more
-    were ``asked`` for, all if None."""
+def fork_notes(threads: int | None) -> list[str]:
+    """Note, once in a process, that a forked process has one thread only.
+
+    Parameters
+    ----------
+    threads : int, optional
+        Number of threads that were asked for; None: all.
+    """
     global _noted  # noqa: PLW0603
-    if _noted or not _forked or (asked or max_threads()) == 1:
+    if _noted or not _forked or (threads or max_threads()) == 1:
         return []
     _noted = True
     return [
-        "this process was made by fork, without the threads of compiled code, so it flies on one "
+        "this process was made by fork, without the threads of compiled code, so it uses one "
         "thread; a process that is started by spawn or forkserver has them all"
     ]
 
 
 def is_forked() -> bool:
-    """Whether this process was made by fork from one whose threads ran: it has one thread."""
+    """Return True if this process was forked from one with running threads: it uses one thread."""
     return _forked
 
 
 def max_threads() -> int:
-    """Largest number of threads that may be asked for."""
+    """Return the largest number of threads that may be asked for."""
     return int(config.NUMBA_NUM_THREADS)
 
 
 def in_use() -> int:
-    """Number of threads that compiled code flies on, which are started if they are not yet.
+    """Return the number of threads that compiled code runs on, after starting them.
 
     Raises
     ------
     InputError
-        If Numba knows no such layer of threads as is set, or it is not installed.
+        If the threading layer in Numba's settings is unknown or not installed.
     """
     if _forked:
         return 1
@@ -87,7 +93,7 @@ def in_use() -> int:
 
 
 def _fault(error: ValueError) -> InputError:
-    """What is wrong with the settings of Numba's layer of threads."""
+    """Explain an error of Numba's threading layer by its settings."""
     layer = str(config.THREADING_LAYER)
     if "PRIORITY" in str(error):
         order = " ".join(config.THREADING_LAYER_PRIORITY)
@@ -103,8 +109,8 @@ def _fault(error: ValueError) -> InputError:
 
 
 def use_threads(count: int | None) -> int:
-    """Fly on ``count`` threads from now on in this Python thread, on all if None. Returns the
-    number in use."""
+    """Run compiled code on ``count`` threads from now on in this Python thread, on all if None.
+    Returns the number in use."""
     if not _forked:
         in_use()
         set_num_threads(count or max_threads())
@@ -113,7 +119,8 @@ def use_threads(count: int | None) -> int:
 
 @contextlib.contextmanager
 def using_threads(count: int | None) -> Iterator[int]:
-    """Fly on ``count`` threads meanwhile, on all if None; the host's own number is put back."""
+    """Run compiled code on ``count`` threads (None: all) inside the context, then restore the
+    number."""
     before = in_use()
     try:
         yield use_threads(count)
@@ -123,10 +130,10 @@ def using_threads(count: int | None) -> Iterator[int]:
 
 
 @contextlib.contextmanager
-def in_turn() -> Iterator[None]:
-    """Wait for other Python threads that are in a parallel loop, where only one may be."""
-    if parallel._threading_layer == _ONE_AT_A_TIME:
-        with _turn:
+def parallel_region() -> Iterator[None]:
+    """Wait for other Python threads in a parallel loop if the threading layer allows only one."""
+    if parallel._threading_layer == _EXCLUSIVE:
+        with _region_lock:
             yield
     else:
         yield

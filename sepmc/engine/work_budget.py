@@ -1,5 +1,5 @@
-"""How much flights in plain Python work, counted in lines of their kernels: the same on every
-machine, so what is decided by it is the same there, too."""
+"""Work of kernels run in plain Python, counted in executed lines: the same on every machine, so
+that decisions based on it are the same, too."""
 
 import contextlib
 import math
@@ -10,35 +10,45 @@ from functools import wraps
 from types import FunctionType
 from typing import Any
 
-# of processor time for a line of a kernel, in plain Python and compiled, one lane of eight in use:
+# Processor time of a kernel line, s, in plain Python and compiled with one lane of eight in use:
 # 0.25 to 0.45 us in `table2`, `hyper-x`, `srb` and the starter campaign; 3 to 6 ns (one core of an
-# AMD EPYC)
+# AMD EPYC).
 LINE_S, COMPILED_LINE_S = 0.35e-6, 6e-9
-# modules that loop as long as it takes: their functions count, too
+# modules with iterative searches: their functions are counted, too
 SEARCHES = tuple(
     f"sepmc.{name}"
-    for name in ("routines.clearances", "physics.outlines", "physics.rims", "physics.lips")
+    for name in ("routines.clearances", "physics.outlines", "physics.rims", "physics.shell_edge")
 )
 
 
-class OutOfWorkError(Exception):
-    """A flight in plain Python was stopped: it worked more than it may."""
+class WorkLimitError(Exception):
+    """A kernel in plain Python was stopped at its work limit."""
 
 
 @dataclass
 class Work:
-    """Work that is done, in lines of kernels; no more than ``most`` in plain Python. ``numbers`` is
-    the workspace of the flight that goes on; ``compiled`` is what compiled flights are taken to
-    work."""
+    """Executed lines of kernels, with a limit for plain Python.
 
-    most: float = math.inf
+    Attributes
+    ----------
+    limit : float
+        Beyond this number of lines WorkLimitError is raised.
+    done : float
+        Lines executed in plain Python.
+    compiled : float
+        Estimated lines executed in compiled kernels.
+    numbers : list
+        Workspace of the kernel that is running.
+    """
+
+    limit: float = math.inf
     done: float = 0.0
     compiled: float = 0.0
     numbers: Any = field(default=None, repr=False)
 
     @contextlib.contextmanager
     def counted(self) -> Iterator[None]:
-        """Count what flies in plain Python meanwhile. Raises OutOfWorkError once it is too much."""
+        """Count the lines that run inside the context; raises WorkLimitError at the limit."""
         before = _counting.set(self)
         try:
             yield
@@ -47,27 +57,33 @@ class Work:
 
     @property
     def left(self) -> float:
-        """Lines that may still be flown."""
-        return self.most - self.done
+        """Lines left to the limit."""
+        return self.limit - self.done
 
 
 _counting: ContextVar[Work | None] = ContextVar("counting", default=None)
 
 
-def counts(function: FunctionType, has_workspace: bool = False) -> Callable[..., Any]:
-    """The function, which counts its lines at each call; the first of what it is given may be the
-    workspace of a flight."""
-    own = len({line for _, _, line in function.__code__.co_lines()})
+def counting_lines(function: FunctionType, has_workspace: bool = False) -> Callable[..., Any]:
+    """Wrap a function so that it counts its lines at each call.
+
+    Parameters
+    ----------
+    function : function
+    has_workspace : bool
+        The first argument is the workspace of a kernel.
+    """
+    lines = len({line for _, _, line in function.__code__.co_lines()})
 
     @wraps(function)
-    def counting(*given: Any) -> Any:
+    def counting(*arguments: Any) -> Any:
         work = _counting.get()
         if work is not None:
-            work.done += own
+            work.done += lines
             if has_workspace:
-                work.numbers = given[0]
-            if work.done > work.most:
-                raise OutOfWorkError
-        return function(*given)
+                work.numbers = arguments[0]
+            if work.done > work.limit:
+                raise WorkLimitError
+        return function(*arguments)
 
     return counting

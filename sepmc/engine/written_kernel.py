@@ -1,4 +1,4 @@
-"""A written kernel as Python holds it; knows no compiler."""
+"""Handle of a written kernel; independent of the compiler."""
 
 from dataclasses import dataclass, field
 from types import ModuleType
@@ -9,20 +9,37 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Kernel:
-    """A written kernel, ready to fly: the addresses of its pieces (see `table`), of which the last
-    is entered, the size of its workspace, how many guards and stages it has, and sudden changes
-    that it tells the times of; or a module of plain Python. ``methods`` are the names of those by
-    which each stage may be flown."""
+    """A written kernel, ready to run: compiled code or a module of plain Python.
+
+    Attributes
+    ----------
+    address : int
+        Address of the entry function; 0 if there is no machine code.
+    size : int
+        Numbers of the workspace.
+    table : ndarray of int
+        Addresses of the compile units, stored in front of the workspace (`compile_units.table`).
+    n_indicators : int
+        Error indicators.
+    n_segments : int
+        Segments: phases, and parts of phases with pending releases.
+    n_changes : int
+        Releases within segments with reported times.
+    methods : tuple
+        Names of the integration methods of each segment.
+    plain : module, optional
+        The kernel as a module of plain Python.
+    """
 
     address: int = 0
     size: int = 0
-    calls: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    guards: int = 0
-    stages: int = 0
-    changes: int = 0
+    table: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    n_indicators: int = 0
+    n_segments: int = 0
+    n_changes: int = 0
     methods: tuple[tuple[str, ...], ...] = ()
     plain: ModuleType | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy holds, in another process too: no address, and no code."""
-        return {**vars(self), "address": 0, "calls": np.zeros(0, dtype=np.int64), "plain": None}
+        """State for pickling: without addresses and without code."""
+        return {**vars(self), "address": 0, "table": np.zeros(0, dtype=np.int64), "plain": None}

@@ -1,1 +1,1 @@
-"""What the kernel of a scene is made of: its structure, and the recorder that writes it down."""
+"""Writes the kernel of a scene: its specification, the tracer, and the functions it emits."""

@@ -1,1 +1,1 @@
-"""Formulas on numbers and tuples: no layout, no loops over bodies."""
+"""Formulas on numbers and tuples, without layout and without loops over bodies."""

@@ -1,46 +1,100 @@
-"""Angles of the flow, and the aerodynamic force and moment of one body."""
+"""Flow angles, and the aerodynamic force and moment of one body.
+
+"Paper" is the source of the constraint force equations that README cites. Checked in
+`tests/acceptance/test_conventions.py`.
+"""
 
 import math
 
 from sepmc.jit import formula
 from sepmc.physics.elementary import arctan2_of_two
 
-STILL = 1e-6  # m/s: slower air has no direction that could be told from round-off
-BEHIND = 1e-12  # of the speed: what is further off the axis is no round-off
+STILL = 1e-6  # m/s: the direction of slower air is round-off
+BEHIND = 1e-12  # of the speed: a smaller offset from the axis is round-off
 
 
 @formula
 def flow_angles(u):
-    """Angle of attack and sideslip, rad, from the air-relative velocity in body axes; paper eqs
-    (10), (11).
+    """Angle of attack and sideslip: tan(alpha) = -v / u, sin(beta) = w / V.
 
-    sin(beta) = w / V, cos(beta) = sqrt(u^2 + v^2) / V.
+    Paper eqs (10), (11), with cos(beta) = sqrt(u^2 + v^2) / V.
+
+    Parameters
+    ----------
+    u : tuple of 3 float
+        Air-relative velocity (u, v, w), body axes, m/s.
+
+    Returns
+    -------
+    alpha : float
+        rad, -pi to pi.
+    beta : float
+        rad, -pi/2 to pi/2.
     """
     return arctan2_of_two(-u[1], u[0], u[2], math.sqrt(u[0] * u[0] + u[1] * u[1]))
 
 
 @formula
-def angles_told(u, angles):
-    """Angle of attack and sideslip as they are told, given the air-relative velocity in body axes:
-    none where the air is still, no angle of attack where it moves across the plane of symmetry
-    only; with air from right behind, pi, not pi of the sign of a round-off."""
+def reported_angles(u, angles):
+    """Flow angles for outcomes, NaN where they have no meaning.
+
+    Alpha is NaN below `STILL` in the plane of symmetry, beta below `STILL` in all. In flow from
+    behind alpha is pi, without the sign of a round-off.
+
+    Parameters
+    ----------
+    u : tuple of 3 float
+        Air-relative velocity, body axes, m/s.
+    angles : tuple of 2 float
+        Alpha and beta of `flow_angles`, rad.
+
+    Returns
+    -------
+    alpha, beta : float
+        rad.
+    """
     along = math.sqrt(u[0] * u[0] + u[1] * u[1])
     moving = math.sqrt(along * along + u[2] * u[2])
-    behind = abs(u[1]) < -BEHIND * u[0]
+    from_behind = abs(u[1]) < -BEHIND * u[0]
     return (
-        math.nan if along < STILL else math.pi if behind else angles[0],
+        math.nan if along < STILL else math.pi if from_behind else angles[0],
         math.nan if moving < STILL else angles[1],
     )
 
 
 @formula
 def aero_force(qs, c):
-    """Force in body axes, N, from dynamic pressure x area (N) and C_A, C_N, C_Y: q S (-C_A, C_N,
-    -C_Y)."""
+    """Aerodynamic force q S (-C_A, C_N, -C_Y).
+
+    Parameters
+    ----------
+    qs : float
+        Dynamic pressure times reference area, N.
+    c : sequence of float
+        C_A, C_N, C_Y first.
+
+    Returns
+    -------
+    tuple of 3 float
+        Force, body axes, N.
+    """
     return (-qs * c[0], qs * c[1], -qs * c[2])
 
 
 @formula
 def aero_moment(qsl, c):
-    """Moment in body axes, N m, from q S L (N m) and C_l, C_n, C_m: q S L (C_l, -C_n, C_m)."""
+    """Aerodynamic moment q S L (C_l, -C_n, C_m).
+
+    Parameters
+    ----------
+    qsl : float
+        Dynamic pressure times reference area and length, N m.
+    c : tuple of 3 float
+        C_l, C_n, C_m.
+
+    Returns
+    -------
+    tuple of 3 float
+        Moment, body axes, N m.
+    """
     return (qsl * c[0], -qsl * c[1], qsl * c[2])

@@ -1,5 +1,10 @@
 """US Standard Atmosphere 1976, 0 to 86 km geometric height (NOAA-S/T 76-1562, tables 3, 4 and eqs
-18, 23, 33, 42)."""
+18, 23, 33, 42).
+
+Heights are geometric, m, or geopotential, m' (standard geopotential metre). Temperatures are
+molecular-scale. Checked against the printed tables and 60-digit arithmetic in
+`tests/physics/test_elementary.py`.
+"""
 
 import math
 
@@ -7,21 +12,21 @@ from sepmc.jit import formula, routine
 from sepmc.physics.elementary import exponential
 from sepmc.physics.us1976_table import BASES, G0, LAPSES, M0, R0, R_STAR, TOP
 
-NEAR = 500.0  # m, rise for which the series about a height are used
+NEAR = 500.0  # m: range of the series about a height
 
 
 def _bases() -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Temperature (K) and pressure (Pa) at the base of each layer, built up from the ground."""
+    """Temperature (K) and pressure (Pa) at the base of each layer, integrated from the ground."""
     temperature, pressure = [288.15], [101_325.0]
     for low, high, lapse in zip(BASES, BASES[1:-1], LAPSES, strict=False):
         t0, p0 = temperature[-1], pressure[-1]
         t1 = t0 + lapse * (high - low)
-        gmr = G0 * M0 / R_STAR
+        exponent = G0 * M0 / R_STAR
         temperature.append(t1)
         pressure.append(
-            p0 * math.exp(-gmr * (high - low) / t0)
+            p0 * math.exp(-exponent * (high - low) / t0)
             if lapse == 0.0
-            else p0 * (t0 / t1) ** (gmr / lapse)
+            else p0 * (t0 / t1) ** (exponent / lapse)
         )
     return tuple(temperature), tuple(pressure)
 
@@ -31,17 +36,34 @@ _T, _P = _bases()
 
 @formula
 def sound_speed(temperature):
-    """Speed of sound, m/s, from the molecular-scale temperature, K; eq (50) of the 1976
-    standard."""
+    """Speed of sound sqrt(gamma R* T / M0), gamma = 1.4; eq (50).
+
+    Parameters
+    ----------
+    temperature : float
+        Molecular-scale temperature, K.
+
+    Returns
+    -------
+    float
+        m/s.
+    """
     return math.sqrt(1.4 * R_STAR / M0 * temperature)
 
 
 @formula
 def us1976(height):
-    """Density, pressure and molecular-scale temperature at a geometric height.
+    """Density, pressure and temperature at a height.
 
-    height : m, 0 to 86 km. Outside, all three are NaN: nothing is extrapolated.
-    Returns kg/m3, Pa, K. Checked against the printed tables of the standard.
+    Parameters
+    ----------
+    height : float
+        Geometric height, m, 0 to 86,000.
+
+    Returns
+    -------
+    density, pressure, temperature : float
+        kg/m3, Pa, K; NaN outside the range of heights (no extrapolation).
     """
     if not 0.0 <= height <= TOP:
         return math.nan, math.nan, math.nan
@@ -52,10 +74,20 @@ def us1976(height):
 
 @routine
 def layer(height):
-    """The layer of a geometric height, m, and its top, geopotential m'.
+    """Layer that contains a height.
 
-    The layer: base, m', lapse rate over temperature at the base, 1/m', one over temperature, 1/K,
-    and pressure, Pa, there.
+    Parameters
+    ----------
+    height : float
+        Geometric height, m.
+
+    Returns
+    -------
+    base : tuple of 4 float
+        Of the base of the layer: height, m'; lapse rate over temperature, 1/m'; one over
+        temperature, 1/K; pressure, Pa.
+    top : float
+        Height of the top, m'.
     """
     h, k = geopotential(height), 0
     while k < 6 and h >= BASES[k + 1]:
@@ -65,46 +97,75 @@ def layer(height):
 
 @formula
 def geometric(h):
-    """Geometric height, m, of a geopotential height, m'; eq (19)."""
+    """Geometric height, m, of a geopotential height h, m': R0 h / (R0 - h); eq (19)."""
     return R0 * h / (R0 - h)
 
 
 @formula
 def geopotential(height):
-    """Geopotential height, m', of a geometric height, m; eq (18)."""
+    """Geopotential height, m', of a geometric height, m: R0 z / (R0 + z); eq (18)."""
     return height * (R0 / (R0 + height))
 
 
 @formula
 def in_layer(height, base):
-    """Pressure, Pa, and temperature, K, at a geometric height, m, in the layer that `layer` gave;
-    eqs (23), (33)."""
-    h, z, logarithm = _warmed(height, base)
-    return base[3] * exponential(-logarithm * (G0 * M0 / R_STAR * base[2] * h)), (1.0 + z) / base[2]
+    """Pressure and temperature in a layer; eqs (23), (33).
+
+    Parameters
+    ----------
+    height : float
+        Geometric height, m.
+    base : tuple of 4 float
+        Of `layer`.
+
+    Returns
+    -------
+    pressure, temperature : float
+        Pa, K.
+    """
+    h, warming, log_ratio = _log_temperature_ratio(height, base)
+    return base[3] * exponential(-log_ratio * (G0 * M0 / R_STAR * base[2] * h)), (
+        1.0 + warming
+    ) / base[2]
 
 
 @formula
 def density_in_layer(height, base):
-    """Density, kg/m3, as `in_layer`; eq (42). It is over temperature as pressure, and ln(T / T0) =
-    z (ln(1 + z) / z)."""
-    h, z, logarithm = _warmed(height, base)
+    """Density p M0 / (R* T) in a layer; eq (42).
+
+    With p of `in_layer` and T = T0 (1 + z), one exponential gives both, since ln(T / T0) = z (ln(1
+    + z) / z).
+
+    Parameters
+    ----------
+    height : float
+        Geometric height, m.
+    base : tuple of 4 float
+        Of `layer`.
+
+    Returns
+    -------
+    float
+        kg/m3.
+    """
+    h, warming, log_ratio = _log_temperature_ratio(height, base)
     return (
         M0
         / R_STAR
         * base[3]
         * base[2]
-        * exponential(-logarithm * (G0 * M0 / R_STAR * base[2] * h + z))
+        * exponential(-log_ratio * (G0 * M0 / R_STAR * base[2] * h + warming))
     )
 
 
 @formula
-def _warmed(height, base):
-    """Height h above the base of a layer, m', z = L h / T0, by which the temperature has changed,
-    and ln(1 + z) / z.
+def _log_temperature_ratio(height, base):
+    """Height h above the base of a layer, m'; relative change of temperature z = L h / T0; and ln(1
+    + z) / z.
 
-    With that, ln p falls by (g M / R) h / T0 ln(1 + z) / z, with or without a lapse rate: eqs (33a)
-    and (33b) in one, as ln(1 + z) / z = 2 artanh(s) / z with s = z / (2 + z) has a series that
-    holds at z = 0 too. |s| <= 0.15 in every layer.
+    The pressure follows from -ln(p / p0) = (g M / R) h / T0 ln(1 + z) / z, with or without a lapse
+    rate: eqs (33a) and (33b) in one. ln(1 + z) / z = 2 artanh(s) / z with s = z / (2 + z) has a
+    series that is valid at z = 0, too. |s| <= 0.15 in every layer.
     """
     h = geopotential(height) - base[0]
     z = base[1] * h
@@ -119,15 +180,26 @@ def _warmed(height, base):
 
 @formula
 def density_series(height, base):
-    """Density, kg/m3, about a height as a power series in the rise of geopotential height, m', from
-    there: nine coefficients.
+    """Power series of the density in the rise of geopotential height.
 
-    With T = T_a + L H, (1 + b H) rho' = -(a + b) rho, a = g M / (R T_a), b = L / T_a: each
-    coefficient follows from the one before, with or without a lapse rate. Cut off, it is good to
-    1e-14 for a rise of `NEAR` metres, and far cheaper than `density_in_layer`.
+    With T = T_a + L H, (1 + b H) rho' = -(a + b) rho, a = g M / (R T_a), b = L / T_a: a recurrence
+    for the coefficients, with or without a lapse rate. The error of nine terms is 1e-14 for a rise
+    of `NEAR` metres, and they cost far less than `density_in_layer`.
+
+    Parameters
+    ----------
+    height : float
+        Geometric height about which to expand, m.
+    base : tuple of 4 float
+        Of `layer`.
+
+    Returns
+    -------
+    tuple of 9 float
+        Coefficients, kg/m3/m'^k.
     """
-    cooler = 1.0 / (1.0 + base[1] * (geopotential(height) - base[0]))
-    a, b = G0 * M0 / R_STAR * base[2] * cooler, base[1] * cooler
+    temperature_ratio = 1.0 / (1.0 + base[1] * (geopotential(height) - base[0]))
+    a, b = G0 * M0 / R_STAR * base[2] * temperature_ratio, base[1] * temperature_ratio
     c0 = density_in_layer(height, base)
     c1 = -c0 * (a + b)
     c2 = -c1 * (a + 2.0 * b) / 2.0
@@ -142,14 +214,27 @@ def density_series(height, base):
 
 @formula
 def density_near(c, rise):
-    """Density, kg/m3, from `density_series` after a rise of geopotential height, m'."""
-    high = c[5] + rise * (c[6] + rise * (c[7] + rise * c[8]))
-    return c[0] + rise * (c[1] + rise * (c[2] + rise * (c[3] + rise * (c[4] + rise * high))))
+    """Density, kg/m3, from a `density_series` at a rise of geopotential height, m'."""
+    tail = c[5] + rise * (c[6] + rise * (c[7] + rise * c[8]))
+    return c[0] + rise * (c[1] + rise * (c[2] + rise * (c[3] + rise * (c[4] + rise * tail))))
 
 
 @formula
-def geopotential_rise(rise, share, ratio):
-    """Rise of geopotential height, m', for a rise in height, m, which is a small ``share`` of the
-    distance R0 + h to the earth's centre; ``ratio`` is R0 / (R0 + h). Good to 1e-16 for `NEAR`
-    metres."""
-    return ratio * ratio * rise * (1.0 - share * (1.0 - share * (1.0 - share)))
+def geopotential_rise(rise, fraction, ratio):
+    """Rise of geopotential height for a rise in height.
+
+    Parameters
+    ----------
+    rise : float
+        Rise in geometric height, m.
+    fraction : float
+        Rise over the distance R0 + h to the earth's centre.
+    ratio : float
+        R0 / (R0 + h).
+
+    Returns
+    -------
+    float
+        m'; relative error 1e-16 for a rise of `NEAR` metres.
+    """
+    return ratio * ratio * rise * (1.0 - fraction * (1.0 - fraction * (1.0 - fraction)))

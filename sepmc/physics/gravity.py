@@ -1,5 +1,5 @@
-"""Gravity over a flat ground: along -y, constant or falling with the inverse square of the distance
-to the centre."""
+"""Gravity over a flat ground: along -y, constant or with the inverse square of the distance to the
+earth's centre."""
 
 from sepmc.jit import formula
 from sepmc.physics.us1976_table import R0
@@ -7,14 +7,38 @@ from sepmc.physics.us1976_table import R0
 
 @formula
 def inverse_square(surface, height):
-    """Acceleration downward, m/s2: ``surface`` at the ground, times (R0 / (R0 + height))^2; eq (17)
-    of the 1976 standard."""
+    """Acceleration g0 (R0 / (R0 + z))^2; eq (17) of the 1976 standard.
+
+    Parameters
+    ----------
+    surface : float
+        g0, acceleration at the ground, m/s2.
+    height : float
+        z, m.
+
+    Returns
+    -------
+    float
+        Downward, m/s2.
+    """
     ratio = R0 / (R0 + height)
     return surface * ratio * ratio
 
 
 @formula
-def inverse_square_near(acceleration, share):
-    """``acceleration`` at a height, m/s2, after a rise that is a small ``share`` of the distance R0
-    + h; as `geopotential_rise`."""
-    return acceleration * (1.0 - share * (2.0 - share * (3.0 - 4.0 * share)))
+def inverse_square_near(acceleration, fraction):
+    """Acceleration after a small rise: the series of g / (1 + s)^2 to s^3.
+
+    Parameters
+    ----------
+    acceleration : float
+        g at the height before the rise, m/s2.
+    fraction : float
+        s, rise over the distance R0 + h to the earth's centre.
+
+    Returns
+    -------
+    float
+        m/s2; relative error 1e-16 for a rise of `atmosphere.NEAR` metres.
+    """
+    return acceleration * (1.0 - fraction * (2.0 - fraction * (3.0 - 4.0 * fraction)))

@@ -1,5 +1,5 @@
-"""Pins of a slider: what each carries, and the friction that follows. Pins stand on the first body
-and reach into the second."""
+"""Loads and friction of the pins of a slider. Pins are fixed to the first body and reach into holes
+of the second."""
 
 import math
 
@@ -9,13 +9,24 @@ from sepmc.physics.elementary import sine_cosine
 
 @formula
 def bearing_forces(force, moment, engaged, toward):
-    """Lateral forces (y, z), N, that all pins together carry at the mouth of the holes and at the
-    tips of the pins.
+    """Lateral forces on all pins together at the hole entry and at the pin tips.
 
-    force, moment : N, N m on the second body at its joint point (the mouth), joint axes.
-    engaged : m, length of pin in the hole; toward : 1 or -1, side along x on which the second body
-    lies. Force and moment balance about the middle of the engaged length: N = F / 2 -+ (M x u) /
-    engaged, u = toward x.
+    N = F / 2 -+ (M x u) / engaged, u = toward x: force and moment balance about the middle of the
+    engaged length.
+
+    Parameters
+    ----------
+    force, moment : tuple of 3 float
+        On the second body at its joint point (the hole entry), joint axes, N and N m.
+    engaged : float
+        Length of pin in the hole, m, > 0.
+    toward : float
+        1 or -1: side along x on which the second body lies.
+
+    Returns
+    -------
+    entry, tip : tuple of 2 float
+        Components (y, z), N.
     """
     # moment about the middle: M - (engaged / 2) u x F, of which only y and z bend the pins
     my = moment[1] + 0.5 * engaged * toward * force[2]
@@ -27,33 +38,68 @@ def bearing_forces(force, moment, engaged, toward):
 
 @formula
 def around_circle(pin, pins, circle, clock):
-    """What torsion of 1 N m does to one pin at either end, (y, z), N: equal forces around the
-    circle (m) of pins, at mouth and tips."""
+    """Force on one pin at either end for a torsion of 1 N m: equal forces around the circle of
+    pins, half at the hole entries, half at the tips.
+
+    Parameters
+    ----------
+    pin, pins : int
+        Number of the pin, from 0; number of pins.
+    circle : float
+        Radius of the circle of pins, m; 0: no torsion is carried.
+    clock : float
+        Angle of pin 0, rad.
+
+    Returns
+    -------
+    tuple of 2 float
+        Components (y, z), N per N m.
+    """
     sine, cosine = sine_cosine(clock + 2.0 * math.pi * pin / pins)
-    share = 0.5 / (pins * circle) if circle > 0.0 else 0.0
-    return -share * sine, share * cosine
+    force = 0.5 / (pins * circle) if circle > 0.0 else 0.0
+    return -force * sine, force * cosine
 
 
 @formula
 def pin_force(end, torsion, around, pins):
-    """Lateral force (y, z), N, of one pin at an end: an equal share of what all carry there, and
-    torsion (N m) around the circle."""
+    """Lateral force of one pin at an end: end / pins + torsion around.
+
+    Parameters
+    ----------
+    end : tuple of 2 float
+        Force on all pins at that end, of `bearing_forces`, N.
+    torsion : float
+        N m.
+    around : tuple of 2 float
+        Of `around_circle`, N per N m.
+    pins : int
+
+    Returns
+    -------
+    tuple of 2 float
+        Components (y, z), N.
+    """
     return end[0] / pins + torsion * around[0], end[1] / pins + torsion * around[1]
 
 
 @formula
-def pin_loads(mouth, tip, torsion, pin, pins, circle, clock):
-    """Lateral load, N, of one pin at the mouth and at its tip."""
-    around = around_circle(pin, pins, circle, clock)
-    at_mouth, at_tip = (
-        pin_force(mouth, torsion, around, pins),
-        pin_force(tip, torsion, around, pins),
-    )
-    return math.hypot(at_mouth[0], at_mouth[1]), math.hypot(at_tip[0], at_tip[1])
-
-
-@formula
 def friction_force(coefficient, load, speed, slip_speed):
-    """Friction on the second body along the direction of separation, N: Coulomb's law, smooth
-    through rest."""
+    """Coulomb friction -mu N v / sqrt(v^2 + v_s^2), smooth through rest.
+
+    Parameters
+    ----------
+    coefficient : float
+        mu.
+    load : float
+        N, normal force, N.
+    speed : float
+        v, separation speed, m/s.
+    slip_speed : float
+        v_s, m/s, > 0.
+
+    Returns
+    -------
+    float
+        On the second body along the direction of separation, N.
+    """
     return -coefficient * load * speed / math.sqrt(speed * speed + slip_speed * slip_speed)

@@ -1,4 +1,5 @@
-"""Thrust of a motor and its line of action; paper section 1.3."""
+"""Thrust of a motor and its line of action; paper section 1.3. Checked in
+`tests/acceptance/test_conventions.py`."""
 
 from sepmc.jit import formula
 from sepmc.physics.elementary import exponential, sine_cosine
@@ -6,8 +7,20 @@ from sepmc.physics.elementary import exponential, sine_cosine
 
 @formula
 def thrust_direction(cant, clock, deflection, deflection_clock):
-    """Unit thrust in body axes: eqs (1), (2), (3). cant zeta_x, clock zeta_gamma, deflection beta_F
-    and its clock phi_F, rad."""
+    """Unit vector of the thrust; eqs (1), (2), (3) of the paper.
+
+    Parameters
+    ----------
+    cant, clock : float
+        zeta_x and zeta_gamma, angles of the nozzle, rad.
+    deflection, deflection_clock : float
+        beta_F and phi_F, angles of the thrust to the nozzle axis, rad.
+
+    Returns
+    -------
+    tuple of 3 float
+        Body axes.
+    """
     sx, cx = sine_cosine(cant)
     sg, cg = sine_cosine(clock)
     deflected, fx = sine_cosine(deflection)
@@ -22,21 +35,60 @@ def thrust_direction(cant, clock, deflection, deflection_clock):
 
 @formula
 def thrust_arm(cg, station, radius, clock, offset_y, offset_z):
-    """From the centre of mass to the thrust point, body axes, m: eq (4). cg in layout
-    coordinates."""
+    """Vector from the centre of mass to the thrust point; eq (4) of the paper.
+
+    Parameters
+    ----------
+    cg : tuple of 3 float
+        Centre of mass, layout coordinates, m.
+    station, radius, clock : float
+        Station of the thrust point, m; its distance from the axis, m; its angle, rad.
+    offset_y, offset_z : float
+        Offset of the thrust point, m.
+
+    Returns
+    -------
+    tuple of 3 float
+        Body axes, m.
+    """
     sine, cosine = sine_cosine(clock)
     return (cg[0] - station, -radius * sine - cg[1] + offset_y, radius * cosine - cg[2] + offset_z)
 
 
 @formula
 def building_up(thrust, rate, since):
-    """Thrust, N, ``since`` seconds after ignition: first-order build-up at a rate, 1/s, one over
-    its time constant."""
+    """First-order thrust build-up F (1 - exp(-t / tau)).
+
+    Parameters
+    ----------
+    thrust : float
+        F, N.
+    rate : float
+        1 / tau, 1/s.
+    since : float
+        t, time after ignition, s.
+
+    Returns
+    -------
+    float
+        N.
+    """
     return thrust * (1.0 - exponential(-since * rate))
 
 
 @formula
 def tail_off(since, time_constant):
-    """Share of the thrust at burn-out that is left ``since`` seconds later: exp(-since /
-    time_constant)."""
+    """Fraction exp(-t / tau) of the thrust at burn-out.
+
+    Parameters
+    ----------
+    since : float
+        t, time after burn-out, s.
+    time_constant : float
+        tau, s.
+
+    Returns
+    -------
+    float
+    """
     return exponential(-since / time_constant)

@@ -1,5 +1,6 @@
-"""Attitude: quaternions (scalar first, body to ground), matrices and the angles pitch, yaw, roll of
-CONVENTIONS.md."""
+"""Attitude: quaternions (scalar first, body to ground), matrices (9-tuples by rows) and the angles
+pitch, yaw, roll of CONVENTIONS.md. Checked in `tests/acceptance/test_conventions.py` and
+`tests/kernel/test_attitude_angles.py`."""
 
 import math
 
@@ -9,8 +10,8 @@ from sepmc.physics.elementary import arctan2, sine_cosine
 
 @formula
 def matrix(q):
-    """Attitude matrix (9-tuple, body to ground) of a quaternion, orthogonal whatever its length:
-    within a step that is not quite 1."""
+    """Attitude matrix (body to ground) of a quaternion, orthogonal for any length of the
+    quaternion: within a step it is not quite 1."""
     w, x, y, z = q
     two = 2.0 / (w * w + x * x + y * y + z * z)
     return (
@@ -28,14 +29,26 @@ def matrix(q):
 
 @formula
 def unit(q):
-    """The quaternion made of unit length."""
+    """Quaternion of unit length, q / |q|."""
     inverse = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (q[0] * inverse, q[1] * inverse, q[2] * inverse, q[3] * inverse)
 
 
 @formula
 def rate(q, omega):
-    """q' = 1/2 q (0, omega), omega in body axes, rad/s."""
+    """Rate q' = 1/2 q (0, omega) of a quaternion.
+
+    Parameters
+    ----------
+    q : tuple of 4 float
+    omega : tuple of 3 float
+        Angular rate, body axes, rad/s.
+
+    Returns
+    -------
+    tuple of 4 float
+        1/s.
+    """
     w, x, y, z = q
     p, r, s = omega
     return (
@@ -62,61 +75,90 @@ def from_angles(pitch, yaw, roll):
 
 @formula
 def angles(m):
-    """(pitch, yaw, roll) in rad of an attitude matrix; the paper's eq (7) is their rate. Singular
-    at yaw = +-90 deg."""
+    """Pitch, yaw and roll, rad, of an attitude matrix; singular at yaw = +-90 deg.
+
+    Eq (7) of the paper gives their rates.
+    """
     return pitch(m), yaw(m), roll(m)
 
 
 @formula
 def pitch(m):
-    """Pitch, rad, of an attitude matrix."""
+    """Pitch atan2(m10, m00) of an attitude matrix, rad."""
     return arctan2(m[3], m[0])
 
 
-# of the yaw near which pitch and roll turn about at once
+# sine of the yaw beyond which pitch and roll are nearly singular
 SINE_SINGULAR = math.sin(math.radians(89.0))
 
 
 @formula
 def yaw(m):
-    """Yaw, rad, of an attitude matrix."""
+    """Yaw atan2(-m20, sqrt(m00^2 + m10^2)) of an attitude matrix, rad."""
     return arctan2(-m[6], math.sqrt(m[0] * m[0] + m[3] * m[3]))
 
 
-# from the origin, with numbers up to 1: on which side it passes is beyond the accuracy of a flight
+# distance from the origin, for numbers up to 1, below which the side is round-off of the motion
 _THROUGH = 1e-9
 
 
 @formula
-def may_wind(u, v, bend):
-    """Whether a path in a plane from u to v, pairs, that strays from the straight line by ``bend``
-    at most may pass the origin on either side: by how much it turns about the origin is then not
-    known. One that goes through the origin passes it on none."""
+def may_wind(u, v, deviation):
+    """Return True if a path from u to v may pass the origin on either side.
+
+    Its angle about the origin is then not known. A path through the origin itself passes it on
+    neither side.
+
+    Parameters
+    ----------
+    u, v : tuple of 2 float
+        Points of the plane.
+    deviation : float
+        Largest distance of the path from the straight line.
+    """
     along, across = v[0] - u[0], v[1] - u[1]
     square = along * along + across * across
-    share = -(u[0] * along + u[1] * across) / (square if square > 0.0 else 1.0)
-    share = 0.0 if share < 0.0 else share
-    share = 1.0 if share > 1.0 else share
-    x, y = u[0] + share * along, u[1] + share * across
+    fraction = -(u[0] * along + u[1] * across) / (square if square > 0.0 else 1.0)
+    fraction = 0.0 if fraction < 0.0 else fraction
+    fraction = 1.0 if fraction > 1.0 else fraction
+    x, y = u[0] + fraction * along, u[1] + fraction * across
     distance = x * x + y * y
-    return _THROUGH * _THROUGH < distance < bend * bend
+    return _THROUGH * _THROUGH < distance < deviation * deviation
 
 
 @formula
 def heading(m):
-    """The pairs whose angles pitch and roll are: the x axis seen along the vertical of the turn,
-    that vertical seen along the x axis."""
+    """Pairs (cos, sin) up to a factor of pitch and roll: (m00, m10), and (m21, m22) in the order
+    (sin, cos).
+
+    Parameters
+    ----------
+    m : tuple of 9 float
+        Attitude matrix.
+
+    Returns
+    -------
+    tuple of 4 float
+    """
     return m[0], m[3], m[7], m[8]
 
 
 @formula
 def turns_unclear(u, v, rate_u, rate_v, h):
-    """Whether the x axis passed the vertical in a step of length h so closely that pitch or roll
-    may have gone on by a turn more or less.
+    """Return True if pitch or roll may have changed by a full turn more or less in a step.
 
-    u, v : `heading` at the start and the end of the step; rate_u, rate_v : body rates there, rad/s
-    Both pairs move on smooth paths, which stray from a straight line by h^2 / 8 times their second
-    derivative at most; twice that counts.
+    The x axis then passed close to the singular direction. The pairs of `heading` move on smooth
+    paths, which deviate from a straight line by at most h^2 / 8 times their second derivative;
+    twice that counts.
+
+    Parameters
+    ----------
+    u, v : tuple of 4 float
+        `heading` at the start and at the end of the step.
+    rate_u, rate_v : tuple of 3 float
+        Body rates there, rad/s.
+    h : float
+        Length of the step, s.
     """
     across_u, across_v = (
         rate_u[1] * rate_u[1] + rate_u[2] * rate_u[2],
@@ -125,15 +167,17 @@ def turns_unclear(u, v, rate_u, rate_v, h):
     square_u, square_v = across_u + rate_u[0] * rate_u[0], across_v + rate_v[0] * rate_v[0]
     size_u, size_v = u[2] * u[2] + u[3] * u[3], v[2] * v[2] + v[3] * v[3]
     across = across_u if across_u > across_v else across_v
-    whole = square_u if square_u > square_v else square_v
+    total = square_u if square_u > square_v else square_v
     size = size_u if size_u > size_v else size_v
     a, b, c = rate_v[0] - rate_u[0], rate_v[1] - rate_u[1], rate_v[2] - rate_u[2]
-    bend = 0.25 * h * (h * math.sqrt(across * whole) + math.sqrt(a * a + b * b + c * c))
-    spun = bend + 0.125 * h * h * whole * size  # a roll alone turns on a circle
-    return may_wind((u[0], u[1]), (v[0], v[1]), bend) | may_wind((u[2], u[3]), (v[2], v[3]), spun)
+    deviation = 0.25 * h * (h * math.sqrt(across * total) + math.sqrt(a * a + b * b + c * c))
+    roll_deviation = deviation + 0.125 * h * h * total * size  # a roll alone turns on a circle
+    return may_wind((u[0], u[1]), (v[0], v[1]), deviation) | may_wind(
+        (u[2], u[3]), (v[2], v[3]), roll_deviation
+    )
 
 
 @formula
 def roll(m):
-    """Roll, rad, of an attitude matrix."""
+    """Roll atan2(m21, m22) of an attitude matrix, rad."""
     return arctan2(m[7], m[8])

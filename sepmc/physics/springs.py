@@ -5,5 +5,20 @@ from sepmc.jit import formula
 
 @formula
 def spring_force(force, stiffness, damping, extension, rate):
-    """Force apart, N: ``force`` at the start, falling with the extension (m) and its rate (m/s)."""
+    """Separating force F = F0 - k x - c x'.
+
+    Parameters
+    ----------
+    force : float
+        F0, force without extension, N.
+    stiffness, damping : float
+        k, N/m; c, N s/m.
+    extension, rate : float
+        x, m; x', m/s.
+
+    Returns
+    -------
+    float
+        N, positive if it drives the points apart.
+    """
     return force - stiffness * extension - damping * rate

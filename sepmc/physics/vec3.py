@@ -1,4 +1,4 @@
-"""Algebra of 3-vectors (tuples) and 3 x 3 matrices (9-tuples by rows)."""
+"""Algebra of 3-vectors (tuples of 3 float) and 3 x 3 matrices (tuples of 9 float, by rows)."""
 
 import math
 
@@ -7,25 +7,25 @@ from sepmc.jit import formula, routine
 
 @formula
 def add(a, b):
-    """a + b."""
+    """Sum a + b of two vectors."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @formula
 def sub(a, b):
-    """a - b."""
+    """Difference a - b of two vectors."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @formula
 def scale(s, a):
-    """s a."""
+    """Product s a of a number and a vector."""
     return (s * a[0], s * a[1], s * a[2])
 
 
 @formula
 def dot(a, b):
-    """Scalar product of a and b."""
+    """Scalar product a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -37,21 +37,24 @@ def cross(a, b):
 
 @formula
 def unit(a):
-    """a / |a|; not finite if a is zero."""
+    """Unit vector a / |a|; not finite if a is zero."""
     return scale(1.0 / math.sqrt(dot(a, a)), a)
 
 
 @formula
 def perpendicular(a):
-    """A unit vector across a; not finite if a is zero."""
+    """Unit vector normal to a: along a x (axis of its smallest component); not finite if a is
+    zero."""
     x, y, z = abs(a[0]), abs(a[1]), abs(a[2])
-    least = (1.0, 0.0, 0.0) if x <= min(y, z) else ((0.0, 1.0, 0.0) if y <= z else (0.0, 0.0, 1.0))
-    return unit(cross(a, least))
+    smallest_axis = (
+        (1.0, 0.0, 0.0) if x <= min(y, z) else ((0.0, 1.0, 0.0) if y <= z else (0.0, 0.0, 1.0))
+    )
+    return unit(cross(a, smallest_axis))
 
 
 @formula
 def rotate(m, a):
-    """m a: body components to ground, if m is an attitude matrix."""
+    """Product m a: from body to ground axes if m is an attitude matrix."""
     return (
         m[0] * a[0] + m[1] * a[1] + m[2] * a[2],
         m[3] * a[0] + m[4] * a[1] + m[5] * a[2],
@@ -61,7 +64,7 @@ def rotate(m, a):
 
 @formula
 def unrotate(m, a):
-    """m^T a: ground components to body, if m is an attitude matrix."""
+    """Product m^T a: from ground to body axes if m is an attitude matrix."""
     return (
         m[0] * a[0] + m[3] * a[1] + m[6] * a[2],
         m[1] * a[0] + m[4] * a[1] + m[7] * a[2],
@@ -71,7 +74,7 @@ def unrotate(m, a):
 
 @formula
 def add_matrices(a, b):
-    """a + b of two matrices."""
+    """Sum a + b of two matrices."""
     return (
         a[0] + b[0],
         a[1] + b[1],
@@ -110,7 +113,8 @@ def symmetric_inverse(m):
 
 @formula
 def is_positive_definite(m):
-    """Sylvester's criterion for a symmetric matrix; False for NaN."""
+    """Return True for a positive definite symmetric matrix (Sylvester's criterion); False for
+    NaN."""
     minor = m[0] * m[4] - m[1] * m[1]
     det = (
         m[0] * (m[4] * m[8] - m[5] * m[5])
@@ -122,14 +126,16 @@ def is_positive_definite(m):
 
 @formula
 def get(w, k):
-    """Vector that starts at w[k]."""
+    """Vector stored at w[k], w[k + 1], w[k + 2]."""
     return (w[k], w[k + 1], w[k + 2])
 
 
 @routine
 def split(d, axis):
-    """Component of d along a unit vector, and the rest; projected twice, so that a short rest is
-    normal to the axis too."""
+    """Component of d along a unit vector, and the vector of the rest.
+
+    Projected twice, so that a short rest is normal to the axis, too.
+    """
     along = dot(d, axis)
     across = sub(d, scale(along, axis))
     return along, sub(across, scale(dot(across, axis), axis))
@@ -137,11 +143,11 @@ def split(d, axis):
 
 @formula
 def put(w, k, a):
-    """Store a vector at w[k]."""
+    """Store a vector at w[k], w[k + 1], w[k + 2]."""
     w[k], w[k + 1], w[k + 2] = a
 
 
 @formula
 def get_matrix(w, k):
-    """Matrix that starts at w[k]."""
+    """Matrix stored at w[k] and the eight numbers after it."""
     return (w[k], w[k + 1], w[k + 2], w[k + 3], w[k + 4], w[k + 5], w[k + 6], w[k + 7], w[k + 8])

@@ -1,4 +1,5 @@
-"""The vehicle of a case: inertia tensors, arms of points, direction of flight."""
+"""Inertia tensors, lever arms and flight direction of a case. Checked in
+`tests/acceptance/test_conventions.py`."""
 
 from sepmc.jit import formula
 from sepmc.physics import vec3
@@ -7,8 +8,22 @@ from sepmc.physics.elementary import sine_cosine
 
 @formula
 def inertia_tensor(factor, moments, products):
-    """Inertia tensor, kg m2, from moments xx, yy, zz and products xy, xz, yz (integrals of x y,
-    ...), all times a factor."""
+    """Inertia tensor of a body about its centre of mass.
+
+    Parameters
+    ----------
+    factor : float
+        Multiplies all elements.
+    moments : tuple of 3 float
+        I_xx, I_yy, I_zz, kg m2.
+    products : tuple of 3 float
+        Integrals of x y, x z, y z over the mass, kg m2.
+
+    Returns
+    -------
+    tuple of 9 float
+        Matrix by rows, kg m2; its off-diagonal elements are minus the products.
+    """
     xx, yy, zz = vec3.scale(factor, moments)
     xy, xz, yz = vec3.scale(-factor, products)
     return (xx, xy, xz, xy, yy, yz, xz, yz, zz)
@@ -16,13 +31,26 @@ def inertia_tensor(factor, moments, products):
 
 @formula
 def arm(cg, point):
-    """From a centre of mass to a layout point, body axes, m: stations run aft."""
+    """Vector from a centre of mass to a point, body axes, m; both are given in layout coordinates,
+    m, whose stations run aft."""
     return (cg[0] - point[0], point[1] - cg[1], point[2] - cg[2])
 
 
 @formula
 def flight_direction(path_angle, path_yaw):
-    """Unit vector of the velocity in ground axes."""
+    """Unit vector of the velocity, ground axes.
+
+    Parameters
+    ----------
+    path_angle : float
+        Climb angle, rad.
+    path_yaw : float
+        Azimuth from x towards -z, rad.
+
+    Returns
+    -------
+    tuple of 3 float
+    """
     climb, level = sine_cosine(path_angle)
-    aside, ahead = sine_cosine(path_yaw)
-    return (level * ahead, climb * ahead, -aside)
+    lateral, forward = sine_cosine(path_yaw)
+    return (level * forward, climb * forward, -lateral)

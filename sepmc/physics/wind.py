@@ -6,7 +6,19 @@ from sepmc.physics.elementary import sine_cosine
 
 @formula
 def wind(speed, direction):
-    """Velocity of the air in ground axes, m/s; direction (rad) is where it moves to: 0 along x, 90
-    deg along z."""
+    """Velocity of the air, ground axes.
+
+    Parameters
+    ----------
+    speed : float
+        m/s.
+    direction : float
+        Direction to which the air moves, rad: 0 along x, pi/2 along z.
+
+    Returns
+    -------
+    tuple of 3 float
+        m/s.
+    """
     sine, cosine = sine_cosine(direction)
     return (speed * cosine, 0.0, speed * sine)

@@ -11,7 +11,7 @@ from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-from sepmc.report.style import BLACK, EDGES, TINTS, VERMILION, in_words, sheet
+from sepmc.report.style import BLACK, EDGES, TINTS, VERMILION, make_axes, to_words
 from sepmc.scene.model import GROUND, Body, Joint, Part, Scene
 
 FRAMES, _PER_SECOND, _AROUND = 100, 20, 40  # of the film; points around a rim
@@ -22,7 +22,7 @@ _MARGIN = 0.08  # of the width, around what is drawn
 _ARROW = 0.15  # of the vehicle's length: the greatest constraint force
 
 
-def film(
+def animate(
     history: pd.DataFrame,
     scene: Scene,
     title: str,
@@ -57,7 +57,7 @@ def film(
     shots = [_Shot(history, scene, row) for row in _rows(history)]
     views, length = _views(shots, scene)
     force = max((shot.largest_force for shot in shots), default=0.0)
-    figure, axes = sheet(2, 1, (8.0, 2.9))
+    figure, axes = make_axes(2, 1, (8.0, 2.9))
 
     def show(number: int) -> None:
         shot, view = shots[number], views[number]
@@ -111,14 +111,14 @@ class _Shot:
         held = {j for phase in scene.phase for j, kind in phase.joints.items() if kind != "free"}
         releases = history.attrs["releases"]
         self.held = {j for j in held if not now["time_s"] >= releases[j]}  # NaN: never released
-        self.caption = f"{now['time_s']:.3f} s, {in_words(now['phase'])}"
+        self.caption = f"{now['time_s']:.3f} s, {to_words(now['phase'])}"
         if self.forces and self.largest_force > 0.0:
             joint = max(self.forces, key=lambda name: float(np.linalg.norm(self.forces[name])))
             second = scene.joint[joint].bodies[1]
             several = "largest " if len(self.forces) > 1 else ""
             self.caption += (
-                f"; {several}constraint force {self.largest_force:,.0f} N: of {in_words(joint)} "
-                f"on {in_words(second)}"
+                f"; {several}constraint force {self.largest_force:,.0f} N: of {to_words(joint)} "
+                f"on {to_words(second)}"
             )
 
     @property

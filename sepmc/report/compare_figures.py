@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sepmc.report.style import BLUE, VERMILION, entitle, in_words, made, save, sheet
+from sepmc.report.style import BLUE, VERMILION, make_axes, make_folder, save, set_title, to_words
 
 
 def overlay_figure(
@@ -24,18 +24,18 @@ def overlay_figure(
     names : of the runs
     """
     columns = min(3, len(values))
-    figure, axes = sheet(-(-len(values) // columns), columns, (3.8, 3.0))
+    figure, axes = make_axes(-(-len(values) // columns), columns, (3.8, 3.0))
     for ax, (outcome, both) in zip(axes, values.items(), strict=False):
         for x, colour, style, name in zip(both, (BLUE, VERMILION), ("-", "--"), names, strict=True):
             ordered = np.sort(np.append(x, x.min()))  # from 0 up
             share = np.arange(len(x) + 1) / len(x)
             ax.step(ordered, share, where="post", color=colour, linestyle=style, label=name)
         unit = units.get(outcome, "")
-        words = in_words(outcome, unit)
+        words = to_words(outcome, unit)
         ax.set_xlabel(f"{words} ({unit})" if unit else words)
         ax.set_ylabel("share of cases below")
         ax.set_ylim(0.0, 1.0)
     for ax in axes[len(values) :]:
         ax.remove()
-    entitle(figure, f"{names[0]} and {names[1]}")
-    return save(figure, made(folder) / "compare.png")
+    set_title(figure, f"{names[0]} and {names[1]}")
+    return save(figure, make_folder(folder) / "compare.png")

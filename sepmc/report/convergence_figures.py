@@ -10,17 +10,17 @@ from matplotlib.axes import Axes
 from scipy.special import betaincinv
 
 from sepmc.analysis.requirements import Verdict, margins
-from sepmc.analysis.statistics import TWO_SIDED, student
+from sepmc.analysis.statistics import TWO_SIDED, student_half_width
 from sepmc.report.style import (
     BLACK,
     BLUE,
     BOUND,
     REQUIRED,
-    entitle,
-    in_words,
-    made,
+    make_axes,
+    make_folder,
     save,
-    sheet,
+    set_title,
+    to_words,
 )
 
 _POINTS = 400  # of a curve
@@ -28,7 +28,7 @@ _RISK = 0.05  # of an interval, both sides
 _FIRST = 10  # cases from which on a mean is shown
 
 
-def beyond_figure(
+def exceedance_figure(
     values: Mapping[str, np.ndarray],
     verdicts: Sequence[Verdict],
     folder: Path,
@@ -52,10 +52,10 @@ def beyond_figure(
     """
     drawn = [v for v in verdicts if v.metric in values and (v.at_least, v.at_most) != (None, None)]
     columns = min(2, len(drawn))
-    figure, axes = sheet(-(-len(drawn) // columns), columns, (6.4, 3.6))
+    figure, axes = make_axes(-(-len(drawn) // columns), columns, (6.4, 3.6))
     for ax, v in zip(axes, drawn, strict=False):
         unit = units.get(v.metric, "")
-        name = in_words(v.metric, unit)
+        name = to_words(v.metric, unit)
         label = f"{name} ({unit})" if unit else name
         bounds = [bound for bound in (v.at_least, v.at_most) if bound is not None]
         shown, bound, upper = values[v.metric], bounds[0], v.at_least is None
@@ -63,7 +63,7 @@ def beyond_figure(
             shown, bound = margins(shown, v), 0.0
             within = f"to the nearer of {v.at_least:g} and {v.at_most:g}, below 0 beyond it"
             label = f"margin of {label}\n{within}"
-        _beyond(ax, shown, upper)
+        _exceedance(ax, shown, upper)
         ax.axvline(bound, color=BOUND, linewidth=2.2, label=REQUIRED)
         allowed = 1.0 - v.probability
         ax.axhline(allowed, color=BLACK, linewidth=1.0, linestyle=":", label="share allowed")
@@ -81,11 +81,11 @@ def beyond_figure(
         ax.set_ylabel(f"share of cases {'above' if upper else 'below'}")
     for ax in axes[len(drawn) :]:
         ax.remove()
-    entitle(figure, f"Requirements of {about}")
-    return save(figure, made(folder) / f"requirements{suffix}")
+    set_title(figure, f"Requirements of {about}")
+    return save(figure, make_folder(folder) / f"requirements{suffix}")
 
 
-def _beyond(ax: Axes, values: np.ndarray, upper: bool) -> None:
+def _exceedance(ax: Axes, values: np.ndarray, upper: bool) -> None:
     """The share of values that lie above, or below, each of them, and its band."""
     x, n = np.sort(values[~np.isnan(values)]), len(values)
     places = np.unique(np.geomspace(1, len(x), _POINTS).astype(int))
@@ -122,31 +122,31 @@ def convergence_figure(
     Parameters
     ----------
     values : mapping of outcome to its values (n,) in the ok cases, in the order in which these came
-    folder, units : as for `beyond_figure`
+    folder, units : as for `exceedance_figure`
     about : the campaign, for the title, and on lines of their own what cases hardly show
     """
-    figure, axes = sheet(len(values), 2, (5.2, 2.5))
+    figure, axes = make_axes(len(values), 2, (5.2, 2.5))
     for row, (outcome, x) in enumerate(values.items()):
         n = np.unique(np.geomspace(min(_FIRST, len(x)), len(x), _POINTS).astype(int))
         unit = units.get(outcome, "")
         for ax, (curve, low, high), what in zip(
-            axes[2 * row : 2 * row + 2], running(x, n), ("mean", "sigma"), strict=True
+            axes[2 * row : 2 * row + 2], running_statistics(x, n), ("mean", "sigma"), strict=True
         ):
             ax.fill_between(n, low, high, color="#a9cdea", linewidth=0, label="95 %")
             ax.plot(n, curve, color=BLUE, linewidth=1.4, label="of the cases so far")
             ax.set_xscale("log")
             ax.set_ylabel(f"{what} ({unit})" if unit else what)
-            ax.set_title(in_words(outcome, unit), fontsize=9.5)
+            ax.set_title(to_words(outcome, unit), fontsize=9.5)
     for ax in axes[-2:]:
         ax.set_xlabel("ok cases")
-    entitle(figure, f"Convergence of {about}")
-    return save(figure, made(folder) / f"convergence{suffix}")
+    set_title(figure, f"Convergence of {about}")
+    return save(figure, make_folder(folder) / f"convergence{suffix}")
 
 
 _WIDEST = 300.0  # logarithm of a factor on sigma: few, uneven cases say nothing of it
 
 
-def running(x: np.ndarray, n: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
+def running_statistics(x: np.ndarray, n: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
     """Mean and sigma of the first cases of an outcome, each with its 95 % interval.
 
     The interval of the mean is Student's; that of sigma Bonett's (Computational Statistics and Data
@@ -170,7 +170,7 @@ def running(x: np.ndarray, n: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
     mean, spread = middle + span * first, np.maximum(second - first**2, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):  # one case has no sigma: NaN
         sigma = span * np.sqrt(spread * n / (n - 1))
-        reach = student(n - 1) * sigma / np.sqrt(n)
+        reach = student_half_width(n - 1) * sigma / np.sqrt(n)
         kurtosis = np.divide(fourth, spread**2, out=np.ones(len(n)), where=spread > 0.0)
         few = n / (n - TWO_SIDED)
         error = few * np.sqrt(np.maximum(kurtosis - (n - 3) / n, 0.0) / (n - 1)) / 2.0

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Polygon
 
-from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, entitle, save
+from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, save, set_title
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
 
@@ -136,7 +136,7 @@ _TOP = _View(0, 2, ("station (m)", "z, right (m)"))
 _END = _View(2, 1, ("z, right (m)", "y, up (m)"))
 
 
-def drawing(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: Path) -> Path:
+def draw_vehicle(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: Path) -> Path:
     """Draw a scene; returns the path.
 
     Parameters
@@ -172,7 +172,7 @@ def drawing(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: P
         ax.set_axisbelow(True)
         ax.spines[["top", "right"]].set_visible(False)
         ax.tick_params(labelsize=9)
-    entitle(figure, title)
+    set_title(figure, title)
     if any(len(names) > 1 for labels in written for _, names, _ in labels.names.values()):
         figure.supxlabel(_SEVERAL, fontsize=9)
     figure.draw_without_rendering()  # it is laid out: names know how much room they have

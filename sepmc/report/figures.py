@@ -2,11 +2,10 @@
 Simulation 31(4), 2019.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,22 +14,20 @@ from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
-from sepmc.analysis.statistics import OK, Histogram, column, histogram, percentile_curves, rounded
+from sepmc.analysis.statistics import Histogram, percentile_curves
+from sepmc.analysis.statistics_text import rounded
 from sepmc.report.style import (
     BLACK,
     BLUE,
     BOUND,
-    EDGES,
-    GREEN,
-    MARK,
     REFERENCE,
     REQUIRED,
     VERMILION,
-    entitle,
-    in_words,
-    made,
+    make_axes,
+    make_folder,
     save,
-    sheet,
+    set_title,
+    to_words,
 )
 
 BANDS = (
@@ -44,7 +41,7 @@ CURVES = (
 )
 
 
-def _curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
+def separation_curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
     """Separation columns of every joint in a frame: (column, prefix of its joint or "", words,
     unit)."""
     names = [str(name) for name in frame.columns]
@@ -56,83 +53,8 @@ def _curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
     ]
 
 
-_GAP, _OWN = "_clearance_mm", "this case"
-BY_COMPONENT = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."))  # x, y, z
-# dashed and dash-dot as in Fig 7
-BY_BODY = ((BLUE, "--"), (VERMILION, "-."), (GREEN, ":"), (BLACK, "-"))
-BY_JOINT = tuple((colour, style) for style in ("-", "--", ":", "-.") for colour in EDGES)
 SAMPLES = 5  # single cases drawn into the bands
-# in any unit drawn here (deg, deg/s, mm, N, N m ...): a range below it is round-off, and is not
-# blown up to fill the axes
-FLAT = 1e-6
-_TOO_FLAT = 0.05  # of a scale that panels share
 OVERVIEW = 12
-
-
-class Panel(NamedTuple):
-    """One pair of axes over time: its ordinate's label, its (column, label) lines and their
-    (colour, line style); whether what is small counts, and is shown on a logarithmic scale beside
-    what is far larger; the quantity, if panels of the same one share a scale; bounds that are
-    required."""
-
-    label: str
-    lines: list[tuple[str, str]]
-    styles: tuple[tuple[str, str], ...]
-    small_counts: bool = False
-    quantity: str = ""
-    required: Sequence[float] = ()
-
-
-def campaign_figures(
-    cases: pd.DataFrame,
-    histories: pd.DataFrame | None,
-    folder: Path,
-    units: Mapping[str, str],
-    reference: Mapping[str, Mapping[str, float]] | None = None,
-    labels: Mapping[str, str] | None = None,
-    outcomes: Sequence[str] | None = None,
-    source: str = "reference",
-) -> list[Path]:
-    """Draw a campaign: separation over time as bands over the cases (Figs 8, 9), and the outcomes
-    as histograms (Figs 10, 11).
-
-    Parameters
-    ----------
-    cases : DataFrame, shape (n_cases, ...)
-        Columns ``case``, ``status`` and the outcomes. Only cases whose status is ``ok`` are drawn.
-    histories : DataFrame or None
-        Long form: ``case``, ``time_s`` and ``separation_speed_m_s`` and / or
-        ``separation_distance_mm``. None: no bands.
-    folder : Path
-        Where the files go; made if it is not there.
-    units : mapping of column to unit
-        For the axes, e.g. ``{"separation_distance_mm": "mm"}``.
-    reference : mapping of outcome to {"mean", "min", "max", ...}, optional
-        Marked in the histograms.
-    labels : mapping of column to words, optional
-        For the axes; by default the column's name without its unit.
-    outcomes : sequence of str, optional
-        Columns to draw; by default those of ``reference`` or, without one, of ``units``. One
-        without a finite value is left out.
-    source : str
-        What the reference is called in legends, e.g. ``"Table 3"``.
-
-    Returns
-    -------
-    list of Path
-        The files written: ``separation_speed.png``, ``separation_distance.png``,
-        ``hist_<outcome>.png`` each, ``histograms.png`` (the outcomes of ``reference``, or the first
-        nine).
-    """
-    flown = cases[cases["status"] == OK]
-    written = (
-        band_figures(histories[histories["case"].isin(flown["case"])], folder, units, labels)
-        if histories is not None
-        else []
-    )
-    chosen = list(outcomes if outcomes is not None else reference or units)
-    histograms = {name: histogram(column(flown, name)) for name in chosen if name in flown}
-    return written + histogram_figures(histograms, folder, units, reference, labels, source)
 
 
 def band_figures(
@@ -143,12 +65,12 @@ def band_figures(
     about: str = "",
     suffix: str = ".png",
 ) -> list[Path]:
-    """Draw separation over time as bands over the cases; see `campaign_figures`. Failed cases are
+    """Draw separation over time as bands over the cases. Failed cases are
     the caller's to leave out. ``about``: what stands in titles; ``suffix``: of the files."""
-    folder, labels, written = made(folder), labels or {}, []
-    for name, joint, words, unit in _curves(histories):
+    folder, labels, written = make_folder(folder), labels or {}, []
+    for name, joint, words, unit in separation_curves(histories):
         if histories[name].notna().any():
-            label = f"{labels.get(name, in_words(joint) + words)} ({units.get(name, unit)})"
+            label = f"{labels.get(name, to_words(joint) + words)} ({units.get(name, unit)})"
             file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}{suffix}"
             written.append(_bands(histories, name, label, folder / file, about))
     return written
@@ -166,13 +88,13 @@ def histogram_figures(
     suffix: str = ".png",
     alone: bool = True,
 ) -> list[Path]:
-    """Draw histograms of outcomes side by side, and each ``alone`` too; see `campaign_figures`. An
+    """Draw histograms of outcomes side by side, and each ``alone`` too. An
     outcome without values (None) is left out. Bounds that are ``required`` of an outcome are
     marked. ``about``: what stands in titles; ``suffix``: of the files."""
-    folder, reference, labels = made(folder), reference or {}, labels or {}
+    folder, reference, labels = make_folder(folder), reference or {}, labels or {}
     required, written = required or {}, []
     values = {name: found for name, found in histograms.items() if found}
-    words_of = {name: labels.get(name, in_words(name, units.get(name, ""))) for name in values}
+    words_of = {name: labels.get(name, to_words(name, units.get(name, ""))) for name in values}
     ordered = sorted(values, key=lambda name: name not in required)  # what is required comes first
     chosen = [name for name in ordered if name in reference or name in required]
     overview = (chosen if reference else []) or ordered[:OVERVIEW]
@@ -201,186 +123,23 @@ def _histograms(
     """Draw a figure of histograms, each given by the arguments of `_histogram`; returns its
     path."""
     columns = min(3, len(panels)) if side_by_side else 1
-    figure, axes = sheet(
+    figure, axes = make_axes(
         -(-len(panels) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4)
     )
     for ax, panel in zip(axes, panels, strict=False):
         _histogram(ax, *panel)
     for ax in axes[len(panels) :]:
         ax.remove()
-    entitle(figure, about)
+    set_title(figure, about)
     source = panels[0][4]
     order = (*_LEGEND, f"{source} mean", f"{source} min and max", REQUIRED)
     return save(figure, path, order)
 
 
-def run_figures(
-    history: pd.DataFrame,
-    folder: Path,
-    bodies: Sequence[str],
-    joints: Sequence[str],
-    about: str = "",
-    suffix: str = ".png",
-    behind: pd.DataFrame | None = None,
-    only: Collection[str] | None = None,
-    required: Mapping[str, Sequence[float]] | None = None,
-    marks: Mapping[str, float] | None = None,
-) -> list[Path]:
-    """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
-    above, releases and events by dotted lines with their names.
-
-    Parameters
-    ----------
-    history : DataFrame, shape (n_rows, ...)
-        ``time_s``, ``phase``, and what there is of: per body ``b`` ``{b}_omega_{x,y,z}_deg_s``,
-        ``{b}_{alpha,roll,yaw,pitch}_deg``, ``{b}_axial_acceleration_m_s2``; per joint ``j`` and
-        body ``{j}_force_on_{b}_{x,y,z}_N``, ``{j}_moment_on_{b}_{x,y,z}_N_m``;
-        ``separation_speed_m_s``, ``separation_distance_mm``; per clearance ``c``
-        ``{c}_clearance_mm``; per pin ``n`` of a joint ``{j}_pin{n}_{mouth,tip}_load_N``. At a phase
-        boundary two rows share a time (the end of one phase, the start of the next), so that a
-        step is drawn as a step.
-    folder : Path
-        Where the files go; made if it is not there.
-    bodies, joints : sequence of str
-        Names; a joint that does not touch a body has no columns for it.
-    about : str
-        What stands in titles: the campaign and its case.
-    suffix : str
-        Of the files.
-    behind : DataFrame, optional
-        The history of the nominal case, drawn behind in pale lines.
-    only : names of files, optional
-        Draw these alone, of those below, without their ending.
-    required : mapping of outcome to bounds, optional
-        Those of clearances are marked.
-    marks : mapping of name to time in s, optional
-        Releases and events, by their names.
-
-    Returns
-    -------
-    list of Path
-        The files written: ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``,
-        ``angles.png``, ``axial_acceleration.png``, ``separation.png``, ``clearances.png``,
-        ``pin_loads.png``; those without data are left out.
-    """
-    folder, written = made(folder), []
-
-    def page(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
-        if only is not None and file not in only:
-            return
-        there = [
-            panel
-            for panel in panels
-            if any(name in history and history[name].notna().any() for name, _ in panel.lines)
-        ]
-        if there:
-            written.append(
-                _time_page(
-                    history,
-                    folder / f"{file}{suffix}",
-                    f"{title}\n{about}",
-                    there,
-                    min(columns, len(there)),
-                    behind,
-                    marks or {},
-                )
-            )
-
-    def components(stem: str, unit: str, symbol: str) -> list[tuple[str, str]]:
-        return [(f"{stem}_{axis}_{unit}", f"${symbol}_{axis}$") for axis in "xyz"]
-
-    def of_bodies(quantity: str, label: str) -> Panel:
-        return Panel(label, [(f"{body}_{quantity}", in_words(body)) for body in bodies], BY_BODY)
-
-    for body in bodies:
-        for kind, unit, shown, symbol in (("force", "N", "N", "F"), ("moment", "N_m", "N m", "M")):
-            stems = {joint: f"{joint}_{kind}_on_{body}" for joint in joints}
-            panels = [
-                Panel(
-                    f"{kind} at {in_words(j)} ({shown})",
-                    components(stem, unit, symbol),
-                    BY_COMPONENT,
-                )
-                for j, stem in stems.items()
-            ]
-            page(
-                f"{kind}_on_{body}",
-                f"Constraint {kind} on {in_words(body)}, in the axes of the joint's first body",
-                panels,
-            )
-    rates = [
-        Panel(
-            f"{in_words(body)} (deg/s)",
-            components(f"{body}_omega", "deg_s", r"\omega"),
-            BY_COMPONENT,
-            quantity="rate",
-        )
-        for body in bodies
-    ]
-    page("rates", "Angular rates in body axes", rates)
-    page(
-        "angles",
-        "Attitude",
-        [
-            of_bodies(f"{angle}_deg", f"{angle} (deg)")
-            for angle in ("alpha", "pitch", "yaw", "roll")
-        ],
-        2,
-    )
-    page(
-        "axial_acceleration",
-        "Axial acceleration of the centre of mass, gravity included",
-        [of_bodies("axial_acceleration_m_s2", "axial acceleration (m/s²)")],
-    )
-    by_quantity: dict[str, list[tuple[str, str]]] = {}
-    for name, joint, words, unit in _curves(history):
-        by_quantity.setdefault(f"{words} ({unit})", []).append((name, in_words(joint).strip()))
-    curves = [
-        Panel(label, lines, BY_JOINT if len(lines) > 1 else ((BLUE, "-"),))
-        for label, lines in by_quantity.items()
-    ]
-    page("separation", "Separation", curves)
-    page(
-        "clearances",
-        "Distances of outlines",
-        [
-            Panel(
-                f"{in_words(name.removesuffix(_GAP))} (mm)",
-                [(name, _OWN)],
-                ((BLUE, "-"),),
-                small_counts=True,
-                required=(required or {}).get(name, ()),
-            )
-            for name in map(str, history.columns)
-            if name.endswith(_GAP)
-        ],
-    )
-    page(
-        "pin_loads",
-        "Lateral loads of pins",
-        [
-            Panel(
-                f"{in_words(joint)}, {end} (N)",
-                [
-                    (name, f"pin {name.removeprefix(joint).removesuffix(rest)[len('_pin') :]}")
-                    for name in map(str, history.columns)
-                    if name.startswith(f"{joint}_pin") and name.endswith(rest)
-                ],
-                BY_BODY,
-                quantity="load",
-            )
-            for joint in joints
-            for end, rest in (("mouth", "_mouth_load_N"), ("tip", "_tip_load_N"))
-        ],
-        2,
-    )
-    return written
-
-
 def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: str) -> Path:
     """Envelope, percentile bands, median and a few single cases of a quantity over time."""
     curves = percentile_curves(histories, column).dropna(how="all")
-    figure, (ax,) = sheet(1, 1, (6.4, 4.4))
+    figure, (ax,) = make_axes(1, 1, (6.4, 4.4))
     for low, high, tint, text in BANDS:
         ax.fill_between(
             curves.index, curves[low], curves[high], color=tint, linewidth=0, label=text
@@ -401,7 +160,7 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: 
     title = label[: label.rfind(" (")]
     cases = f"{len(numbers):,} cases"  # fewer than the campaign has, where some failed
     told = "" if f" {cases}" in about else f" of {cases}"
-    entitle(figure, f"{title[:1].upper()}{title[1:]}{told}\n{about}")
+    set_title(figure, f"{title[:1].upper()}{title[1:]}{told}\n{about}")
     return save(figure, path)
 
 
@@ -511,159 +270,3 @@ def _is_bell(found: Histogram) -> bool:
         return False
     skewness, kurtosis = third / second**1.5, fourth / second**2 - 3.0
     return abs(skewness) < _SKEWED and abs(kurtosis) < _PEAKED
-
-
-def _time_page(
-    history: pd.DataFrame,
-    path: Path,
-    title: str,
-    panels: list[Panel],
-    columns: int,
-    behind: pd.DataFrame | None,
-    marks: Mapping[str, float],
-) -> Path:
-    """Panels over one time axis, with the phases and the ``marks``; another case ``behind``."""
-    rows = -(-len(panels) // columns)
-    figure, axes = sheet(
-        rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8)
-    )
-    phases = _phases(history)
-    for k, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
-        for (name, text), (colour, style) in zip(
-            panel.lines, (panel.styles * len(panel.lines))[: len(panel.lines)], strict=True
-        ):
-            if behind is not None and name in behind:
-                ax.plot(
-                    behind["time_s"],
-                    behind[name],
-                    color=colour,
-                    linewidth=3.0,
-                    alpha=0.25,
-                    zorder=1.8,
-                    label="nominal case (pale)",
-                )
-            if name in history:
-                ax.plot(
-                    history["time_s"],
-                    history[name],
-                    color=colour,
-                    linestyle=style,
-                    linewidth=1.6,
-                    label=text,
-                )
-        ax.set_ylabel(_label(history, panel, _TALL if rows == 1 else _SHORT))
-        ax.margins(x=0)
-        begin, end = history["time_s"].iloc[0], history["time_s"].iloc[-1]
-        if end > begin:
-            ax.set_xlim(begin, end)
-        low, high = ax.get_ylim()
-        for bound in panel.required:
-            ax.axhline(bound, color=BOUND, linewidth=2.2, zorder=1.9, label=REQUIRED)
-        if panel.small_counts and _spans(history[panel.lines[0][0]], panel.required):
-            ax.set_yscale("log")
-            ax.set_ylabel(f"{ax.get_ylabel()}\nlogarithmic")
-        elif high - low < FLAT:
-            ax.set_ylim((low + high) / 2 - 0.5, (low + high) / 2 + 0.5)
-        for _, start, _ in phases[1:]:
-            ax.axvline(start, color="#777777", linewidth=0.7, zorder=1.5)  # behind the data
-        _mark(ax, marks)
-        if k < columns:
-            _name_phases(ax, phases, figure.get_figwidth() / columns)
-        if k >= len(panels) - columns:
-            ax.set_xlabel("time (s)")
-    for ax in axes[len(panels) :]:
-        ax.remove()
-    for quantity in {panel.quantity for panel in panels if panel.quantity}:
-        _share_scale([a for a, p in zip(axes, panels, strict=False) if p.quantity == quantity])
-    entitle(figure, title)
-    return save(figure, path)
-
-
-_NEAR = 0.01  # of the time axis: marks nearer to each other share an entry of the legend
-_NAMED = 2  # marks that an entry names: more would not fit
-_MARK_STYLES = ((0, (1, 1)), (0, (5, 2)), (0, (3, 1, 1, 1)), (0, (1, 3)))
-
-
-def _mark(ax: Axes, marks: Mapping[str, float]) -> None:
-    """Draw a line at the time of each mark within the axes, which the legend of the figure names;
-    marks near each other share a style and an entry."""
-    begin, end = ax.get_xlim()
-    groups: list[list[tuple[float, str]]] = []
-    for time, name in sorted((time, in_words(name)) for name, time in marks.items()):
-        if not begin < time < end:
-            continue
-        if groups and time - groups[-1][-1][0] < _NEAR * (end - begin):
-            groups[-1].append((time, name))
-        else:
-            groups.append([(time, name)])
-    for number, group in enumerate(groups):
-        first, last = f"{group[0][0]:.4g}", f"{group[-1][0]:.4g}"
-        more = f" and {len(group) - _NAMED} more" if len(group) > _NAMED else ""
-        names = ", ".join(name for _, name in group[:_NAMED])
-        style = _MARK_STYLES[number % len(_MARK_STYLES)]
-        for time, _ in group:
-            ax.axvline(
-                time,
-                color=MARK,
-                linewidth=1.3,
-                linestyle=style,
-                zorder=1.6,
-                label=f"{names}{more} ({first if first == last else f'{first} to {last}'} s)",
-            )
-
-
-_SHORT, _TALL = 26, 48  # letters of 10 pt along the ordinate of panels above others, and of one
-
-
-def _label(history: pd.DataFrame, panel: Panel, letters: int) -> str:
-    """What stands along an ordinate; where what is small counts, with the least that is drawn."""
-    said, name = fill(panel.label, letters), panel.lines[0][0]
-    if not panel.small_counts or not history[name].notna().any():
-        return said
-    at = int(np.nanargmin(history[name]))
-    least, time = history[name].iloc[at], history["time_s"].iloc[at]
-    return f"{said}\nleast {least:.4g} at {time:.4g} s"
-
-
-def _share_scale(axes: Sequence[Axes]) -> None:
-    """Give axes one scale; but one in which nothing would be seen keeps its own, and says so."""
-    ends = np.array([ax.get_ylim() for ax in axes])
-    low, high = ends[:, 0].min(), ends[:, 1].max()
-    for ax, (least, greatest) in zip(axes, ends, strict=True):
-        if greatest - least < _TOO_FLAT * (high - low):
-            ax.set_ylabel(f"{ax.get_ylabel()}\nown scale")
-        else:
-            ax.set_ylim(low, high)
-
-
-def _spans(shown: "pd.Series[float]", bounds: Sequence[float]) -> bool:
-    """Whether numbers, and bounds beside them, are positive and span more than a factor of ten."""
-    every = np.append(shown, bounds)
-    low, high = np.nanmin(every), np.nanmax(every)
-    return bool(0.0 < 10.0 * low < high)
-
-
-def _phases(history: pd.DataFrame) -> list[tuple[str, float, float]]:
-    """Name, start and end in s of each phase, in order."""
-    if "phase" not in history or history.empty:
-        return []
-    names, time = history["phase"].to_numpy(), history["time_s"].to_numpy()
-    edges = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1), len(names)]
-    return [(str(names[i]), float(time[i]), float(time[j - 1])) for i, j in pairwise(edges)]
-
-
-def _name_phases(ax: Axes, phases: Iterable[tuple[str, float, float]], inches: float) -> None:
-    """Write each phase's name above its span; slanted all, if one is wider than its span."""
-    phases = list(phases)
-    whole = phases[-1][2] - phases[0][1] if phases else 0.0
-    # 8 pt letters are about 4.4 pt wide; the axes take about 85 % of the figure's width
-    slant = any(
-        len(name) * 4.4 * whole > (end - start) * inches * 0.85 * 72 for name, start, end in phases
-    )
-    for name, start, end in phases:
-        ax.annotate(
-            in_words(name), ((start + end) / 2, 1.0), (0, 3), xycoords=ax.get_xaxis_transform(),
-            textcoords="offset points", fontsize=8,
-            ha="left" if slant else "center", va="bottom", rotation=35 if slant else 0,
-            rotation_mode="anchor", color="#555555",
-        )  # fmt: skip

@@ -16,18 +16,18 @@ from sepmc.analysis.requirements import (
     NOT_SHOWN,
     PASS,
     Verdict,
+    format_proportion,
     has_two_bounds,
-    missing_text,
-    sentence,
-    share_text,
+    render_missing,
+    requirement_sentence,
 )
-from sepmc.analysis.statistics import groups, rounded
+from sepmc.analysis.statistics_text import column_groups, rounded
 
 _STYLES = {PASS: "pass", FAIL: "fail"}
 
 
 @dataclass
-class Replay:
+class CaseReplay:
     """A case that is shown over time, in SVG files."""
 
     title: str
@@ -35,7 +35,7 @@ class Replay:
 
 
 @dataclass
-class Report:
+class ReportContent:
     """What a report tells.
 
     ``name``, ``title`` : of the campaign; ``facts``: one line on cases, seed and date
@@ -68,11 +68,11 @@ class Report:
     campaign: str
     drivers: Sequence[str] = ()
     causes: Sequence[str] = ()
-    replays: Sequence[Replay] = field(default_factory=list)
+    replays: Sequence[CaseReplay] = field(default_factory=list)
 
 
 def write_report(
-    report: Report,
+    report: ReportContent,
     path: Path,
     vehicle: Sequence[Path],
     outcomes: Sequence[Path],
@@ -124,7 +124,7 @@ def _statistics(table: pd.DataFrame, names: Sequence[str]) -> tuple[list[str], l
     """Heads and rows of the statistics of some outcomes."""
     cells = [
         (head, column)
-        for _, columns in groups(table.loc[list(names)], None)
+        for _, columns in column_groups(table.loc[list(names)], None)
         for head, column in columns.items()
     ]
     rows = [[name, *(column[i] for _, column in cells)] for i, name in enumerate(names)]
@@ -143,14 +143,17 @@ def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
     return {
         "verdict": v.verdict.upper(),
         "style": _STYLES.get(v.verdict, "other"),
-        "sentence": sentence(v, unit),
+        "sentence": requirement_sentence(v, unit),
         "why": f"{v.more} more cases without a violation would show it"
         if v.verdict == NOT_SHOWN
         else v.why,
         "violations": f"{v.violations} of {v.cases}",
-        "missing": missing_text(v) if v.missing else "",
+        "missing": render_missing(v) if v.missing else "",
         "allowed": v.allowed if v.allowed >= 0 else "too few cases",
-        "share": f"{share_text(v.share_low, math.floor)} to {share_text(v.share_high, math.ceil)}",
+        "share": " to ".join(
+            format_proportion(*end)
+            for end in ((v.share_low, math.floor), (v.share_high, math.ceil))
+        ),
         "worst": f"case {v.worst_case}"
         if v.worst is None and v.worst_case is not None
         else shown(v.worst, f" ({v.worst_case})"),

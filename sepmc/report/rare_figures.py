@@ -5,9 +5,18 @@ from pathlib import Path
 
 import numpy as np
 
-from sepmc.analysis.subset_simulation import interval
+from sepmc.analysis.subset_simulation import mean_interval
 from sepmc.campaign.execution.rare_event import RareEventEstimate
-from sepmc.report.style import BLUE, BOUND, REQUIRED, entitle, in_words, made, save, sheet
+from sepmc.report.style import (
+    BLUE,
+    BOUND,
+    REQUIRED,
+    make_axes,
+    make_folder,
+    save,
+    set_title,
+    to_words,
+)
 
 _INPUTS = 10  # drawn
 _ALIKE = 1e-6  # of the range of margins: levels no farther apart lie at one
@@ -33,11 +42,11 @@ def rare_figure(
     about : the campaign and what is asked, for the title
     """
     drawn = list(found.inputs.items())[:_INPUTS]
-    figure, axes = sheet(1, 2 if drawn else 1, (6.0, 4.2))
+    figure, axes = make_axes(1, 2 if drawn else 1, (6.0, 4.2))
     ax, levels = axes[0], [level for level in found.levels if level.replicas.any()]
     margin = np.array([level.threshold for level in levels])
     each = np.array([level.replicas for level in levels]).reshape(len(levels), -1)
-    ends = np.array([interval(level.replicas) for level in levels]).reshape(-1, 2)
+    ends = np.array([mean_interval(level.replicas) for level in levels]).reshape(-1, 2)
     mean = np.array([level.reached for level in levels])
     ax.errorbar(
         margin, mean, yerr=np.abs(ends.T - mean), fmt="none", ecolor=BLUE, capsize=3, label="95 %"
@@ -54,7 +63,7 @@ def rare_figure(
     ax.axvline(0.0, color=BOUND, lw=2.2, label=REQUIRED)
     ax.set_yscale("log")
     unit = "" if found.unit == "1" else f" ({found.unit})"
-    ax.set_xlabel(f"margin of {in_words(found.metric, found.unit)}{unit}")
+    ax.set_xlabel(f"margin of {to_words(found.metric, found.unit)}{unit}")
     ax.set_ylabel("probability that the margin is less")
     low, high = found.interval
     said = f"probability of a violation {found.probability:.2e}, 95 %: {low:.1e} to {high:.1e}"
@@ -67,5 +76,5 @@ def rare_figure(
         ax.set_yticks(rows, [keys.get(name, name) for name, _ in drawn], fontsize=8)
         ax.set_xlabel("normal score in cases that violate: mean and one sigma")
         ax.set_title("inputs that drive it", fontsize=10)
-    entitle(figure, f"Rare event of {about}")
-    return save(figure, made(folder) / f"rare{suffix}")
+    set_title(figure, f"Rare event of {about}")
+    return save(figure, make_folder(folder) / f"rare{suffix}")

@@ -10,8 +10,18 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sepmc.analysis.sensitivity import foremost, order_text
-from sepmc.report.style import BLACK, BLUE, GREEN, VERMILION, entitle, in_words, made, save, sheet
+from sepmc.analysis.sensitivity import leading_inputs, order_description
+from sepmc.report.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    VERMILION,
+    make_axes,
+    make_folder,
+    save,
+    set_title,
+    to_words,
+)
 
 _BARS = 8  # inputs of an outcome
 _PAD = 0.12  # inches
@@ -30,12 +40,12 @@ def tornado_figure(
     suffix: str = ".png",
 ) -> Path:
     """Draw for each outcome a tornado chart, and beside it the indices of the inputs with their 95
-    % intervals, into ``drivers.png``, or with another ``suffix``; returns its path. Bars are pale
-    where neither the swing of the mean nor the first-order index is told from 0.
+    % intervals, into ``sensitivity.png``, or with another ``suffix``; returns its path. Bars are
+    pale where neither the swing of the mean nor the first-order index is told from 0.
 
     Parameters
     ----------
-    found : mapping of outcome to what `sepmc.analysis.sensitivity.drivers` tells of it
+    found : mapping of outcome to what `sepmc.analysis.sensitivity.input_sensitivities` tells of it
     folder : made if it is not there
     units : of the outcomes
     keys : mapping of input column to the path that the file has for it
@@ -43,11 +53,11 @@ def tornado_figure(
     """
     columns = min(2, len(found))
     widths = [2.4, 1.0] * columns
-    figure, axes = sheet(-(-len(found) // columns), 2 * columns, (3.8, 3.4), widths)
+    figure, axes = make_axes(-(-len(found) // columns), 2 * columns, (3.8, 3.4), widths)
     pairs = list(zip(axes[::2], axes[1::2], strict=True))
     for (ax, beside), (outcome, table) in zip(pairs, found.items(), strict=False):
         # those that the printed table has, in its order: bars are drawn from below
-        middle, top = table.attrs["mean"], foremost(table, _BARS)[::-1]
+        middle, top = table.attrs["mean"], leading_inputs(table, _BARS)[::-1]
         places = np.arange(len(top))
         told = ((top["shift"] > 0.0) | (top["first_low"] > 0.0)).to_numpy()
         # beside each other: where both ends lie on one side of the mean, neither hides the other
@@ -66,19 +76,19 @@ def tornado_figure(
         ax.set_ylim(-0.6, len(top) - 0.4)
         ax.grid(axis="y", visible=False)
         unit = units.get(outcome, "")
-        name = in_words(outcome, unit)
+        name = to_words(outcome, unit)
         ax.set_xlabel(f"mean of {name} ({unit})" if unit else f"mean of {name}")
         _indices(beside, top, places)
     for pair in pairs[len(found) :]:
         for ax in pair:
             ax.remove()
-    said = order_text(max(found.values(), key=len), _BARS)
-    entitle(figure, f"What drives outcomes: {said}\n{about}")
+    said = order_description(max(found.values(), key=len), _BARS)
+    set_title(figure, f"What drives outcomes: {said}\n{about}")
     layout = figure.get_layout_engine()
     if isinstance(layout, ConstrainedLayoutEngine):  # names of inputs would touch the edge
         layout.set(w_pad=_PAD)
     order = (_LOWEST, _HIGHEST, _UNTOLD)
-    return save(figure, made(folder) / f"drivers{suffix}", order)
+    return save(figure, make_folder(folder) / f"sensitivity{suffix}", order)
 
 
 def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
@@ -144,9 +154,9 @@ def scatter_figure(
     violating : by outcome, which of them violate what is required of it, or, where that is nothing,
         any requirement (n,); drawn as crosses
     """
-    figure, axes = sheet(len(found), _INPUTS, (4.0, 2.7))
+    figure, axes = make_axes(len(found), _INPUTS, (4.0, 2.7))
     for row, (outcome, every) in enumerate(found.items()):
-        crossed, table = violating[outcome], foremost(every, _INPUTS)
+        crossed, table = violating[outcome], leading_inputs(every, _INPUTS)
         unit = units.get(outcome, "")
         for k, ax in enumerate(axes[_INPUTS * row : _INPUTS * (row + 1)]):
             if k >= len(table):
@@ -166,8 +176,8 @@ def scatter_figure(
                 )  # fmt: skip
             ax.set_xlabel(keys.get(name, name), fontsize=8.5)
             if not k:
-                words = in_words(outcome, unit)
+                words = to_words(outcome, unit)
                 said = f"{words} ({unit})" if unit else words
                 ax.set_ylabel(fill(said, _WIDE), fontsize=9)
-    entitle(figure, f"Outcomes over what drives them most\n{about}")
-    return save(figure, made(folder) / f"scatter{suffix}")
+    set_title(figure, f"Outcomes over what drives them most\n{about}")
+    return save(figure, make_folder(folder) / f"scatter{suffix}")

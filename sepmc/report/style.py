@@ -19,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sepmc.paths import is_local, place
+from sepmc.paths import as_path, is_local
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 # of bodies: what fills them, and their edges
@@ -36,7 +36,7 @@ _dots = SCREEN
 
 
 @contextmanager
-def dots(per_inch: int) -> Iterator[None]:
+def resolution(per_inch: int) -> Iterator[None]:
     """Write images with so many dots an inch meanwhile."""
     global _dots  # noqa: PLW0603
     before, _dots = _dots, per_inch
@@ -46,20 +46,20 @@ def dots(per_inch: int) -> Iterator[None]:
         _dots = before
 
 
-def made(folder: Path) -> Path:
+def make_folder(folder: Path) -> Path:
     """A folder, made if it is not there."""
-    folder = place(folder)
+    folder = as_path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
-def in_words(name: str, unit: str = "") -> str:
+def to_words(name: str, unit: str = "") -> str:
     """A column's name in words, without the unit it ends with."""
     suffix = "_" + unit.replace("/", "_").replace(" ", "_").replace("²", "2").replace("^", "")
     return (name.removesuffix(suffix) if unit else name).replace("_", " ")
 
 
-def sheet(
+def make_axes(
     rows: int,
     columns: int,
     size: tuple[float, float],
@@ -82,7 +82,7 @@ def sheet(
     return figure, axes
 
 
-def entitle(figure: Figure, text: str) -> None:
+def set_title(figure: Figure, text: str) -> None:
     """Put a title above all axes, each of its lines folded to the width of the figure."""
     # 11 pt letters are about 6 pt wide
     width = int(figure.get_figwidth() * 72.0 / 6.0)

@@ -1,1 +1,1 @@
-"""What works on the workspace of a block of cases, lane by lane: searches, tables, solvers."""
+"""Routines on the workspace of a block of cases, lane by lane: searches, tables, solvers."""

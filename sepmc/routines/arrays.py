@@ -1,5 +1,4 @@
-"""Arrays that a kernel is given, by their addresses; as plain Python it is given the arrays
-themselves."""
+"""Access to the arrays of a kernel by their addresses; in plain Python the arrays themselves."""
 
 from typing import Any
 
@@ -15,7 +14,7 @@ _RECORD = numba.from_dtype(STRUCTURE)
 
 
 def _pointer_to(element: Any):
-    """An intrinsic that takes an address to a pointer."""
+    """Create an intrinsic that casts an address to a pointer."""
 
     def typer(typing_context, address):
         def generate(context, builder, signature, arguments):
@@ -31,31 +30,31 @@ _integers: Any = _pointer_to(types.int64)
 _records: Any = _pointer_to(_RECORD)
 
 
-# what a kernel is given: address and up to three sizes of every array, four numbers each
+# arguments of a kernel: address and three sizes of every array, four numbers each
 Arrays = Any
 
 
 @formula
 def vector(a, k):
-    """Array k as floats of one axis."""
+    """Array k as a 1-D array of floats."""
     return carray(_floats(a[4 * k]), (a[4 * k + 1],))
 
 
 @formula
 def indices(a, k):
-    """Array k as integers of one axis."""
+    """Array k as a 1-D array of integers."""
     return carray(_integers(a[4 * k]), (a[4 * k + 1],))
 
 
 @formula
 def table(a, k):
-    """Array k as floats of two axes."""
+    """Array k as a 2-D array of floats."""
     return carray(_floats(a[4 * k]), (a[4 * k + 1], a[4 * k + 2]))
 
 
 @formula
 def block(a, k):
-    """Array k as floats of three axes."""
+    """Array k as a 3-D array of floats."""
     return carray(_floats(a[4 * k]), (a[4 * k + 1], a[4 * k + 2], a[4 * k + 3]))
 
 
@@ -67,40 +66,40 @@ def record(a, k):
 
 @for_any_numbers
 @routine
-def get_column(w, slab, table, k, first):
-    """Row k of a table, from number ``first`` on, into a slab; the last block of lanes is filled up
-    with the last number."""
+def get_column(w, offset, table, k, first):
+    """Copy row k of a table, columns ``first`` to ``first`` + LANES, to w[offset]; lanes beyond the
+    last column get its number."""
     last = table.shape[1] - 1
     if first + LANES <= table.shape[1]:
         for l in range(LANES):
-            w[slab + l] = table[k, first + l]
+            w[offset + l] = table[k, first + l]
     else:
         for l in range(LANES):
-            w[slab + l] = table[k, min(first + l, last)]
+            w[offset + l] = table[k, min(first + l, last)]
 
 
 @for_any_numbers
 @routine
-def put_columns(table, k, w, slab, count, first):
-    """So many quantities of a slab into rows k, k + 1, ... of a table, from number ``first`` on, as
-    far as it goes."""
+def put_columns(table, k, w, offset, count, first):
+    """Copy ``count`` quantities from w[offset] to rows k, k + 1, ... of a table, from column
+    ``first``; lanes beyond the last column are dropped."""
     if first + LANES <= table.shape[1]:
         for i in range(count):
             for l in range(LANES):
-                table[k + i, first + l] = w[slab + i * LANES + l]
+                table[k + i, first + l] = w[offset + i * LANES + l]
     else:
         for i in range(count):
             for l in range(table.shape[1] - first):
-                table[k + i, first + l] = w[slab + i * LANES + l]
+                table[k + i, first + l] = w[offset + i * LANES + l]
 
 
-if config.DISABLE_JIT:  # then they are given as they are
+if config.DISABLE_JIT:  # the arguments are the arrays
 
-    def _as_it_is(a, k):
+    def _array(a, k):
         return a[k]
 
-    def _record_as_it_is(a, k):
+    def _first_record(a, k):
         return a[k][0]
 
-    vector = indices = table = block = _as_it_is
-    record = _record_as_it_is
+    vector = indices = table = block = _array
+    record = _first_record

@@ -15,16 +15,16 @@ its distance ends: the bound then counts what is beyond by no more than it can m
 
 import math
 
-from sepmc.jit import keep_apart, routine
+from sepmc.jit import noinline, routine
 from sepmc.physics import outlines, quat, vec3
 from sepmc.physics.rims import rim_gap
-from sepmc.physics.shell_edge import lip_gap, lip_least
+from sepmc.physics.shell_edge import edge_gap, edge_gap_bound
 from sepmc.routines import layout as at
 from sepmc.routines.lanes import LANES
 
 # two solids; a rim of a solid within a shell; a lip of a shell and a solid. The shell is that of
 # the first or of the second body
-SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND, LIP_ON_FIRST, LIP_ON_SECOND = 0, 1, 2, 3, 4
+SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND, EDGE_ON_FIRST, EDGE_ON_SECOND = 0, 1, 2, 3, 4
 _SAFE = 2.0  # times the greatest second difference of these bounds the acceleration
 _ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below this do not count
 # times that may a rim stand before the end of its shell and count as within: rims that are flush at
@@ -55,11 +55,11 @@ def search_clearance(w, job):
     JOB_PATH : (order + 1, PATH), over the step, by powers of its share gone by: place of b less
         that of a (3), attitudes of a and b (4, 4)
     """
-    keep_apart()
+    noinline()
     parts, poses, h = job + at.JOB_PARTS, job + at.JOB_POSES, w[job + at.JOB_LENGTH]
     cg_a, cg_b = vec3.get(w, job + at.JOB_CENTRES), vec3.get(w, job + at.JOB_CENTRES + 3)
-    for n in range(at.PLACES):
-        _pose(n / (at.PLACES - 1), w, job, poses + at.POSE * n)
+    for n in range(at.POSES):
+        _pose(n / (at.POSES - 1), w, job, poses + at.POSE * n)
     motion, searched = _motion(w, poses, h), True
     for n in range(int(w[parts + 1])):
         pa = int(w[parts]) + at.PART_SIZE * n
@@ -75,13 +75,13 @@ def search_clearance(w, job):
             for end in range(2 if kind != SOLIDS and length > 0.0 else 1):
                 searched = _search((kind, end, part_a, part_b), motion, w, job) and searched
             for end in range(2 if kind != SOLIDS else 0):
-                lip = LIP_ON_FIRST if shell_a else LIP_ON_SECOND
+                lip = EDGE_ON_FIRST if shell_a else EDGE_ON_SECOND
                 searched = _search((lip, end, part_a, part_b), motion, w, job) and searched
     w[job + at.JOB_DONE] = 1.0 if searched else 0.0
 
 
 @routine
-def hold_outline(w, held, numbers, parts):
+def load_outline(w, held, numbers, parts):
     """Put the parts of a lane's own outline, whose numbers stand LANES apart from w[numbers] on,
     to w[held] and behind, as `layout.PART_SIZE` has them.
 
@@ -117,7 +117,7 @@ def _part(p, cg, w):
 def _pose(theta, w, job, pose):
     """Attitude (9) and place of body b in the axes of body a, from mass centre to mass centre, at a
     fraction of the step; to w[pose] and behind."""
-    keep_apart()
+    noinline()
     for n in range(at.PATH):
         w[pose + n] = 0.0
     for q in range(int(w[job + at.JOB_POWERS]) - 1, -1, -1):
@@ -136,10 +136,10 @@ def _pose(theta, w, job, pose):
 def _motion(w, poses, h):
     """Of body b seen from a: greatest speed, m/s, and acceleration, m/s2, of its origin, of a's
     origin seen from b, and of its axes."""
-    keep_apart()
-    piece = h / (at.PLACES - 1)
+    noinline()
+    piece = h / (at.POSES - 1)
     speed_a, speed_b, turn, bend_a, bend_b, curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for n in range(1, at.PLACES):
+    for n in range(1, at.POSES):
         now, last = poses + at.POSE * n, poses + at.POSE * (n - 1)
         rate = vec3.sub(vec3.get(w, now + 9), vec3.get(w, last + 9))
         back = vec3.sub(_back(w, now), _back(w, last))
@@ -228,7 +228,7 @@ def _rim(part, end):
 @routine
 def _distance(pair, w, pose, margin):
     """Distance of a pair and its nearest point on body a, axes of a."""
-    keep_apart()
+    noinline()
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
     if kind == SOLIDS:
@@ -237,10 +237,10 @@ def _distance(pair, w, pose, margin):
         distance, _, here = rim_gap(_rim(part_b, end), part_a, margin)
     elif kind == SHELL_ON_SECOND:
         distance, here, _ = rim_gap(_rim(part_a, end), part_b, margin)
-    elif kind == LIP_ON_FIRST:
-        distance, here, _ = lip_gap(_rim(part_a, end), part_b)
+    elif kind == EDGE_ON_FIRST:
+        distance, here, _ = edge_gap(_rim(part_a, end), part_b)
     else:
-        distance, _, here = lip_gap(_rim(part_b, end), part_a)
+        distance, _, here = edge_gap(_rim(part_b, end), part_a)
     return distance, here
 
 
@@ -251,11 +251,11 @@ def _far(pair, w, pose):
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
     if kind == SOLIDS:
-        return outlines.least_gap(part_a, part_b)
-    if kind == LIP_ON_FIRST:
-        return lip_least(_rim(part_a, end), part_b)
-    if kind == LIP_ON_SECOND:
-        return lip_least(_rim(part_b, end), part_a)
+        return outlines.gap_bound(part_a, part_b)
+    if kind == EDGE_ON_FIRST:
+        return edge_gap_bound(_rim(part_a, end), part_b)
+    if kind == EDGE_ON_SECOND:
+        return edge_gap_bound(_rim(part_b, end), part_a)
     solid, shell = (part_b, part_a) if kind == SHELL_ON_FIRST else (part_a, part_b)
     centre, _, radius = _rim(solid, end)
     return outlines.wall_gap(centre, shell)[0] - radius
@@ -296,7 +296,7 @@ def _most(x0, x1, move, bend, dt):
 def _note(distance, here, time, w, job):
     """Take over a new least distance with its time and the nearest point of the first body,
     layout."""
-    found, cg = job + at.JOB_FOUND, vec3.get(w, job + at.JOB_CENTRES)
+    found, cg = job + at.JOB_RESULT, vec3.get(w, job + at.JOB_CENTRES)
     w[found], w[found + 1] = distance, time
     vec3.put(w, found + 2, (cg[0] - here[0], cg[1] + here[1], cg[2] + here[2]))
     w[found + 5] = 1.0 if distance <= 0.0 else 0.0
@@ -311,7 +311,7 @@ def _search(pair, motion, w, job):
     an interval, number ``top`` its right end, and below that stand the right ends of those that
     follow.
     """
-    keep_apart()
+    noinline()
     kind, _, part_a, part_b = pair
     size, h = _reach(part_a) + _reach(part_b), w[job + at.JOB_LENGTH]
     if kind == SHELL_ON_SECOND:
@@ -320,7 +320,7 @@ def _search(pair, motion, w, job):
         speed, bend = motion[0] + motion[2] * _reach(part_b), motion[3] + motion[5] * _reach(part_b)
     tiny = _ROUND_OFF * size
     shell = part_a if kind == SHELL_ON_FIRST else part_b
-    beyond = w[job + at.JOB_FOUND]  # NaN: nothing known yet
+    beyond = w[job + at.JOB_RESULT]  # NaN: nothing known yet
     if _is_rim(kind):
         if _is_through(shell, beyond):
             return True
@@ -331,7 +331,7 @@ def _search(pair, motion, w, job):
         )
     elif beyond < 0.0:
         return True
-    first, last = job + at.JOB_POSES, job + at.JOB_POSES + at.POSE * (at.PLACES - 1)
+    first, last = job + at.JOB_POSES, job + at.JOB_POSES + at.POSE * (at.POSES - 1)
     if 0.5 * (_far(pair, w, first) + _far(pair, w, last) - speed * h) > beyond:
         return True
     left, still = job + at.JOB_NODES, not speed * h > tiny
@@ -368,11 +368,11 @@ def _search(pair, motion, w, job):
 def _visit(pair, w, job, node, tiny):
     """Distance of a pair at a time whose pose stands at a node; taken over if it is less, or
     touches earlier."""
-    keep_apart()
+    noinline()
     distance, here = _distance(pair, w, node + _POSE, _FLUSH * tiny)
     w[node + _VALUE] = distance
     time = w[job + at.JOB_TIME] + w[node + _AT] * w[job + at.JOB_LENGTH]
-    best, since = w[job + at.JOB_FOUND], w[job + at.JOB_FOUND + 1]
+    best, since = w[job + at.JOB_RESULT], w[job + at.JOB_RESULT + 1]
     if (
         distance < best - tiny
         or (math.isnan(best) and distance < math.inf)
@@ -386,8 +386,8 @@ def _visit(pair, w, job, node, tiny):
 def _worth_halving(pair, w, job, right, bend, speed, dt, tiny):
     """Whether a pair may be nearer than known from the first node to the one at ``right``, or touch
     earlier."""
-    keep_apart()
-    left, best = job + at.JOB_NODES, w[job + at.JOB_FOUND]
+    noinline()
+    left, best = job + at.JOB_NODES, w[job + at.JOB_RESULT]
     kind, d0, d1, curve = pair[0], w[left + _VALUE], w[right + _VALUE], w[right + _BEND]
     move = speed * dt
     if not move > tiny:
@@ -396,7 +396,7 @@ def _worth_halving(pair, w, job, right, bend, speed, dt, tiny):
         if best == 0.0:  # only touching earlier counts
             may_touch = d1 == 0.0 or _least_solids(d0, d1, bend, curve, move, dt) < 0.0
             time = w[job + at.JOB_TIME] + w[left + _AT] * w[job + at.JOB_LENGTH]
-            return may_touch and d0 > 0.0 and time < w[job + at.JOB_FOUND + 1]
+            return may_touch and d0 > 0.0 and time < w[job + at.JOB_RESULT + 1]
         return _least_solids(d0, d1, bend, curve, move, dt) < best - tiny
     lowest0, highest0, outmost0 = _along(pair, w, left + _POSE)
     lowest1, highest1, outmost1 = _along(pair, w, right + _POSE)

@@ -1,4 +1,4 @@
-"""Separations over time, between the ends of steps: polynomials through distance, speed and
+"""Separations over time between the ends of steps: polynomials from distance, speed and
 acceleration."""
 
 import math
@@ -10,9 +10,25 @@ from sepmc.routines.layout import AT_POINT, GRAIN
 
 @routine
 def fit(w, points, joints, count, matrix, length, curves, stride):
-    """The polynomials of a step, by powers of its share gone by, of values, rates and accelerations
-    at its beginning, at points within and at its end; ``matrix`` is the method's
-    (`sepmc.kernel.spec.methods.Method.curve`), ``stride`` how many numbers a curve has."""
+    """Fit the polynomials of a step, in powers of its fraction, to values, rates and accelerations
+    at points of the step.
+
+    Parameters
+    ----------
+    w : array
+        Workspace.
+    points : int
+        Position of the values at ``count`` points, the first and last at the ends of the step.
+    joints, count : int
+        Joints (curves), points.
+    matrix : array, shape (count + 2, count + 2)
+        Of the method (`sepmc.kernel.spec.methods.Method.curve`).
+    length : int
+        Position of the step lengths.
+    curves : int
+        Position of the coefficients, ``stride`` for each curve.
+    stride : int
+    """
     size = AT_POINT * joints
     end = points + (count - 1) * size * LANES
     for j in range(joints):
@@ -25,42 +41,62 @@ def fit(w, points, joints, count, matrix, length, curves, stride):
             w[to + l] = w[points + at + l]
             w[to + LANES + l] = h * w[points + at + LANES + l]
         for k in range(count + 2):
-            place = to + (k + 2) * LANES
+            row = to + (k + 2) * LANES
             for i in range(count):
                 acceleration = points + i * size * LANES + at + 2 * LANES
                 for l in range(LANES):
-                    w[place + l] += matrix[k, i] * w[acceleration + l]
+                    w[row + l] += matrix[k, i] * w[acceleration + l]
             for l in range(LANES):
                 h = w[length + l] if w[length + l] != 0.0 else 1.0
                 value, rate = w[points + at + l], w[points + at + LANES + l]
-                faster = (w[end + at + LANES + l] - rate) / h
-                further = (w[end + at + l] - value - h * rate) / (h * h)
-                total = w[place + l] + matrix[k, count] * faster + matrix[k, count + 1] * further
-                w[place + l] = h * h / ((k + 1.0) * (k + 2.0)) * total
+                rate_change = (w[end + at + LANES + l] - rate) / h
+                value_change = (w[end + at + l] - value - h * rate) / (h * h)
+                total = (
+                    w[row + l]
+                    + matrix[k, count] * rate_change
+                    + matrix[k, count + 1] * value_change
+                )
+                w[row + l] = h * h / ((k + 1.0) * (k + 2.0)) * total
 
 
 @routine
-def write(w, curves, joints, stride, begin, end, length, every, history, first):
-    """Speed and distance of every joint at the instants of the step just made, up to the time
-    ``end``, every so many seconds, into rows of a history (cases, rows, 2 joints)."""
+def write(w, curves, joints, stride, begin, end, length, interval, history, first):
+    """Write speed and distance of every joint at the instants of the last step into rows of a
+    history.
+
+    Parameters
+    ----------
+    w : array
+        Workspace.
+    curves, joints, stride : int
+        As in `fit`.
+    begin, end, length : int
+        Positions of start, end and length of the step of each lane, s.
+    interval : float
+        Time between rows, s.
+    history : array, shape (cases, rows, 2 joints)
+        Output.
+    first : int
+        Number of the case in lane 0.
+    """
     low, high = math.inf, -math.inf
     for l in range(LANES):
         low, high = min(low, w[begin + l]), max(high, w[end + l])
     if not (-math.inf < low <= high < math.inf):
         return
-    last = min(math.floor(high / every + 1e-9), history.shape[1] - 1)
-    # a flight that goes astray may have times before it began
-    for row in range(max(0, math.ceil(low / every - 1e-9)), last + 1):
-        t = row * every
+    last = min(math.floor(high / interval + 1e-9), history.shape[1] - 1)
+    # a diverging case may have negative times
+    for row in range(max(0, math.ceil(low / interval - 1e-9)), last + 1):
+        t = row * interval
         for l in range(min(LANES, history.shape[0] - first)):
             h, start = w[length + l], w[begin + l]
             if h > GRAIN and start - GRAIN <= t <= w[end + l] + GRAIN:
-                share = (t - start) / h
+                fraction = (t - start) / h
                 for j in range(joints):
                     top = curves + (stride * j + stride - 1) * LANES + l
                     value, rate = w[top], 0.0
                     for k in range(1, stride):
-                        rate = value + share * rate
-                        value = w[top - k * LANES] + share * value
+                        rate = value + fraction * rate
+                        value = w[top - k * LANES] + fraction * value
                     history[first + l, row, 2 * j] = rate / h
                     history[first + l, row, 2 * j + 1] = value

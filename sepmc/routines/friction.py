@@ -1,55 +1,70 @@
-"""Friction of guides whose pins carry more for it: the balance of all of them."""
+"""Friction of guides whose pin loads depend on the friction: equilibrium of all guides."""
 
 import math
 
-from sepmc.jit import keep_apart, routine
+from sepmc.jit import noinline, routine
 from sepmc.routines.lanes import LANES
 
-_SETTLED = 1e-13  # of a friction force: what another round may change
-_ROUNDS, _TURNS = 40, 100  # of Newton's method for a guide; of all guides in turn
+_CONVERGED = 1e-13  # relative change of a friction force in an iteration
+_ROUNDS, _TURNS = 40, 100  # Newton iterations of a guide; turns of all guides
 
 
 @routine
-def balance(w, place, ends, out):
-    """Friction of guides, N, that is in balance with the loads of pins it changes itself, into
-    ``out``. Returns whether there is any: if not, a guide jams.
+def balance(w, system, ends, out):
+    """Solve for the friction of all guides, N, in equilibrium with the loads of their pins.
 
-    place : where lanes hold, of guide after guide, its friction per newton of load, and of each of
-        its ``ends`` of pins the force there without friction and what each guide's friction, 1 N of
-        it, adds: pairs (y, z)
-    Loads are convex in a friction force, so that Newton's method from none on comes to the smallest
-    balance; guides take turns.
+    Loads are convex in a friction force, so Newton's method from zero converges to the smallest
+    solution; guides take turns.
+
+    Parameters
+    ----------
+    w : array
+        Workspace.
+    system : int
+        Position of a lane's data. For each guide: its friction per newton of load; for each end of
+        its pins the force (y, z) without friction, and the force (y, z) per newton of each guide's
+        friction.
+    ends : tuple of int
+        Pin ends of each guide.
+    out : int
+        Position of the solution.
+
+    Returns
+    -------
+    bool
+        False if a guide jams: there is no solution.
     """
-    keep_apart()
+    noinline()
     count = len(ends)
     for j in range(count):
         w[out + j * LANES] = 0.0
     for _ in range(_TURNS):
-        settled, start = True, place
+        converged, guide = True, system
         for j in range(count):
-            before = w[out + j * LANES]
-            load = _settle_one(w, start, ends[j], j, count, out)
+            previous = w[out + j * LANES]
+            load = _solve_guide(w, guide, ends[j], j, count, out)
             if load < 0.0:
                 return False
-            settled = (
-                settled and not abs(w[out + j * LANES] - before) > _SETTLED * abs(w[start]) * load
+            converged = (
+                converged
+                and not abs(w[out + j * LANES] - previous) > _CONVERGED * abs(w[guide]) * load
             )
-            start += (1 + ends[j] * (2 + 2 * count)) * LANES
-        if settled:
+            guide += (1 + ends[j] * (2 + 2 * count)) * LANES
+        if converged:
             return True
     return False
 
 
 @routine
-def _settle_one(w, start, ends, j, count, out):
-    """Friction of guide ``j`` while that of the others stays. Returns the load of its pins, N; -1
-    if it jams."""
-    keep_apart()
-    share, now = w[start], out + j * LANES
+def _solve_guide(w, guide, ends, j, count, out):
+    """Solve for the friction of guide ``j`` with that of the others fixed. Returns the load of its
+    pins, N; -1 if it jams."""
+    noinline()
+    coefficient, friction = w[guide], out + j * LANES
     for _ in range(_ROUNDS):
         load, slope = 0.0, 0.0
         for end in range(ends):
-            k = start + (1 + end * (2 + 2 * count)) * LANES
+            k = guide + (1 + end * (2 + 2 * count)) * LANES
             y, z = w[k], w[k + LANES]
             for i in range(count):
                 y += w[out + i * LANES] * w[k + (2 + 2 * i) * LANES]
@@ -58,10 +73,10 @@ def _settle_one(w, start, ends, j, count, out):
             load += size
             if size > 0.0:
                 slope += (y * w[k + (2 + 2 * j) * LANES] + z * w[k + (3 + 2 * j) * LANES]) / size
-        if not 1.0 - share * slope > 0.0:
+        if not 1.0 - coefficient * slope > 0.0:
             return -1.0
-        change = (share * load - w[now]) / (1.0 - share * slope)
-        w[now] += change
-        if not abs(change) > _SETTLED * abs(share) * load:
+        change = (coefficient * load - w[friction]) / (1.0 - coefficient * slope)
+        w[friction] += change
+        if not abs(change) > _CONVERGED * abs(coefficient) * load:
             return load
     return -1.0

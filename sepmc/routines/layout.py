@@ -58,7 +58,7 @@ POINT, SECOND_POINT, DELAY, FAILS, CIRCLE, PIN_CLOCK, ENGAGED, FRICTION, SLIP_SP
 )
 SWING = 13  # rate across it at the start
 JOINT_SIZE = 16
-LEAST_ENGAGED = 0.01  # of the engaged length of pins when closed: they are never counted shorter
+MIN_ENGAGED = 0.01  # of the engaged length of pins when closed: they are never counted shorter
 # Offsets in a spring's block; its points as those of a joint.
 SPRING_FORCE, STIFFNESS, DAMPING, STROKE, SPRING_FACTOR = 6, 7, 8, 9, 10
 SPRING_SIZE = 11
@@ -98,11 +98,9 @@ LOADS_OUTCOMES, CLEARANCE_OUTCOMES = 6, 6
 # of a part of an outline in ``numbers``: hollow, layout point of its start, length aft, radius at
 # both ends
 PART_SIZE = 7
-# What a kernel says of a case that it does not vouch for: it may at shorter steps; or one may that
-# takes more care: in which joints let go in any order; or that, besides, solves for all rows by
-# least sum of squares.
-FINER_STEPS, ANY_ORDER, LEAST_SQUARES = -1, -2, -3
-USUAL = 0  # care
+# Status of a case that a kernel rejects because its steps are too long; other rejected cases have
+# the code of the variant (`sepmc.kernel.spec.variant`) that may integrate them.
+FINER_STEPS = -1
 
 # What a stretch of time between switches knows of loads stands behind the parameters of a case. Per
 # motor: whether it burns or tails off, and the line its profile follows.
@@ -119,12 +117,12 @@ PATH = 11
 # Of a search for their least distance: places of a step at which their relative motion is looked
 # at, and numbers of a pose, one body seen from the other; halvings of the step, one within the
 # other, at most, and numbers of a node, a time within it.
-PLACES, POSE = 5, 12
+POSES, POSE = 5, 12
 DEPTH, NODE = 56, 15
 # One behind the other: the step's start and length, powers of the path, start and number of the
 # parts of both outlines, mass centres, what is found, whether the search came to an end, poses and
 # nodes, and the path over the step.
-JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE = (
+JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_RESULT, JOB_DONE = (
     0,
     1,
     2,
@@ -134,7 +132,7 @@ JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE = 
     19,
 )
 JOB_POSES = 20
-JOB_NODES = JOB_POSES + PLACES * POSE
+JOB_NODES = JOB_POSES + POSES * POSE
 JOB_PATH = JOB_NODES + (DEPTH + 2) * NODE
 # What a lane holds of a pack of splines that it looks up, a cell: low and high end and what
 # distances count from, for each axis; basis functions there, as in the pack; coefficients, the
@@ -143,7 +141,7 @@ CELL_ENDS, CELL_BASIS, CELL_COEFFICIENTS = 0, 9, 57
 # of a step, for loads: a polynomial of degree seven, the order of the continuous extension of
 # dop853
 PEAK_NODES = 8
-# numbers that `peaks.note_size` works in: coefficients of three components, and sizes at the nodes
+# scratch numbers of `peaks.update_size`: coefficients of three components, sizes at the nodes
 PEAK_SCRATCH = 4 * PEAK_NODES
 
 # What a scene contains and where its blocks start: whole numbers that a kernel reads through one

@@ -1,26 +1,30 @@
-"""Inline dense solvers for the small systems of the constraint force equations. They report; they
-never raise.
+"""Dense solvers, inlined, for the small systems of the constraint force equations. They return a
+failure; they never raise.
 
-The matrix stands row by row at w[a], n entries a row; the right-hand side at w[b] is overwritten by
-the solution.
+The matrix is stored by rows at w[a], n entries a row; the right-hand side at w[b] is replaced by
+the solution. Checked in `tests/engine/test_interpreted.py` and
+`tests/kernel/test_redundant_rows.py`.
 """
 
 import math
 
-from sepmc.jit import keep_apart, long_formula, routine
+from sepmc.jit import long_formula, noinline, routine
 from sepmc.routines.lanes import LANES
 
-# A pivot that keeps less than this share of its diagonal means dependent rows.
+# A smaller pivot relative to its diagonal means dependent rows.
 _DEPENDENT = 1e-13
-# ... and, once rows are known to be redundant, one that keeps less than this share of the largest.
+# The same in a system with redundant rows, relative to the largest.
 _RANK = 1e-11
 
 
 @long_formula
 def _factor_ldlt(w, a, n):
-    """L D L^T of a symmetric positive definite matrix given by its lower triangle, in place.
-    Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent."""
-    keep_apart()
+    """Factor L D L^T of a symmetric positive definite matrix, given by its lower triangle, in
+    place.
+
+    Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent.
+    """
+    noinline()
     smallest = 1.0
     for j in range(n):
         row_j = a + j * n
@@ -44,8 +48,8 @@ def _factor_ldlt(w, a, n):
 
 @long_formula
 def _solve_factored(w, a, b, n):
-    """Solve a system whose matrix is given as L D L^T."""
-    keep_apart()
+    """Solve a system with the factors L D L^T at w[a]."""
+    noinline()
     for i in range(n):
         for k in range(i):
             w[b + i] -= w[a + i * n + k] * w[b + k]
@@ -58,12 +62,22 @@ def _solve_factored(w, a, b, n):
 
 @routine
 def solve_ldlt(w, a, b, n):
-    """Solve a symmetric positive definite system given by its lower triangle, by L D L^T.
+    """Solve a symmetric positive definite system, given by its lower triangle, by L D L^T.
 
-    Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent (the solution is
-    then meaningless).
+    Parameters
+    ----------
+    w : array
+    a, b : int
+        Positions of the matrix and of the right-hand side.
+    n : int
+
+    Returns
+    -------
+    float
+        Smallest pivot relative to its diagonal; 0 if rows are dependent (the solution is then
+        invalid).
     """
-    keep_apart()
+    noinline()
     smallest = _factor_ldlt(w, a, n)
     if smallest > 0.0:
         _solve_factored(w, a, b, n)
@@ -71,49 +85,49 @@ def solve_ldlt(w, a, b, n):
 
 
 @routine
-def _factor_pivoted(w, a, n, picked, left):
-    """A = L L^T (n x rank, rows in the order of A) of a positive semidefinite A by pivoted Cholesky
-    on the scaled matrix.
+def _factor_pivoted(w, a, n, used, rest):
+    """Factor L L^T (n x rank, rows in the order of A) of a positive semidefinite A by pivoted
+    Cholesky of the scaled matrix.
 
-    A is given by its lower triangle and left as it is; L goes to w[a + n n], by rows of n.
-    ``picked`` and ``left`` are places of n numbers of scratch. Returns the rank and the smallest
-    pivot taken, as shares of the diagonal.
+    A is given by its lower triangle and not changed; L goes to w[a + n n], n entries a row.
+    ``used`` and ``rest`` are positions of n scratch numbers. Returns the rank and the smallest
+    pivot, relative to the diagonal.
     """
-    keep_apart()
+    noinline()
     factor = a + n * n
     for i in range(n):
-        w[picked + i] = 0.0
-        w[left + i] = 1.0
+        w[used + i] = 0.0
+        w[rest + i] = 1.0
         for k in range(n):
             w[factor + i * n + k] = 0.0
     smallest = 1.0
     for rank in range(n):
         p = -1
         for i in range(n):
-            if w[picked + i] == 0.0 and (p < 0 or w[left + i] > w[left + p]):
+            if w[used + i] == 0.0 and (p < 0 or w[rest + i] > w[rest + p]):
                 p = i
-        if not w[left + p] > _RANK:
+        if not w[rest + p] > _RANK:
             return rank, smallest
-        smallest = min(smallest, w[left + p])
-        w[picked + p] = 1.0
-        scale_p, root = math.sqrt(w[a + p * n + p]), math.sqrt(w[left + p])
+        smallest = min(smallest, w[rest + p])
+        w[used + p] = 1.0
+        scale_p, root = math.sqrt(w[a + p * n + p]), math.sqrt(w[rest + p])
         for i in range(n):
-            if w[picked + i] != 0.0 and i != p:
+            if w[used + i] != 0.0 and i != p:
                 continue
             entry = w[a + max(i, p) * n + min(i, p)]
             for k in range(rank):
                 entry -= w[factor + i * n + k] * w[factor + p * n + k]
             w[factor + i * n + rank] = entry / (scale_p * root)
             scaled = w[factor + i * n + rank] / math.sqrt(w[a + i * n + i])
-            w[left + i] -= scaled * scaled
+            w[rest + i] -= scaled * scaled
     return n, smallest
 
 
 @routine
 def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
-    """out += A^+ b with A = L L^T: L G^-1 G^-1 L^T b, given G = L^T L as L D L^T. ``t``: scratch of
-    n numbers."""
-    keep_apart()
+    """Add A^+ b to w[out], for A = L L^T: L G^-1 G^-1 L^T b, given G = L^T L as L D L^T. ``t``: n
+    scratch numbers."""
+    noinline()
     for r in range(rank):
         w[t + r] = 0.0
         for i in range(n):
@@ -127,19 +141,32 @@ def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
 
 @routine
 def solve_semidefinite(w, a, b, n):
-    """Solution of least sum of squares of a consistent positive semidefinite system, given by its
-    lower triangle.
+    """Minimum-norm solution of a consistent positive semidefinite system, given by its lower
+    triangle.
 
-    Needs room for 3 n^2 numbers at w[a] and 5 n at w[b]. Returns the rank and the smallest relative
-    pivot; rank 0 if a diagonal is not positive.
+    Parameters
+    ----------
+    w : array
+    a : int
+        Position of the matrix, with space for 3 n^2 numbers.
+    b : int
+        Position of the right-hand side, with space for 5 n numbers.
+    n : int
+
+    Returns
+    -------
+    rank : int
+        0 if a diagonal element is not positive.
+    smallest : float
+        Smallest pivot relative to its diagonal.
     """
-    keep_apart()
+    noinline()
     for i in range(n):
         if not w[a + i * n + i] > 0.0:
             return 0, 0.0
     factor, gram = a + n * n, a + 2 * n * n
-    out, residual, picked, t = b + n, b + 2 * n, b + 3 * n, b + 4 * n
-    rank, smallest = _factor_pivoted(w, a, n, picked, t)
+    out, residual, used, t = b + n, b + 2 * n, b + 3 * n, b + 4 * n
+    rank, smallest = _factor_pivoted(w, a, n, used, t)
     for r in range(rank):
         for s in range(r + 1):
             w[gram + r * rank + s] = 0.0
@@ -161,11 +188,11 @@ def solve_semidefinite(w, a, b, n):
 
 
 @long_formula
-def _gather(w, place, n, a, b):
-    """Of one lane, at ``place``: the lower triangle of a matrix by rows, into w[a], and behind it
-    the right-hand side, into w[b]."""
-    keep_apart()
-    k = place
+def _gather(w, source, n, a, b):
+    """Copy the lower triangle of a lane's matrix, by rows at ``source``, to w[a], and the
+    right-hand side after it to w[b]."""
+    noinline()
+    k = source
     for i in range(n):
         for j in range(i + 1):
             w[a + i * n + j] = w[k]
@@ -176,17 +203,34 @@ def _gather(w, place, n, a, b):
 
 
 @routine
-def share(w, place, n, scratch, out):
-    """For one lane, the solution at ``out`` of a system some of whose rows may follow from others,
-    from the lower triangle of its matrix by rows and its right-hand side at ``place``: the only
-    one, or that of least sum of squares; not numbers if there is none. ``scratch`` is room for 3
-    n^2 + 5 n numbers. Returns the rank and the smallest relative pivot."""
-    keep_apart()
+def solve_min_norm(w, source, n, scratch, out):
+    """Solve a symmetric system with possibly dependent rows for one lane.
+
+    The unique solution, or else the one with the smallest norm.
+
+    Parameters
+    ----------
+    w : array
+    source : int
+        Position of the lower triangle by rows, then of the right-hand side, LANES apart.
+    n : int
+    scratch : int
+        Position of 3 n^2 + 5 n scratch numbers.
+    out : int
+        Position of the solution, LANES apart; NaN if there is none.
+
+    Returns
+    -------
+    rank : int
+    smallest : float
+        Smallest pivot relative to its diagonal.
+    """
+    noinline()
     b = scratch + 3 * n * n
-    _gather(w, place, n, scratch, b)
+    _gather(w, source, n, scratch, b)
     rank, smallest = n, solve_ldlt(w, scratch, b, n)
     if not smallest > 0.0:
-        _gather(w, place, n, scratch, b)
+        _gather(w, source, n, scratch, b)
         rank, smallest = solve_semidefinite(w, scratch, b, n)
     for i in range(n):
         w[out + i * LANES] = w[b + i] if rank > 0 else math.nan
@@ -195,13 +239,21 @@ def share(w, place, n, scratch, out):
 
 @routine
 def solve_lu(w, a, b, n):
-    """Solve a general system by LU with partial pivoting; rows are first scaled by their largest
-    entry.
+    """Solve a general system by LU with partial pivoting, rows scaled by their largest element.
 
-    Returns the smallest pivot of the scaled system, or 0 if it is singular (the solution is then
-    meaningless).
+    Parameters
+    ----------
+    w : array
+    a, b : int
+        Positions of the matrix and of the right-hand side.
+    n : int
+
+    Returns
+    -------
+    float
+        Smallest pivot of the scaled system; 0 if it is singular (the solution is then invalid).
     """
-    keep_apart()
+    noinline()
     for i in range(n):
         largest = 0.0
         for j in range(n):
@@ -239,13 +291,28 @@ def solve_lu(w, a, b, n):
 
 
 @routine
-def eliminate(w, place, n, scratch, out):
-    """`solve_lu` for one lane: from its matrix by rows and right-hand side at ``place`` the
-    solution at ``out``; not numbers if there is none. ``scratch`` is room for n^2 + n numbers.
-    Returns the smallest pivot of the scaled system, 0 if it is singular."""
-    keep_apart()
+def eliminate(w, source, n, scratch, out):
+    """Solve a general system for one lane by `solve_lu`.
+
+    Parameters
+    ----------
+    w : array
+    source : int
+        Position of the matrix by rows, then of the right-hand side, LANES apart.
+    n : int
+    scratch : int
+        Position of n^2 + n scratch numbers.
+    out : int
+        Position of the solution, LANES apart; NaN if there is none.
+
+    Returns
+    -------
+    float
+        Smallest pivot of the scaled system; 0 if it is singular.
+    """
+    noinline()
     for i in range(n * n + n):
-        w[scratch + i] = w[place + i * LANES]
+        w[scratch + i] = w[source + i * LANES]
     pivot = solve_lu(w, scratch, scratch + n * n, n)
     for i in range(n):
         w[out + i * LANES] = w[scratch + n * n + i] if pivot > 0.0 else math.nan

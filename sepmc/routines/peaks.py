@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from sepmc.jit import keep_apart, routine
+from sepmc.jit import noinline, routine
 from sepmc.routines.lanes import LANES
 from sepmc.routines.layout import PEAK_NODES
 
@@ -136,7 +136,7 @@ def _mean(low, high, w, scratch):
 def _halved(floor, w, scratch):
     """Mean of the size over the step: each interval is halved until its halves agree with it to
     ``floor``. A corner takes some twenty halvings; there are _HALVINGS at most."""
-    keep_apart()
+    noinline()
     total, low, width, left = 0.0, 0.0, 1.0, _HALVINGS
     before = _mean(0.0, 1.0, w, scratch)
     while low < 1.0:
@@ -173,7 +173,7 @@ def _put_sizes(nodes, apart, w, sizes):
 
 
 @routine
-def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
+def update_size(w, nodes, apart, scratch, out, other, guard, t, h):
     """Follow the size of a vector over a step of length h from t: its peak, the time of it and the
     integral, at ``out`` and two further.
 
@@ -185,7 +185,7 @@ def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
     guard : where the largest of the last coefficients, times h, stands: how much of the integral
         polynomials may leave out
     """
-    keep_apart()
+    noinline()
     for part in range(3):
         last = 0.0
         for i in range(COUNT):
@@ -216,9 +216,9 @@ def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
 
 
 @routine
-def note_peak(w, nodes, apart, scratch, out, t, h):
-    """`note_size` without the integral."""
-    keep_apart()
+def update_peak(w, nodes, apart, scratch, out, t, h):
+    """`update_size` without the integral."""
+    noinline()
     sizes = scratch + 3 * COUNT
     greatest, highest = _put_sizes(nodes, apart, w, sizes)
     if not greatest <= _SAME * w[out]:
@@ -229,14 +229,14 @@ def note_peak(w, nodes, apart, scratch, out, t, h):
 
 
 @routine
-def note_least_share(w, nodes, apart, ends, scratch, out):
+def update_min_drive_ratio(w, nodes, apart, ends, scratch, out):
     """Follow the least of what drives a guide apart over the sum of what its pins would carry at
     their ``ends`` if friction balanced that, into ``out``.
 
     Of a node the vectors at ``nodes`` are: the drive and two zeros, then a force for each end.
     ``scratch`` has room for the coefficients of all these, and for a number at each node.
     """
-    keep_apart()
+    noinline()
     shares = scratch + 3 * COUNT * (1 + ends)
     for i in range(COUNT):
         k, load = nodes + i * apart, 0.0
@@ -260,7 +260,7 @@ def note_least_share(w, nodes, apart, ends, scratch, out):
 @routine
 def _set_coefficients(nodes, apart, w, scratch):
     """Coefficients of the components from their values at the nodes."""
-    keep_apart()
+    noinline()
     for part in range(3):
         for j in range(COUNT):
             total = 0.0
@@ -296,7 +296,7 @@ def _has_summit(sizes, w):
 @routine
 def _note_summits(sizes, w, scratch, out, t, h):
     """Peaks between nodes."""
-    keep_apart()
+    noinline()
     for i in range(COUNT):
         if _rises(sizes, w, i):
             place = _highest(THETA[max(i - 1, 0)], THETA[min(i + 1, COUNT - 1)], w, scratch, 0)
@@ -310,10 +310,10 @@ def first_reached(w, nodes, apart, scratch, threshold):
     """Where in a step, as a share of it, the size of a vector first reaches a threshold, and its
     rate there by the share; 2 if nowhere.
 
-    The arguments are those of `note_size`. A size that is there at the start, but for round-off, is
-    so at 0.
+    The arguments are those of `update_size`. A size that is there at the start, but for round-off,
+    is so at 0.
     """
-    keep_apart()
+    noinline()
     sizes, touch = scratch + 3 * COUNT, threshold - _TOUCH * max(1.0, abs(threshold))
     greatest, _ = _put_sizes(nodes, apart, w, sizes)
     if w[sizes] >= touch:
@@ -359,12 +359,12 @@ def first_crossed(w, nodes, apart, scratch, threshold, side, rising, falling):
     """Where in a step, as a share of it, the size of a vector first crosses a threshold in a
     direction that counts, and how fast there by the share; 2 if nowhere.
 
-    nodes, apart, scratch : those of `note_size`
+    nodes, apart, scratch : those of `update_size`
     side : 1 below the threshold before the step, -1 above, 0 if it stood at it or there was no step
         before: what jumps to the other side as the step begins has crossed it there
     rising, falling : whether a crossing from below counts, and one from above
     """
-    keep_apart()
+    noinline()
     sizes = scratch + 3 * COUNT
     _put_sizes(nodes, apart, w, sizes)
     _set_coefficients(nodes, apart, w, scratch)
@@ -411,10 +411,10 @@ def _crossing(low, high, w, scratch, threshold, side):
 
 
 @routine
-def side_then(w, nodes, apart, scratch, threshold, theta, side):
+def side_at(w, nodes, apart, scratch, threshold, theta, side):
     """On which side of a threshold the size of a vector is at a share of the step; where it stands
     at it, that on which it was last, or ``side`` before the step."""
-    keep_apart()
+    noinline()
     _set_coefficients(nodes, apart, w, scratch)
     for i in range(COUNT):
         if THETA[i] < theta:

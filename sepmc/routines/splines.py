@@ -1,23 +1,37 @@
-"""Smooth tables: value of cubic splines on a grid of up to three axes.
+"""Smooth tables: cubic splines on a grid of up to three axes.
 
-A pack stands in a flat array as ``sepmc.kernel.spec.splines`` wrote it: the number of functions;
-for each of three axes its spans q, q + 1 breaks and, for each span, four basis functions as cubics
-in the distance from the span's start; the coefficients, the last axis fastest, the functions side
-by side. An axis of one point has no span and one coefficient, the others have q + 3.
+A pack is stored in a flat array as ``sepmc.kernel.spec.splines`` writes it: the number of
+functions; for each of three axes its number of spans q, q + 1 breaks and, for each span, four basis
+functions as cubics in the distance from the span's start; the coefficients, the last axis fastest,
+the functions side by side. An axis of one point has no span and one coefficient, the others have q
++ 3.
 """
 
 import math
 
-from sepmc.jit import keep_apart, long_formula, routine
+from sepmc.jit import long_formula, noinline, routine
 from sepmc.routines import layout
 from sepmc.routines.lanes import LANES
 
 
 @long_formula
 def curve(numbers, at, function, x):
-    """Value of one function of a one-dimensional pack at ``numbers[at]``; held constant beyond the
-    ends, NaN for NaN."""
-    keep_apart()
+    """Value of one function of a one-dimensional pack; constant beyond the ends, NaN for NaN.
+
+    Parameters
+    ----------
+    numbers : array
+    at : int
+        Position of the pack.
+    function : int
+        Number of the function.
+    x : float
+
+    Returns
+    -------
+    float
+    """
+    noinline()
     axis = at + 1
     first, last = numbers[axis + 1], numbers[axis + 1 + int(numbers[axis])]
     if x < first:
@@ -35,12 +49,22 @@ def curve(numbers, at, function, x):
 
 @long_formula
 def grid6(numbers, at, x, y, z):
-    """Values of the six functions of a pack at ``numbers[at]``.
+    """Values of the six functions of a pack.
 
-    NaN outside the range of an axis that has more than one point: nothing is extrapolated. A value
-    on the edge is inside.
+    Parameters
+    ----------
+    numbers : array
+    at : int
+        Position of the pack.
+    x, y, z : float
+
+    Returns
+    -------
+    tuple of 6 float
+        NaN outside the range of an axis with more than one point (no extrapolation); the ends are
+        inside.
     """
-    keep_apart()
+    noinline()
     x_axis = at + 1
     y_axis = _after(numbers, x_axis)
     z_axis = _after(numbers, y_axis)
@@ -51,7 +75,7 @@ def grid6(numbers, at, x, y, z):
     x_stride = y_stride * _coefficients(numbers, y_axis)
     corner = _after(numbers, z_axis) + x_span * x_stride + y_span * y_stride + 6 * z_span
     s0 = s1 = s2 = s3 = s4 = s5 = 0.0
-    for i in range(x_count):  # three plain loops: half the time of sums of tuples axis by axis
+    for i in range(x_count):  # plain loops: half the time of sums of tuples by axis
         for j in range(y_count):
             uv = u[i] * v[j]
             for k in range(z_count):
@@ -67,8 +91,8 @@ def grid6(numbers, at, x, y, z):
 
 
 @long_formula
-def is_held(w, cell, x, y, z):
-    """Whether the cell that a lane holds is that of a place."""
+def in_cell(w, cell, x, y, z):
+    """Return True if a point is in the cell that a lane has loaded."""
     return (
         w[cell] <= x < w[cell + LANES]
         and w[cell + 3 * LANES] <= y < w[cell + 4 * LANES]
@@ -77,15 +101,29 @@ def is_held(w, cell, x, y, z):
 
 
 @long_formula
-def hold_cell(w, cell, at, x, y, z):
-    """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if
-    it lies outside. Returns whether it lies inside, or nowhere.
+def load_cell(w, cell, at, x, y, z):
+    """Load the cell of a pack that contains a point into the workspace of a lane.
 
-    A place on the edge is inside. An axis of one point has no edge. What the span of an axis tells
-    is taken over only where that is another span than before; those of a lane that holds nothing
-    yet start at infinity.
+    Data of an axis are copied only if its span changes; those of a lane without a cell start at
+    infinity. An axis of one point has no ends.
+
+    Parameters
+    ----------
+    w : array
+        Workspace.
+    cell : int
+        Position of the cell's data (`layout.CELL_ENDS`, ...).
+    at : int
+        Position of the pack.
+    x, y, z : float
+
+    Returns
+    -------
+    bool
+        False if the point is outside (an end is inside); the coefficients are then NaN. True for
+        NaN.
     """
-    keep_apart()
+    noinline()
     functions, inside = int(w[at]), True
     x_axis = at + 1
     y_axis = _after(w, x_axis)
@@ -94,7 +132,7 @@ def hold_cell(w, cell, at, x, y, z):
     y_stride = z_stride * _coefficients(w, z_axis)
     x_stride = y_stride * _coefficients(w, y_axis)
     corner = _after(w, z_axis)
-    for n, axis, place, stride in (
+    for n, axis, value, stride in (
         (0, x_axis, x, x_stride),
         (1, y_axis, y, y_stride),
         (2, z_axis, z, z_stride),
@@ -106,10 +144,10 @@ def hold_cell(w, cell, at, x, y, z):
         )
         if spans == 0:
             w[ends], w[ends + LANES] = -math.inf, math.inf
-            inside = inside and not math.isnan(place)
+            inside = inside and not math.isnan(value)
             continue
-        inside = inside and w[axis + 1] <= place <= w[axis + 1 + spans]
-        low = _span(w, axis, place)
+        inside = inside and w[axis + 1] <= value <= w[axis + 1 + spans]
+        low = _span(w, axis, value)
         corner += low * stride
         start = w[axis + 1 + low]
         if w[ends] == start:
@@ -129,14 +167,14 @@ def hold_cell(w, cell, at, x, y, z):
                     )
                     k += LANES
     if not inside:
-        w[cell] = math.inf  # holds no place
+        w[cell] = math.inf  # no point is in it
     return inside or math.isnan(x) or math.isnan(y) or math.isnan(z)
 
 
 @routine
 def _basis(numbers, axis, x):
-    """Span that holds x, how many basis functions are not zero there, and their values, which sum
-    to one; NaN outside the axis."""
+    """Span of x, number of nonzero basis functions there, and their values, which sum to one; NaN
+    outside the axis."""
     spans = int(numbers[axis])
     if spans == 0:
         return 0, 1, (math.nan if math.isnan(x) else 1.0, 0.0, 0.0, 0.0)
@@ -160,7 +198,7 @@ def _basis(numbers, axis, x):
 
 @routine
 def _span(numbers, axis, x):
-    """Number of the span of an axis that holds x; the first or the last if none does."""
+    """Number of the span of an axis that contains x; the first or the last beyond the ends."""
     low, high = 0, int(numbers[axis])
     while high - low > 1:
         middle = (low + high) // 2
@@ -173,17 +211,17 @@ def _span(numbers, axis, x):
 
 @routine
 def _cubic(numbers, p, s):
-    """Polynomial in s whose four coefficients start at ``numbers[p]``."""
+    """Polynomial in s with four coefficients from ``numbers[p]`` on."""
     return numbers[p] + s * (numbers[p + 1] + s * (numbers[p + 2] + s * numbers[p + 3]))
 
 
 @routine
 def _coefficients(numbers, axis):
-    """How many coefficients stand along an axis."""
+    """Number of coefficients along an axis."""
     return int(numbers[axis]) + 3 if numbers[axis] > 0.0 else 1
 
 
 @routine
 def _after(numbers, axis):
-    """Place after the numbers of an axis."""
+    """Position after the numbers of an axis."""
     return axis + 2 + 17 * int(numbers[axis])

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import tomli_w
 
-from sepmc.paths import PlaceError, place
+from sepmc.paths import PathError, as_path
 from sepmc.scene.checks import check_dispersion, check_scene, inertia_fault, inertia_tensor
 from sepmc.scene.contents import contents
 from sepmc.scene.correlation import Copula
@@ -93,8 +93,8 @@ def find_file(file: str | Path) -> Path:
         said = "must be the name of a file or run folder; what is in a file is changed by settings"
         raise SceneError([f"campaign = {shorten(file)}: {said}"])
     try:
-        path = place(file)
-    except PlaceError as error:
+        path = as_path(file)
+    except PathError as error:
         raise SceneError([str(error)]) from None
     try:
         if path.is_dir() and (path / "campaign.toml").is_file():

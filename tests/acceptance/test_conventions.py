@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from oracles.random_scenes.interpreted import flown_plainly
 
 from sepmc.physics import quat, springs
-from sepmc.physics.aerodynamics import aero_force, aero_moment, angles_told, flow_angles
+from sepmc.physics.aerodynamics import aero_force, aero_moment, flow_angles, reported_angles
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
 
 DEG = math.pi / 180.0
@@ -179,8 +179,8 @@ def test_alpha_and_beta():
 def test_still_air_has_no_direction(pair):
     """A body held still by the ground, without wind: its angles are no numbers, its case is ok. Air
     along the z axis has a sideslip, but no angle of attack."""
-    assert_allclose(angles_told((9e-7, 0.0, 2e-6), (1.0, 2.0)), [math.nan, 2.0])
-    assert_allclose(angles_told((9e-7, 0.0, 1e-7), (1.0, 2.0)), [math.nan, math.nan])
+    assert_allclose(reported_angles((9e-7, 0.0, 2e-6), (1.0, 2.0)), [math.nan, 2.0])
+    assert_allclose(reported_angles((9e-7, 0.0, 1e-7), (1.0, 2.0)), [math.nan, math.nan])
     campaign = pair(
         {
             "joint.stand": {"bodies": ["ground", "aft"], "point_m": [3.0, 0.1, 0.0]},
@@ -205,9 +205,9 @@ def test_still_air_has_no_direction(pair):
 def test_air_from_right_behind(pair):
     """A body pushed back in still air has an angle of attack of 180 deg, never of -180 as the sign
     of a round-off has it: that would be an error of a turn."""
-    assert_allclose(angles_told((-1.0, 1e-13, 0.0), (-math.pi, 0.0)), [math.pi, 0.0])
-    assert_allclose(angles_told((-1.0, 1e-11, 0.0), (-math.pi, 0.0)), [-math.pi, 0.0])
-    assert_allclose(angles_told((1.0, 1e-13, 0.0), (-1e-13, 0.0)), [-1e-13, 0.0])
+    assert_allclose(reported_angles((-1.0, 1e-13, 0.0), (-math.pi, 0.0)), [math.pi, 0.0])
+    assert_allclose(reported_angles((-1.0, 1e-11, 0.0), (-math.pi, 0.0)), [-math.pi, 0.0])
+    assert_allclose(reported_angles((1.0, 1e-13, 0.0), (-1e-13, 0.0)), [-1e-13, 0.0])
     campaign = pair(
         {
             "initial.speed_m_s": 0.0,

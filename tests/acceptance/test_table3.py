@@ -8,7 +8,7 @@ import sepmc
 # the first is the campaign's; none was used by notebooks/reconstruct.py
 SEEDS = (2019, 1, 2, 3, 4, 5)
 # What one seed differs from another at 10,000 cases: means 0.01 sigma, sigmas 1 %, extremes 0.04 to
-# 0.13 sigma, the greatest pitch rate 0.31 (tests/measure.py). The rest is room for what the
+# 0.13 sigma, the greatest pitch rate 0.31 (tests/measure/targets.py). The rest is room for what the
 # reconstruction cannot give.
 MEAN, SIGMA, EXTREME_AVERAGE, EXTREME_SEED = 0.05, 0.05, 0.6, 0.9
 

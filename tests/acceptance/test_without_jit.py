@@ -12,8 +12,8 @@ import sepmc
 
 PROGRAM = """
 import json, sepmc
-from sepmc.campaign import pilot
-pilot.SAMPLE = 8
+from sepmc.campaign.execution import step_selection
+step_selection.SAMPLE = 8
 campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.step_s": 0.25})
 result = campaign.run(cases=2, seed=7)
 print(json.dumps(result.to_pandas().drop(columns="status").to_dict("list")))

@@ -7,10 +7,10 @@ import tomllib
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from oracles.independent import fly
+from oracles.independent import simulate
 from oracles.independent.constraints import Constraints
-from oracles.independent.events import is_less
-from oracles.independent.flight import IndependentFlight
+from oracles.independent.events import constrains_less
+from oracles.independent.flight import Simulation
 from oracles.independent.joints import rows_of
 from oracles.independent.roots import first_root
 from scipy.integrate import quad
@@ -45,7 +45,7 @@ def phases(*steps):
 
 def flown(campaign):
     """Outcomes and events of a case that must end well."""
-    found = fly(campaign.nominal().to_dict())
+    found = simulate(campaign.nominal().to_dict())
     assert found.status == "ok"
     return found.outcomes, found.events
 
@@ -55,14 +55,14 @@ def released(pair, settings):
 
 
 def test_columns_are_the_public_ones(table2):
-    found = fly(table2.case(3).to_dict())
+    found = simulate(table2.case(3).to_dict())
     assert list(found.outcomes) == [column.name for column in table2.outcome_columns]
 
 
 def test_table2_against_minimal_coordinates(table2):
     """One body's six degrees of freedom and the joint's: another formulation, written apart."""
     case = table2.case(5).to_dict()
-    other, found = lagrange.fly(case), fly(case)
+    other, found = lagrange.fly(case), simulate(case)
     for name, value in found.outcomes.items():
         if name in other:
             assert_allclose(value, other[name], rtol=1e-10, atol=1e-10, err_msg=name)
@@ -73,7 +73,7 @@ def test_table2_against_minimal_coordinates(table2):
 def test_against_a_single_run(name):
     campaign = sepmc.load(name)
     case = campaign.case(1)
-    history, found = campaign.simulate(case, step_s=0.05), fly(case.to_dict())
+    history, found = campaign.simulate(case, step_s=0.05), simulate(case.to_dict())
     assert found.status == history.attrs["status"]
     for column, value in found.outcomes.items():
         # of a load that stands all but still any time is the peak's
@@ -121,12 +121,12 @@ def test_conditions_already_met(pair):
         .to_dict()
     )
     case["phase"][1]["until"]["time"] = 0.1
-    assert fly(case).outcomes["release_time_s"] == 0.2
+    assert simulate(case).outcomes["release_time_s"] == 0.2
 
 
 def test_failed_joint(pair):
     settings = {"joint.pins.fails": 1, "phase": phases(("fixed", {"time_s": 0.1}), ("free", None))}
-    found = fly(pair(settings).nominal().to_dict())
+    found = simulate(pair(settings).nominal().to_dict())
     assert found.status == "never-released"
     assert math.isnan(found.outcomes["release_time_s"])
 
@@ -251,7 +251,7 @@ def test_statuses(pair, settings, status):
         for table in tables:
             node = node[table]
         node[key] = value
-    found = fly(case)
+    found = simulate(case)
     assert found.status == status
     assert status in {each.label for each in Status}
     assert all(math.isnan(value) for value in found.outcomes.values())
@@ -261,7 +261,7 @@ def test_beyond_the_atmosphere(table2):
     """Climbing at 85.9 km."""
     case = table2.nominal().to_dict()
     case["initial"] |= {"altitude": 85_900.0, "pitch": 1.2}
-    assert fly(case).status == "outside-atmosphere"
+    assert simulate(case).status == "outside-atmosphere"
 
 
 def test_what_is_not_known_is_refused(pair):
@@ -273,18 +273,18 @@ def test_what_is_not_known_is_refused(pair):
     ):
         table["novelty"] = 1.0
         with pytest.raises(ValueError, match=rf"{place}.novelty"):
-            fly(case)
+            simulate(case)
         del table["novelty"]
     case["clearance"] = [{"name": "gap"}]
     with pytest.raises(ValueError, match="clearance"):
-        fly(case)
+        simulate(case)
 
 
 def test_a_joint_only_lets_go():
-    assert is_less(rows_of("slider", {}), rows_of("fixed", {}))
-    assert is_less(rows_of("universal", {}), rows_of("fixed", {}))
-    assert not is_less(rows_of("point-on-plane", {}), rows_of("point-on-line", {}))
-    assert not is_less(rows_of("fixed", {}), rows_of("slider", {}))
+    assert constrains_less(rows_of("slider", {}), rows_of("fixed", {}))
+    assert constrains_less(rows_of("universal", {}), rows_of("fixed", {}))
+    assert not constrains_less(rows_of("point-on-plane", {}), rows_of("point-on-line", {}))
+    assert not constrains_less(rows_of("fixed", {}), rows_of("slider", {}))
 
 
 KINDS = [
@@ -353,7 +353,7 @@ def _flight(scene):
     table = read(msgspec.to_builtins(scene))
     vehicle = Vehicle(table)
     vehicle.prepare()
-    return IndependentFlight(table, vehicle, 1e-12)
+    return Simulation(table, vehicle, 1e-12)
 
 
 _ANY = tomllib.loads("""

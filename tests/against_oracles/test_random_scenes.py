@@ -14,12 +14,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from oracles.independent import fly
+from oracles.independent import simulate
 from oracles.random_scenes import compare, run, workers
 from oracles.random_scenes.dispersions import kind_of, paths
-from oracles.random_scenes.equivalent_scenes import SPELLINGS, spelt
+from oracles.random_scenes.equivalent_scenes import EQUIVALENTS, equivalent_column
 from oracles.random_scenes.interpreted import flown_plainly
-from oracles.random_scenes.rng import Dice
+from oracles.random_scenes.rng import RandomStream
 from oracles.random_scenes.scenes import LATE, scene
 from oracles.random_scenes.shrink import shrink
 from oracles.random_scenes.workers import judge_all
@@ -36,8 +36,8 @@ SEEDS = (1006, 1014, 1016, 1026, 1030, 1051, 1101, 1395, 1398, 420003, 420009, 4
 # that begins late.
 NAMED = ("release", "ignition", "optional", "direction", "late profile")
 NAMED_SEEDS = (3000, 3051, 3061, 3085, 3088, 3137)
-THROUGH_DOORS = (1006, 1014, 1016)
-KEPT = sorted((Path(__file__).parents[1] / "scenes").glob("*.toml"))
+ENTRY_POINT_SEEDS = (1006, 1014, 1016)
+FOUND_SCENES = sorted((Path(__file__).parents[1] / "scenes").glob("*.toml"))
 
 # Two bodies, one spring between them: what is planted must be found in something small.
 SMALL = {
@@ -134,13 +134,16 @@ def test_later_kinds_occur_and_are_read():
                 continue
             other = Campaign(
                 parse_campaign(
-                    SPELLINGS["other names"](copy.deepcopy(tree) | {"dispersion": {}}, Dice(1)),
+                    EQUIVALENTS["other names"](
+                        copy.deepcopy(tree) | {"dispersion": {}}, RandomStream(1)
+                    ),
                     "renamed",
                 )
             )
         known = {column.name for column in other.outcome_columns}
         assert {
-            spelt(column.name, "other names", tree) for column in campaign.outcome_columns
+            equivalent_column(column.name, "other names", tree)
+            for column in campaign.outcome_columns
         } <= known
         found |= set(compare.features(tree))
     assert refused <= 2
@@ -169,11 +172,11 @@ def test_later_kinds_leave_the_rest_of_a_seed():
     assert 20 <= len(same) < 40
 
 
-@pytest.mark.parametrize("spelling", SPELLINGS)
-def test_other_spellings_are_read(spelling):
+@pytest.mark.parametrize("variant", EQUIVALENTS)
+def test_other_spellings_are_read(variant):
     """Every other spelling of a scene is one the parser takes."""
     tree = {key: value for key, value in copy.deepcopy(SMALL).items() if key != "dispersion"}
-    parse_campaign(SPELLINGS[spelling](tree, Dice(1)), spelling)
+    parse_campaign(EQUIVALENTS[variant](tree, RandomStream(1)), variant)
 
 
 def test_faults_are_told_apart():
@@ -182,7 +185,10 @@ def test_faults_are_told_apart():
 
     def reference(status, share):
         return lambda case, rtol=1e-12: SimpleNamespace(
-            status=status, outcomes=_times(fly(case).outcomes, 1.0 + share), vague=(), reached={}
+            status=status,
+            outcomes=_times(simulate(case).outcomes, 1.0 + share),
+            indeterminate=(),
+            reached={},
         )
 
     def broken(error):
@@ -214,7 +220,7 @@ def test_a_flat_peak_may_be_told_anywhere_on_it():
         SimpleNamespace(name="release_time_s"),
     ]
     for found, expected in ((0.05, 0.1), (0.15, 0.15), (0.3, 0.2), (np.nan, 0.12)):
-        assert compare.as_reached(
+        assert compare.nearest_reached(
             flown, np.array([found, 0.3]), np.array([0.12, 0.4]), columns
         ).tolist() == [expected, 0.4]
 
@@ -255,7 +261,7 @@ def test_random_scenes():
     flown = [kinds[seed] for seed in SEEDS]
     flown += [set(compare.features(scene(seed, kinds=NAMED))) for seed in NAMED_SEEDS]
     assert set().union(*flown) >= set().union(*kinds.values())
-    jobs = [{"seed": seed, "cases": 1, "doors": seed in THROUGH_DOORS} for seed in SEEDS]
+    jobs = [{"seed": seed, "cases": 1, "entry_points": seed in ENTRY_POINT_SEEDS} for seed in SEEDS]
     found = list(judge_all(jobs))
     assert not [v for v in found if run.fails(v) or v.get("not_flown")], run.table(found)
 
@@ -280,8 +286,8 @@ def test_random_scenes_of_named_kinds():
 
 
 def test_a_kind_of_scenes_that_there_is_not():
-    with pytest.raises(InputError, match="'optionl' is no kind of random scenes; did you mean 'o"):
-        run.gate(1, kinds=["optionl"])
+    with pytest.raises(InputError, match=r"optionl.*optional"):
+        run.judge_scenes(1, kinds=["optionl"])
 
 
 def test_a_joint_turned_round_leaves_the_spring_that_pushes_along_it():
@@ -289,7 +295,9 @@ def test_a_joint_turned_round_leaves_the_spring_that_pushes_along_it():
     tree = copy.deepcopy(SMALL)
     tree["spring"][0]["bodies"] = tree["joint"]["pins"]["bodies"]
     tree["phase"][1]["until"] = {"time_s": 0.1}
-    turned = SPELLINGS["joints and springs the other way round"](copy.deepcopy(tree), Dice(1))
+    turned = EQUIVALENTS["bodies of joints and springs swapped"](
+        copy.deepcopy(tree), RandomStream(1)
+    )
     assert turned["joint"]["pins"]["bodies"] == ["aft", "fore"]
     assert turned["spring"][0]["bodies"] == ["fore", "aft"]
 
@@ -302,7 +310,7 @@ def test_compiled_scenes():
     assert all(v["compiled"] for v in found)
 
 
-@pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", FOUND_SCENES, ids=lambda path: path.stem)
 def test_a_scene_that_failed_once(path):
     """A scene that the gate found and shrank, flown as the gate flies it."""
     with flown_plainly(cases=2):
@@ -358,7 +366,7 @@ def test_a_copy_ends_with_the_process_that_asked():
     asks = (
         "import time\nfrom oracles.random_scenes import worker\n"
         "def work(job):\n    print(1, flush=True)\n    time.sleep(60.0)\n"
-        "worker.work = work\nworker._judged_by_a_copy({'limit_s': 60.0})"
+        "worker.work = work\nworker._judge_in_fork({'limit_s': 60.0})"
     )
     with subprocess.Popen([sys.executable, "-c", asks], stdout=subprocess.PIPE, text=True) as one:
         assert one.stdout.readline()  # the copy is at work

@@ -9,7 +9,7 @@ from oracles.random_scenes.interpreted import flown_plainly
 from scipy import stats
 
 import sepmc
-from sepmc.analysis.compare import compare, dependent, differences
+from sepmc.analysis.compare import compare, dependence_warning, tree_differences
 from sepmc.analysis.proportions import difference_interval, paired_interval
 from sepmc.campaign.store import shards
 from sepmc.cli import app
@@ -190,13 +190,13 @@ def test_coverage():
 def test_what_files_do_not_share():
     one = {"run": {"cases": 5}, "spring": [{"name": "a", "force_N": 1.0}], "title": "t"}
     two = {"run": {"cases": 6, "seed": 1}, "spring": [{"name": "a", "force_N": 2.0}]}
-    assert differences(one, two) == [
+    assert tree_differences(one, two) == [
         "run.cases: 5 -> 6",
         "run.seed: - -> 1",
         "spring.a.force_N: 1.0 -> 2.0",
         "title: t -> -",
     ]
-    assert differences(one, one) == []
+    assert tree_differences(one, one) == []
 
 
 @pytest.fixture(scope="module")
@@ -297,7 +297,7 @@ def test_rows_that_were_resumed_or_kept(runs, tmp_path):
 
 
 def test_what_is_said_of_samplers():
-    assert dependent(["random", "random"]) == ""
-    assert dependent(["sobol", "random"]).startswith("sampler sobol: ")
-    assert dependent(["lhs", "sobol"]).startswith("sampler lhs and sobol: ")
-    assert "too narrow" in dependent(["random", "saltelli"])
+    assert dependence_warning(["random", "random"]) == ""
+    assert dependence_warning(["sobol", "random"]).startswith("sampler sobol: ")
+    assert dependence_warning(["lhs", "sobol"]).startswith("sampler lhs and sobol: ")
+    assert "too narrow" in dependence_warning(["random", "saltelli"])

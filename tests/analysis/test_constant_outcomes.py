@@ -10,15 +10,16 @@ from click.testing import CliRunner
 from oracles.random_scenes.interpreted import flown_plainly
 
 from sepmc.analysis import compare, constant_outcomes, distributions, sensitivity
-from sepmc.analysis.row_statistics import Rows
-from sepmc.analysis.statistics import statistics, summary_text
-from sepmc.analysis.stopping import Until
+from sepmc.analysis.row_statistics import TableStatistics
+from sepmc.analysis.statistics import statistics
+from sepmc.analysis.statistics_text import render_summary
+from sepmc.analysis.stopping import StoppingRule
+from sepmc.campaign import run_statistics
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.store import manifests, shards
+from sepmc.campaign.store import shards
 from sepmc.cli import app
 from sepmc.cli.figures import draw_figures
 from sepmc.cli.options import load_campaign
-from sepmc.cli.render import statistics_of, summary_of, verdicts_of
 from sepmc.report import convergence_figures, figures
 from sepmc.scene.read import parse_campaign
 
@@ -145,7 +146,7 @@ def test_times_of_extremes_are_constant_only_if_these_are():
         table = constant_outcomes.with_constants(table, errors)
         assert table["constant"].tolist() == [expected, expected]
     table = statistics(cases | {"a_clearance_mm": gap}, ["a_clearance_mm", "a_clearance_time_s"])
-    told = constant_outcomes.lines(constant_outcomes.with_constants(table, errors))
+    told = constant_outcomes.render_constants(constant_outcomes.with_constants(table, errors))
     assert "a_clearance_time_s: not known, as its extreme is flat" in told[1]
 
 
@@ -155,7 +156,7 @@ def test_times_of_extremes_are_constant_only_if_these_are():
 )
 def test_a_value_is_told_to_its_error(value, error, expected):
     """What is below its error is 0, and no digit is told that the error hides."""
-    assert constant_outcomes.known_value(value, error) == expected
+    assert constant_outcomes.round_to_error(value, error) == expected
 
 
 def test_drivers_and_laws_of_noise():
@@ -169,13 +170,15 @@ def test_drivers_and_laws_of_noise():
         "y_mm": 5.0 + 1e-9 * x,
     }
     table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-8, 1.0)})
-    within = constant_outcomes.reach(table, "y_mm")
+    within = constant_outcomes.max_spread(table, "y_mm")
     with pytest.raises(ValueError, match="is constant, as its values differ by"):
-        sensitivity.drivers(cases, ["in_x"], "y_mm", within=within)
-    assert distributions.laws(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
+        sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", within=within)
+    assert (
+        distributions.fit_distributions(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
+    )
     table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-11, 1.0)})
-    assert constant_outcomes.reach(table, "y_mm") == 0.0
-    found = sensitivity.drivers(cases, ["in_x"], "y_mm", within=0.0)
+    assert constant_outcomes.max_spread(table, "y_mm") == 0.0
+    found = sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", within=0.0)
     assert found.at["in_x", "rank"] == pytest.approx(1.0)
 
 
@@ -190,7 +193,7 @@ def test_a_difference_below_the_error_is_none():
     found = compare.compare(one, two, ["in_x"], ["y_mm"], (), {"y_mm": 1e-11})
     assert found.at["y_mm", "below_error"]
     assert found.loc["y_mm", ["difference", "low", "high"]].tolist() == [0.0, 0.0, 0.0]
-    assert "below numerical error" in compare.text(found)
+    assert "below numerical error" in compare.render_comparison(found)
     found = compare.compare(one, two, ["in_x"], ["y_mm"], (), {"y_mm": 1e-13})
     assert not found.at["y_mm", "below_error"]
 
@@ -199,16 +202,16 @@ def test_a_constant_is_known_as_soon_as_it_is_looked_at():
     """The mean of noise about zero is known to its numerical error, not to a share of itself."""
     x = 1e-17 * np.random.default_rng(3).standard_cauchy(4096)
     cases = {"case": np.arange(4096), "status": np.full(4096, "ok"), "y_mm": x}
-    summary = Rows(cases, ["y_mm"], [], {})
+    summary = TableStatistics(cases, ["y_mm"], [], {})
     within = 2.0 * float(np.abs(x).max())
-    look = Until("y_mm", "mean", 1e-3, relative=False, text="y_mm:0.001").look(
+    look = StoppingRule("y_mm", "mean", 1e-3, relative=False, text="y_mm:0.001").look(
         summary, 4, [], within
     )
-    assert (look.value, look.enough, look.lack) == (0.0, True, "")
+    assert (look.value, look.sufficient, look.shortfall) == (0.0, True, "")
     assert (
-        not Until("y_mm", "mean", 0.01, relative=True, text="y_mm:1%")
+        not StoppingRule("y_mm", "mean", 0.01, relative=True, text="y_mm:1%")
         .look(summary, 4, [], within)
-        .enough
+        .sufficient
     )
 
 
@@ -231,22 +234,22 @@ def test_statistics_say_constant(run):
     assert frame.loc[[SPEED, GAP, VARIES], "constant"].tolist() == [True, True, False]
     again = call("stats", folder)
     assert f"{GAP}: constant 0 mm" in again.output
-    given = call("stats", folder, "--given", "initial.omega_deg_s.x>30")
+    given = call("stats", folder, "--where", "initial.omega_deg_s.x>30")
     assert f"{GAP}: constant 0 mm" in given.output
 
 
 def test_no_drivers_and_no_law_of_a_constant(run):
     """Neither the command nor the defaults tell drivers of a constant; laws say what it is."""
     folder, _ = run
-    told = call("drivers", folder, SPEED, VARIES, "--no-plots")
+    told = call("sensitivity", folder, SPEED, VARIES, "--no-plots")
     assert f"warning: {SPEED}: is constant" in told.output
     assert f"what drives {SPEED}" not in told.output
     assert f"what drives {VARIES}" in told.output
-    told = call("drivers", folder, "--no-plots")
+    told = call("sensitivity", folder, "--no-plots")
     assert f"what drives {GAP}" not in told.output
-    lines = call("laws", folder, GAP).output.splitlines()
+    lines = call("fit", folder, GAP).output.splitlines()
     assert next(line for line in lines if line.startswith(GAP)).split()[5] == "constant"
-    frame = pd.read_csv(folder / "laws.csv", index_col="outcome")
+    frame = pd.read_csv(folder / "distributions.csv", index_col="outcome")
     assert frame.at[SPEED, "law"] == "constant"
     assert np.isnan(frame.at[SPEED, "skewness"])
 
@@ -259,8 +262,8 @@ def test_python_says_so_too():
     assert table.at[SPEED, "constant"]
     assert not table.at[VARIES, "constant"]
     with pytest.raises(ValueError, match="is constant"):
-        result.drivers(SPEED)
-    assert result.laws().at[SPEED, "law"] == "constant"
+        result.sensitivity(SPEED)
+    assert result.fit().at[SPEED, "law"] == "constant"
     assert "e-16" not in result._repr_html_()
 
 
@@ -276,10 +279,8 @@ def test_a_required_constant_is_drawn_as_one_value(run, monkeypatch):
     monkeypatch.setattr(convergence_figures, "save", keep)
     folder, _ = run
     loaded = load_campaign(str(folder), (), warn=False)
-    summary, accuracy = summary_of(folder, loaded), manifests.read_manifest(folder)["accuracy"]
-    stats = statistics_of(loaded, summary, accuracy)
-    verdicts = verdicts_of(loaded, summary, accuracy, stats, summary.audit())
-    draw_figures(folder, loaded, summary, stats, say=str, verdicts=verdicts, converging=True)
+    read = run_statistics.read_run(folder, loaded)
+    draw_figures(folder, loaded, read.summary, read.table, read.verdicts, log=str, converging=True)
     panel = kept["histograms.png"].axes[0]
     assert panel.get_title() == "n 20, constant 0 mm"
     assert not panel.patches
@@ -305,9 +306,9 @@ def test_what_two_runs_can_tell_apart():
     """Both errors together; nothing of times of extremes, unless these are flat in both runs."""
     one, two = (described([1.0, x]) for x in (2.0, 3.0))
     sizes = one.at["y_mm", "error_size"] + two.at["y_mm", "error_size"]
-    assert constant_outcomes.comparable(one, two, "y_mm") == sizes > 0.0
+    assert constant_outcomes.joint_error(one, two, "y_mm") == sizes > 0.0
     one, two = (described([1.0, x], "a_clearance_time_s") for x in (2.0, 3.0))
-    assert constant_outcomes.comparable(one, two, "a_clearance_time_s") == 0.0
+    assert constant_outcomes.joint_error(one, two, "a_clearance_time_s") == 0.0
 
 
 def test_counted_statistics_say_constant(tmp_path):
@@ -320,7 +321,9 @@ def test_counted_statistics_say_constant(tmp_path):
     assert f"{GAP}: constant 0 mm" in told.output
     found = shards.read_stored_statistics(tmp_path / "run")
     assert constant_outcomes.is_constant(found.table, GAP)
-    assert constant_outcomes.flat(found.histogram(GAP), found.table, GAP).edges.size == 0
+    assert (
+        constant_outcomes.collapse_constant(found.histogram(GAP), found.table, GAP).edges.size == 0
+    )
     bins = pd.read_csv(tmp_path / "run" / "histograms.csv")
     assert GAP not in set(bins["outcome"])
     assert VARIES in set(bins["outcome"])
@@ -331,5 +334,5 @@ def test_text_without_constants_is_as_ever():
     """Tables of other origin, which do not tell what is constant, are written whole."""
     x = np.array([1.0, 2.0, 4.0])
     table = statistics({"case": np.arange(3), "status": np.full(3, "ok"), "y_mm": x}, ["y_mm"])
-    assert constant_outcomes.settled(table) is table
-    assert "y_mm" in summary_text(table, {"ok": 3})
+    assert constant_outcomes.with_constant_values(table) is table
+    assert "y_mm" in render_summary(table, {"ok": 3})

@@ -19,7 +19,7 @@ def cases(**outcomes):
 
 def drawn(name, size, seed=0):
     """Values of a law with some location and scale."""
-    law, rng = distributions.LAWS[name], np.random.default_rng(seed)
+    law, rng = distributions.DISTRIBUTIONS[name], np.random.default_rng(seed)
     location, scale = (0.3, 0.4) if law.of_logarithm else (-2.0, 3.0)
     y = law.frozen(location, scale).rvs(size, random_state=rng)
     return np.exp(y) if law.of_logarithm else y
@@ -30,7 +30,7 @@ def drawn(name, size, seed=0):
 def test_probabilities_are_those_of_simulation(name, n):
     """Of fitted laws: 1,000 samples fall below 10 and 2.5 % as often as they should, within 3
     standard errors."""
-    law = distributions.LAWS[name]
+    law = distributions.DISTRIBUTIONS[name]
     found = []
     for x in np.sort(drawn(name, (REPEATS, n)), axis=1):
         fitted = law.frozen(*law.fit(x))
@@ -40,13 +40,13 @@ def test_probabilities_are_those_of_simulation(name, n):
         assert abs(share - level) < 3.0 * np.sqrt(level * (1.0 - level) / REPEATS), level
 
 
-@pytest.mark.parametrize("name", distributions.LAWS)
+@pytest.mark.parametrize("name", distributions.DISTRIBUTIONS)
 def test_a_planted_law_is_found(name):
     """The nearest, with its parameters and ends, and nothing speaks against it."""
-    row = distributions.laws(cases(x=drawn(name, 4000, seed=5)), ["x"]).loc["x"]
+    row = distributions.fit_distributions(cases(x=drawn(name, 4000, seed=5)), ["x"]).loc["x"]
     assert row["law"] == name
     assert row["p"] > distributions.LEVEL
-    law = distributions.LAWS[name]
+    law = distributions.DISTRIBUTIONS[name]
     location, scale = (0.3, 0.4) if law.of_logarithm else (-2.0, 3.0)
     assert abs(row["location"] - location) < 0.1 * scale
     assert abs(row["scale"] - scale) < 0.1 * scale
@@ -57,7 +57,9 @@ def test_a_planted_law_is_found(name):
 
 def test_shape():
     """Skewness and kurtosis of a uniform law are 0 and -1.2; it is none of the laws."""
-    row = distributions.laws(cases(x=np.random.default_rng(1).uniform(size=5000)), ["x"]).loc["x"]
+    row = distributions.fit_distributions(
+        cases(x=np.random.default_rng(1).uniform(size=5000)), ["x"]
+    ).loc["x"]
     assert abs(row["skewness"]) < 3.0 * row["skewness_se"]
     assert abs(row["kurtosis"] + 1.2) < 3.0 * row["kurtosis_se"]
     assert row["p"] == 0.01
@@ -68,7 +70,7 @@ def test_what_has_no_law():
     x = np.random.default_rng(2).normal(size=100)
     table = cases(few=np.where(np.arange(100) < 10, x, np.nan), same=np.repeat(x[:5], 20), x=x)
     table["status"] = np.where(np.arange(100) < 60, "ok", "unresolved")
-    found = distributions.laws(table, ["few", "same", "x"])
+    found = distributions.fit_distributions(table, ["few", "same", "x"])
     assert list(found["law"]) == ["", "", found.loc["x", "law"]]
     assert list(found["n"]) == [10, 60, 60]
     assert found.loc["x", "law"]
@@ -79,8 +81,11 @@ def test_text():
     rng = np.random.default_rng(3)
     table = cases(speed_m_s=rng.normal(2.0, 0.1, 2000), angle_deg=rng.uniform(0, 1, 2000))
     names = ["speed_m_s", "angle_deg"]
-    told = distributions.text(
-        distributions.laws(table, names), statistics(table, names), {"speed_m_s": "m/s"}, width=200
+    told = distributions.render_fits(
+        distributions.fit_distributions(table, names),
+        statistics(table, names),
+        {"speed_m_s": "m/s"},
+        width=200,
     ).splitlines()
     assert "normal, p" in told[0]
     assert "normal" in told[1]
@@ -98,17 +103,17 @@ def test_through_a_run_folder(pair, plainly, tmp_path):
     settings = {"spring": [spring], "dispersion": laws_of_inputs, "solver.step_s": 0.05}
     settings["phase"] = [{"name": "free", "joints": {"pins": "slider"}}]
     result = pair(settings).run(cases=60, seed=3, out=tmp_path / "run")
-    told = CliRunner().invoke(app.main, ["laws", str(tmp_path / "run"), "separation_speed_m_s"])
+    told = CliRunner().invoke(app.main, ["fit", str(tmp_path / "run"), "separation_speed_m_s"])
     assert told.exit_code == 0, told.output
     assert "99.865 %: law" in told.stdout
     assert "not independent" not in told.stdout
-    kept = pd.read_csv(tmp_path / "run" / "laws.csv", index_col="outcome")
-    row = result.laws().loc["separation_speed_m_s"]
+    kept = pd.read_csv(tmp_path / "run" / "distributions.csv", index_col="outcome")
+    row = result.fit().loc["separation_speed_m_s"]
     assert kept.loc["separation_speed_m_s", "law"] == row["law"] != ""
     assert kept.loc["separation_speed_m_s", "p"] == row["p"] > distributions.LEVEL
-    wrong = CliRunner().invoke(app.main, ["laws", str(tmp_path / "run"), "separation_sped_m_s"])
+    wrong = CliRunner().invoke(app.main, ["fit", str(tmp_path / "run"), "separation_sped_m_s"])
     assert wrong.exit_code == 2
     assert "did you mean 'separation_speed_m_s'" in wrong.stderr
     pair(settings | {"run.sampler": "sobol"}).run(cases=32, out=tmp_path / "sobol")
-    told = CliRunner().invoke(app.main, ["laws", str(tmp_path / "sobol")])
+    told = CliRunner().invoke(app.main, ["fit", str(tmp_path / "sobol")])
     assert "run.sampler = 'sobol' are not independent" in told.stdout

@@ -9,12 +9,13 @@ from numpy.testing import assert_allclose
 from scipy.stats import binom
 
 from sepmc.analysis.proportions import (
-    allowed,
-    at_most,
-    design_value,
-    interval,
-    needed,
+    allowed_violations,
+    binomial_interval,
+    design_rank,
+    order_statistics,
     percentile_ranks,
+    required_cases,
+    upper_bound,
 )
 
 ALL = 200  # sample sizes up to this are compared with sums
@@ -44,30 +45,37 @@ def cumulative(n, p):
 def test_allowed_and_needed_against_sums(share, confidence):
     for n in range(1, ALL + 1):
         k = int(np.count_nonzero(cumulative(n, 1.0 - share) <= 1.0 - confidence)) - 1
-        assert allowed(n, share, confidence) == k
+        assert allowed_violations(n, share, confidence) == k
         if k >= 0:
-            assert needed(k, share, confidence) <= n < needed(k + 1, share, confidence)
+            assert (
+                required_cases(k, share, confidence) <= n < required_cases(k + 1, share, confidence)
+            )
 
 
 @pytest.mark.parametrize(("share", "confidence"), KNOWN)
 def test_needed_as_published(share, confidence):
     for k, n in KNOWN[share, confidence].items():
-        assert needed(k, share, confidence) == n
-        assert (allowed(n, share, confidence), allowed(n - 1, share, confidence)) == (k, k - 1)
+        assert required_cases(k, share, confidence) == n
+        assert (
+            allowed_violations(n, share, confidence),
+            allowed_violations(n - 1, share, confidence),
+        ) == (k, k - 1)
 
 
 def test_more_cases_than_a_number_of_32_bits():
     """For a billionth, log(0.1) / log(1 - 1e-9)."""
-    assert needed(0, 1.0 - 1e-9, 0.9) == pytest.approx(math.log(0.1) / math.log1p(-1e-9), rel=1e-7)
-    many = needed(300, 1.0 - 1e-7, 0.9)
-    assert allowed(many, 1.0 - 1e-7, 0.9) == 300
+    assert required_cases(0, 1.0 - 1e-9, 0.9) == pytest.approx(
+        math.log(0.1) / math.log1p(-1e-9), rel=1e-7
+    )
+    many = required_cases(300, 1.0 - 1e-7, 0.9)
+    assert allowed_violations(many, 1.0 - 1e-7, 0.9) == 300
 
 
 def test_interval_against_sums():
     """Each end is the probability at which so many, or so few, have 2.5 %."""
     for n in (1, 2, 7, 59, ALL):
         for k in {0, 1, n // 3, n - 1, n}:
-            low, high = interval(k, n)
+            low, high = binomial_interval(k, n)
             if k > 0:
                 assert_allclose(1.0 - cumulative(n, low)[k - 1], 0.025, rtol=1e-9)
             if k < n:
@@ -77,9 +85,9 @@ def test_interval_against_sums():
 
 def test_none_of_so_many():
     """0 of 5,000 is less than 6.0e-4 with 95 %."""
-    assert_allclose(at_most(0, 5000), 1.0 - 0.05 ** (1.0 / 5000.0), rtol=1e-12)
-    assert f"{at_most(0, 5000):.1e}" == "6.0e-04"
-    assert at_most(5, 5) == 1.0
+    assert_allclose(upper_bound(0, 5000), 1.0 - 0.05 ** (1.0 / 5000.0), rtol=1e-12)
+    assert f"{upper_bound(0, 5000):.1e}" == "6.0e-04"
+    assert upper_bound(5, 5) == 1.0
 
 
 @pytest.mark.parametrize("p", [0.003, 0.1, 0.5])
@@ -88,7 +96,7 @@ def test_coverage_of_intervals(p):
     n, random = 400, np.random.default_rng(3)
     missed = sum(
         not low <= p <= high
-        for low, high in (interval(int(k), n) for k in random.binomial(n, p, REPEATS))
+        for low, high in (binomial_interval(int(k), n) for k in random.binomial(n, p, REPEATS))
     )
     assert missed / REPEATS <= 0.05 + 2.0 * math.sqrt(0.05 * 0.95 / REPEATS)
 
@@ -114,6 +122,11 @@ def test_places_of_percentiles_against_the_law(share):
         low, high = percentile_ranks(n, share)
         assert binom.cdf(low, n, share) <= 0.025 < binom.cdf(low + 1, n, share)
         assert binom.sf(high, n, share) <= 0.025 < binom.sf(high - 1, n, share)
+
+
+def design_value(values, probability, confidence, upper=True):
+    rank = design_rank(len(values), probability, confidence, upper)
+    return math.nan if rank is None else float(order_statistics(values, np.array([rank]))[0])
 
 
 def test_design_value():

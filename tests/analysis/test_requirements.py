@@ -12,9 +12,10 @@ from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
 from sepmc.analysis import requirements
-from sepmc.analysis.requirements import FAIL, NONE, NOT_SHOWN, PASS, Tally
-from sepmc.analysis.row_statistics import Rows
-from sepmc.analysis.streaming import Stream
+from sepmc.analysis.proportions import binomial_interval
+from sepmc.analysis.requirements import FAIL, NONE, NOT_SHOWN, PASS, RequirementCounter
+from sepmc.analysis.row_statistics import TableStatistics
+from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.cli import app
 from sepmc.scene.messages import SceneError
 from sepmc.scene.model import Requirement
@@ -31,7 +32,7 @@ def verdict(values, requirement=CLEAR, statuses=None, error=1e-9, audit=None):
     table = {"case": np.arange(count), "status": labels, "gap_mm": np.asarray(values, float)}
     table["energy_residual"] = np.zeros(count) if audit is None else audit
     parts = ["gap_mm"], ["energy_residual"], {"energy_residual": 1e-8}, [requirement]
-    rows, stream = Rows(table, *parts), Stream(*parts)
+    rows, stream = TableStatistics(table, *parts), StreamingStatistics(*parts)
     codes = {status.label: int(status) for status in Status}
     columns = np.array([table["gap_mm"], table["energy_residual"]])
     for first in range(0, count, 7):
@@ -76,7 +77,7 @@ def test_a_system_that_is_just_insufficient_passes_as_rarely_as_said():
     """1 % violate; 1,000 campaigns of 400 cases: at most 10 % pass, and two standard errors."""
     random, passed = np.random.default_rng(4), 0
     for _ in range(1000):
-        tally = requirements.Tally(CLEAR)
+        tally = requirements.RequirementCounter(CLEAR)
         values = np.where(random.random(400) < 0.01, 4.0, 6.0)
         tally.add(np.arange(400), np.ones(400, dtype=bool), values, np.zeros(400, dtype=bool))
         passed += requirements.judge(tally, {"gap_mm": (0.0, 1.0)}, math.nan).verdict == PASS
@@ -97,7 +98,7 @@ def test_the_case_that_stands_for_violations_of_what_is_yes_or_no():
     hold. No value is the worst."""
 
     def found(values, ok):
-        tally = Tally(Requirement(name="clean", metric="gap_recontact", at_most=0.0))
+        tally = RequirementCounter(Requirement(name="clean", metric="gap_recontact", at_most=0.0))
         ok, values = np.array(ok), np.array(values)
         for k in range(len(values)):
             tally.add(np.array([10 + k]), ok[[k]], values[[k]], np.zeros(1, dtype=bool))
@@ -120,7 +121,7 @@ def test_what_is_not_known_refutes_nothing():
     values[[40, 41, 42]] = 4.0
     assert verdict(values, statuses=statuses).verdict == FAIL
     lost = verdict(values, statuses=["unresolved"] * 50)
-    assert (lost.verdict, lost.why) == (NONE, "no case came to its end with this outcome")
+    assert (lost.verdict, lost.why) == (NONE, "no case finished with this outcome")
     assert (lost.worst, lost.worst_case) == (None, 0)
 
 
@@ -141,7 +142,7 @@ def test_a_status_that_must_not_occur():
     # what became of the lost one is not known
     assert (found.violations, found.missing, found.verdict) == (3, 1, PASS)
     assert (found.worst, found.worst_case) == (None, 50)
-    text = requirements.text([found], {})
+    text = requirements.render_verdicts([found], {})
     assert "never-released does not occur in 90 %" in text
     assert "1 of them ended in another way" in text
 
@@ -160,7 +161,7 @@ def test_two_bounds():
     ):
         found = verdict([outer] * 20 + [6.5] * 80, item)
         assert found.design_value == margin
-        assert f"90 % of all cases {said}, with 90 %" in requirements.text(
+        assert f"90 % of all cases {said}, with 90 %" in requirements.render_verdicts(
             [found], {"gap_mm": "mm"}, 200
         )
 
@@ -172,7 +173,7 @@ def test_design_value():
     found = verdict(values, item)
     assert (found.design_value, found.violations, found.verdict) == (9_980.0, 14, PASS)
     assert found.worst == 9_999.0
-    text = requirements.text([found], {"gap_mm": "mm"})
+    text = requirements.render_verdicts([found], {"gap_mm": "mm"})
     assert "14 of 10000 cases violate it, 19 may" in text
     assert "99.73 % of all cases are <= 9980 mm, with 90 %" in text
 
@@ -192,7 +193,7 @@ def test_no_verdict(values, more, why):
     found = verdict(values, **more)
     assert found.verdict == NONE
     assert why in found.why
-    assert why in requirements.text([found], {})
+    assert why in requirements.render_verdicts([found], {})
 
 
 def test_an_error_that_does_not_matter():
@@ -291,7 +292,7 @@ def together(gap, speed, statuses, errors, required=(ALL, CLEAR, FAST, PARTS)):
     labels = np.array(statuses, dtype=object)
     table = {"case": np.arange(count), "status": labels, "gap_mm": gap, "speed_m_s": speed}
     parts = ["gap_mm", "speed_m_s"], [], {}, list(required)
-    rows, stream = Rows(table, *parts), Stream(*parts)
+    rows, stream = TableStatistics(table, *parts), StreamingStatistics(*parts)
     codes = {status.label: int(status) for status in Status}
     columns = np.array([gap, speed])
     for first in range(0, count, 7):
@@ -319,14 +320,14 @@ def test_all_requirements_together():
     # 5, 6, 7 and 8 violate something; of 9 nothing is known
     assert (found.violations, found.missing, found.worst_case, found.worst) == (5, 1, 5, None)
     assert (found.verdict, found.error, found.nearest) == (PASS, None, None)
-    low, high = requirements.interval(4, 200)[0], requirements.interval(5, 200)[1]
+    low, high = binomial_interval(4, 200)[0], binomial_interval(5, 200)[1]
     assert (found.share_low, found.share_high) == (low, high)
-    violates, known = requirements.violating(ALL, table, [ALL, CLEAR, FAST, PARTS])
+    violates, known = requirements.violation_masks(ALL, table, [ALL, CLEAR, FAST, PARTS])
     assert np.flatnonzero(violates & known).tolist() == [5, 6, 7, 8]
     assert np.flatnonzero(~known).tolist() == [9]
-    text = " ".join(requirements.text([found], {}).split())
+    text = " ".join(requirements.render_verdicts([found], {}).split())
     assert "clean: no other requirement is violated in 90 % of all cases" in text
-    assert "1 of them did not come to their end, or lack an outcome" in text
+    assert "1 of them did not finish or have no such outcome" in text
     for doubtful, said in ((5, PASS), (30, NONE)):  # of 200 cases 14 may violate
         near = speed.copy()
         near[100 : 100 + doubtful] = 1.0 + 1e-6
@@ -375,7 +376,7 @@ def test_all_together_through_a_run(tmp_path):
     assert row["worst_case"] == rows["case"][either].min()
     cause = result.causes("clean")[0]
     assert cause.violations == either.sum()
-    told = CliRunner().invoke(app.main, ["drivers", str(folder)])
+    told = CliRunner().invoke(app.main, ["sensitivity", str(folder)])
     assert told.exit_code == 0, told.output
     assert f"clean, {either.sum()} of 150 cases" in told.output
     told = CliRunner().invoke(app.main, ["report", str(folder), "--no-replay"])

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
-from sepmc.analysis.row_filter import where
+from sepmc.analysis.row_filter import matching_rows
 from sepmc.analysis.statistics import statistics
 from sepmc.cli.app import main
 from sepmc.scene.messages import InputError, nearest
@@ -37,7 +37,7 @@ NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}
 def test_terms(terms, found):
     """All terms must hold, or one of several with or between them, of any name that matches; what
     is no number meets none but !=."""
-    assert np.flatnonzero(where(ROWS, NAMES, terms)).tolist() == found
+    assert np.flatnonzero(matching_rows(ROWS, NAMES, terms)).tolist() == found
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_terms(terms, found):
 def test_terms_that_cannot_be(term, said):
     """What is wrong with a term is told."""
     with pytest.raises(InputError, match=said):
-        where(ROWS, NAMES, [term])
+        matching_rows(ROWS, NAMES, [term])
 
 
 def test_given_an_input(tmp_path):
@@ -69,7 +69,7 @@ def test_given_an_input(tmp_path):
     told = result.statistics("initial.alpha_deg>5")
     pd.testing.assert_frame_equal(told[list(expected)], expected)
     before = sorted(folder.iterdir())
-    words = ["stats", str(folder), "--given", "initial.alpha_deg>5", "--columns", "upper_pitch*"]
+    words = ["stats", str(folder), "--where", "initial.alpha_deg>5", "--columns", "upper_pitch*"]
     found = CliRunner().invoke(main, words)
     assert found.exit_code == 0, found.output
     violated = int((some["separation_speed_m_s"] > 0.5).sum())
@@ -80,15 +80,15 @@ def test_given_an_input(tmp_path):
     assert sorted(folder.iterdir()) == before
     found = CliRunner().invoke(main, [*words, "--json"])
     told = json.loads(found.stdout)
-    assert told["given"] == ["initial.alpha_deg>5"]
+    assert told["where"] == ["initial.alpha_deg>5"]
     assert told["cases"]["ok"] == len(some)
     assert told["requirements"][0]["violations"] == violated
     assert list(told["outcomes"]) == ["upper_pitch_deg"]
     assert told["outcomes"]["upper_pitch_deg"]["mean"] == expected.loc["upper_pitch_deg", "mean"]
-    found = CliRunner().invoke(main, ["stats", str(folder), "--given", "upper_pitch_deg>0"])
-    assert "chosen by what they did (upper_pitch_deg)" in found.output
-    assert "chosen by what they did" not in CliRunner().invoke(main, words).output
-    nobody = CliRunner().invoke(main, ["stats", str(folder), "--given", "case<0", "--json"])
+    found = CliRunner().invoke(main, ["stats", str(folder), "--where", "upper_pitch_deg>0"])
+    assert "selected by outcomes (upper_pitch_deg)" in found.output
+    assert "selected by outcomes" not in CliRunner().invoke(main, words).output
+    nobody = CliRunner().invoke(main, ["stats", str(folder), "--where", "case<0", "--json"])
     assert nobody.exit_code == 2
     assert "case<0: holds in none of 60 cases" in nobody.output
 
@@ -99,10 +99,10 @@ def test_given_what_makes_all_fail(tmp_path):
     fails = {"dispersion.joint.pins.fails": {"discrete": [0, 1], "weights": [0.7, 0.3]}}
     with flown_plainly(cases=4):
         sepmc.load("table2", {"requirement": [required], **fails}).run(20, out=tmp_path / "run")
-    words = ["stats", str(tmp_path / "run"), "--given", "joint.pins.fails=1"]
+    words = ["stats", str(tmp_path / "run"), "--where", "joint.pins.fails=1"]
     found = CliRunner().invoke(main, words)
     assert found.exit_code == 0, found.output
-    assert "none of them came to its end as asked" in found.output
+    assert "no statistics, as none of these cases completed" in found.output
     assert "FAIL        parts: never-released does not occur" in found.output
     told = json.loads(CliRunner().invoke(main, [*words, "--json"]).stdout)
     assert told["requirements"][0]["violations"] == told["cases"]["never-released"] > 0
@@ -132,18 +132,18 @@ def test_what_is_offered_has_its_unit(tmp_path):
         campaign = sepmc.load("table2", {"dispersion": laws, "requirement": required})
         campaign.run(12, out=tmp_path / "run")
     refused = CliRunner().invoke(
-        main, ["stats", str(tmp_path / "run"), "--given", "body.upper.cg_in.y>-0.1"]
+        main, ["stats", str(tmp_path / "run"), "--where", "body.upper.cg_in.y>-0.1"]
     )
     assert refused.exit_code == 2
     assert "did you mean 'body.upper.cg_mm.y'?" in refused.output
     bare = CliRunner().invoke(
-        main, ["stats", str(tmp_path / "run"), "--given", "body.upper.cg.y>-50"]
+        main, ["stats", str(tmp_path / "run"), "--where", "body.upper.cg.y>-50"]
     )
     assert "body.upper.cg.y is taken in mm, as in_body_upper_cg_y_mm is" in bare.output
-    words = ["stats", str(tmp_path / "run"), "--given", "body.upper.cg_mm.y>-50"]
+    words = ["stats", str(tmp_path / "run"), "--where", "body.upper.cg_mm.y>-50"]
     full = " ".join(CliRunner().invoke(main, words).output.split())
     assert "is taken in" not in full
     # what such cases lack stands once, not with each requirement
     assert full.count("more such cases") == 1
     assert "2 requirements not shown: " in full
-    assert "more cases, none of which violates it" not in full
+    assert "more cases without a violation" not in full

@@ -10,9 +10,9 @@ from oracles.random_scenes.interpreted import flown_plainly
 from scipy import stats
 
 import sepmc
-from sepmc.analysis.failure_attribution import causes
-from sepmc.analysis.failure_attribution import text as causes_text
-from sepmc.analysis.sensitivity import drivers, foremost, text
+from sepmc.analysis.failure_attribution import attribute_failures
+from sepmc.analysis.failure_attribution import render_attribution as causes_text
+from sepmc.analysis.sensitivity import input_sensitivities, leading_inputs, render_sensitivities
 from sepmc.campaign.cases import Sampling, probabilities, size_fault
 from sepmc.cli import app
 from sepmc.report import sensitivity_figures
@@ -53,7 +53,7 @@ def of_function(function, sampling, seed, count=4):
     u = probabilities(names, seed, 0, sampling.cases, sampling)
     y = function(u)
     table = dict(zip(names, u, strict=True)) | {"y": y, "status": np.array(["ok"] * len(y))}
-    return drivers(table, names, "y", sampling.sampler).sort_index()
+    return input_sensitivities(table, names, "y", sampling.sampler).sort_index()
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_rank_correlations():
     x[1] += 0.7 * x[0]
     y = np.exp(x[0]) - 0.5 * x[1] + rng.normal(size=400)
     cases = {"a": x[0], "b": x[1], "c": x[2], "y": y, "status": np.array(["ok"] * 400)}
-    found = drivers(cases, ["a", "b", "c"], "y", indices=False)
+    found = input_sensitivities(cases, ["a", "b", "c"], "y", indices=False)
     ranks = {name: stats.rankdata(column) for name, column in cases.items() if name != "status"}
     for name, others in {"a": "bc", "b": "ac", "c": "ab"}.items():
         assert_allclose(found["rank"][name], stats.spearmanr(cases[name], y).statistic, rtol=1e-12)
@@ -107,7 +107,7 @@ def test_coverage_of_rank_intervals():
         x = rng.normal(size=(2, 100))
         y = 0.6 * x[0] + 0.8 * x[1]
         cases = {"a": x[0], "y": y, "status": np.array(["ok"] * 100)}
-        row = drivers(cases, ["a"], "y", indices=False).loc["a"]
+        row = input_sensitivities(cases, ["a"], "y", indices=False).loc["a"]
         held += row["rank_low"] <= true <= row["rank_high"]
     assert abs(held / 1000 - 0.95) < 2.0 * np.sqrt(0.95 * 0.05 / 1000) + 0.01
 
@@ -124,10 +124,10 @@ def test_a_failure_that_few_cases_have_is_among_what_is_shown():
     y = y + 6.0 * y.std() * fails
     names = [*x, "fails", "idle"]
     cases = x | {"fails": fails, "idle": idle, "y": y, "status": np.array(["ok"] * n)}
-    found = drivers(cases, names, "y")
+    found = input_sensitivities(cases, names, "y")
     assert "fails" not in found.index[:3]
     for most in (2, 3, 8):
-        shown = foremost(found, most)
+        shown = leading_inputs(found, most)
         assert len(shown) == most
         assert "fails" in shown.index
         assert "idle" not in shown.index
@@ -139,7 +139,7 @@ def test_a_failure_that_few_cases_have_is_among_what_is_shown():
     error = np.sqrt(sum(var / len(end) for var, end in zip(variance, ends, strict=True)))
     near = row["mean_high"] - row["mean_low"] - stats.t.ppf(0.975, 3) * error
     assert_allclose(row["shift"], near, rtol=1e-9)
-    assert "fails" in text(found, "y", {})
+    assert "fails" in render_sensitivities(found, "y", {})
 
 
 def test_a_few_cases_that_are_alike_shift_nothing():
@@ -151,7 +151,7 @@ def test_a_few_cases_that_are_alike_shift_nothing():
         idle[rng.choice(n, 3, replace=False)] = 1.0
         y = (rng.random(n) < 0.05).astype(float)
         cases = {"idle": idle, "y": y, "status": np.array(["ok"] * n)}
-        sure += drivers(cases, ["idle"], "y", indices=False).loc["idle", "shift"] > 0.0
+        sure += input_sensitivities(cases, ["idle"], "y", indices=False).loc["idle", "shift"] > 0.0
     assert sure <= 200 * 0.05 + 2.0 * np.sqrt(200 * 0.05 * 0.95)
 
 
@@ -162,7 +162,9 @@ def test_inputs_that_shift_no_mean_are_shown_first():
     even, odd = rng.normal(size=(2, 8, 4000))
     x = {f"e{k}": even[k] for k in range(8)} | {f"l{k}": odd[k] for k in range(8)}
     cases = x | {"y": (even**2).sum(axis=0) + 0.25 * odd.sum(axis=0)}
-    shown = foremost(drivers(cases | {"status": np.array(["ok"] * 4000)}, list(x), "y"), 8)
+    shown = leading_inputs(
+        input_sensitivities(cases | {"status": np.array(["ok"] * 4000)}, list(x), "y"), 8
+    )
     assert sum(name.startswith("e") for name in shown.index) >= 6
 
 
@@ -170,14 +172,14 @@ def test_what_cannot_be_told():
     cases = {"a": np.arange(50.0), "b": np.ones(50), "y": np.ones(50)}
     cases["status"] = np.array(["ok"] * 50)
     with pytest.raises(ValueError, match="y: does not vary"):
-        drivers(cases, ["a", "b"], "y")
+        input_sensitivities(cases, ["a", "b"], "y")
     with pytest.raises(ValueError, match="fewer than 20 cases"):
-        drivers({name: column[:19] for name, column in cases.items()}, ["a"], "y")
-    found = drivers(cases | {"y": np.arange(50.0) ** 2}, ["a", "b"], "y")
+        input_sensitivities({name: column[:19] for name, column in cases.items()}, ["a"], "y")
+    found = input_sensitivities(cases | {"y": np.arange(50.0) ** 2}, ["a", "b"], "y")
     assert found.index.tolist() == ["a"]  # b does not vary
     cases["status"][:40] = "never-released"
     with pytest.raises(ValueError, match="fewer than 20 cases"):
-        drivers(cases, ["a"], "y")
+        input_sensitivities(cases, ["a"], "y")
 
 
 def planted(seed):
@@ -204,7 +206,7 @@ def test_planted_causes():
     first = 0
     for seed in range(100):
         cases, violates, cause = planted(seed)
-        found = causes(cases, list(cases), violates)
+        found = attribute_failures(cases, list(cases), violates)
         first += bool(found) and found[0].inputs == cause
         for one in found[:1]:
             assert one.inside / one.cases > violates.mean()
@@ -220,15 +222,20 @@ def test_nothing_is_made_up():
     rng = np.random.default_rng(1)
     for _ in range(100):
         cases = {f"x{k}": rng.random(2000) for k in range(12)}
-        assert causes(cases, list(cases), rng.random(2000) < 10.0 ** rng.uniform(-2.5, -0.5)) == []
-    assert causes(cases, list(cases), np.zeros(2000, dtype=bool)) == []
+        assert (
+            attribute_failures(
+                cases, list(cases), rng.random(2000) < 10.0 ** rng.uniform(-2.5, -0.5)
+            )
+            == []
+        )
+    assert attribute_failures(cases, list(cases), np.zeros(2000, dtype=bool)) == []
 
 
 def test_discrete_inputs():
     """A failed spring behind all violations: its values are the parts."""
     rng = np.random.default_rng(2)
     fails, other = (rng.random(5000) < 0.02).astype(float), rng.random(5000)
-    (found,) = causes({"fails": fails, "other": other}, ["fails", "other"], fails > 0.5)
+    (found,) = attribute_failures({"fails": fails, "other": other}, ["fails", "other"], fails > 0.5)
     assert found.inputs == ("fails",)
     assert found.region == ((1.0, 1.0),)
     assert (found.inside, found.cases) == (found.violations, found.violations)
@@ -242,11 +249,13 @@ def test_causes_by_themselves_are_no_pairs():
     fails, thrust, other = (rng.random(8000) < 0.02).astype(float), *rng.random((2, 8000))
     violates = (fails > 0.5) | (thrust < 0.05) | (rng.random(8000) < 0.01)
     cases = {"fails": fails, "thrust": thrust, "other": other}
-    found = causes(cases, list(cases), violates)
+    found = attribute_failures(cases, list(cases), violates)
     assert sorted(one.inputs for one in found) == [("fails",), ("thrust",)]
     told = causes_text("late", found, {"fails": "spring.aft.fails"})
     assert "spring.aft.fails tells" in told
-    assert f"most where spring.aft.fails = 1: {int(fails.sum())} of the " in " ".join(told.split())
+    assert f"mostly where spring.aft.fails = 1: {int(fails.sum())} of the " in " ".join(
+        told.split()
+    )
     by_name = {one.inputs[0]: one for one in found}
     assert by_name["thrust"].region[0][0] == thrust.min()
     assert by_name["thrust"].region[0][1] < 0.2
@@ -259,7 +268,7 @@ def test_a_pair_where_most_cases_violate():
     rng = np.random.default_rng(10)
     a, b, other = rng.random((3, 6000))
     violates = rng.random(6000) < np.where((a > 0.5) == (b > 0.5), 0.9, 0.65)
-    (found,) = causes({"a": a, "b": b, "other": other}, ["a", "b", "other"], violates)
+    (found,) = attribute_failures({"a": a, "b": b, "other": other}, ["a", "b", "other"], violates)
     assert found.inputs == ("a", "b")
 
 
@@ -271,7 +280,7 @@ def test_the_region_of_a_cause_is_no_chance_cell():
     violates = (a > 0.5) & (b > 0.5) & (rng.random(6000) < 0.4)
     rare = np.zeros(6000)
     rare[np.flatnonzero(violates)[:2]] = 1.0
-    found = causes({"a": a, "b": b, "rare": rare}, ["a", "b", "rare"], violates)
+    found = attribute_failures({"a": a, "b": b, "rare": rare}, ["a", "b", "rare"], violates)
     assert found[0].inputs == ("a", "b")
     assert all(low >= 0.45 for low, _ in found[0].region)
     assert not any("rare" in one.inputs for one in found)
@@ -288,7 +297,7 @@ def test_a_rare_value_drives(chance):
     for _ in range(40):
         a, b = (rng.random(3000) < chance).astype(float), rng.normal(size=3000)
         cases = {"a": a, "b": b, "y": 15.0 * a + b, "status": np.array(["ok"] * 3000)}
-        row = drivers(cases, ["a", "b"], "y").loc["a"]
+        row = input_sensitivities(cases, ["a", "b"], "y").loc["a"]
         inside += row["first_low"] <= known <= row["first_high"]
     assert inside >= 34
     assert abs(row["mean_low"]) < 0.1
@@ -302,7 +311,7 @@ def test_a_group_that_drives_nothing():
     for _ in range(200):
         a, y = rng.integers(0, 5, 500).astype(float), rng.normal(size=500)
         cases = {"a": a, "y": y, "status": np.array(["ok"] * 500)}
-        found.append(drivers(cases, ["a"], "y").loc["a", "first"])
+        found.append(input_sensitivities(cases, ["a"], "y").loc["a", "first"])
     assert abs(np.mean(found)) < 2.0 * np.std(found) / np.sqrt(200.0)
 
 
@@ -310,9 +319,11 @@ def test_what_inputs_do_together_is_said():
     """y = a b of inputs about zero: no input explains anything by itself."""
     a, b = np.random.default_rng(7).normal(size=(2, 2000))
     cases = {"a": a, "b": b, "y": a * b, "status": np.array(["ok"] * 2000)}
-    told = text(drivers(cases, ["a", "b"], "y"), "y", {})
+    told = render_sensitivities(input_sensitivities(cases, ["a", "b"], "y"), "y", {})
     assert "what is left is due to inputs together" in told
-    assert "inputs together" not in text(drivers(cases | {"y": a}, ["a", "b"], "y"), "y", {})
+    assert "inputs together" not in render_sensitivities(
+        input_sensitivities(cases | {"y": a}, ["a", "b"], "y"), "y", {}
+    )
 
 
 def test_groups_of_a_saltelli_design():
@@ -340,10 +351,10 @@ def test_through_a_run_folder(tmp_path):
     campaign = sepmc.load("table2", {"run.end_time_s": 0.26, "requirement": [slow]})
     with flown_plainly():
         result = campaign.run(cases=150, seed=7, out=tmp_path / "run")
-    told = call("drivers", tmp_path / "run", "separation_speed_m_s", "--no-plots")
+    told = call("sensitivity", tmp_path / "run", "separation_speed_m_s", "--no-plots")
     assert told.exit_code == 0, told.output
-    table = result.drivers("separation_speed_m_s")
-    kept = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    table = result.sensitivity("separation_speed_m_s")
+    kept = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     assert kept["input"].tolist() == table.index.tolist()
     assert_allclose(kept["rank"], table["rank"], rtol=1e-14)
     order = "the surest first-order index first, then what else shifts its mean most"
@@ -358,17 +369,17 @@ def test_through_a_run_folder(tmp_path):
     of_release = causes_kept[causes_kept["violated"] == "never-released"].iloc[0]
     assert of_release["input"] == first.inputs[0]
     assert f"never-released, {first.violations} of 150 cases: what sets" in told.stdout
-    assert not (tmp_path / "run" / "drivers.png").exists()
-    assert call("drivers", tmp_path / "run").exit_code == 0
-    assert (tmp_path / "run" / "drivers.png").stat().st_size > 20_000
-    told = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    assert not (tmp_path / "run" / "sensitivity.png").exists()
+    assert call("sensitivity", tmp_path / "run").exit_code == 0
+    assert (tmp_path / "run" / "sensitivity.png").stat().st_size > 20_000
+    told = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     one, other = told["outcome"].unique()[:2]
-    assert call("drivers", tmp_path / "run", other, "--no-plots").exit_code == 0
-    again = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    assert call("sensitivity", tmp_path / "run", other, "--no-plots").exit_code == 0
+    again = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     assert again["outcome"].unique()[-1] == other  # what was told of others stays
     pd.testing.assert_frame_equal(again[again["outcome"] == one], told[told["outcome"] == one])
     assert len(again) == len(told)
-    wrong = call("drivers", tmp_path / "run", "separation_sped_m_s")
+    wrong = call("sensitivity", tmp_path / "run", "separation_sped_m_s")
     assert wrong.exit_code == 2
     assert "did you mean 'separation_speed_m_s'" in wrong.stderr
     with pytest.raises(InputError, match="no such requirement or status; did you mean 'slow'"):
@@ -387,7 +398,7 @@ def test_a_saltelli_campaign(tmp_path):
     with flown_plainly():
         result = campaign.run(cases=256, out=tmp_path / "run")
     assert any("repeat each other" in note for note in result.notes)
-    table = result.drivers("upper_pitch_deg")
+    table = result.sensitivity("upper_pitch_deg")
     assert table.index[0] == "in_initial_pitch_deg"
     # ranks are of the cases that do not repeat each other: the first and the last of each four
     alone = result.to_pandas()[lambda rows: (rows["case"] % 4).isin([0, 3])]
@@ -411,7 +422,7 @@ def test_a_first_order_index_of_what_is_steep(n, shape):
         y = np.exp(u @ own) if shape == "exponential" else (u[:, 0] > 1.0) + other * u[:, 1]
         names = ["in_a", "in_b", "in_c"]
         cases = {"status": np.full(n, "ok"), "y": y, **dict(zip(names, u.T, strict=True))}
-        row = drivers(cases, names, "y").loc["in_a"]
+        row = input_sensitivities(cases, names, "y").loc["in_a"]
         held += row["first_low"] <= exact <= row["first_high"]
         given += np.isfinite(row["first_low"])
         found.append(row["first"])
@@ -433,7 +444,7 @@ def test_bars_of_what_is_not_told_from_nothing_are_pale(tmp_path, drawn):
     beside, with the intervals of the table."""
     x = dict(zip("abcd", np.random.default_rng(1).normal(size=(4, 800)), strict=True))
     cases = x | {"y": 3.0 * x["a"] + x["b"] ** 2, "status": np.array(["ok"] * 800)}
-    table = drivers(cases, list(x), "y")
+    table = input_sensitivities(cases, list(x), "y")
     assert table.loc["b", "shift"] == 0.0
     tornado_figure({"y": table}, tmp_path, {}, {}, "title\nset: k = 1")
     (figure,) = drawn
@@ -456,7 +467,7 @@ def test_outcomes_over_inputs_say_of_which_run(tmp_path, drawn):
     x = np.random.default_rng(1).normal(size=(2, 100))
     name = "the_upper_stage_has_a_very_long_name_transverse_rate_deg_s"
     cases = {"a": x[0], name: x[0] + x[1], "status": np.array(["ok"] * 100)}
-    table = drivers(cases, ["a"], name)
+    table = input_sensitivities(cases, ["a"], name)
     crossed = {name: np.zeros(100, dtype=bool)}
     units = {name: "deg/s"}
     scatter_figure({name: table}, cases, crossed, tmp_path, units, {}, "title\nset: k = 1")

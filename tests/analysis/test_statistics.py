@@ -11,13 +11,11 @@ from numpy.testing import assert_allclose
 from sepmc.analysis.statistics import (
     PERCENTILES,
     audit,
-    audit_text,
     percentile_curves,
-    rounded,
     statistics,
     status_counts,
-    summary_text,
 )
+from sepmc.analysis.statistics_text import render_audit, render_summary, rounded
 
 PERCENTS = list(PERCENTILES)
 
@@ -310,7 +308,7 @@ def test_summary_text():
     cases, reference = paper_like(2000)
     cases.loc[[3, 5], "status"] = "no_release"
     stats = statistics(cases, list(cases.columns[2:]), reference)
-    text = summary_text(stats, status_counts(cases), {"separation_distance_mm": "mm"})
+    text = render_summary(stats, status_counts(cases), {"separation_distance_mm": "mm"})
     lines = text.splitlines()
     assert max(map(len, lines)) <= 118
     assert lines[0] == "2000 cases, 1998 ok; left out: no_release 2"
@@ -331,7 +329,7 @@ def test_summary_text():
 def test_summary_text_says_what_it_compares_with():
     cases, reference = paper_like(800)
     stats = statistics(cases, ["upper_alpha_ref_deg"], reference)
-    text = summary_text(stats, status_counts(cases), source="flight test")
+    text = render_summary(stats, status_counts(cases), source="flight test")
     assert "Beside the flight test" in text
     assert "paper" not in text
 
@@ -339,7 +337,9 @@ def test_summary_text_says_what_it_compares_with():
 @pytest.mark.parametrize("n", [0, 1, 2, 30])
 def test_summary_text_of_few_cases(n):
     cases, reference = paper_like(n)
-    text = summary_text(statistics(cases, list(cases.columns[2:]), reference), status_counts(cases))
+    text = render_summary(
+        statistics(cases, list(cases.columns[2:]), reference), status_counts(cases)
+    )
     assert text.startswith(f"{n} cases, {n} ok\n")
     assert max(map(len, text.splitlines())) <= 118
     assert "nan" not in text.lower()
@@ -348,8 +348,8 @@ def test_summary_text_of_few_cases(n):
 
 def test_summary_text_without_outcomes_or_reference():
     cases, _ = paper_like(800)
-    assert summary_text(statistics(cases, []), status_counts(cases)) == "800 cases, 800 ok\n"
-    assert "Beside" not in summary_text(
+    assert render_summary(statistics(cases, []), status_counts(cases)) == "800 cases, 800 ok\n"
+    assert "Beside" not in render_summary(
         statistics(cases, ["separation_distance_mm"]), status_counts(cases)
     )
 
@@ -372,11 +372,11 @@ def test_audit():
         table.loc["smallest_pivot", "case"],
         table.loc["smallest_pivot", "beyond"],
     ) == (0.1, 4, 0)
-    assert "AUDIT FAILED: 2 cases have gap > 1e-09" in audit_text(table)
+    assert "AUDIT FAILED: 2 cases have gap > 1e-09" in render_audit(table)
     passed = audit(cases[:1], {"gap": 1e-9}, ["gap"])
-    assert audit_text(passed) == "audit passed; worst of all ok cases: gap 1.0e-12"
+    assert render_audit(passed) == "audit passed; worst of all ok cases: gap 1.0e-12"
     passed.loc["attitude_singular"] = [1.0, 7, np.nan, 0]
-    assert "may have jumped (case 7)" in audit_text(passed)
+    assert "may have jumped (case 7)" in render_audit(passed)
 
 
 def test_percentiles_lie_between_their_order_statistics():
@@ -398,9 +398,9 @@ def test_yes_or_no_is_a_share():
     n = 5000
     cases = {"case": np.arange(n), "status": np.array(["ok"] * n, dtype=object)}
     cases |= {"gap_recontact": np.zeros(n), "speed_m_s": np.arange(float(n))}
-    text = summary_text(statistics(cases, ["gap_recontact", "speed_m_s"]), {"ok": n})
+    text = render_summary(statistics(cases, ["gap_recontact", "speed_m_s"]), {"ok": n})
     assert "gap_recontact: 0 of 5000 ok cases; of all such < 6.0e-04 (95 %)" in text
     assert "speed_m_s" in text
     cases["gap_recontact"][:190] = 1.0
-    text = summary_text(statistics(cases, ["gap_recontact"]), {"ok": n})
+    text = render_summary(statistics(cases, ["gap_recontact"]), {"ok": n})
     assert "gap_recontact: 190 of 5000 ok cases; of all such 0.033 to 0.044 (95 %)" in text

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sepmc.analysis import row_statistics
-from sepmc.analysis.quantile_sketch import ROOM, Sketch
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.quantile_sketch import EXACT_VALUES, QuantileSketch
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.statistics import PERCENTILES
-from sepmc.analysis.streaming import GRAIN, NAMED, Stream
+from sepmc.analysis.streaming import ACCUMULATION_BLOCK, MAX_NAMED, StreamingStatistics
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 
@@ -35,7 +35,7 @@ def table(codes, data):
 
 def streamed(codes, data, sizes):
     """A stream that was given the cases in chunks of these sizes, over and over."""
-    stream, first, turn = Stream(*COLUMNS), 0, 0
+    stream, first, turn = StreamingStatistics(*COLUMNS), 0, 0
     while first < len(codes):
         end = min(first + sizes[turn % len(sizes)], len(codes))
         stream.add(
@@ -57,7 +57,7 @@ CASE = st.tuples(st.sampled_from([0, 0, 0, 1, 5]), *[NUMBER] * 4)
 def test_a_stream_knows_what_the_table_says(cases, sizes):
     """Everything a table of rows gives, from any data with NaN and failed cases."""
     codes, data = np.array([case[0] for case in cases]), np.array([case[1:] for case in cases]).T
-    stream, whole = streamed(codes, data, sizes), Rows(table(codes, data), *COLUMNS)
+    stream, whole = streamed(codes, data, sizes), TableStatistics(table(codes, data), *COLUMNS)
     reference = {"speed_m_s": {"mean": 1.0, "sigma": 2.0}}
     found, expected = stream.statistics(reference), whole.statistics(reference)
     pd.testing.assert_frame_equal(
@@ -86,7 +86,9 @@ LAWS = {
     "atom": lambda rng, n: np.where(rng.random(n) < 0.6, 0.0, rng.normal(size=n)),
     "two": lambda rng, n: np.where(rng.random(n) < 1e-3, 1e3, 0.0) + rng.normal(size=n),
     # beyond the grid that was laid out
-    "late": lambda rng, n: np.concatenate([rng.normal(size=ROOM), rng.normal(50.0, 5.0, n - ROOM)]),
+    "late": lambda rng, n: np.concatenate(
+        [rng.normal(size=EXACT_VALUES), rng.normal(50.0, 5.0, n - EXACT_VALUES)]
+    ),
 }
 
 
@@ -95,7 +97,7 @@ def test_a_histogram_keeps_values_of_many_cases_together():
     rng = np.random.default_rng(2019)
     x = rng.choice([0.035, 0.04, 0.045, 0.05, 0.055], 100_000)
     x[::3] += rng.normal(0.0, 0.01, len(x[::3]))
-    sketch = Sketch()
+    sketch = QuantileSketch()
     sketch.add(x)
     edges = np.histogram_bin_edges(x, 60)
     counts = sketch.histogram(edges)
@@ -107,7 +109,7 @@ def test_a_histogram_keeps_values_of_many_cases_together():
 def test_percentiles_of_many(law):
     """Within 0.5 % of sigma of the exact ones, in the tails too."""
     x = LAWS[law](np.random.default_rng(2019), 100_000)
-    sketch = Sketch()
+    sketch = QuantileSketch()
     sketch.add(x)
     error = np.abs(sketch.percentiles(PERCENTS) - np.percentile(x, PERCENTS)) / x.std()
     assert error.max() <= (0.02 if law == "late" else 0.005)
@@ -125,21 +127,21 @@ def test_percentiles_of_many(law):
 )
 def test_a_few_values_are_answered_as_they_are(values):
     """Flags and counts are no continuum."""
-    x = np.random.default_rng(1).choice(values, 2 * ROOM)
-    sketch = Sketch()
+    x = np.random.default_rng(1).choice(values, 2 * EXACT_VALUES)
+    sketch = QuantileSketch()
     sketch.add(x)
     assert set(sketch.percentiles(PERCENTS)) <= set(values)
 
 
 def test_infinities_of_many():
-    x = np.random.default_rng(1).normal(size=3 * ROOM)
+    x = np.random.default_rng(1).normal(size=3 * EXACT_VALUES)
     x[::100], x[1::300] = np.inf, -np.inf
-    sketch = Sketch()
+    sketch = QuantileSketch()
     sketch.add(x)
     found = sketch.percentiles([0.1, 1.0, 50.0, 98.0, 99.9])
     assert (found[0], found[-1]) == (-np.inf, np.inf)
     assert_allclose(found[1:-1], np.percentile(x, [1.0, 50.0, 98.0]), atol=1e-3)
-    stream = streamed(np.zeros(x.size, dtype=int), np.tile(np.abs(x), (4, 1)), [GRAIN])
+    stream = streamed(np.zeros(x.size, dtype=int), np.tile(np.abs(x), (4, 1)), [ACCUMULATION_BLOCK])
     row = stream.statistics().loc["speed_m_s"]
     assert row["mean"] == row["max"] == np.inf
     assert np.isnan(row["sigma"])
@@ -149,18 +151,23 @@ def test_infinities_of_many():
 def test_the_same_bits_whatever_the_chunks():
     """Past the layout of the grid, with failed cases and values that are none."""
     rng = np.random.default_rng(3)
-    n = ROOM + 3 * GRAIN + 17
+    n = EXACT_VALUES + 3 * ACCUMULATION_BLOCK + 17
     codes, data = (rng.random(n) < 0.01).astype(int) * 5, rng.normal(1e6, 1.0, (4, n))
     data[1, ::7] = np.nan
     first = streamed(codes, data, [n])
-    for sizes in ([GRAIN], [1000], [GRAIN - 1, 3, 5000], [3 * GRAIN + 1]):
+    for sizes in (
+        [ACCUMULATION_BLOCK],
+        [1000],
+        [ACCUMULATION_BLOCK - 1, 3, 5000],
+        [3 * ACCUMULATION_BLOCK + 1],
+    ):
         other = streamed(codes, data, sizes)
         pd.testing.assert_frame_equal(other.statistics(), first.statistics(), check_exact=True)
         pd.testing.assert_frame_equal(other.audit(), first.audit(), check_exact=True)
         assert_array_equal(other.histogram("speed_m_s").counts, first.histogram("speed_m_s").counts)
         assert other.failed == first.failed
-    assert len(first.failed["not-finite"]) == NAMED
-    whole = Rows(table(codes, data), *COLUMNS)
+    assert len(first.failed["not-finite"]) == MAX_NAMED
+    whole = TableStatistics(table(codes, data), *COLUMNS)
     assert first.counts == whole.counts
     found, expected = first.statistics().loc["release_s"], whole.statistics().loc["release_s"]
     # a mean of a million sigmas costs no digits
@@ -173,7 +180,7 @@ def test_the_same_bits_whatever_the_chunks():
     )
 
 
-@pytest.mark.parametrize("begun", [0, GRAIN, ROOM + GRAIN])
+@pytest.mark.parametrize("begun", [0, ACCUMULATION_BLOCK, EXACT_VALUES + ACCUMULATION_BLOCK])
 def test_the_same_bits_by_many(begun):
     """Ranges counted apart, in any order and after a pickle, and taken in the order of cases;
     before and after the grid of an outcome is known, with NaN, infinities and failed cases."""
@@ -182,22 +189,22 @@ def test_the_same_bits_by_many(begun):
         Requirement(name="between", metric="release_s", at_least=-2.0, at_most=2.0),
         Requirement(name="released", metric="never-released"),
     ]
-    random, count = np.random.default_rng(5), ROOM + 5 * GRAIN + 77
+    random, count = np.random.default_rng(5), EXACT_VALUES + 5 * ACCUMULATION_BLOCK + 77
     codes = np.where(random.random(count) < 0.01, int(Status.NEVER_RELEASED), 0)
     data = random.normal(size=(4, count))
     data[1, random.random(count) < 0.5] = np.nan  # its grid comes later
     data[0, -5:], numbers = [np.inf, 1e9, -1e9, 2.0, 2.0], np.arange(count)
-    alone, many = Stream(*COLUMNS, required), Stream(*COLUMNS, required)
+    alone, many = StreamingStatistics(*COLUMNS, required), StreamingStatistics(*COLUMNS, required)
     alone.add(numbers, codes, data)
     many.add(numbers[:begun], codes[:begun], data[:, :begun])
-    fences = [*range(begun, count, 2 * GRAIN), count]
+    fences = [*range(begun, count, 2 * ACCUMULATION_BLOCK), count]
     kept = {}
     for first, end in reversed(list(pairwise(fences))):
-        apart = many.apart()
+        apart = many.new_partial()
         apart.add(numbers[first:end], codes[first:end], data[:, first:end])
         kept[first] = pickle.dumps(apart)
     for first in sorted(kept):
-        many.take(pickle.loads(kept[first]))
+        many.merge(pickle.loads(kept[first]))
     pd.testing.assert_frame_equal(many.statistics(), alone.statistics(), check_exact=True)
     pd.testing.assert_frame_equal(many.audit(), alone.audit(), check_exact=True)
     assert many.counts == alone.counts
@@ -219,12 +226,14 @@ def test_neither_underflow_nor_overflow(size):
 
 def test_memory_does_not_grow():
     def peak(turns):
-        rng, codes = np.random.default_rng(1), np.zeros(GRAIN, dtype=int)
+        rng, codes = np.random.default_rng(1), np.zeros(ACCUMULATION_BLOCK, dtype=int)
         tracemalloc.start()
-        stream = Stream(*COLUMNS)
+        stream = StreamingStatistics(*COLUMNS)
         for turn in range(turns):
             stream.add(
-                np.arange(turn * GRAIN, (turn + 1) * GRAIN), codes, rng.standard_t(3, (4, GRAIN))
+                np.arange(turn * ACCUMULATION_BLOCK, (turn + 1) * ACCUMULATION_BLOCK),
+                codes,
+                rng.standard_t(3, (4, ACCUMULATION_BLOCK)),
             )
         stream.statistics()
         found = tracemalloc.get_traced_memory()[1]
@@ -254,9 +263,9 @@ def test_a_table_too_long_to_be_sorted_is_streamed(monkeypatch):
 
     stored = Stored(table(codes, data))
     whole = row_statistics.summarise(stored, *COLUMNS)
-    monkeypatch.setattr(row_statistics, "EXACT", 499)
+    monkeypatch.setattr(row_statistics, "MAX_EXACT_CASES", 499)
     other = row_statistics.summarise(stored, *COLUMNS)
-    assert isinstance(whole, Rows)
-    assert isinstance(other, Stream)
+    assert isinstance(whole, TableStatistics)
+    assert isinstance(other, StreamingStatistics)
     pd.testing.assert_frame_equal(other.statistics(), whole.statistics(), rtol=1e-12)
     assert other.counts == whole.counts

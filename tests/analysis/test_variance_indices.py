@@ -5,14 +5,14 @@ import pytest
 from scipy.special import ndtri
 from scipy.stats import binom
 
-from sepmc.analysis.sensitivity import drivers, text
+from sepmc.analysis.sensitivity import input_sensitivities, render_sensitivities
 from sepmc.campaign.cases import Sampling, probabilities
 
 
 def table_of(x, y, sampler="random", **more):
     names = [f"x{k}" for k in range(len(x))]
     cases = dict(zip(names, x, strict=True)) | {"y": y, "status": np.full(len(y), "ok")} | more
-    return drivers(cases, names, "y", sampler).sort_index()
+    return input_sensitivities(cases, names, "y", sampler).sort_index()
 
 
 def test_a_sobol_sequence_gives_no_first_order_indices():
@@ -22,7 +22,7 @@ def test_a_sobol_sequence_gives_no_first_order_indices():
     assert table["first"].isna().all()  # seen from the cases alone
     table = table_of(u, (0.8 + u[0]) * (0.8 + u[1]), "sobol")
     assert table["first"].isna().all()
-    assert "a Sobol sequence is patterned" in " ".join(text(table, "y", {}).split())
+    assert "a Sobol sequence is patterned" in " ".join(render_sensitivities(table, "y", {}).split())
 
 
 def test_ties_do_not_depend_on_the_order_of_rows():
@@ -39,7 +39,7 @@ def test_ties_do_not_depend_on_the_order_of_rows():
 def test_correlated_inputs_are_named():
     z = np.random.default_rng(1).normal(size=(3, 1000))
     x = np.array([z[0], 0.8 * z[0] + 0.6 * z[1], z[2]])
-    told = text(table_of(x, x[0] + x[1]), "y", {})
+    told = render_sensitivities(table_of(x, x[0] + x[1]), "y", {})
     assert "x0, x1 vary together" in " ".join(told.split())
 
 
@@ -127,7 +127,7 @@ def test_indices_of_few_cases_have_no_interval():
     table = table_of(x, np.exp(2.0 * x[0]))
     assert table["first"].notna().all()
     assert table[["first_low", "first_high"]].isna().all(axis=None)
-    told = " ".join(text(table, "y", {}).split())
+    told = " ".join(render_sensitivities(table, "y", {}).split())
     assert "without intervals: few of 1000 cases" in told
     assert "+-" not in told
     assert "what surely shifts its mean first" in told

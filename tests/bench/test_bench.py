@@ -28,12 +28,12 @@ from sepmc.bench import (
 )
 from sepmc.bench.folder import open_folder
 from sepmc.bench.reference import make_reference
-from sepmc.bench.study import Study, drawn
+from sepmc.bench.study import Study, sample_inputs
 from sepmc.campaign.execution.integration import by_name
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
-from sepmc.kernel.spec.structure import make_shape
+from sepmc.kernel.spec.structure import make_kernel_spec
 
 STAGES = ("import", "pilot", "kernel", "statistics")
 
@@ -48,7 +48,9 @@ def silent(_):
 
 def study_of(name, cases, threads=1, settings=None):
     campaign = sepmc.load(name, {"run.history_step_s": 0.0, **(settings or {})})
-    return Study(campaign, select_steps(campaign), drawn(campaign, cases), 1, threads, True, silent)
+    return Study(
+        campaign, select_steps(campaign), sample_inputs(campaign, cases), 1, threads, True, silent
+    )
 
 
 @pytest.fixture(scope="module")
@@ -250,8 +252,8 @@ def test_flops_of_a_case(study):
     assert (counted.evaluations["locked"], counted.evaluations["free"]) == (9, 15)
     assert 300.0 < counted.evaluation < 3000.0
     active = [
-        make_shape(study.campaign.plan).active(stage)
-        for stage in make_shape(study.campaign.plan).stages
+        make_kernel_spec(study.campaign.plan).active_size(segment)
+        for segment in make_kernel_spec(study.campaign.plan).segments
     ]
     assert counted.sums > 12 * sum(active)
 

@@ -8,14 +8,15 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from measure_until import coverage
 from oracles.random_scenes.interpreted import flown_plainly
 from scipy.special import stdtrit
+from small_scenes import SPRUNG
+from support.stopping_problems import coverage
 
 import sepmc
-from sepmc.analysis.proportions import interval
-from sepmc.analysis.row_statistics import Rows
-from sepmc.analysis.stopping import read_until
+from sepmc.analysis.proportions import binomial_interval
+from sepmc.analysis.row_statistics import TableStatistics
+from sepmc.analysis.stopping import parse_stopping_rule
 from sepmc.campaign.case_selection import CaseSelection, read
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.campaign.store.manifests import read_manifest
@@ -23,46 +24,6 @@ from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli.app import main
 from sepmc.scene.messages import InputError, RunWarning, SceneError
 
-# two bodies that a spring parts in empty space
-SPRUNG = """
-environment = { atmosphere = "none", gravity = "none" }
-[body.fore]
-mass_kg = 3.0
-inertia_kg_m2 = [3.0, 4.0, 5.0]
-cg_m = [1.0, 0.0, 0.0]
-[body.aft]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.0]
-cg_m = [3.0, 0.0, 0.0]
-[[spring]]
-name = "push"
-bodies = ["fore", "aft"]
-point_m = [2.0, 0.0, 0.0]
-axis = [1.0, 0.0, 0.0]
-force_N = 30.0
-stroke_m = 0.02
-[joint.pins]
-bodies = ["fore", "aft"]
-point_m = [2.0, 0.0, 0.0]
-[[phase]]
-name = "locked"
-joints = { pins = "fixed" }
-until = { time_s = 0.05 }
-[[phase]]
-name = "free"
-[initial]
-altitude_m = 1000.0
-speed_m_s = 1.0
-[run]
-end_time_s = 0.3
-cases = 12
-seed = 4
-[solver]
-step_s = 0.05
-[dispersion]
-"body.fore.mass_kg" = { uniform = 0.5 }
-"spring.push.force_N" = { normal = 1.0, truncate_sigma = 3 }
-"""
 INPUTS = ["in_body_fore_mass_kg", "in_spring_push_force_N"]
 
 
@@ -292,7 +253,7 @@ def test_a_plan_meets_correlations(file, tmp_path):
 def test_until_a_statistic_is_known(file, tmp_path, monkeypatch):
     """A campaign ends with the first 64, 128, ... cases (2,048 and so on as it comes) whose
     interval is narrow enough, as the first cases of the whole, and says so."""
-    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_OF_MOMENTS", 64)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK_OF_MOMENTS", 64)
     campaign = sepmc.load(file)
     row = campaign.run(128).statistics().loc["separation_speed_m_s"]
     looks = 3  # at 64, 128 and 200 cases
@@ -317,20 +278,20 @@ def test_intervals_that_until_looks_at():
     longer side is to be short enough."""
     x = np.random.default_rng(3).normal(2.0, 0.1, 400)
     rows = {"case": np.arange(400), "status": np.full(400, "ok", dtype=object), "speed_m_s": x}
-    summary, names = Rows(rows, ["speed_m_s"], [], {}), ["speed_m_s"]
+    summary, names = TableStatistics(rows, ["speed_m_s"], [], {}), ["speed_m_s"]
     row = summary.statistics().loc["speed_m_s"]
     half = stdtrit(399, 0.975) * row["mean_se"]
-    assert read_until("speed_m_s:1", names).known(summary) == pytest.approx(
+    assert parse_stopping_rule("speed_m_s:1", names).interval(summary) == pytest.approx(
         (row["mean"], row["mean"] - half, row["mean"] + half)
     )
-    found = read_until("speed_m_s.p95:1%", names)
+    found = parse_stopping_rule("speed_m_s.p95:1%", names)
     assert (found.tolerance, found.relative) == (0.01, True)
-    assert found.known(summary) == (row["p95"], row["p95_low"], row["p95_high"])
-    ends = interval(0, 400)
+    assert found.interval(summary) == (row["p95"], row["p95_low"], row["p95_high"])
+    ends = binomial_interval(0, 400)
     for tolerance, enough in ((0.99 * ends[1], False), (1.01 * ends[1], True)):
-        found = read_until(f"never-released:{tolerance}", names)
-        assert found.known(summary) == (0.0, *ends)
-        assert found.is_met(*found.known(summary)) == enough
+        found = parse_stopping_rule(f"never-released:{tolerance}", names)
+        assert found.interval(summary) == (0.0, *ends)
+        assert found.is_met(*found.interval(summary)) == enough
 
 
 def test_a_mean_is_not_known_before_a_rare_value_occurred(file):
@@ -375,7 +336,7 @@ def test_dry_run_names_a_command_that_compiles(file, tmp_path, monkeypatch):
     """The file as it was given, what was set and the table, so that the command can be copied."""
     table, told = tmp_path / "plan.csv", {}
     assert call("sample", file, "--cases", 3, "--out", table).exit_code == 0
-    more = ["--set", "run.end_time_s=0.2", "--plan", table, "--stats-only"]
+    more = ["--set", "run.end_time_s=0.2", "--samples", table, "--stats-only"]
     monkeypatch.setattr(
         "sepmc.campaign.execution.step_selection.units_to_compile", lambda text: (1, 2)
     )

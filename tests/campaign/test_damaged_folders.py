@@ -1,12 +1,12 @@
 """Run folders that were damaged: every damage is told, and mended but for the campaign itself. Ten
-thousand of them: ``python tests/measure_damage.py``."""
+thousand of them: ``python tests/measure/damage.py``."""
 
 import shutil
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from measure_damage import (
+from support.damaged_runs import (
     RUNS,
     SETTINGS,
     call,
@@ -14,8 +14,8 @@ from measure_damage import (
     damage,
     files,
     fly,
-    is_mended,
-    is_told,
+    is_repaired,
+    is_reported,
     rows,
 )
 
@@ -47,7 +47,7 @@ def test_every_damage_is_told(wholes, tmp_path, seed):
     folder = shutil.copytree(whole, tmp_path / "run")
     before = {name: (whole / name).read_bytes() for name in files(whole)}
     done = [damage(folder, rng) for _ in range(int(rng.integers(1, 4)))]
-    assert is_told(folder, before, rows(whole)), done
+    assert is_reported(folder, before, rows(whole)), done
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -55,7 +55,7 @@ def test_what_is_damaged_is_mended(wholes, tmp_path, seed):
     whole, rng = wholes[seed % 2], np.random.default_rng(2000 + seed)
     folder = shutil.copytree(whole, tmp_path / "run")
     done = [damage(folder, rng) for _ in range(2)]
-    assert is_mended(folder, contents(whole)), done
+    assert is_repaired(folder, contents(whole)), done
 
 
 @pytest.mark.parametrize("lost", ["selected", "accumulators"])
@@ -65,21 +65,21 @@ def test_what_is_counted_is_mended(wholes, tmp_path, lost):
     held = ledger.read(folder).values()
     ledger.rewrite(folder, [one for one in held if not one.file.startswith(lost)])
     assert call("doctor", str(folder)) == 1
-    assert is_mended(folder, contents(whole))
+    assert is_repaired(folder, contents(whole))
 
 
 def test_titles_are_those_of_before(whole, folder):
     """What was set stands in the parts too: without a manifest, a figure is drawn as it was."""
     (folder / folders.MANIFEST).unlink()
     (folder / "histograms.png").unlink()
-    assert is_mended(folder, contents(whole))
+    assert is_repaired(folder, contents(whole))
 
 
 def test_what_told_of_fewer_cases_goes(folder):
     """A run that grows keeps no table, figure or report of the cases it had; those that come later
     are known to its doctor."""
-    told = ["causes.csv", "laws.csv", "report.html"]
-    for words in (["drivers", folder], ["laws", folder], ["report", folder, "--no-replay"]):
+    told = ["causes.csv", "distributions.csv", "report.html"]
+    for words in (["sensitivity", folder], ["fit", folder], ["report", folder, "--no-replay"]):
         assert call(*map(str, words)) == 0
     assert all((folder / name).is_file() for name in told)
     assert call("doctor", str(folder)) == 0
@@ -94,8 +94,8 @@ def test_what_told_of_fewer_cases_goes(folder):
     assert not any((folder / name).exists() for name in told)
     assert (folder / "statistics.csv").is_file()
     assert call("doctor", str(folder)) == 0
-    assert call("laws", str(folder)) == 0
-    (folder / "laws.csv").write_text("")
+    assert call("fit", str(folder)) == 0
+    (folder / "distributions.csv").write_text("")
     assert call("doctor", str(folder)) == 1
     assert call("doctor", str(folder), "--repair") == 0
 

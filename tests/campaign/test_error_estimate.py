@@ -159,10 +159,10 @@ def test_rows_tell_their_error(flown):
 def test_what_is_told_of_the_whole(flown):
     """No outcome of any case is told to be better than the cases are."""
     campaign, _, _, block = flown
-    most = block.again.error[decisive(campaign.outcome_columns)].max()
+    most = block.refinement.error[decisive(campaign.outcome_columns)].max()
     assert most == pytest.approx(block.error.max(), rel=1e-12)
-    assert block.again.finer <= 0.01 * len(block.error)
-    assert block.again.unsettled == 0
+    assert block.refinement.n_refined <= 0.01 * len(block.error)
+    assert block.refinement.n_unconverged == 0
 
 
 def test_too_large_an_error_is_flown_again(flown):
@@ -173,7 +173,7 @@ def test_too_large_an_error_is_flown_again(flown):
     most = float(np.quantile(block.error, 0.95))
     again = integrate(campaign, replace(flight, error_limit=most), draws)
     beyond = block.error > most
-    assert again.again.finer == np.count_nonzero(beyond) == 20
+    assert again.refinement.n_refined == np.count_nonzero(beyond) == 20
     assert_array_equal(again.outcomes[~beyond], block.outcomes[~beyond])
     # what the finer steps changed is what was wrong before, so that it is no more than was told
     assert (again.error[beyond] < 2.0 * block.error[beyond]).all()

@@ -11,7 +11,7 @@ import threading
 import numpy as np
 import pandas as pd
 import pytest
-from measure_library import measure
+from support.host_processes import measure
 
 import sepmc
 from sepmc.engine import cache_files
@@ -82,7 +82,7 @@ def test_a_copied_kernel_holds_no_address(campaign):
     flight = campaign.run(cases=2).flight
     assert flight.kernel.address
     for way in WAYS.values():
-        assert (way(flight).kernel.address, len(way(flight).kernel.calls)) == (0, 0)
+        assert (way(flight).kernel.address, len(way(flight).kernel.table)) == (0, 0)
 
 
 # processes made by fork
@@ -91,8 +91,8 @@ needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this
 HOST = """
 import os, signal, sys, threading, warnings
 import sepmc
-from sepmc.engine import cache, compilers
-from sepmc.jit import one_at_a_time
+from sepmc.engine import compile_workers, kernel_cache
+from sepmc.jit import cache_lock
 
 signal.alarm(120)  # whatever waits for ever ends here
 warnings.simplefilter("always")
@@ -171,25 +171,25 @@ def test_a_forked_child_leaves_the_compilers_of_its_parent(tmp_path):
     """It neither ends them as it ends, nor writes into their pipes, and starts its own."""
     out, _ = in_a_host(
         """
-SHORT = '''from sepmc.engine.compile_units import piece, workspace
-@piece("")
+SHORT = '''from sepmc.engine.compile_units import compile_unit, workspace
+@compile_unit("")
 def flown(address):
     w = workspace(address)
     w[0] = {}.0
 '''
 def compiled(number):
-    return compilers.compile_all(cache.write([SHORT.format(number)]))
+    return compile_workers.compile_all(kernel_cache.write_modules([SHORT.format(number)]))
 assert compiled(1)
-(mine,) = compilers.running()
+(mine,) = compile_workers.running()
 def child():
-    assert compilers.running() == []
+    assert compile_workers.running() == []
     assert compiled(2)
-    assert compilers.running()[0].process.pid != mine.process.pid
-    compilers.end_all()
+    assert compile_workers.running()[0].process.pid != mine.process.pid
+    compile_workers.end_all()
 assert forked(child) == 0
 assert mine.process.poll() is None
 assert compiled(3)
-assert compilers.running() == [mine]
+assert compile_workers.running() == [mine]
 print("as it was")
 """,
         SEPMC_CACHE_DIR=str(tmp_path),
@@ -204,7 +204,7 @@ def test_a_child_forked_while_others_compile_does_not_wait_for_them(tmp_path):
         """
 inside, go = threading.Event(), threading.Event()
 def hold():
-    with compilers._compiling, one_at_a_time("pieces"):
+    with compile_workers._compiling, cache_lock("units"):
         inside.set()
         go.wait()
 other = threading.Thread(target=hold)
@@ -215,13 +215,13 @@ number = os.fork()
 if number == 0:
     signal.alarm(60)
     os.read(go_on[0], 1)  # the other thread has let go
-    assert not compilers._compiling.locked()
-    with one_at_a_time("pieces"):
+    assert not compile_workers._compiling.locked()
+    with cache_lock("units"):
         os.write(1, b"child\\n")
     os._exit(0)
 go.set()
 other.join()
-with one_at_a_time("pieces"):  # the child is there still, and holds nothing
+with cache_lock("units"):  # the child is there still, and holds nothing
     os.write(1, b"parent\\n")
 os.write(go_on[1], b"1")
 assert os.waitpid(number, 0)[1] == 0
@@ -237,7 +237,7 @@ def test_a_run_folder_is_its_writers_alone(tmp_path):
     out, _ = in_a_host(
         f"""
 from pathlib import Path
-from sepmc.campaign import folders
+from sepmc.campaign.store import folders
 folder = Path({str(tmp_path / "run")!r})
 stay = os.pipe()
 with folders.opened(folder):
@@ -306,7 +306,7 @@ def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
     assert held == [True]
 
 
-# hosts, a few answers of each; `python tests/measure_library.py` asks for a hundred
+# hosts, a few answers of each; `python tests/measure/library.py` asks for a hundred
 
 
 @needs_fork

@@ -8,8 +8,8 @@ from click.testing import CliRunner
 from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
-from sepmc.analysis.requirements import missing_text
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.requirements import render_missing
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.campaign import campaign as campaigns
 from sepmc.campaign.execution.limit_state import MarginEvaluator, limit_state
 from sepmc.campaign.execution.missing_events import expected_events
@@ -187,7 +187,7 @@ def test_missing_does_not_pass(run, expected):
         assert one["verdict"] != "pass"
         said = f"{expected[place]} of them have no such outcome"
         assert said in " ".join(told.output.split())
-    assert "did not come to their end" not in told.output
+    assert "did not finish" not in told.output
 
 
 def test_what_did_not_end_is_told_apart():
@@ -198,11 +198,11 @@ def test_what_did_not_end_is_told_apart():
         "x_mm": np.array([1.0, np.nan, np.nan, np.nan, 2.0, 3.0]),
     }
     item = Requirement(name="a", metric="x_mm", at_most=5.0, probability=0.5, confidence=0.9)
-    summary = Rows(rows, ["x_mm"], [], {}, [item])
+    summary = TableStatistics(rows, ["x_mm"], [], {}, [item])
     (verdict,) = summary.verdicts({"x_mm": (0.0, 1.0)}, summary.audit())
     assert (verdict.violations, verdict.missing, verdict.lacking) == (3, 3, 2)
-    told = "2 of them have no such outcome, 1 of them did not come to their end"
-    assert missing_text(verdict) == told
+    told = "2 of them have no such outcome, 1 of them did not finish"
+    assert render_missing(verdict) == told
 
 
 def test_rare_events_count_them_too(file):
@@ -223,7 +223,7 @@ def _nothing(count, failures):
 
 def test_what_sets_them_apart(run, expected):
     """The causes of a missing outcome are looked for, among cases that came to their end."""
-    told = call("drivers", run[0], "--no-plots").output
+    told = call("sensitivity", run[0], "--no-plots").output
     count = expected["event.far"]
     assert f"calm, {count} ok cases without far_fore_omega_z_deg_s: what sets these" in told
     assert "spring.push.force_N tells " in told

@@ -14,7 +14,7 @@ import sepmc
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.cli import app
 from sepmc.cluster import crew
-from sepmc.paths import place
+from sepmc.paths import as_path
 
 SETTINGS = {"run.chunk": 300, "run.history_step_s": 0.1, "run.end_time_s": 0.26}
 CASES = 900
@@ -33,7 +33,7 @@ def server():
         AWS_DEFAULT_REGION="us-east-1",
         AWS_ENDPOINT_URL=f"http://{host}:{port}",
     )
-    place("s3://bucket").mkdir()
+    as_path("s3://bucket").mkdir()
     yield
     os.environ.clear()
     os.environ.update(before)
@@ -72,7 +72,7 @@ def test_storage_that_is_not_reached_is_told(monkeypatch, words):
 
 
 def test_the_same_rows(campaign, alone):
-    found = campaign.run(cases=CASES, out=place("s3://bucket/one"))
+    found = campaign.run(cases=CASES, out=as_path("s3://bucket/one"))
     same(found.folder, alone.folder)
     assert found.statistics().equals(alone.statistics())
     assert not manifests.diagnose(found.folder)
@@ -80,13 +80,13 @@ def test_the_same_rows(campaign, alone):
 
 def test_workers_write_it(campaign, alone):
     with crew(2, threads=1) as workers:
-        found = campaign.run(cases=CASES, out=place("s3://bucket/workers"), crew=workers)
+        found = campaign.run(cases=CASES, out=as_path("s3://bucket/workers"), executor=workers)
     same(found.folder, alone.folder)
     assert found.statistics().equals(alone.statistics())
 
 
 def test_what_is_lost_is_flown_again(campaign, alone):
-    folder = place("s3://bucket/lost")
+    folder = as_path("s3://bucket/lost")
     campaign.run(cases=CASES, out=folder)
     first, second, *_ = sorted((folder / "cases").glob("part-*"))
     first.unlink()
@@ -107,8 +107,8 @@ def test_command_line(alone, tmp_path):
     where = "s3://bucket/typed"
     done = call("campaign", "table2", *options, "--cases", CASES, "--out", where, "--quiet")
     assert done.exit_code == 0, done.output
-    same(place(where), alone.folder)
-    assert place(f"{where}/histograms.png").read_bytes().startswith(b"\x89PNG")
+    same(as_path(where), alone.folder)
+    assert as_path(f"{where}/histograms.png").read_bytes().startswith(b"\x89PNG")
     again = call("campaign", "table2", *options, "--out", where)
     assert again.exit_code == 2
     assert "add --resume" in again.stderr
@@ -117,22 +117,22 @@ def test_command_line(alone, tmp_path):
     assert f"wrote {where}" in told.output
     assert "is as it was written" in call("doctor", where).output
     assert call("plot", where).exit_code == 0
-    assert call("drivers", where).exit_code == 0
+    assert call("sensitivity", where).exit_code == 0
     ok = alone.to_pandas().query("status == 'ok'")["case"].iloc[0]
     one = call("replay", where, "--case", ok, "--no-plots", "--out", tmp_path / "one")
     assert one.exit_code == 0, one.output
     assert "is the same bit by bit" in one.output
     more = ["--cases", 2 * CASES, "--out", where, "--resume", "--no-plots"]
     assert call("campaign", where, *more).exit_code == 0
-    assert np.array_equal(shards.stored_cases(place(where)), np.arange(2 * CASES))
+    assert np.array_equal(shards.stored_cases(as_path(where)), np.arange(2 * CASES))
     replaced = call(
         "campaign", "table2", "--cases", 50, "--out", where, "--overwrite", "--keep", "every:10"
     )
     assert replaced.exit_code == 0, replaced.output
-    assert not shards.entries(place(where), folders.CASES)
+    assert not shards.entries(as_path(where), folders.CASES)
     assert (
         len(
-            shards.read_shard(place(where), shards.entries(place(where), folders.SELECTED)[0])[
+            shards.read_shard(as_path(where), shards.entries(as_path(where), folders.SELECTED)[0])[
                 "case"
             ]
         )

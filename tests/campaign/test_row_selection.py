@@ -193,8 +193,8 @@ def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
 
 def test_counts_beyond_what_is_kept_exactly(tmp_path, often, monkeypatch):
     """Values in a grid, in its tails, on its points of many values; and those that wait."""
-    monkeypatch.setattr(quantile_sketch, "ROOM", 256)
-    monkeypatch.setattr(streaming, "GRAIN", 64)
+    monkeypatch.setattr(quantile_sketch, "EXACT_VALUES", 256)
+    monkeypatch.setattr(streaming, "ACCUMULATION_BLOCK", 64)
     loaded = sepmc.load("table2", {**SETTINGS, "run.chunk": 70})
     with pytest.raises(Interrupted):
         loaded.run(cases=CASES, out=tmp_path / "run", stats_only=True, progress=until(450))
@@ -267,7 +267,7 @@ def test_command_line(tmp_path):
     assert manifest["complete"]
     assert not (tmp_path / "run" / "cases").exists()
     assert call("plot", tmp_path / "run").exit_code == 0
-    for command in ("stats", "drivers"):
+    for command in ("stats", "sensitivity"):
         said = call(command, tmp_path / "run")
         assert said.exit_code == 2
         assert "those rows that --keep chose, in selected/" in said.stderr

@@ -65,7 +65,7 @@ def test_a_part_has_a_bound_in_memory(campaign, result, tmp_path, monkeypatch):
 
 def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monkeypatch):
     folder = tmp_path / "run"
-    monkeypatch.setattr(row_statistics, "EXACT", 10)
+    monkeypatch.setattr(row_statistics, "MAX_EXACT_CASES", 10)
     found = campaign.run(cases=50, seed=7, out=folder)
     pd.testing.assert_frame_equal(found.statistics(), result.statistics(), rtol=1e-9)
     before = campaign.run(cases=50, seed=7, out=tmp_path / "again").statistics()

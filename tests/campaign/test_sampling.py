@@ -12,7 +12,7 @@ from oracles.random_scenes.interpreted import flown_plainly
 from scipy import stats
 
 from sepmc.analysis import requirements
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.campaign import cases
 from sepmc.campaign.cases import Sampling, probabilities
 from sepmc.campaign.store.untrusted import StoreError
@@ -192,7 +192,7 @@ def test_dependent_cases_get_no_verdict():
     item = Requirement(name="clear", metric="gap_mm", at_least=5.0, probability=0.9)
     table = {"case": np.arange(100), "status": np.array(["ok"] * 100, dtype=object)}
     table |= {"gap_mm": np.linspace(6.0, 9.0, 100)}
-    rows = Rows(table, ["gap_mm"], [], {}, [item])
+    rows = TableStatistics(table, ["gap_mm"], [], {}, [item])
     errors = {"gap_mm": (1e-9, 1.0)}
     assert rows.verdicts(errors, rows.audit())[0].verdict == requirements.PASS
     for sampler in ("lhs", "sobol"):

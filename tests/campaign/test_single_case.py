@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
-from oracles.independent import fly
+from oracles.independent import simulate
 from small_scenes import scene
 
 import sepmc
@@ -106,7 +106,11 @@ LEAVES = {
 def test_a_case_that_fails(pair):
     """It has rows as far as it got: to where alpha, 2 deg to begin with, leaves its table."""
     found = pair(LEAVES).simulate(step_s=0.02)
-    assert found.attrs["status"] == fly(pair(LEAVES).nominal().to_dict()).status == "outside-table"
+    assert (
+        found.attrs["status"]
+        == simulate(pair(LEAVES).nominal().to_dict()).status
+        == "outside-table"
+    )
     assert np.isnan(found.attrs["outcomes"]["fore_omega_z_deg_s"])
     assert 3 < len(found) < 26
     alpha = found["aft_alpha_deg"].to_numpy()
@@ -149,7 +153,7 @@ def test_many_steps_are_compiled(pair, monkeypatch):
     is told."""
     heard = []
     # as if nothing had been compiled before
-    monkeypatch.setattr(kernel_cache, "missing", lambda pieces: list(pieces.names))
+    monkeypatch.setattr(kernel_cache, "missing_units", lambda pieces: list(pieces.names))
     campaign = pair(
         {
             "phase": [{"name": "free"}],
@@ -167,7 +171,7 @@ def test_many_steps_are_compiled(pair, monkeypatch):
 
 def test_nothing_is_compiled(tmp_path, monkeypatch):
     """`sepmc run table1.toml` with an empty cache."""
-    monkeypatch.setattr(kernel_cache, "compile_apart", None)
+    monkeypatch.setattr(kernel_cache, "compile_in_subprocesses", None)
     result = CliRunner().invoke(
         app.main,
         ["run", "table1.toml", "--out", str(tmp_path / "one"), "--every-s", "0.05", "--no-plots"],

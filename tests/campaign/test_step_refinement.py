@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from oracles.independent import fly
+from oracles.independent import simulate
 
 from sepmc.campaign.execution import step_refinement
 from sepmc.campaign.execution.step_refinement import longest_step
@@ -136,7 +136,7 @@ def test_no_gust_is_jumped_over(pair):
     campaign = pair(settings)
     assert longest_step(campaign.scene) <= 1.0 / 1000.0
     found = campaign.run(cases=1).table["fore_omega_x_deg_s"][0]
-    expected = fly(campaign.case(0).to_dict()).outcomes["fore_omega_x_deg_s"]
+    expected = simulate(campaign.case(0).to_dict()).outcomes["fore_omega_x_deg_s"]
     assert abs(expected) > 0.1
     assert_allclose(found, expected, rtol=1e-5)
 
@@ -179,7 +179,7 @@ def test_no_gust_is_jumped_over_that_only_loads_or_laws_lead_to(pair, by):
     campaign = pair(settings)
     found = campaign.run(cases=3).table["fore_omega_x_deg_s"]
     expected = np.array(
-        [fly(campaign.case(i).to_dict()).outcomes["fore_omega_x_deg_s"] for i in range(3)]
+        [simulate(campaign.case(i).to_dict()).outcomes["fore_omega_x_deg_s"] for i in range(3)]
     )
     assert np.abs(expected).min() > 1e-3
     assert_allclose(found, expected, rtol=1e-5)

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
-from oracles.independent import fly as fly_independently
+from oracles.independent import simulate
 
 import sepmc
 from sepmc.campaign import cases
@@ -257,8 +257,8 @@ def test_errors_are_shares_of_what_statistics_are_of():
     block = SimpleNamespace(
         status=np.array([ok, never, ok, other, ok]),
         outcomes=np.array([[1.0], [50.0], [1.2], [NAN], [1.4]]),
-        flown=np.array([True, True, True, False, True]),
-        guarded=np.array([True, True, True, True, False]),
+        has_outcomes=np.array([True, True, True, False, True]),
+        has_indicators=np.array([True, True, True, True, False]),
     )
     assert_array_equal(step_selection._completed(block, None), [[1.0], [1.2]])
     assert_array_equal(step_selection._completed(block, 0.1), [[1.0], [1.2], [1.4]])
@@ -323,7 +323,7 @@ def test_a_run_tells_its_error(table2, settings, tmp_path):
         .invoke(app.main, ["stats", str(tmp_path / "run")], catch_exceptions=False)
         .stdout
     )
-    assert f"numerical error at most {worst:.1e} ({name})" in printed
+    assert f"numerical error <= {worst:.1e} ({name})" in printed
     assert ("; full system, " in printed) is (formulation == "full")
     assert all(name in printed for name in written["methods"])
     table = pd.read_csv(tmp_path / "run" / "statistics.csv", index_col="outcome")
@@ -365,7 +365,7 @@ def true_error(campaign, flight, count):
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
     return step_selection.relative_error(
         here.outcomes[ok, :n], fine.outcomes[ok, :n], [c.unit for c in columns], scale
-    ).max(), here.again
+    ).max(), here.refinement
 
 
 @pytest.mark.parametrize("name", HARD)
@@ -382,9 +382,9 @@ def test_the_error_told_is_the_error_there_is(table2, name):
     assert result.accuracy.met
     seldom = [note for note in result.notes if "occurred in" in note]
     assert (len(seldom), result.notes) == (int(name == "a rare value"), seldom)
-    assert again.spare == again.unsettled == 0
+    assert again.n_fallback == again.n_unconverged == 0
     if "spin" in name:
-        assert again.finer > 50
+        assert again.n_refined > 50
 
 
 def test_what_trial_cases_tell_does_not_depend_on_seed_or_cases(table2):
@@ -432,7 +432,7 @@ def test_the_program_tells_it(tmp_path):
     ]
     found = CliRunner().invoke(app.main, arguments, catch_exceptions=False)
     assert found.exit_code == 0, found.output
-    assert "numerical error at most" in found.output
+    assert "numerical error <= " in found.output
     assert "asked 1e-09" in found.output
     checked = CliRunner().invoke(app.main, ["check", "table2.toml"], catch_exceptions=False).stdout
     assert "1e-09" in checked
@@ -603,9 +603,7 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
         campaign, replace(flight, limits=None, error_limit=np.inf), places
     )
     expected = [
-        fly_independently(
-            pair(REEL | {"spring.reel.point_m": [3.0, float(y), 0.0]}).nominal().to_dict()
-        )
+        simulate(pair(REEL | {"spring.reel.point_m": [3.0, float(y), 0.0]}).nominal().to_dict())
         for (y,) in places
     ]
     right = np.array([[one.outcomes.get(name, 0.0) / column.scale for name, column in zip(names,
@@ -621,8 +619,10 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
         errors(flown.outcomes[:, judged], right[:, judged], flight.scale[judged]).max(axis=1)
         for flown in (once, block)
     )
-    told = max(SAFETY * flight.error, block.again.error[decisive(campaign.outcome_columns)].max())
-    assert block.again.finer == 2
+    told = max(
+        SAFETY * flight.error, block.refinement.error[decisive(campaign.outcome_columns)].max()
+    )
+    assert block.refinement.n_refined == 2
     assert before[0] > 50.0 * SAFETY * flight.error
     assert now.max() <= told
     assert "solver.step_s" in settings or told <= campaign.scene.solver.accuracy
@@ -694,7 +694,7 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
         # a row's own error is known to a factor of 3
         assert (found <= np.maximum(3.0 * block.error, 1e-12)).all()
         if not settings:
-            of_cases = flight.estimate.largest(block.again.error, block.again.guards)
+            of_cases = flight.estimate.largest(block.refinement.error, block.refinement.indicators)
             told = max(flight.achieved.errors[name], of_cases[k])
             assert found.max() <= max(told, 1e-12)
 
@@ -732,7 +732,7 @@ def test_a_flow_almost_from_the_side(pair):
     result = campaign.run(cases=200_000)
     rows = result.to_pandas()
     worst = int(rows["fore_beta_deg"].abs().argmax())
-    right = fly_independently(result.case(worst).to_dict()).outcomes["fore_alpha_deg"]
+    right = simulate(result.case(worst).to_dict()).outcomes["fore_alpha_deg"]
     assert abs(rows["fore_beta_deg"][worst]) > 89.8
     assert abs(rows["fore_alpha_deg"][worst] - right) <= result.accuracy.errors[
         "fore_alpha_deg"
@@ -743,7 +743,7 @@ def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
     """Sideslip of still air; one beyond what trial cases had is."""
     usual = Integration(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
     found = np.array([[0.4], [0.6], [NAN]])
-    block = Block(found, *np.zeros((5, 3)), guards=np.zeros((3, 1)))
+    block = Block(found, *np.zeros((5, 3)), indicators=np.zeros((3, 1)))
     assert_array_equal(_is_calibrated(usual, block), [True, False, True])
 
 

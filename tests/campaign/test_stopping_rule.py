@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 from oracles.random_scenes.interpreted import flown_plainly
 from scipy.special import stdtrit
-from test_case_selection import SPRUNG
+from small_scenes import SPRUNG
 
 import sepmc
 from sepmc.campaign.execution import runner
@@ -44,8 +44,8 @@ def stopping(most):
 @pytest.fixture(autouse=True)
 def _plainly(monkeypatch):
     """Small first looks and pieces, and what is counted is written after each."""
-    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_OF_MOMENTS", 16)
-    monkeypatch.setattr("sepmc.analysis.stopping._FIRST", 16)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK_OF_MOMENTS", 16)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK", 16)
     for name, value in (("_SAVE_S", 0.0), ("_SHARD_S", 0.0), ("_FIRST", 8), ("_CALL_S", 1e-9)):
         monkeypatch.setattr(runner, name, value)
     with flown_plainly():
@@ -158,7 +158,7 @@ def test_workers_are_refused_before_anything_is_flown(written, tmp_path):
 def test_values_that_were_rarely_drawn_are_told_beside_statistics(written, tmp_path, monkeypatch):
     """In the terminal, in statistics.json, and on the figure of convergence."""
     titles = []
-    monkeypatch.setattr(convergence_figures, "entitle", lambda figure, text: titles.append(text))
+    monkeypatch.setattr(convergence_figures, "set_title", lambda figure, text: titles.append(text))
     rare = '"spring.push.factor" = { discrete = [1.0, 0.5], weights = [0.998, 0.002] }\n'
     called = CliRunner().invoke(
         main,
@@ -172,7 +172,7 @@ def test_values_that_were_rarely_drawn_are_told_beside_statistics(written, tmp_p
     assert said in " ".join(called.stderr.split())
     (told,) = json.loads((tmp_path / "run" / "statistics.json").read_text())["rarely_drawn"]
     assert said in told
-    figures._share_figures(
+    figures.draw_fractions(
         tmp_path / "run",
         sepmc.load(tmp_path / "run"),
         (),

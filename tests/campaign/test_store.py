@@ -192,7 +192,7 @@ def enter(folder, **how):
 HOLDS = """
 import sys, time
 from pathlib import Path
-from sepmc.campaign import folders, ledger, record, store
+from sepmc.campaign.store import folders
 with folders.opened(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

@@ -1,5 +1,5 @@
 """Files of strangers: each is refused by a sentence, or flown; nothing is written beside a run. A
-million of them, at random: ``python tests/measure_fuzz.py``."""
+million of them, at random: ``python tests/measure/fuzz.py``."""
 
 import os
 import shutil
@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from fuzz import campaigns, flights, mutate, run_folders, tables
 from fuzz.watch import spread
-from measure_damage import call, fly
+from support.damaged_runs import call, fly
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
@@ -216,7 +216,7 @@ def folder(whole, tmp_path):
     return shutil.copytree(whole, tmp_path / "run")
 
 
-READERS = (["stats"], ["doctor"], ["doctor", "--repair"], ["laws"], ["replay", "--case", "1"])
+READERS = (["stats"], ["doctor"], ["doctor", "--repair"], ["fit"], ["replay", "--case", "1"])
 
 
 @pytest.mark.parametrize(

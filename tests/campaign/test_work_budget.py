@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from sepmc.campaign.execution import single_case, step_selection
 from sepmc.campaign.execution.step_search import Search
-from sepmc.cli import app, checks
+from sepmc.cli import app, check
 from sepmc.scene.messages import nobody
 
 # a mote of 1e-4 kg on 1e5 kg that turn 50 times a second
@@ -54,7 +54,7 @@ def test_check_tells_what_it_knows_before_it_flies(tmp_path, monkeypatch):
     file = tmp_path / "mote.toml"
     file.write_text(MOTE + '[[load]]\nname = "idle"\nbody = "fore"\n')
     flown = Campaign.simulate
-    monkeypatch.setattr(checks, "_WORK", 1e6)
+    monkeypatch.setattr(check, "_WORK", 1e6)
     monkeypatch.setattr(
         Campaign, "simulate", lambda *given, **more: (seen.append(1), flown(*given, **more))[1]
     )
@@ -142,14 +142,14 @@ def test_a_long_flight_is_foretold(pair, monkeypatch):
 
 def test_trial_cases_are_flown_no_more_than_needed(plainly, pair, monkeypatch):
     """All of the sample twice, in the steps found and in half of these, histories among it."""
-    flights, fly_cases = [], step_selection.fly_cases
+    flights, integrate_cases = [], step_selection.integrate_cases
 
     def counted(kernel, plan, steps, usual, slots, draws, *more, **named):
         flights.append(len(draws))
-        return fly_cases(kernel, plan, steps, usual, slots, draws, *more, **named)
+        return integrate_cases(kernel, plan, steps, usual, slots, draws, *more, **named)
 
-    monkeypatch.setattr(step_selection, "fly_cases", counted)
-    monkeypatch.setattr("sepmc.campaign.execution.integration.fly_cases", counted)
+    monkeypatch.setattr(step_selection, "integrate_cases", counted)
+    monkeypatch.setattr("sepmc.campaign.execution.integration.integrate_cases", counted)
     campaign = pair(
         {"solver": {"accuracy": 1e-6}, "run.history_step_s": 0.1,
          "dispersion": {"body.aft.mass_kg": {"uniform": 0.1}}}

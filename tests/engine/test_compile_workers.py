@@ -8,8 +8,8 @@ import pytest
 
 from sepmc.engine import cache_files, compile_workers, kernel_cache
 
-SHORT = """from sepmc.engine.compile_units import piece, workspace
-@piece("")
+SHORT = """from sepmc.engine.compile_units import compile_unit, workspace
+@compile_unit("")
 def flown(address):
     w = workspace(address)
     w[0] = {}.0
@@ -26,7 +26,7 @@ def none_running():
 
 
 def names(*numbers):
-    return kernel_cache.write([SHORT.format(number) for number in numbers])
+    return kernel_cache.write_modules([SHORT.format(number) for number in numbers])
 
 
 def test_processes_are_kept():
@@ -52,11 +52,11 @@ def test_one_that_died_is_replaced():
 
 def test_what_cannot_be_compiled():
     """The call says so, and whoever loads the module then gets the error itself."""
-    (bad,) = kernel_cache.write(["raise ValueError('no kernel')\n"])
+    (bad,) = kernel_cache.write_modules(["raise ValueError('no kernel')\n"])
     assert not compile_workers.compile_all([bad])
     assert compile_workers.running() == []
     with pytest.raises(ValueError, match="no kernel"):
-        kernel_cache.module(bad)
+        kernel_cache.load_module(bad)
 
 
 def test_they_end_by_themselves(monkeypatch):
@@ -78,18 +78,18 @@ def test_how_a_kernel_is_split_is_kept(monkeypatch):
     from sepmc.kernel.emit.compile_units import split
 
     text = kernel_text(sepmc.load("table2", {"run.history_step_s": 0.0}))
-    pieces = kernel_cache.pieces_of(text)
-    assert list(pieces.names) == kernel_cache.write([piece.text for piece in split(text)])
+    pieces = kernel_cache.compile_units_of(text)
+    assert list(pieces.names) == kernel_cache.write_modules([piece.text for piece in split(text)])
     calls = []
     monkeypatch.setattr(kernel_cache, "split", lambda text: calls.append(text) or split(text))
-    assert kernel_cache.pieces_of(text) == pieces
+    assert kernel_cache.compile_units_of(text) == pieces
     assert calls == []
-    monkeypatch.setattr(cache_files, "is_kept", lambda name: False)  # as if none was compiled
+    monkeypatch.setattr(cache_files, "is_stored", lambda name: False)  # as if none was compiled
     lost = kernel_cache.CACHE_FOLDER / f"{pieces.names[3]}.py"
     kept = lost.read_text(encoding="utf-8")
     for damage in (lost.unlink, lambda: lost.write_text(kept[:-9], encoding="utf-8")):
         damage()
-        assert kernel_cache.pieces_of(text) == pieces
+        assert kernel_cache.compile_units_of(text) == pieces
         assert (calls, lost.read_text(encoding="utf-8")) == ([text], kept)
         calls.clear()
 
@@ -108,11 +108,11 @@ DAMAGES = ["none", "cut short", "one bit", "empty", "gone"]
 def test_damaged_code_is_compiled_again(damage):
     """It never gets into the process, and the next who asks compiles it."""
     number = 100 + DAMAGES.index(damage)
-    (name,) = kernel_cache.write([SHORT.format(number)])
-    pieces = kernel_cache.Pieces((name,), 0, 0, 0, 0, ())
+    (name,) = kernel_cache.write_modules([SHORT.format(number)])
+    pieces = kernel_cache.CompileUnits((name,), 0, 0, 0, 0, ())
     path = kernel_cache.CACHE_FOLDER / f"{name}.code"
     path.unlink(missing_ok=True)
-    assert name in kernel_cache.missing(pieces)
+    assert name in kernel_cache.missing_units(pieces)
     assert compile_workers.compile_all([name])
     written = path.read_bytes()
     changed = bytearray(written)
@@ -122,7 +122,7 @@ def test_damaged_code_is_compiled_again(damage):
         path.unlink()
     elif damage != "none":
         path.write_bytes(to[damage])
-    assert (name in kernel_cache.missing(pieces)) == (damage != "none")
+    assert (name in kernel_cache.missing_units(pieces)) == (damage != "none")
     if damage != "none":
         assert cache_files.link(name) == 0
         assert compile_workers.compile_all([name])
@@ -131,7 +131,7 @@ def test_damaged_code_is_compiled_again(damage):
 
 def test_no_file_stands_in_for_another():
     """Whole by itself, under the name of another: it counts as not there."""
-    one, other = kernel_cache.write([SHORT.format(201), SHORT.format(202)])
+    one, other = kernel_cache.write_modules([SHORT.format(201), SHORT.format(202)])
     assert compile_workers.compile_all([one, other])
     paths = [kernel_cache.CACHE_FOLDER / f"{name}.code" for name in (one, other)]
     contents = [path.read_bytes() for path in paths]
@@ -142,10 +142,10 @@ def test_no_file_stands_in_for_another():
 
 def test_code_that_needs_what_is_not_there():
     """LLVM would load it, and the process would end when it calls."""
-    (name,) = kernel_cache.write([SHORT.format(7)])
+    (name,) = kernel_cache.write_modules([SHORT.format(7)])
     assert compile_workers.compile_all([name])
     symbols, code = cache_files._read(name)
-    cache_files.keep("needy", [*symbols, "no_such_function"], code)
+    cache_files.store("needy", [*symbols, "no_such_function"], code)
     with pytest.raises(RuntimeError, match="needs no_such_function"):
         cache_files.link("needy")
 

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import sepmc
 from sepmc.campaign.execution import step_selection
 from sepmc.engine import interpreted
-from sepmc.engine.dispatch import fly_cases
+from sepmc.engine.dispatch import integrate_cases
 from sepmc.physics import vec3
 from sepmc.routines import linear
 
@@ -22,7 +22,7 @@ import numpy as np
 from sepmc.physics import elementary, vec3
 from sepmc.routines import linear
 from sepmc.routines.clearances import search_clearance
-GUARDS, STAGES, CHANGES, METHODS = 0, 0, 0, ()
+N_INDICATORS, N_SEGMENTS, N_CHANGES, METHODS = 0, 0, 0, ()
 
 def over(a, b):
     return a / b
@@ -111,18 +111,18 @@ def test_a_flight_is_in_pythons_numbers(name):
     slow."""
     campaign = sepmc.load(name)
     kernel = interpreted.load(step_selection.kernel_text(campaign))
-    kept, one = [], kernel.plain.fly_block
+    kept, one = [], kernel.plain.integrate_block
 
-    def fly_block(w, first, arrays):
+    def integrate_block(w, first, arrays):
         one(w, first, arrays)
         kept.extend(w)
 
-    kernel.plain.fly_block = fly_block
+    kernel.plain.integrate_block = integrate_block
     steps, usual = (
-        np.full(kernel.stages, 2),
-        np.full(kernel.stages, campaign.scene.run.end_time / 3.0),
+        np.full(kernel.n_segments, 2),
+        np.full(kernel.n_segments, campaign.scene.run.end_time / 3.0),
     )
-    fly_cases(
+    integrate_cases(
         kernel,
         campaign.plan,
         steps,
@@ -130,5 +130,5 @@ def test_a_flight_is_in_pythons_numbers(name):
         campaign.slots,
         step_selection.calibration_sample(campaign, 1),
     )
-    kernel.plain.fly_block = one
+    kernel.plain.integrate_block = one
     assert {type(x) for x in kept} == {float}

@@ -1,1 +1,1 @@
-"""Strangers' files by the million: `python tests/measure_fuzz.py`."""
+"""Strangers' files by the million: `python tests/measure/fuzz.py`."""

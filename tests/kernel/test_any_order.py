@@ -10,8 +10,8 @@ from turning_pair import BOTH, MID, PUSH, TURNING, agrees, by_independent_flight
 from sepmc.campaign.execution import single_case, step_selection
 from sepmc.kernel.emit.module import emit
 from sepmc.kernel.spec import structure
-from sepmc.kernel.spec.structure import make_shape
-from sepmc.routines.layout import ANY_ORDER
+from sepmc.kernel.spec.structure import make_kernel_spec
+from sepmc.kernel.spec.variant import Variant
 from sepmc.schema import Status
 
 CASES, COMPARED = 60, 12
@@ -179,9 +179,9 @@ def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
     campaign = pair(
         without_steps(TURNING | TWO) | {"dispersion": laws, "solver": {"accuracy": 1e-8}}
     )
-    assert not make_shape(campaign.plan, campaign.dispersed).any_order
+    assert not make_kernel_spec(campaign.plan, campaign.dispersed).any_order
     assert (
-        ANY_ORDER
+        Variant.ANY_ORDER
         in [fallback.variant for fallback in step_selection.select_steps(campaign).fallbacks]
     ) == by_spare
     result = campaign.run(cases=CASES, out=tmp_path / "run")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from oracles.independent import fly
+from oracles.independent import simulate
 
 from sepmc.physics.us1976_table import R0
 
@@ -67,7 +67,7 @@ def test_a_top_just_beyond_a_border(pair):
         }
     )
     long, short = outcomes(campaign, 1.0), outcomes(campaign, 0.01)
-    expected = fly(campaign.nominal().to_dict()).outcomes
+    expected = simulate(campaign.nominal().to_dict()).outcomes
     for name in ("pins_peak_force_N", "fore_alpha_deg"):
         assert_allclose(long[name], short[name], rtol=1e-9, err_msg=name)
         assert_allclose(short[name], expected[name], rtol=1e-9, err_msg=name)

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measure_clearance import exact
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from support.exact_clearances import exact
 
 import sepmc
 from sepmc.campaign.execution import step_selection
 from sepmc.physics.outlines import gap
 from sepmc.physics.rims import rim_gap
-from sepmc.physics.shell_edge import lip_gap, lip_least
+from sepmc.physics.shell_edge import edge_gap, edge_gap_bound
 from sepmc.validation import geometry
 
 NOZZLE = Path(__file__).parents[1] / "data" / "nozzle.toml"
@@ -177,7 +177,7 @@ def test_the_geometry_agrees_on_lips():
         )
         lip = *tuples(centre, normal), radius
         solid = *tuples(start, axis), *part[2:]
-        distance, on_lip, on_solid = lip_gap(lip, solid)
+        distance, on_lip, on_solid = edge_gap(lip, solid)
         assert_allclose(
             distance,
             geometry.lip_distance((centre[None], normal[None], radius), part)[0],
@@ -187,19 +187,19 @@ def test_the_geometry_agrees_on_lips():
         )
         assert_allclose(math.dist(on_lip, on_solid), distance, rtol=0, atol=1e-12)
         assert_allclose(math.dist(on_lip, centre), radius, rtol=1e-12)
-        assert lip_least(lip, solid) <= distance
+        assert edge_gap_bound(lip, solid) <= distance
 
 
 def test_lips_by_hand():
     """On the axis, shifted, past the end, and touching; NaN stays NaN."""
     part = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 2.0, 0.3, 0.3)
-    assert_allclose(lip_gap(((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5), part)[0], 0.2, rtol=1e-14)
-    distance, on_lip, on_solid = lip_gap(((1.0, 0.06, -0.08), (1.0, 0.0, 0.0), 0.5), part)
+    assert_allclose(edge_gap(((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5), part)[0], 0.2, rtol=1e-14)
+    distance, on_lip, on_solid = edge_gap(((1.0, 0.06, -0.08), (1.0, 0.0, 0.0), 0.5), part)
     assert_allclose([distance, *on_lip], [0.1, 1.0, -0.24, 0.32], rtol=0, atol=1e-9)
     assert_allclose(on_solid, [1.0, -0.18, 0.24], rtol=0, atol=1e-9)
-    assert_allclose(lip_gap(((2.3, 0.0, 0.0), (1.0, 0.0, 0.0), 0.7), part)[0], 0.5, rtol=1e-14)
-    assert lip_gap(((1.0, 0.25, 0.0), (1.0, 0.0, 0.0), 0.5), part)[0] == 0.0
-    assert math.isnan(lip_gap(((math.nan, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5), part)[0])
+    assert_allclose(edge_gap(((2.3, 0.0, 0.0), (1.0, 0.0, 0.0), 0.7), part)[0], 0.5, rtol=1e-14)
+    assert edge_gap(((1.0, 0.25, 0.0), (1.0, 0.0, 0.0), 0.5), part)[0] == 0.0
+    assert math.isnan(edge_gap(((math.nan, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5), part)[0])
 
 
 def test_a_rim_flush_with_the_mouth_of_its_shell():

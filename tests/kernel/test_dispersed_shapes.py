@@ -10,7 +10,7 @@ from turning_pair import LOPSIDED, TURNING, by_independent_flights, without_step
 
 from sepmc import schema
 from sepmc.campaign.execution import step_selection
-from sepmc.engine.dispatch import fly_cases, interpreted, load_kernel
+from sepmc.engine.dispatch import integrate_cases, interpreted, load_kernel
 from sepmc.physics import joints, vec3
 from sepmc.scene.kinds import joint_axes
 from sepmc.scene.messages import SceneError
@@ -162,7 +162,7 @@ def test_outlines_on_both_sides_of_a_shells_wall(pair):
         campaign.in_si(campaign.sample(0, 16)),
     )
     steps = np.full(1, 4), np.full(1, np.inf)
-    block, _ = fly_cases(kernel, campaign.plan, *steps, campaign.slots, draws)
+    block, _ = integrate_cases(kernel, campaign.plan, *steps, campaign.slots, draws)
     names = [column.name for column in schema.result_columns(campaign.plan.contents)]
     compiled = block.outcomes[:, names.index("gap_clearance_mm")]
     disc = np.maximum(table["in_body_aft_outline_0_radii_1_m"], 0.45)
@@ -207,8 +207,8 @@ def test_compiled_as_in_plain_python(pair):
     for interpreting in (False, True):
         with interpreted(interpreting):
             kernel = load_kernel(text)
-        steps = np.full(kernel.stages, 16), np.full(kernel.stages, 0.1)
-        block, _ = fly_cases(kernel, campaign.plan, *steps, campaign.slots, draws)
+        steps = np.full(kernel.n_segments, 16), np.full(kernel.n_segments, 0.1)
+        block, _ = integrate_cases(kernel, campaign.plan, *steps, campaign.slots, draws)
         found.append(block)
     compiled, plain = found
     assert list(compiled.status) == list(plain.status) == [0] * 9

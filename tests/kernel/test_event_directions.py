@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from oracles.independent.flight import fly
+from oracles.independent import simulate
 
 G = 9.80665
 EXACT = 1e-11  # s
@@ -53,7 +53,7 @@ def ends(campaign, step_s=0.1):
     history = campaign.simulate(step_s=step_s)
     time, phase = history["time_s"].to_numpy(), history["phase"].to_numpy()
     found = [time[i] for i in np.flatnonzero(phase[1:] != phase[:-1])]
-    other = fly(campaign.nominal().to_dict())
+    other = simulate(campaign.nominal().to_dict())
     assert history.attrs["status"] == other.status
     told = [time for time, what in other.events if what.endswith("ended")]
     if told:  # phases that end at one instant are one change of phase in a history
@@ -254,7 +254,7 @@ def test_what_stood_long_at_its_threshold(pair):
     ]
     campaign = pair(settings | {"event": events})
     found = campaign.simulate(step_s=0.1).attrs["outcomes"]
-    other = fly(campaign.nominal().to_dict()).outcomes
+    other = simulate(campaign.nominal().to_dict()).outcomes
     for name in ("here", "down", "raised"):
         assert math.isnan(found[f"{name}_time_s"])
         assert math.isnan(other[f"{name}_time_s"])

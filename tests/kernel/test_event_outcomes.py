@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from oracles.independent.flight import fly
+from oracles.independent import simulate
 from small_scenes import PUSH as ENDLESS
 from small_scenes import REDUCED
 
@@ -75,7 +75,7 @@ def test_a_flight_that_ends_there_gives_the_same(pair, phases, when):
     found = told(campaign, "now")
     shorter = pair({**scene, "event": [], "run.end_time_s": found["time_s"]})
     ended = shorter.simulate().attrs["outcomes"]
-    apart = fly(campaign.case(0).to_dict()).outcomes
+    apart = simulate(campaign.case(0).to_dict()).outcomes
     assert len(found) == 1 + 6 * 2 + 2
     for name, value in found.items():
         assert_allclose(value, apart[f"now_{name}"], rtol=1e-8, atol=1e-8)
@@ -121,7 +121,7 @@ def test_attitudes_where_a_load_is_reached(pair, when, phases):
     from then on."""
     campaign = pair(FREE | HELD | phases | {"event": [{"name": "now", "when": when}]})
     flown = campaign.simulate(step_s=0.05).attrs["outcomes"]
-    apart = fly(campaign.case(0).to_dict()).outcomes
+    apart = simulate(campaign.case(0).to_dict()).outcomes
     names = [name for name in flown if name.startswith("now_") or name.endswith("_deg")]
     assert len(names) == 27
     for name in names:
@@ -150,7 +150,7 @@ def test_clearances_at_an_event(pair, when, counts):
     """The distance then, of those that count by then: as the independent flight has it."""
     scene = FREE | LET_GO | OUTLINES | {"spring": [PUSH, ASIDE], "clearance": GAPS}
     campaign = pair(scene | {"event": [{"name": "now", "when": when}]})
-    found, apart = told(campaign, "now"), fly(campaign.case(0).to_dict()).outcomes
+    found, apart = told(campaign, "now"), simulate(campaign.case(0).to_dict()).outcomes
     names = ("gap_clearance_mm", "freed_clearance_mm")
     assert_allclose(
         [found[name] for name in names], [apart[f"now_{name}"] for name in names], atol=1e-7

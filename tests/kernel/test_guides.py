@@ -136,7 +136,7 @@ def test_a_guide_that_jams(pair, friction, status):
         "solver.step_s": 1e-3,
     }
     campaign = pair(settings)
-    assert independent.fly(campaign.nominal().to_dict()).status == status
+    assert independent.simulate(campaign.nominal().to_dict()).status == status
     assert alone(campaign)[0] == status
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from oracles.independent import fly
+from oracles.independent import simulate
 from small_scenes import SCENES, scene
 from turning_pair import by_independent_flights
 
@@ -21,11 +21,11 @@ from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.execution.accuracy import decisive
-from sepmc.engine.dispatch import fly_cases, interpreted, load_kernel
+from sepmc.engine.dispatch import integrate_cases, interpreted, load_kernel
 from sepmc.engine.threads import max_threads
 from sepmc.kernel.emit.compile_units import split
 from sepmc.kernel.spec.methods import METHODS, method
-from sepmc.kernel.spec.structure import make_shape
+from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.lanes import LANES
 from sepmc.scene import parameters
 from sepmc.scene.read import parse_campaign
@@ -74,7 +74,7 @@ def outcomes(campaign, block, sound=slice(None)):
 
 def special(campaign, flight, drawn, steps=None):
     """A block of the kernel alone, status -1 where it cannot vouch for a case."""
-    return fly_cases(
+    return integrate_cases(
         flight.kernel,
         campaign.plan,
         flight.steps if steps is None else steps,
@@ -153,11 +153,11 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, most):
     (status,), expected = by_independent_flights(campaign, 1)
     with interpreted():
         kernel = load_kernel(step_selection.kernel_text(campaign))
-    assert len(step_selection.stage_names(campaign)) == kernel.stages
-    steps, usual = np.array(steps), np.full(kernel.stages, np.inf)
+    assert len(step_selection.stage_names(campaign)) == kernel.n_segments
+    steps, usual = np.array(steps), np.full(kernel.n_segments, np.inf)
     # how long it is latched sets the length of the steps until then
     for _ in range(2 if name == "missile-rail" else 1):
-        fast, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
+        fast, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
         usual = np.diff(ends[:, 0], prepend=0.0)
     assert (status, fast.status[0]) == ("ok", 0)
     assert difference(campaign, outcomes(campaign, fast), expected) <= most
@@ -183,9 +183,9 @@ def test_small_scenes_agree(name):
     statuses, expected = by_independent_flights(campaign, 2)
     with interpreted():
         kernel = load_kernel(step_selection.kernel_text(campaign))
-    steps, usual = np.full(kernel.stages, 24), np.full(kernel.stages, np.inf)
+    steps, usual = np.full(kernel.n_segments, 24), np.full(kernel.n_segments, np.inf)
     for _ in range(2):  # how long phases last sets the length of steps
-        fast, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
+        fast, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
         usual = np.median(np.diff(ends, axis=0, prepend=0.0), axis=1)
     assert list(statuses) == ["ok", "ok"]
     assert list(fast.status) == [0, 0]
@@ -261,7 +261,9 @@ def test_order_of_the_lanes(quiet, flight, name, counts, less):
 
     def flown(kernel, n):
         steps = np.full(3, n, dtype=np.int64)
-        block, _ = fly_cases(kernel, campaign.plan, steps, flight.durations, campaign.slots, drawn)
+        block, _ = integrate_cases(
+            kernel, campaign.plan, steps, flight.durations, campaign.slots, drawn
+        )
         lost = block.outcomes[:, energy]
         # few steps lose more than a row may
         assert_array_equal(block.status == 0, lost <= schema.AUDIT_BOUNDS["energy_residual"])
@@ -327,12 +329,18 @@ def test_same_bits_where_lanes_are_through_at_different_times():
     shuffled."""
     campaign = with_all_loads(scene(COMPILED))
     flight, drawn = step_selection.select_steps(campaign), draws(campaign, 5 * LANES)
-    assert max(stage.stops for stage in make_shape(campaign.plan, campaign.dispersed).stages) > 1
+    assert (
+        max(
+            segment.max_intervals
+            for segment in make_kernel_spec(campaign.plan, campaign.dispersed).segments
+        )
+        > 1
+    )
     base = special(campaign, flight, drawn)
     for order in (np.arange(len(drawn))[::-1], np.random.default_rng(5).permutation(len(drawn))):
         found = special(campaign, flight, drawn[order])
         assert_array_equal(found.outcomes, base.outcomes[order])
-        assert_array_equal(found.guards, base.guards[order])
+        assert_array_equal(found.indicators, base.indicators[order])
     for i in (0, LANES, len(drawn) - 1):
         assert_array_equal(
             special(campaign, flight, drawn[i : i + 1]).outcomes[0], base.outcomes[i]
@@ -383,7 +391,7 @@ def flown_independently(campaign, drawn, numbers):
     for number in numbers:
         values = {law.parameter.path: float(x) for law, x in zip(laws, drawn[number], strict=True)}
         flown.append(
-            fly(
+            simulate(
                 dataclasses.replace(
                     campaign.nominal(), scene=parameters.replace(campaign.nominal().scene, values)
                 ).to_dict()
@@ -585,9 +593,11 @@ def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
         kernel = load_kernel(step_selection.kernel_text(campaign))
     drawn, usual = np.array([[stroke]]), np.array([1.7, 4.3])
     column = [c.name for c in campaign.outcome_columns].index("release_time_s")
-    long = fly_cases(kernel, campaign.plan, np.array([6, 3]), usual, campaign.slots, drawn)[0]
-    short = fly_cases(kernel, campaign.plan, np.array([60, 30]), usual, campaign.slots, drawn)[0]
-    assert np.isnan(long.guards).any() == missed
+    long = integrate_cases(kernel, campaign.plan, np.array([6, 3]), usual, campaign.slots, drawn)[0]
+    short = integrate_cases(
+        kernel, campaign.plan, np.array([60, 30]), usual, campaign.slots, drawn
+    )[0]
+    assert np.isnan(long.indicators).any() == missed
     assert_allclose(short.outcomes[0, column], release, atol=1e-6)
 
 
@@ -686,28 +696,28 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
 @pytest.mark.parametrize(
     ("settings", "history", "apart"),
     [
-        ({}, True, {"begin", "fly_block"}),
+        ({}, True, {"load_cases", "integrate_block"}),
         (
             {"solver.step_s": 0.05},
             False,
             {
                 "advance_sharp9",
                 "advance_tp7",
-                "aim_phase2",
-                "approach",
-                "fly_block",
-                "meet",
-                "set_rest",
+                "event_step_phase2",
+                "polish_event",
+                "integrate_block",
+                "set_event_flags",
+                "set_event_polish_step",
                 "set_step",
-                "settle",
+                "finish_step",
             },
         ),
         (
             {"solver.method": "rk4"},
             False,
-            {"advance_sharp9", "advance_tp7", "begin", "finish", "fly_block"},
+            {"advance_sharp9", "advance_tp7", "load_cases", "write_results", "integrate_block"},
         ),
-        ({"output.tip_off": ["pins"]}, False, {"begin", "finish", "leave_phase2"}),
+        ({"output.tip_off": ["pins"]}, False, {"load_cases", "write_results", "leave_phase2"}),
     ],
     ids=["histories", "a given step", "another method", "rates at release"],
 )
@@ -753,22 +763,22 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 
 ASSEMBLY = """
 import json, re
-from sepmc.campaign import pilot
-from sepmc.kernel.emit.compile_units import ALIKE, split
-from sepmc.engine import cache
+from sepmc.campaign.execution import step_selection
+from sepmc.kernel.emit.compile_units import ENTRY, split
+from sepmc.engine import kernel_cache
 import sepmc
-text = pilot.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
+text = step_selection.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
 code = []
 for piece in split(text):
     if piece.name.startswith("rates_"):
-        module = cache.module(cache.write([piece.text])[0])
-        lines = getattr(module, ALIKE)._library.get_asm_str().splitlines()
+        module = kernel_cache.load_module(kernel_cache.write_modules([piece.text])[0])
+        lines = getattr(module, ENTRY)._library.get_asm_str().splitlines()
         code += [(piece.name, line) for line in lines]
 found, function = {}, None
 for name, line in code:
     label = re.match(r"([A-Za-z_][^\\s:]*):", line)
     if label:  # a cfunc only calls it
-        function = name if ALIKE in label[1] and not label[1].startswith("cfunc") else None
+        function = name if ENTRY in label[1] and not label[1].startswith("cfunc") else None
     if ".cfi_endproc" in line:
         function = None
     if function:
@@ -814,8 +824,8 @@ def test_machine_code_is_straight_and_wide(tmp_path):
 
 WITHOUT_JIT = """
 import json, sepmc
-from sepmc.campaign import pilot
-pilot.CORNERS, pilot.SAMPLE = 3, 16
+from sepmc.campaign.execution import step_selection
+step_selection.CORNERS, step_selection.SAMPLE = 3, 16
 campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3})
 result = campaign.run(cases=2, seed=7)
 table = result.to_pandas().drop(columns="status").to_dict("list")

@@ -16,7 +16,7 @@ from sepmc.kernel.spec.methods import METHODS, method
 # between 1e-2 and round-off; and the order that a straight line through them must at least have.
 STUDIES = {"rk4": (0.02, 3.7), "dopri5": (0.04, 4.7), "dop853": (0.1, 7.3)}
 DENSE_STUDIES = {"rk4": 0.05, "dopri5": 0.1, "dop853": 0.4}
-EXTENDED = [name for name in METHODS if method(name).extends]
+EXTENDED = [name for name in METHODS if method(name).has_extension]
 # Table 2, lightly modified so that errors stand above round-off: it spins and flies longer, and its
 # moments stay stable at large angles.
 RAPID = {

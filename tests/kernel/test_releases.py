@@ -180,7 +180,7 @@ def test_a_joint_that_was_told_and_holds_at_the_end(pair):
     )
     assert (
         alone(campaign)[0]
-        == independent.fly(campaign.nominal().to_dict()).status
+        == independent.simulate(campaign.nominal().to_dict()).status
         == "never-released"
     )
 
@@ -268,5 +268,5 @@ def test_a_release_that_does_not_come(pair, name):
     """A joint that holds on though it should have let go; alone and as the independent flight."""
     settings, releases, expected = UNMET[name]
     campaign = pair(TURNING | settings | {"release": releases})
-    other = independent.fly(campaign.nominal().to_dict())
+    other = independent.simulate(campaign.nominal().to_dict())
     assert (alone(campaign)[0], other.status) == (expected, expected)

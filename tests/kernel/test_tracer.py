@@ -1,4 +1,4 @@
-"""The recorder of kernels: what is written, once, in which order; what is computed before a flight;
+"""The tracer of kernels: what is written, once, in which order; what is computed before a flight;
 and that it means what was wired."""
 
 import math
@@ -17,14 +17,14 @@ from sepmc.kernel.tracer.formulas import (
     vec3,
     vehicle,
 )
-from sepmc.kernel.tracer.text import Slabs, Text
+from sepmc.kernel.tracer.text import Text, Workspace
 from sepmc.kernel.tracer.tracer import SYMMETRIC, Scope, total, where
 
 
 @pytest.fixture
 def scope():
-    slabs = Slabs()
-    return Scope(slabs, Scope(slabs))
+    workspace = Workspace()
+    return Scope(workspace, Scope(workspace))
 
 
 def test_the_same_call_is_written_once(scope):
@@ -41,7 +41,7 @@ def test_the_same_call_is_written_once(scope):
 
 
 def test_what_depends_on_the_case_alone_is_computed_before_the_flight(scope):
-    """A parameter is read where it stands; what follows from parameters is kept in a slab; what
+    """A parameter is read where it stands; what follows from parameters is kept in a field; what
     nobody uses is not."""
     mass = scope.case.parameter(7)
     inverse = (1.0 / mass).called("inverse_mass")
@@ -54,7 +54,7 @@ def test_what_depends_on_the_case_alone_is_computed_before_the_flight(scope):
         "inverse_mass = 1.0 / w[P + 7 * LANES + l]",
         "w[INVERSE_MASS_1 + l] = inverse_mass",
     ]
-    assert scope.slabs.counts == {"INVERSE_MASS_1": 1}
+    assert scope.workspace.counts == {"INVERSE_MASS_1": 1}
 
 
 def test_a_symmetric_matrix_is_kept_as_six_numbers(scope):
@@ -67,7 +67,7 @@ def test_a_symmetric_matrix_is_kept_as_six_numbers(scope):
     assert (
         scope.lines()[-1] == "put3(w, OUT + l, vec3.rotate(get6(w, INVERSE_1 + l), get3(w, X + l)))"
     )
-    assert scope.slabs.counts == {"INVERSE_1": 6}
+    assert scope.workspace.counts == {"INVERSE_1": 6}
 
 
 def test_what_was_stored_is_what_is_read(scope):
@@ -81,7 +81,7 @@ def test_what_was_stored_is_what_is_read(scope):
 
 
 def test_choices_are_between_values_that_are_there(scope):
-    """Both are computed first, so that lanes do not part."""
+    """Both are computed first, so that lanes do not component."""
     x = scope.load("X")
     scope.store("OUT", where((x > 0.0) & (x < math.inf), 1.0 / x, 0.0))
     assert scope.lines() == [
@@ -110,13 +110,13 @@ def test_parentheses_are_those_that_are_needed(scope):
 def test_a_name_means_one_kind_of_thing_in_a_function():
     """A variable of compiled code has one type: of two loops over lanes, and of what is written by
     hand, another shape has another name; the next function begins anew."""
-    slabs, text = Slabs(), Text()
+    workspace, text = Workspace(), Text()
     for signature in ("one(w)", "two(w)"):
         lines = text.function(signature, "Says.")
         if signature == "one(w)":
             lines("row, turned = 0, 1")
         for shape in (3, 9, 3):
-            scope = Scope(slabs, Scope(slabs))
+            scope = Scope(workspace, Scope(workspace))
             x = scope.load("X", shape)
             scope.store("ROW", vec3.dot(x, x).called("row"))
             scope.store("OUT", scope.load("ROW") * scope.load("ROW"))
@@ -132,8 +132,8 @@ def test_a_name_means_one_kind_of_thing_in_a_function():
 def test_what_counts_a_loop_stands_for_nothing_else():
     """A value called as the counter of a loop that comes later has another name; two things by one
     name are refused."""
-    slabs, text = Slabs(), Text()
-    lines, scope = text.function("one(w)", "Says."), Scope(slabs, Scope(slabs))
+    workspace, text = Workspace(), Text()
+    lines, scope = text.function("one(w)", "Says."), Scope(workspace, Scope(workspace))
     x = scope.load("X", 3)
     scope.store("E", vec3.add(x, x).called("e"))
     scope.store("ROW", vec3.add(x, vec3.add(x, x)).called("turned"))
@@ -146,7 +146,7 @@ def test_what_counts_a_loop_stands_for_nothing_else():
 
 def test_what_a_later_loop_needs_is_kept_or_read_again(scope):
     """A parameter is read again, a value that another function needs is kept once, any other in a
-    slab of its own; every loop reads only what it uses."""
+    field of its own; every loop reads only what it uses."""
     case = scope.case
     mass = case.parameter(7)
     root, inverse = (mass * 3.0).called("root"), (1.0 / mass).called("inverse")
@@ -186,7 +186,7 @@ def test_the_items_of_a_tuple_that_a_later_loop_needs_are_kept(scope):
     kept = ["    w[AROUND_1 + l] = around[0]", "    w[AROUND_1 + 1 * LANES + l] = around[1]"]
     assert [line for line in loops[0].splitlines() if "AROUND" in line] == kept
     assert "    around = (w[AROUND_1 + l], w[AROUND_1 + 1 * LANES + l])" in loops[1].splitlines()
-    assert scope.slabs.counts["AROUND_1"] == 2
+    assert scope.workspace.counts["AROUND_1"] == 2
 
 
 def test_a_name_never_meets_that_of_a_formula(scope):
@@ -234,15 +234,15 @@ def plain():
     """The formulas as plain Python."""
     homes = ", ".join(home for names in HOMES.values() for home in names if home != "lanes")
     text = (
-        f"GUARDS, STAGES, CHANGES, METHODS = 0, 0, 0, ()\nfrom sepmc.physics import {homes}\nfrom "
-        "sepmc.routines import lanes"
+        f"N_INDICATORS, N_SEGMENTS, N_CHANGES, METHODS = 0, 0, 0, ()\n"
+        f"from sepmc.physics import {homes}\nfrom sepmc.routines import lanes"
     )
     return interpreted.load(text).plain
 
 
 def _sizes(value):
     return (
-        tuple(_sizes(part) if isinstance(part, tuple) else 1 for part in value)
+        tuple(_sizes(component) if isinstance(component, tuple) else 1 for component in value)
         if isinstance(value, tuple)
         else 1
     )
@@ -250,12 +250,12 @@ def _sizes(value):
 
 def _expected(shape):
     if isinstance(shape, tuple):
-        return tuple(_expected(part) for part in shape)
+        return tuple(_expected(component) for component in shape)
     return (1,) * (9 if shape == SYMMETRIC else shape) if shape not in (1, "condition") else 1
 
 
 @pytest.mark.parametrize(("module", "name"), ALL, ids=[name for _, name in ALL])
-def test_formulas_give_what_the_recorder_thinks(plain, module, name):
+def test_formulas_give_what_the_tracer_expects(plain, module, name):
     """Shapes are told by hand in `sepmc.kernel.tracer.formulas`: each against what the formula
     gives."""
     last = name.rpartition(".")[2]

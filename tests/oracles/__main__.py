@@ -5,26 +5,18 @@ Exit codes are those of `sepmc`: 1 if anything differs.
 
 import sys
 from pathlib import Path
-from typing import Any
 
 if __name__ == "__main__":  # so that `oracles` is imported as a package
     sys.path[0] = str(Path(__file__).parents[1])
 
 import click
 
-from sepmc import wording
+from sepmc.cli.exits import Program
 from sepmc.cli.options import OVERWRITE, QUIET, SETTINGS, load_campaign
-from sepmc.cli.render import plain_errors, speaker
+from sepmc.cli.render import logger
 
 
-class _Program(click.Group):
-    def invoke(self, ctx: click.Context) -> Any:
-        """Run a command; errors name its options."""
-        with wording.on_command_line(), plain_errors(quiet=False):
-            return super().invoke(ctx)
-
-
-@click.group(cls=_Program, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
 def main() -> None:
     """Hold the engine against an independent flight, and against other engines."""
 
@@ -82,9 +74,9 @@ def random(
     """
     from oracles.random_scenes import run
 
-    found = run.gate(count, seed, compiled, speaker(quiet), rows, limit_s, kinds)
-    click.echo(run.table(found))
-    sys.exit(1 if any(map(run.fails, found)) else 0)
+    verdicts = run.judge_scenes(count, seed, compiled, logger(quiet), rows, limit_s, kinds)
+    click.echo(run.table(verdicts))
+    sys.exit(1 if any(map(run.fails, verdicts)) else 0)
 
 
 @main.command()
@@ -94,7 +86,7 @@ def shipped(quiet: bool) -> None:
     from oracles import shipped_campaigns
     from sepmc.validation.line import table
 
-    say = speaker(quiet)
+    say = logger(quiet)
     lines = []
     for check in (shipped_campaigns.scenes, shipped_campaigns.campaigns):
         say(f"{check.__name__} ...")
@@ -109,8 +101,8 @@ def engines(quiet: bool) -> None:
     """Compare cases of shipped campaigns with other engines; needs pip install '.[peers]'."""
     from oracles.external_engines import compare
 
-    installed = compare.needed(speaker(quiet))
-    text, agreed = compare.report(speaker(quiet), engines=installed)
+    installed = compare.needed(logger(quiet))
+    text, agreed = compare.report(logger(quiet), engines=installed)
     click.echo(text)
     sys.exit(0 if agreed else 1)
 
@@ -141,7 +133,7 @@ def race(
 
     if overwrite and out is None:
         raise click.UsageError("--overwrite needs --out, the folder meant")
-    say, campaign = speaker(quiet), load_campaign(file, settings)
+    say, campaign = logger(quiet), load_campaign(file, settings)
     check(campaign.scene)
     for sentence in left_out(tables.QUICK if quick else None):
         say(sentence)

@@ -32,9 +32,9 @@ def _scenes() -> dict[str, Campaign]:
     return {path.stem: campaign(path.stem) for path in sorted(SCENES.glob("*.toml"))}
 
 
-def _fly(case: Mapping[str, Any]) -> independent.Flown:
+def _fly(case: Mapping[str, Any]) -> independent.CaseResult:
     """The independent flight, which knows no clearances."""
-    return independent.fly({key: value for key, value in case.items() if key != "clearance"})
+    return independent.simulate({key: value for key, value in case.items() if key != "clearance"})
 
 
 def _difference(unit: str, found: float, expected: float) -> float:
@@ -55,7 +55,7 @@ def scenes() -> list[Line]:
         known = {
             column: value
             for column, value in expected.outcomes.items()
-            if np.isfinite(value) and column not in expected.vague
+            if np.isfinite(value) and column not in expected.indeterminate
         }
         size = dict(SIZES)
         for column, value in known.items():
@@ -94,7 +94,7 @@ def _campaign(name: str, cases: int) -> list[Line]:
     lines = [
         Line(f"{name}, as shipped", f"status of {cases} cases, differing", 0.0, float(apart), 0.0)
     ]
-    vague = {column for row in expected for column in row.vague}
+    vague = {column for row in expected for column in row.indeterminate}
     known = [
         c for c in flown.outcome_columns if c.name in expected[0].outcomes and c.name not in vague
     ]

@@ -6,11 +6,16 @@ import pytest
 from PIL import Image
 from scipy import stats
 
-from sepmc.analysis.proportions import interval
-from sepmc.analysis.requirements import Tally, judge
+from sepmc.analysis.proportions import binomial_interval
+from sepmc.analysis.requirements import RequirementCounter, judge
 from sepmc.report import convergence_figures
-from sepmc.report.convergence_figures import _beyond, beyond_figure, convergence_figure, running
-from sepmc.report.style import PRINTED, SCREEN, dots, sheet
+from sepmc.report.convergence_figures import (
+    _exceedance,
+    convergence_figure,
+    exceedance_figure,
+    running_statistics,
+)
+from sepmc.report.style import PRINTED, SCREEN, make_axes, resolution
 from sepmc.scene.model import Requirement
 
 
@@ -19,8 +24,8 @@ def test_share_beyond_a_value(upper):
     """At a value the curve is the share of cases beyond it, counted, ties among them, and the band
     Clopper and Pearson's interval; beyond all cases only an upper end is left."""
     x = np.round(np.random.default_rng(2).normal(size=900), 1)
-    _, (ax,) = sheet(1, 1, (4.0, 3.0))
-    _beyond(ax, x, upper)
+    _, (ax,) = make_axes(1, 1, (4.0, 3.0))
+    _exceedance(ax, x, upper)
     (line,) = ax.get_lines()
     at, share = line.get_data()
     count = np.array([np.sum(x > v) if upper else np.sum(x < v) for v in at])
@@ -28,18 +33,18 @@ def test_share_beyond_a_value(upper):
     assert set(at) == set(x)
     band = ax.collections[0].get_paths()[0].vertices
     for v, k in [(at[5], count[5]), (at[len(at) // 2], count[len(at) // 2])]:
-        for end in interval(int(k), 900):
+        for end in binomial_interval(int(k), 900):
             assert np.isclose(band, [v, end], rtol=1e-9).all(axis=1).any()
     assert count.min() == 0
-    assert np.isclose(band[:, 1].max(), interval(int(count.max()), 900)[1])
+    assert np.isclose(band[:, 1].max(), binomial_interval(int(count.max()), 900)[1])
 
 
 def test_cases_without_an_outcome_are_beyond():
     """A curve begins at the share of cases that have no outcome, as verdicts count them."""
     x = np.concatenate([np.arange(90.0), np.full(10, np.nan)])
     for upper in (True, False):
-        _, (ax,) = sheet(1, 1, (4.0, 3.0))
-        _beyond(ax, x, upper)
+        _, (ax,) = make_axes(1, 1, (4.0, 3.0))
+        _exceedance(ax, x, upper)
         at, share = ax.get_lines()[0].get_data()
         beyond = (89.0 - at if upper else at) + 10.0
         np.testing.assert_allclose(share, beyond / 100.0)
@@ -56,10 +61,10 @@ def test_between_two_bounds_one_panel_shows_both_sides(tmp_path, monkeypatch):
     one = Requirement(name="one", metric="x", at_most=180.0, probability=0.9)
     verdicts = []
     for item in (two, one):
-        tally = Tally(item)
+        tally = RequirementCounter(item)
         tally.add(np.arange(200), np.ones(200, dtype=bool), x, np.zeros(200, dtype=bool))
         verdicts.append(judge(tally, {"x": (0.0, 1.0)}, np.nan))
-    beyond_figure({"x": x}, verdicts, tmp_path, {"x": "mm"}, "title")
+    exceedance_figure({"x": x}, verdicts, tmp_path, {"x": "mm"}, "title")
     (figure,) = drawn
     both, side = (ax for ax in figure.axes if ax.get_lines())
     at, share = both.get_lines()[0].get_data()
@@ -75,7 +80,7 @@ def test_running_mean_and_sigma():
     Student's."""
     x = 1e6 + np.random.default_rng(4).gamma(2.0, size=400)
     n = np.array([2, 3, 10, 57, 400])
-    (mean, low, high), (sigma, least, greatest) = running(x, n)
+    (mean, low, high), (sigma, least, greatest) = running_statistics(x, n)
     for k, m in enumerate(n):
         part = x[:m]
         assert mean[k] == pytest.approx(part.mean(), rel=1e-14)
@@ -89,7 +94,7 @@ def test_running_mean_and_sigma():
 def test_convergence_of_few_cases(tmp_path, count):
     """One case has a mean and no interval; uneven values of a few give no warning."""
     x = np.array([1.0, 1.0 + 1e-9, 1e6])[:count]
-    (mean, _, _), (sigma, _, _) = running(x, np.array([count]))
+    (mean, _, _), (sigma, _, _) = running_statistics(x, np.array([count]))
     assert mean[0] == pytest.approx(x.mean())
     assert np.isnan(sigma[0]) == (count == 1)
     assert convergence_figure({"a": x}, tmp_path, {}, "title").is_file()
@@ -100,7 +105,7 @@ def test_running_intervals_hold_the_truth():
     random, n = np.random.default_rng(8), np.array([10])
     held = np.zeros(2)
     for _ in range(1000):
-        found = running(random.normal(3.0, 2.0, 10), n)
+        found = running_statistics(random.normal(3.0, 2.0, 10), n)
         held += [
             low[0] <= truth <= high[0]
             for (_, low, high), truth in zip(found, (3.0, 2.0), strict=True)
@@ -113,7 +118,7 @@ def test_dots_an_inch(tmp_path):
     """A figure for print has twice the pixels of one for the screen, and the next one not."""
     wide = []
     for per_inch in (SCREEN, PRINTED, SCREEN):
-        with dots(per_inch):
+        with resolution(per_inch):
             path = convergence_figure({"a": np.arange(30.0)}, tmp_path, {}, "title")
         with Image.open(path) as image:
             wide.append(image.width)

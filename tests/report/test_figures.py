@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from sepmc.analysis.statistics import histogram
+from sepmc.analysis.statistics import column, histogram
 from sepmc.report.bench_figures import _peers
-from sepmc.report.figures import band_figures, campaign_figures, histogram_figures, run_figures
+from sepmc.report.figures import band_figures, histogram_figures
+from sepmc.report.history_figures import run_figures
 from sepmc.report.style import _columns
 
 UNITS = {"separation_speed_m_s": "m/s", "separation_distance_mm": "mm", "upper_alpha_deg": "deg"}
@@ -50,6 +51,17 @@ def campaign(n=40):
     for name in ("separation_speed_m_s", "separation_distance_mm"):
         cases[name] = last[name].reindex(cases["case"]).to_numpy()
     return cases, histories
+
+
+def campaign_figures(cases, histories, folder, units, reference=None, labels=None, outcomes=None):
+    """Draw the bands and the histograms of the ok cases of a campaign."""
+    ok = cases[cases["status"] == "ok"]
+    written = []
+    if histories is not None:
+        written = band_figures(histories[histories["case"].isin(ok["case"])], folder, units, labels)
+    names = list(outcomes if outcomes is not None else reference or units)
+    histograms = {name: histogram(column(ok, name)) for name in names if name in ok}
+    return written + histogram_figures(histograms, folder, units, reference, labels)
 
 
 def texts(figure):
@@ -562,18 +574,18 @@ def test_a_second_process_draws_the_same(tmp_path):
     campaign = sepmc.load("table2.toml")
     result = campaign.run(cases=50, out=tmp_path / "run")
     given = tmp_path / "run", campaign, result.kept.summary
-    here = draw_figures(*given, alone=True)
+    here = draw_figures(*given, separate=True)
     drawn = {path: path.read_bytes() for path in here}
     assert {"histograms", "separation_speed", "hist_upper_roll_deg"} <= {p.stem for p in here}
     for path in here:
         path.unlink()
     with processes(1) as second:
-        assert draw_figures(*given, second=second, alone=True) == here
+        assert draw_figures(*given, second=second, separate=True) == here
         assert {path: path.read_bytes() for path in here} == drawn
         (process,) = second._processes.values()
         process.kill()
         process.join()
-        assert draw_figures(*given, second=second, alone=True) == here
+        assert draw_figures(*given, second=second, separate=True) == here
     assert {path: path.read_bytes() for path in here} == drawn
 
 

@@ -19,7 +19,7 @@ NOTHING = (0.0, math.nan, 0.0)
 
 @njit
 def noted(w, t, h):
-    peaks.note_size(w, NODES, APART, SCRATCH, OUT, OTHER, GUARD, t, h)
+    peaks.update_size(w, NODES, APART, SCRATCH, OUT, OTHER, GUARD, t, h)
 
 
 def follow(vector, t=0.0, h=1.0, before=NOTHING):

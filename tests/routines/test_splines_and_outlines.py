@@ -9,14 +9,14 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from sepmc.kernel.emit.tables import sum_of_cell
+from sepmc.kernel.emit.tables import cell_sum_lines
 from sepmc.kernel.spec.splines import pack
-from sepmc.physics.outlines import gap, inside_gap, least_gap, wall_gap
+from sepmc.physics.outlines import gap, gap_bound, inside_gap, wall_gap
 from sepmc.physics.rims import rim_gap
 from sepmc.physics.separation import widest_gap
 from sepmc.routines import layout
 from sepmc.routines.lanes import LANES
-from sepmc.routines.splines import curve, grid6, hold_cell, is_held
+from sepmc.routines.splines import curve, grid6, in_cell, load_cell
 
 X = [-1.0, -0.2, 0.1, 0.9, 1.4]
 Y = [0.0, 1.0, 1.5, 2.5]
@@ -99,7 +99,7 @@ def test_cells_that_lanes_hold_give_what_is_looked_up(counts):
     w = np.concatenate([pack_of, np.zeros(found + 6 * LANES - at - len(pack_of))])
     for n in range(3):
         w[cell + 3 * n * LANES : cell + (3 * n + 1) * LANES] = math.inf
-    lines = "\n".join(sum_of_cell(str(cell), str(place), str(found), 6, seen))
+    lines = "\n".join(cell_sum_lines(str(cell), str(place), str(found), 6, seen))
     random, held = np.random.default_rng(4), 0
     lanes = inside(axes, LANES)
     for turn in range(60):
@@ -112,10 +112,10 @@ def test_cells_that_lanes_hold_give_what_is_looked_up(counts):
             lanes[0, int(np.argmax(seen))] += 1e3
         w[place : place + 3 * LANES] = lanes.T.ravel()
         for lane in range(LANES):
-            if is_held(w, cell + lane, *lanes[lane]):
+            if in_cell(w, cell + lane, *lanes[lane]):
                 held += 1
             else:
-                hold_cell(w, cell + lane, at, *lanes[lane])
+                load_cell(w, cell + lane, at, *lanes[lane])
         for lane in range(LANES):
             exec(lines, {"w": w, "l": lane, "LANES": LANES})
         expected = np.array([grid6(pack_of, 0, *lanes[lane]) for lane in range(LANES)])
@@ -578,9 +578,9 @@ def test_least_gap_is_a_lower_bound():
                     r1,
                 )
             )
-        assert least_gap(*parts) <= gap(*parts)[0] + 1e-9
+        assert gap_bound(*parts) <= gap(*parts)[0] + 1e-9
     side_by_side = [((0.0, 0.0, z), (1.0, 0.0, 0.0), 40.0, 2.0, 2.0) for z in (0.0, 7.0)]
-    assert least_gap(*side_by_side) == pytest.approx(3.0, abs=1e-4)
+    assert gap_bound(*side_by_side) == pytest.approx(3.0, abs=1e-4)
 
 
 # --- rims in shells

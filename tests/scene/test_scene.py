@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
-from sepmc.kernel.spec.parameter_layout import make_plan
+from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.scene import model
 from sepmc.scene.fields import fields_of
 from sepmc.scene.messages import SceneError
@@ -126,7 +126,7 @@ def test_to_si():
 def test_parameters_round_trip():
     """Every number a kernel reads can be found, read and replaced, and replacing one changes no
     other."""
-    plan = make_plan(SCENE)
+    plan = make_parameter_layout(SCENE)
     before = {path: value(SCENE, path) for path in plan.slots}
     for path, number in before.items():
         other = replace(SCENE, {path: number + 1.0})
@@ -354,9 +354,11 @@ def test_names_are_not_units(pair):
 
 
 def test_every_key_stands_on_the_page():
-    """campaigns/README.md names every key of the model, in one of its units at least."""
-    page = (Path(__file__).parents[2] / "campaigns" / "README.md").read_text(encoding="utf-8")
-    words = set(re.findall(r"\w+", page))
+    """docs/reference/keys.md names every key of the model, in one of its units at least."""
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "keys.md").read_text(
+        encoding="utf-8"
+    )
+    words = set(re.findall(r"\w+", page.read_text(encoding="utf-8")))
     tables = [t for _, t in inspect.getmembers(model, inspect.isclass) if t is not msgspec.Struct]
     tables = [t for t in tables if issubclass(t, msgspec.Struct) and not t.__name__.startswith("_")]
     fields = [(t.__name__, field) for t in tables for field in fields_of(t).values()]

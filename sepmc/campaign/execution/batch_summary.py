@@ -41,7 +41,7 @@ class BatchSummary(msgspec.Struct, frozen=True):
     indicators : tuple of float
         Largest error indicators; see `sepmc.campaign.execution.error_estimate.Estimate.largest`.
     occurred : tuple of int
-        Occurrences of rare values; see `sepmc.analysis.rare_values.count`.
+        Occurrences of rare values; see `sepmc.analysis.rare_values.count_values`.
     """
 
     failures: int = 0
@@ -100,20 +100,20 @@ def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummar
     -------
     BatchSummary
     """
-    columns, again = campaign.outcome_columns, block.again
+    columns, again = campaign.outcome_columns, block.refinement
     outcomes = {c.name: x for c, x in zip(columns, block.outcomes.T, strict=False)}
     errors = np.zeros(len(columns)) if again is None else again.error
     return BatchSummary(
         int(np.count_nonzero(block.status != Status.OK)),
         campaign.implausible_inertias(inputs),
-        again.finer if again else 0,
-        again.spare if again else 0,
-        again.unsettled if again else 0,
+        again.n_refined if again else 0,
+        again.n_fallback if again else 0,
+        again.n_unconverged if again else 0,
         dict(min_at_end(campaign, outcomes, inputs)),
         count_missing(campaign, outcomes, block.status == Status.OK),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
-        tuple(again.guards.tolist()) if again else (),
-        rare_values.count(campaign.rare_values, inputs),
+        tuple(again.indicators.tolist()) if again else (),
+        rare_values.count_values(campaign.rare_values, inputs),
     )
 
 

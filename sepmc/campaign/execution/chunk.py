@@ -10,7 +10,7 @@ from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import BatchSummary, count
 from sepmc.campaign.execution.integration import Integration, history_rows, integrate
-from sepmc.engine.dispatch import Block, waited_for_compilers
+from sepmc.engine.dispatch import Block, compile_wait_s
 from sepmc.scene.messages import Log
 
 
@@ -79,10 +79,10 @@ def integrate_chunk(
     clock = time.perf_counter
     t0 = clock()
     inputs = campaign.sample(first, end - first, spec.seed, spec.total)
-    t1, compile_s = clock(), waited_for_compilers()
+    t1, compile_s = clock(), compile_wait_s()
     history_size = history_rows(campaign.scene) if with_histories else 0
     block = integrate(campaign, flight, campaign.in_si(inputs), history_size, announce)
-    compile_s = waited_for_compilers() - compile_s  # for a kernel that few cases need
+    compile_s = compile_wait_s() - compile_s  # for a kernel that few cases need
     timing["sample"] += t1 - t0
     timing["compile"] += compile_s
     timing["kernel"] += clock() - t1 - compile_s

@@ -24,16 +24,14 @@ from sepmc.campaign.execution.step_refinement import (
     Converged,
     refine_steps,
 )
-from sepmc.engine.dispatch import Again, Block, fly_cases, one_of
+from sepmc.engine.dispatch import Block, RefinementSummary, integrate_cases, status_in
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec.methods import method
+from sepmc.kernel.spec.variant import Variant
 from sepmc.routines.layout import (
-    ANY_ORDER,
     BODY_OUTCOMES,
     FINER_STEPS,
     FLOW_ANGLES,
-    LEAST_SQUARES,
-    USUAL,
 )
 from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
@@ -54,7 +52,7 @@ class FallbackKernel:
     Attributes
     ----------
     variant : int
-        ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`.
+        A `Variant` other than the standard one.
     make : callable
         Loads the kernel; takes a Log or None.
     phases : ndarray, shape (segments,)
@@ -84,7 +82,7 @@ class Integration:
     scale : ndarray, shape (o,)
         See `sepmc.campaign.execution.accuracy.errors`.
     limits : ndarray, shape (g,)
-        Error indicators up to which the calibration applies (`Block.guards`).
+        Error indicators up to which the calibration applies (`Block.indicators`).
     angles : dict of int to float
         Limits, rad, of sideslip and yaw by outcome index: near a right angle alpha, or pitch and
         roll, change fast.
@@ -122,7 +120,7 @@ class Integration:
     notes: list[str] = field(default_factory=list)
     fallbacks: tuple[FallbackKernel, ...] = ()
     methods: np.ndarray | None = None
-    variant: int = USUAL
+    variant: int = Variant.STANDARD
 
     def __getstate__(self) -> dict[str, Any]:
         """State of a copy, in another process too: see `packed`."""
@@ -132,12 +130,12 @@ class Integration:
     def packed(self) -> "Integration":
         """Copy without addresses of this process; see
         `sepmc.campaign.execution.step_selection.unpacked`."""
-        return replace(self, kernel=replace(self.kernel, address=0, calls=_NO_CALLS), fallbacks=())
+        return replace(self, kernel=replace(self.kernel, address=0, table=_NO_CALLS), fallbacks=())
 
     @property
     def method_names(self) -> list[str]:
         """Name of the integration method of each segment."""
-        numbers = np.zeros(self.kernel.stages, int) if self.methods is None else self.methods
+        numbers = np.zeros(self.kernel.n_segments, int) if self.methods is None else self.methods
         return [names[number] for names, number in zip(self.kernel.methods, numbers, strict=True)]
 
     @property
@@ -158,13 +156,13 @@ class Integration:
     def has_any_order_fallback(self) -> bool:
         """True if a fallback kernel integrates each case at its own pace, which resolves late
         events better than ever smaller steps."""
-        return any(fallback.variant == ANY_ORDER for fallback in self.fallbacks)
+        return any(fallback.variant == Variant.ANY_ORDER for fallback in self.fallbacks)
 
     def with_fallback(self, fallback: FallbackKernel, announce: Log | None) -> "Integration":
         """Copy with a fallback kernel, whose segments are the phases."""
         kernel = fallback.make(announce)
-        steps = np.bincount(fallback.phases, self.steps, kernel.stages).astype(np.int64)
-        durations = np.bincount(fallback.phases, self.durations, kernel.stages)
+        steps = np.bincount(fallback.phases, self.steps, kernel.n_segments).astype(np.int64)
+        durations = np.bincount(fallback.phases, self.durations, kernel.n_segments)
         return replace(
             self,
             kernel=kernel,
@@ -221,12 +219,12 @@ def integrate(
     is_calibrated = _is_calibrated(flight, block)
     of_calibrated = _apply_estimate(campaign, flight, block, is_calibrated)
     too_inaccurate = is_calibrated & (block.error > flight.error_limit)
-    hard = _is_doubtful(campaign, block) | (block.flown & ~is_calibrated)
-    refinement = of_calibrated.with_others(
+    hard = _is_doubtful(campaign, block) | (block.has_outcomes & ~is_calibrated)
+    refinement = of_calibrated.merged(
         _refine_cases(
             campaign, flight, draws, history_size, block, np.flatnonzero(too_inaccurate & ~hard), 1
         )
-    ).with_others(_refine_cases(campaign, flight, draws, history_size, block, np.flatnonzero(hard)))
+    ).merged(_refine_cases(campaign, flight, draws, history_size, block, np.flatnonzero(hard)))
     bodies = len(campaign.plan.bodies)
     for fallback in flight.fallbacks:
         finite = motion_is_finite(block.outcomes, bodies)
@@ -238,17 +236,17 @@ def integrate(
                 rejected,
                 integrate_once(campaign, with_fallback, draws[rejected], history_size),
             )
-            hard = (_is_doubtful(campaign, block) | block.flown)[rejected]
-            refinement = refinement.with_others(
+            hard = (_is_doubtful(campaign, block) | block.has_outcomes)[rejected]
+            refinement = refinement.merged(
                 _refine_cases(campaign, with_fallback, draws, history_size, block, rejected[hard])
             )
-            refinement.spare += len(rejected)
+            refinement.n_fallback += len(rejected)
     rejected = np.flatnonzero(block.status < 0)
     finite = motion_is_finite(block.outcomes[rejected], bodies)
     block.status[rejected] = final_status(block.status[rejected], finite)
     # audit columns are kept
     block.outcomes[rejected, : len(campaign.outcome_columns)], block.rows[rejected] = np.nan, 0
-    block.again = refinement
+    block.refinement = refinement
     return block
 
 
@@ -258,13 +256,15 @@ def is_accepted_by(status: np.ndarray, variant: int, finite: np.ndarray) -> np.n
     Least squares does not help cases that need smaller steps and have ``finite`` (n,) outcomes.
     """
     finer = (status == FINER_STEPS) & finite
-    return (status < 0) & (status >= variant) & ~(finer & (variant == LEAST_SQUARES))
+    return (status < 0) & (status >= variant) & ~(finer & (variant == Variant.LEAST_SQUARES))
 
 
 def final_status(rejected: np.ndarray, finite: np.ndarray) -> np.ndarray:
     """Final status (n,) of cases that every kernel rejects, from their last rejection and whether
     their outcomes are ``finite``."""
-    ended = np.where(rejected == LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED))
+    ended = np.where(
+        rejected == Variant.LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED)
+    )
     return np.where((rejected == FINER_STEPS) & ~finite, int(Status.NOT_FINITE), ended)
 
 
@@ -298,7 +298,7 @@ def integrate_once(
     campaign: Definition, flight: Integration, draws: np.ndarray, history_size: int = 0
 ) -> Block:
     """Integrate inputs (n, d), SI, at the steps of an integration, without refinement."""
-    return fly_cases(
+    return integrate_cases(
         flight.kernel,
         campaign.plan,
         flight.steps,
@@ -321,10 +321,10 @@ def motion_is_finite(outcomes: np.ndarray, bodies: int) -> np.ndarray:
 
 def _is_calibrated(flight: Integration, block: Block) -> np.ndarray:
     """Mask (n,) of cases within the limits of the calibration."""
-    assert block.guards is not None
+    assert block.indicators is not None
     if flight.limits is None:
         return np.ones(len(block.status), dtype=bool)
-    is_calibrated = block.guarded & (block.guards <= flight.limits).all(axis=1)
+    is_calibrated = block.has_indicators & (block.indicators <= flight.limits).all(axis=1)
     for column, limit in flight.angles.items():
         is_calibrated &= ~(
             np.abs(block.outcomes[:, column]) > limit
@@ -334,32 +334,32 @@ def _is_calibrated(flight: Integration, block: Block) -> np.ndarray:
 
 def _apply_estimate(
     campaign: Definition, flight: Integration, block: Block, is_calibrated: np.ndarray
-) -> Again:
+) -> RefinementSummary:
     """Write the estimated error of calibrated cases into a block; returns the summary of those
     accepted."""
-    empty = Again(np.zeros(len(campaign.outcome_columns)))
+    empty = RefinementSummary(np.zeros(len(campaign.outcome_columns)))
     if flight.estimate is None:
         return empty
-    assert block.guards is not None
-    is_known = is_calibrated & block.flown
-    guards = _select(block.guards, is_known)
-    error = flight.estimate.of_cases(guards)
+    assert block.indicators is not None
+    is_known = is_calibrated & block.has_outcomes
+    indicators = _select(block.indicators, is_known)
+    error = flight.estimate.of_cases(indicators)
     block.error[is_known] = error
-    accepted = _select(guards, ~(error > flight.error_limit))
+    accepted = _select(indicators, ~(error > flight.error_limit))
     leading = flight.estimate.of_leading(accepted)
-    return Again(
-        leading, guards=accepted.max(axis=0, initial=0.0) if len(accepted) else empty.guards
+    return RefinementSummary(
+        leading, indicators=accepted.max(axis=0, initial=0.0) if len(accepted) else empty.indicators
     )
 
 
-def _select(guards: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def _select(indicators: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Rows of error indicators (n, g) that are stored by column."""
-    return guards if mask.all() else guards.T[:, mask].T
+    return indicators if mask.all() else indicators.T[:, mask].T
 
 
 def _is_doubtful(campaign: Definition, block: Block) -> np.ndarray:
     """Mask (n,) of cases that smaller steps may end with another status; none with a given step."""
-    return one_of(block.status, (FINER_STEPS, *STEP_TOO_LONG, *DOUBTFUL)) & (
+    return status_in(block.status, (FINER_STEPS, *STEP_TOO_LONG, *DOUBTFUL)) & (
         campaign.scene.solver.step is None
     )
 
@@ -372,7 +372,7 @@ def _refine_cases(
     block: Block,
     refined_cases: np.ndarray,
     agreements: int = AGREEMENTS,
-) -> Again:
+) -> RefinementSummary:
     """Refine cases into their rows of ``block``; with a given step, only to compute their error.
 
     Returns
@@ -383,7 +383,7 @@ def _refine_cases(
     has_given_step = campaign.scene.solver.step is not None
     columns = campaign.outcome_columns
     if not len(refined_cases):
-        return Again(np.zeros(len(columns)))
+        return RefinementSummary(np.zeros(len(columns)))
     initial = _rows_of(block, refined_cases)
     result = _refine(
         campaign,
@@ -403,11 +403,11 @@ def _refine_cases(
             errors(initial.outcomes[:, :n], block.outcomes[refined_cases, :n], flight.scale),
         )
         _put_rows(block, refined_cases, initial)
-        has_outcomes = block.flown[refined_cases]
+        has_outcomes = block.has_outcomes[refined_cases]
         block.error[refined_cases[has_outcomes]] = _reported_errors(
             flight, change[has_outcomes], is_decisive
         )
-        return Again(SAFETY * _largest_changes(change), finer=len(refined_cases))
+        return RefinementSummary(SAFETY * _largest_changes(change), n_refined=len(refined_cases))
     finite = motion_is_finite(block.outcomes[refined_cases], len(campaign.plan.bodies))
     late = np.flatnonzero((block.status[refined_cases] == FINER_STEPS) & finite)
     for number in late:
@@ -415,14 +415,14 @@ def _refine_cases(
             campaign, flight, draws, history_size, block, refined_cases[number]
         )
         result.change[number], result.converged[number] = alone.change[0], alone.converged[0]
-    has_outcomes = block.flown[refined_cases]
+    has_outcomes = block.has_outcomes[refined_cases]
     block.error[refined_cases[has_outcomes]] = _reported_errors(
         flight, result.change[has_outcomes], is_decisive
     )
-    return Again(
+    return RefinementSummary(
         SAFETY * _largest_changes(result.change[has_outcomes]),
-        finer=len(refined_cases),
-        unsettled=int(np.count_nonzero(has_outcomes & ~result.converged)),
+        n_refined=len(refined_cases),
+        n_unconverged=int(np.count_nonzero(has_outcomes & ~result.converged)),
     )
 
 
@@ -446,7 +446,7 @@ def _refine_with_own_durations(
     """Refine a case whose phases last much longer than typical, with durations from its own
     integration."""
     inputs, fine = draws[number : number + 1], flight.refined(_DURATION_REFINEMENT)
-    _, ends = fly_cases(
+    _, ends = integrate_cases(
         flight.kernel,
         campaign.plan,
         fine.steps,
@@ -525,7 +525,7 @@ def _refine(
 
 def _rows_of(block: Block, numbers: np.ndarray) -> Block:
     """Copy of some rows of a block."""
-    guards = None if block.guards is None else block.guards[numbers]
+    indicators = None if block.indicators is None else block.indicators[numbers]
     return Block(
         block.outcomes[numbers],
         block.status[numbers],
@@ -533,7 +533,7 @@ def _rows_of(block: Block, numbers: np.ndarray) -> Block:
         block.phases[numbers],
         block.history[numbers],
         block.rows[numbers],
-        guards,
+        indicators,
     )
 
 
@@ -542,11 +542,11 @@ def _put_rows(block: Block, numbers: np.ndarray, rows: Block) -> None:
     block.outcomes[numbers], block.status[numbers] = rows.outcomes, rows.status
     block.history[numbers], block.rows[numbers] = rows.history, rows.rows
     if (
-        block.guards is not None
-        and rows.guards is not None
-        and block.guards.shape[1] == rows.guards.shape[1]
+        block.indicators is not None
+        and rows.indicators is not None
+        and block.indicators.shape[1] == rows.indicators.shape[1]
     ):
-        block.guards[numbers] = rows.guards
+        block.indicators[numbers] = rows.indicators
 
 
 def _largest_changes(change: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.analysis.requirements import margins
-from sepmc.analysis.statistics import Worst
+from sepmc.analysis.statistics import AuditSummary
 from sepmc.analysis.subset_simulation import Estimate
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
@@ -162,7 +162,7 @@ class MarginEvaluator:
         self.scales = np.array([column.scale for column in campaign.result_columns])
         names = [column.name for column in campaign.result_columns]
         self.audited = {
-            names.index(column.name): Worst(column.name, schema.AUDIT_BOUNDS)
+            names.index(column.name): AuditSummary(column.name, schema.AUDIT_BOUNDS)
             for column in schema.audit_columns()
         }
 
@@ -244,7 +244,7 @@ class RareValue:
         """Note if an estimate misses most of the contribution of this value; empty if not."""
         contribution, last = self.probability * self.fraction, values.last
         weight_found = values.weight[
-            (last.told[:, self.index] == self.value) & ~(last.margin >= 0.0)
+            (last.records[:, self.index] == self.value) & ~(last.margin >= 0.0)
         ].sum()
         total = values.probability + float(values.unknown.mean())
         if contribution <= _MIN_FRACTION * total or weight_found > contribution / 3.0:

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sepmc.analysis.compare import differences
+from sepmc.analysis.compare import tree_differences
 from sepmc.campaign.case_selection import CaseSelection, parse
 from sepmc.campaign.cases import SIZE_DEPENDENT
 from sepmc.campaign.definition import Definition
@@ -162,7 +162,7 @@ def _differences(campaign: Definition, folder: Path) -> str:
         other = Definition(read_campaign(str(folder), reader=read_input_table))
     except InputError:
         return f"What differs is not known, as its {folders.CAMPAIGN} cannot be read."
-    changes = differences(other.file.tree, campaign.file.tree)
+    changes = tree_differences(other.file.tree, campaign.file.tree)
     tables = [each.file.input_table for each in (other, campaign)]
     if all(tables) and other.inputs_digest != campaign.inputs_digest:
         changes.append("rows of run.samples")

@@ -15,8 +15,8 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.analysis import subset_simulation
-from sepmc.analysis.requirements import share_text
-from sepmc.analysis.row_statistics import by_case
+from sepmc.analysis.requirements import format_proportion
+from sepmc.analysis.row_statistics import index_by_case
 from sepmc.analysis.subset_simulation import Estimate, Level
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
@@ -36,7 +36,7 @@ from sepmc.campaign.execution.missing_events import missing_notes
 from sepmc.campaign.execution.runner import implausible_note
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.engine.dispatch import whole
+from sepmc.engine.dispatch import check_int
 from sepmc.scene.limits import SEED
 from sepmc.scene.messages import Log
 from sepmc.schema import Column, Status
@@ -115,7 +115,7 @@ class RareEventEstimate:
 
     def to_pandas(self) -> pd.DataFrame:
         """Cases of the last level, one a row, by case number."""
-        return by_case(self.rows)
+        return index_by_case(self.rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Contents of ``rare.json``."""
@@ -189,9 +189,9 @@ def estimate_rare_event(
     """
     limit, max_flights = (
         limit_state(campaign, name),
-        whole("flights", max_flights, _MIN_FLIGHTS, _MAX_FLIGHTS),
+        check_int("flights", max_flights, _MIN_FLIGHTS, _MAX_FLIGHTS),
     )
-    seed = campaign.scene.run.seed if seed is None else whole("seed", seed, 0, SEED)
+    seed = campaign.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
     started, start_s = datetime.now(UTC), time.perf_counter()
     request = _request(campaign, limit, max_flights, seed)
     previous_sessions = _begin(campaign, folder, request, resume) if folder else []
@@ -317,7 +317,7 @@ def _rows(campaign: Definition, found: Estimate) -> dict[str, np.ndarray]:
     weight = np.bincount(which, found.weight[used])
     order = np.argsort(found.last.margin[positions], kind="stable")  # NaN last
     positions, weight = positions[order], weight[order]
-    rows, inputs = found.last.told[positions], len(campaign.input_columns)
+    rows, inputs = found.last.records[positions], len(campaign.input_columns)
     labels = np.array(LABELS, dtype=object)[rows[:, inputs].astype(int)]
     names = [c.name for c in campaign.input_columns], [c.name for c in campaign.result_columns]
     return {
@@ -361,7 +361,7 @@ def _notes(
         flights.limit_state,
     )
     achieved, fixed = accuracy(flight, summary), campaign.scene.solver.step is not None
-    found = subset_simulation.remarks(known)
+    found = subset_simulation.estimate_warnings(known)
     found += [note for value in values if (note := value.note(campaign, of_all))]
     ended = flights.statuses[Status.OK.label]
     if flights.n_without_outcome or ended < flights.count:
@@ -376,14 +376,14 @@ def _notes(
             f"{flights.count - ended} of {flights.count} flown cases did not come to their end"
             f"{of_ok}: it is not known "
             "whether they violate, and they do not count as violations; probability of such cases "
-            f"{share_text(unknown)}"
+            f"{format_proportion(unknown)}"
         )
     found += [
         f"{cases} flown cases are beyond the bound of {name}, {schema.AUDIT_BOUNDS[name]:g}: the "
         "audit failed"
         for name, cases in flights.beyond_bounds.items()
     ]
-    plain = subset_simulation.plain_cases(known.probability, known.interval)
+    plain = subset_simulation.equivalent_direct_cases(known.probability, known.interval)
     if len(known.levels) > 1 and plain < flights.count:
         found.append(
             f"this is not rare: {plain:.0f} cases of a plain campaign tell it as well as these "
@@ -414,7 +414,7 @@ def _error_notes(
     if doubtful > _NEAR * found.probability:
         texts.append(
             f"cases nearer to the bound than the numerical error of {error:.1e} have a probability "
-            f"of {share_text(doubtful)}: ask for a finer solver.accuracy"
+            f"of {format_proportion(doubtful)}: ask for a finer solver.accuracy"
         )
     thresholds = np.array([level.threshold for level in found.levels])
     if len(thresholds) > 1 and error > _NEAR * np.abs(np.diff(thresholds)).min():

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.statistics import column, ok_rows
-from sepmc.analysis.streaming import Stream
+from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.integration import Integration, history_rows, integrate
 from sepmc.campaign.execution.step_selection import kernel_text, select_steps, units_to_compile
@@ -134,7 +134,7 @@ def nearest_case(cases: shards.CaseColumns, query: str) -> tuple[int, str]:
 
 
 def worst_case(
-    summary: Rows | Stream, campaign: Definition, errors: dict, query: str
+    summary: TableStatistics | StreamingStatistics, campaign: Definition, errors: dict, query: str
 ) -> tuple[int, str]:
     """Worst case of a requirement.
 
@@ -168,7 +168,7 @@ def worst_case(
             else:
                 text = f"is the worst of {verdict.name}"
             return int(verdict.worst_case), text
-    advice = "; without a requirement, ask for the least or greatest of an outcome"
+    advice = "; without a requirement, ask for the min or max of an outcome"
     raise InputError(f"worst = {query}: no such requirement; {nearest(query, names)}{advice}")
 
 

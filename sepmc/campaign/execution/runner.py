@@ -18,11 +18,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from sepmc.analysis.constant_outcomes import reach
-from sepmc.analysis.quantile_sketch import ROOM
-from sepmc.analysis.rare_values import Occurrence, not_shown, occurrences
-from sepmc.analysis.stopping import Until
-from sepmc.analysis.streaming import GRAIN
+from sepmc.analysis.constant_outcomes import max_spread
+from sepmc.analysis.quantile_sketch import EXACT_VALUES
+from sepmc.analysis.rare_values import Occurrence, occurrences, render_undersampled
+from sepmc.analysis.stopping import StoppingRule
+from sepmc.analysis.streaming import ACCUMULATION_BLOCK
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors
@@ -89,7 +89,7 @@ class ExecutionOptions:
 
     threads: int | None = None
     crew: Executor | None = None
-    until: Until | None = None
+    until: StoppingRule | None = None
     max_failures: int | None = None
     stats_only: bool = False
     keep: KeepRules | None = None
@@ -252,7 +252,7 @@ class Runner:
         done = 0
         if stream:
             n_stored = self.previous.n_stored
-            done = min(max(ROOM, n_stored + -n_stored % GRAIN), numbers.end)
+            done = min(max(EXACT_VALUES, n_stored + -n_stored % ACCUMULATION_BLOCK), numbers.end)
             self.run(n_stored, done, report)
             self._wait()
             if self.too_many_failed:
@@ -266,7 +266,7 @@ class Runner:
                 folders.issue_lease(self.folder),
                 self.flight.packed,
                 self.spec,
-                stream.apart() if stream else None,
+                stream.new_partial() if stream else None,
                 self.options.keep,
             )
             ranges = self._ranges(left, crew.workers)
@@ -275,7 +275,7 @@ class Runner:
                     if stream:
                         assert result.accumulator is not None
                         self._consistent = False
-                        stream.take(result.accumulator)
+                        stream.merge(result.accumulator)
                     self._receive(result)
                     self._consistent = True
                     self._save_at_times()
@@ -288,10 +288,11 @@ class Runner:
 
     def _ranges(self, left: CaseSelection, workers: int) -> Iterator[tuple[int, int]]:
         """Ranges of the remaining cases: a few seconds each, and at least a few for each worker."""
-        block_size = GRAIN if self.options.stats_only else 1
+        block_size = ACCUMULATION_BLOCK if self.options.stats_only else 1
         max_size = max(block_size, -(-left.count // (_RANGES_PER_WORKER * workers)))
         max_size = min(
-            max_size, self.size if not self.options.stats_only else _BLOCKS_PER_RANGE * GRAIN
+            max_size,
+            self.size if not self.options.stats_only else _BLOCKS_PER_RANGE * ACCUMULATION_BLOCK,
         )
         for first, end in left.ranges:
             start = first
@@ -421,7 +422,7 @@ class Runner:
             "implausible_inertias": self.summary.implausible,
             "accuracy": self._accuracy(),
             "notes": self.notes,
-            "rarely_drawn": not_shown(self.occurred),
+            "rarely_drawn": render_undersampled(self.occurred),
             "min_at_end": self.summary.min_at_end,
             **({"stopping_rule": self.options.until.text} if self.options.until else {}),
             "missing": self.summary.missing,
@@ -471,7 +472,7 @@ class Runner:
             *([note] if note else []),
             *worker_notes(self.worker_kinds),
             *sampling_notes(self.campaign, self.spec.numbers),
-            *not_shown(self.occurred),
+            *render_undersampled(self.occurred),
             *accuracy_notes(achieved, fixed),
             *unconverged_notes(self.summary.unconverged, self.summary.refined),
             *min_at_end_notes(self.summary.min_at_end),
@@ -485,7 +486,7 @@ class Runner:
         ]
         return notes + [note for note in self.flight.notes if note not in notes]
 
-    def statistic_is_known(self, until: Until, end: int, n_looks: int) -> bool:
+    def statistic_is_known(self, until: StoppingRule, end: int, n_looks: int) -> bool:
         """Return True if the cases up to ``end`` - 1 give a statistic as precisely as ``until``
         asks.
 
@@ -498,18 +499,18 @@ class Runner:
         if self.options.stats_only:  # reading them closes the accumulation block
             summary = copy.deepcopy(summary)
         table = with_errors(self.campaign, self.accuracy.errors, summary.statistics())
-        within = reach(table, until.metric) if until.metric in table.index else 0.0
+        within = max_spread(table, until.metric) if until.metric in table.index else 0.0
         look = until.look(summary, n_looks, self.occurred, within)
         self._stopping_text = until.sentence(look, self.n_complete, self.spec.numbers.count)
-        self._stopping_notes = [] if look.enough else [self._stopping_text]
-        if look.enough:
+        self._stopping_notes = [] if look.sufficient else [self._stopping_text]
+        if look.sufficient:
             self.n_wanted = self.n_stored
             self.spec = SampleSpec(
                 self.spec.seed, CaseSelection.first(self.n_complete), self.n_complete
             )
             if self.options.announce:
                 self.options.announce(self._stopping_text)
-        return look.enough
+        return look.sufficient
 
     @property
     def occurred(self) -> list[Occurrence]:

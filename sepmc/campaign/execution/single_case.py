@@ -17,14 +17,15 @@ from sepmc.campaign.execution.integration import (
     typical_durations,
 )
 from sepmc.campaign.execution.step_refinement import longest_step, refine_case_steps
-from sepmc.engine.dispatch import fly_everything, interpreted, load_kernel, now_and_then
+from sepmc.engine.dispatch import integrate_nominal, interpreted, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
-from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, OutOfWorkError, Work
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, Work, WorkLimitError
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.naming import Names
-from sepmc.kernel.spec.parameter_layout import Plan, make_plan
-from sepmc.kernel.spec.structure import brief_transient, make_shape
-from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
+from sepmc.kernel.spec.parameter_layout import ParameterLayout, make_parameter_layout
+from sepmc.kernel.spec.structure import brief_transient, make_kernel_spec
+from sepmc.kernel.spec.variant import Variant
+from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
@@ -68,7 +69,7 @@ class SingleCase:
         Times, s, at which springs reach the end of their stroke; NaN if not.
     """
 
-    plan: Plan
+    plan: ParameterLayout
     status: Status
     outcomes: np.ndarray
     times: np.ndarray
@@ -126,10 +127,10 @@ def simulate_case(
     UnknownError
         If ``plain_work`` is too small.
     """
-    plan, variant = make_plan(scene), USUAL
+    plan, variant = make_parameter_layout(scene), Variant.STANDARD
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
-        shape = make_shape(plan, care=variant)
+        shape = make_kernel_spec(plan, variant=variant)
         flight = _SingleRun(
             shape, plan, columns, row_interval_s, announce, work, plain_work is None
         )
@@ -137,15 +138,17 @@ def simulate_case(
             return flight.run()
         except _RejectedError as rejected:
             status, finite = np.array(rejected.status), np.array(flight.finite)
-            variants = [spare for spare in shape.spares if is_accepted_by(status, spare, finite)]
+            variants = [spare for spare in shape.fallbacks if is_accepted_by(status, spare, finite)]
             if not variants:
                 return flight.rejected(rejected.status)
-            variant = variants[0] if rejected.status != LEAST_SQUARES else LEAST_SQUARES
+            variant = (
+                variants[0] if rejected.status != Variant.LEAST_SQUARES else Variant.LEAST_SQUARES
+            )
 
 
 def invalid_case(scene: Scene, columns: int) -> SingleCase:
     """Result of a case with an invalid parameter, which is not simulated."""
-    plan = make_plan(scene)
+    plan = make_parameter_layout(scene)
     rows = np.empty((0, len(schema.history_columns(plan.contents))))
     return SingleCase(
         plan,
@@ -163,8 +166,8 @@ class _SingleRun:
 
     def __init__(
         self,
-        shape: Shape,
-        plan: Plan,
+        shape: KernelSpec,
+        plan: ParameterLayout,
         columns: list[Column],
         row_interval_s: float,
         announce: Log | None,
@@ -181,12 +184,12 @@ class _SingleRun:
         self.text, self.compiled = written(shape, plan.scene.solver.method, FULL_HISTORY), False
         with interpreted():
             self.kernel = load_kernel(self.text)
-        stages = self.kernel.stages
+        stages = self.kernel.n_segments
         self.durations = np.full(stages, np.inf)
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
         # ends of segments and changes of joints, by steps and durations
         self.times_by_steps: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
-        self.report = now_and_then(announce, REPORT_EVERY_S)
+        self.report = progress_reporter(announce, REPORT_EVERY_S)
         self.work, self.may_compile = work, may_compile
         self.per_step = 0.0  # lines per step, of the last integration in plain Python
         # steps and outcomes of the integrations that reached their end, in order of steps
@@ -200,7 +203,7 @@ class _SingleRun:
 
     def run(self) -> SingleCase:
         """Simulate the case. Raises _RejectedError if the kernel rejects it."""
-        scene, steps = self.plan.scene, np.ones(self.kernel.stages, dtype=np.int64)
+        scene, steps = self.plan.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
         if scene.solver.step is None:
             steps, error, notes = self._converged_steps(steps)
             return self._with_error(self._with_rows(steps, notes), error)
@@ -238,7 +241,7 @@ class _SingleRun:
             _MAX_STEPS if self.compiled else _MAX_PLAIN_STEPS,
         )
         assert solver.step is not None
-        is_known = self.kernel.stages == 1  # its duration is the end time
+        is_known = self.kernel.n_segments == 1  # its duration is the end time
         affordable = max_steps * solver.step / self.plan.scene.run.end_time
         for times in _DURATION_FACTORS:
             if times > _DURATION_FACTORS[0] and (is_known or times > affordable):
@@ -251,7 +254,7 @@ class _SingleRun:
     def _integrate_at(
         self, steps: np.ndarray, instants: np.ndarray = _NO_INSTANTS
     ) -> tuple[np.ndarray, int, np.ndarray]:
-        stages, self.steps = self.kernel.stages, steps
+        stages, self.steps = self.kernel.n_segments, steps
         given_step = self.plan.scene.solver.step is not None
         how = "" if given_step else f", now in {steps.max()} steps a phase"
         self.report(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
@@ -272,7 +275,7 @@ class _SingleRun:
         return self.outcomes, status, rows
 
     def _call_kernel(self, steps: np.ndarray, instants: np.ndarray) -> Any:
-        """Call `fly_everything` in plain Python, or compiled once the work is used up."""
+        """Call `integrate_nominal` in plain Python, or compiled once the work is used up."""
         most = float(steps.max())
         if not self.compiled:
             self._report_forecast(self.per_step * most)
@@ -280,14 +283,16 @@ class _SingleRun:
             before = self.work.done
             try:
                 with self.work.counted():
-                    result = fly_everything(self.kernel, self.plan, steps, self.durations, instants)
+                    result = integrate_nominal(
+                        self.kernel, self.plan, steps, self.durations, instants
+                    )
                 if not len(instants):
                     self.per_step = (self.work.done - before) / most
                 return result
-            except OutOfWorkError:
+            except WorkLimitError:
                 self.per_step = max(self.per_step, (self.work.done - before) / most)
                 self._compile(self._reached_time())
-        return fly_everything(self.kernel, self.plan, steps, self.durations, instants)
+        return integrate_nominal(self.kernel, self.plan, steps, self.durations, instants)
 
     def _report_forecast(self, lines: float) -> None:
         """Announce a long integration in plain Python; compile instead if its lines exceed the work
@@ -335,15 +340,15 @@ class _SingleRun:
         """Times, s, of the ends of strokes by spring: the last of the times (n,) from
         ``_event_times``.
 
-        See `sepmc.kernel.emit.context.Context.sudden`.
+        See `sepmc.kernel.emit.context.Context.change_times`.
         """
-        back, spent = Names(self.plan.scene).back, self.shape.spent
+        back, spent = Names(self.plan.scene).back, self.shape.stroke_springs
         times = changes[len(changes) - len(spent) :].tolist()
         return {back[name]: time for name, time in zip(spent, times, strict=True)}
 
     def _event_times(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends of segments (segments,) and times (n,) of changes within, s, at some steps."""
-        if self.kernel.stages == 1 and self.kernel.changes == 0:
+        if self.kernel.n_segments == 1 and self.kernel.n_changes == 0:
             return np.array([self.plan.scene.run.end_time]), np.empty(0)
         flown = steps.tobytes(), self.durations.tobytes()
         if flown not in self.times_by_steps:
@@ -422,7 +427,7 @@ class _SingleRun:
         outcomes, status, _ = self._integrate_at(steps)
         if 0 <= status <= Status.NEVER_RELEASED:
             self.completed.append((steps, outcomes.copy()))
-        spared = steps.max() > _MAX_WITHOUT_NUMBERS and ANY_ORDER in self.shape.spares
+        spared = steps.max() > _MAX_WITHOUT_NUMBERS and Variant.ANY_ORDER in self.shape.fallbacks
         if status < FINER_STEPS or (status == FINER_STEPS and spared):
             raise _RejectedError(status)
         return outcomes, status
@@ -477,7 +482,7 @@ class _SingleRun:
 
 
 def _instants(
-    shape: Shape, ends: np.ndarray, changes: np.ndarray, row_interval_s: float
+    shape: KernelSpec, ends: np.ndarray, changes: np.ndarray, row_interval_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times, segments and sides (n, 3) of history rows, and their phases (n,).
 
@@ -488,11 +493,11 @@ def _instants(
     instants: list[tuple[float, int, int]] = []
     phases: list[int] = []
     begin = 0.0
-    for number, (stage, end) in enumerate(zip(shape.stages, ends, strict=True)):
-        delay = 0.0 if stage.delay is None else float(shape.plan.nominal[stage.delay])
+    for number, (segment, end) in enumerate(zip(shape.segments, ends, strict=True)):
+        delay = 0.0 if segment.delay is None else float(shape.layout.nominal[segment.delay])
         for upper, phase in (
             (max(begin, end - delay), _phase(shape, number)),
-            (end, _phase(shape, number + (stage.delay is not None))),
+            (end, _phase(shape, number + (segment.delay is not None))),
         ):
             if upper - begin > _SAME_TIME:
                 inside = np.unique(
@@ -513,7 +518,7 @@ def _instants(
     return np.array(instants), np.array(phases)
 
 
-def _phase(shape: Shape, number: int) -> int:
+def _phase(shape: KernelSpec, number: int) -> int:
     """Phase number of a segment; late joints belong to the next phase."""
-    following = next(stage for stage in shape.stages[number:] if not stage.late)
+    following = next(segment for segment in shape.segments[number:] if not segment.late)
     return [phase.name for phase in shape.scene.phase].index(following.phase)

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from sepmc import __version__
-from sepmc.analysis.row_statistics import Rows, summarise
-from sepmc.analysis.streaming import Apart, Stream
+from sepmc.analysis.row_statistics import TableStatistics, summarise
+from sepmc.analysis.streaming import PartialStatistics, StreamingStatistics
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import BatchSummary
 from sepmc.campaign.execution.chunk import Chunk, SampleSpec
@@ -40,7 +40,7 @@ class RunOutput:
         Shards of histories in the folder.
     """
 
-    summary: Rows | Stream
+    summary: TableStatistics | StreamingStatistics
     rows: Mapping[str, np.ndarray] | None = None
     histories: Mapping[str, np.ndarray] | None = None
     history_shards: Sequence[Entry] = ()
@@ -78,7 +78,7 @@ class MemorySink:
         """Statistics, rows and histories."""
         rows = _join(self.chunk_tables)
         return RunOutput(
-            Rows(rows, *self.campaign.summary_inputs),
+            TableStatistics(rows, *self.campaign.summary_inputs),
             rows,
             _join(self.histories) if self.histories else None,
         )
@@ -213,7 +213,7 @@ class StatisticsSink:
 
     def __init__(self, campaign: Definition, rows: SelectedRowWriter | None = None):
         self.campaign, self.rows = campaign, rows
-        self.stream = Stream(*campaign.summary_inputs)
+        self.stream = StreamingStatistics(*campaign.summary_inputs)
 
     def take(self, chunks: list[Chunk]) -> None:
         """Add the cases of chunks to the statistics."""
@@ -232,7 +232,9 @@ class StatisticsSink:
         return RunOutput(self.stream)
 
 
-def add_to(stream: Stream | Apart, campaign: Definition, chunks: list[Chunk]) -> None:
+def add_to(
+    stream: StreamingStatistics | PartialStatistics, campaign: Definition, chunks: list[Chunk]
+) -> None:
     """Add the cases of chunks to statistics."""
     first, count = chunks[0].first, sum(len(chunk.inputs) for chunk in chunks)
     stream.add(np.arange(first, first + count), _codes(chunks), _results(campaign, chunks))

@@ -8,7 +8,7 @@ import numpy as np
 
 from sepmc.campaign.cases import extremes, quantile
 from sepmc.campaign.execution.accuracy import decisive, errors, scales, scene_scales
-from sepmc.engine.dispatch import one_of
+from sepmc.engine.dispatch import status_in
 from sepmc.kernel.spec.heights import rows_step
 from sepmc.kernel.spec.methods import method
 from sepmc.scene.dispersion import Dispersion
@@ -108,8 +108,8 @@ def changes(
     steps are too long, and 0 if the case cannot be integrated.
     """
     table = errors(result, refined, scale)
-    table[(status == refined_status) & ~one_of(status, _COMPLETED)] = 0.0
-    table[np.ix_((status == refined_status) & one_of(status, STEP_TOO_LONG), is_decisive)] = 1.0
+    table[(status == refined_status) & ~status_in(status, _COMPLETED)] = 0.0
+    table[np.ix_((status == refined_status) & status_in(status, STEP_TOO_LONG), is_decisive)] = 1.0
     table[np.ix_(status != refined_status, is_decisive)] = np.inf
     return table
 
@@ -119,9 +119,9 @@ def _is_premature(
 ) -> np.ndarray:
     """Mask (n,) of cases that leave the atmosphere or a table, or jam, only because the step is too
     long."""
-    result = one_of(status, DOUBTFUL)
+    result = status_in(status, DOUBTFUL)
     if result.any():
-        result[result] = ~one_of(integrate(step / _CHECK_RATIO, cases[result])[1], DOUBTFUL)
+        result[result] = ~status_in(integrate(step / _CHECK_RATIO, cases[result])[1], DOUBTFUL)
     return result
 
 
@@ -172,12 +172,14 @@ def refine_steps(
         change_now = changes(
             outcomes[remaining], status[remaining], refined, refined_status, scale, is_decisive
         )
-        waiting = premature[remaining] & one_of(refined_status, DOUBTFUL)
+        waiting = premature[remaining] & status_in(refined_status, DOUBTFUL)
         change_now[np.ix_(waiting & (status[remaining] == refined_status), is_decisive)] = 1.0
         largest = change_now[:, is_decisive].max(axis=1, initial=0.0)
         n_agreed[remaining] = np.where(largest <= tolerance, n_agreed[remaining] + 1, 0)
         decreased = (
-            (largest <= 0.5 * smallest[remaining]) | one_of(refined_status, STEP_TOO_LONG) | waiting
+            (largest <= 0.5 * smallest[remaining])
+            | status_in(refined_status, STEP_TOO_LONG)
+            | waiting
         )
         n_stale[remaining] = np.where(decreased, 0, n_stale[remaining] + 1)
         smallest[remaining] = np.where(

@@ -7,7 +7,7 @@ import numpy as np
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import errors
 from sepmc.campaign.execution.integration import typical_durations
-from sepmc.engine.dispatch import fly_cases
+from sepmc.engine.dispatch import integrate_cases
 from sepmc.engine.written_kernel import Kernel
 from sepmc.schema import Status
 
@@ -49,11 +49,13 @@ def find_durations(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> n
     ndarray, shape (segments,), or None
         Median over cases, s; None if no case can be integrated.
     """
-    durations, steps = np.full(kernel.stages, np.inf), np.full(kernel.stages, 2)
+    durations, steps = np.full(kernel.n_segments, np.inf), np.full(kernel.n_segments, 2)
     while steps.max() <= _MAX_STEPS:
-        block, ends = fly_cases(kernel, campaign.plan, steps, durations, campaign.slots, draws)
+        block, ends = integrate_cases(
+            kernel, campaign.plan, steps, durations, campaign.slots, draws
+        )
         is_ok = block.status == Status.OK
-        is_ok = is_ok if is_ok.any() else block.flown
+        is_ok = is_ok if is_ok.any() else block.has_outcomes
         if is_ok.any():
             return typical_durations(ends, is_ok)
         steps *= 2

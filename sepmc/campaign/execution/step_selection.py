@@ -44,12 +44,12 @@ from sepmc.campaign.execution.step_search import (
     find_durations,
     most_are_valid,
 )
-from sepmc.engine.dispatch import Block, fly_cases, load_kernel, now_and_then
+from sepmc.engine.dispatch import Block, integrate_cases, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec import structure
 from sepmc.kernel.spec.methods import method
-from sepmc.routines.layout import USUAL
+from sepmc.kernel.spec.variant import Variant
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import Log
 from sepmc.scene.units import UNITS
@@ -84,7 +84,10 @@ class CalibrationSize(NamedTuple):
 
 
 def kernel_text(
-    campaign: Definition, solver: str | None = None, history: bool = False, variant: int = USUAL
+    campaign: Definition,
+    solver: str | None = None,
+    history: bool = False,
+    variant: int = Variant.STANDARD,
 ) -> str:
     """Text of the kernel of a campaign, a Python module.
 
@@ -96,41 +99,41 @@ def kernel_text(
     history : bool
         Write stored histories.
     variant : int
-        Kernel variant, of `sepmc.routines.layout`.
+        A `Variant` of the kernel.
 
     Returns
     -------
     str
     """
     return written(
-        structure.make_shape(campaign.plan, campaign.dispersed, variant),
+        structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant),
         solver or campaign.scene.solver.method,
         history,
     )
 
 
-def stage_names(campaign: Definition, variant: int = USUAL) -> list[str]:
+def stage_names(campaign: Definition, variant: int = Variant.STANDARD) -> list[str]:
     """Names of the kernel segments, in the words of the campaign file."""
-    shape = structure.make_shape(campaign.plan, campaign.dispersed, variant)
+    shape = structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
     return [
-        shape.names.back[stage.phase] + (" (late joints)" if stage.late else "")
-        for stage in shape.stages
+        shape.names.back[segment.phase] + (" (late joints)" if segment.late else "")
+        for segment in shape.segments
     ]
 
 
 def fallbacks(
-    campaign: Definition, history: bool = False, variant: int = USUAL
+    campaign: Definition, history: bool = False, variant: int = Variant.STANDARD
 ) -> tuple[FallbackKernel, ...]:
     """Fallback kernels for cases that the kernel of a variant rejects."""
-    shape = structure.make_shape(campaign.plan, campaign.dispersed, variant)
+    shape = structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
     phases = [phase.name for phase in shape.scene.phase]
-    numbers = np.array([phases.index(stage.phase) for stage in shape.stages])
+    numbers = np.array([phases.index(segment.phase) for segment in shape.segments])
 
     @cache
     def make(variant: int, announce: Log | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
 
-    return tuple(FallbackKernel(spare, partial(make, spare), numbers) for spare in shape.spares)
+    return tuple(FallbackKernel(spare, partial(make, spare), numbers) for spare in shape.fallbacks)
 
 
 def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray:
@@ -255,7 +258,8 @@ def select_steps(
     -------
     Integration
     """
-    variant, size = USUAL, size or CalibrationSize(CORNERS, SAMPLE)
+    variant: int = Variant.STANDARD
+    size = size or CalibrationSize(CORNERS, SAMPLE)
     while True:
         kernel = load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
         _announce_calibration(announce)
@@ -298,7 +302,7 @@ def _capable_variant(
     """Variant of a fallback kernel that accepts most of the corners that ``kernel`` rejects; None
     if there is none."""
     steps, durations = _initial_steps(kernel)
-    block, _ = fly_cases(
+    block, _ = integrate_cases(
         kernel,
         campaign.plan,
         _SPREAD_STEPS * steps,
@@ -315,7 +319,7 @@ def _capable_variant(
 
 def _initial_steps(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
     """Steps and durations (segments,) before any case was integrated."""
-    return np.full(kernel.stages, _SPREAD_STEPS), np.full(kernel.stages, np.inf)
+    return np.full(kernel.n_segments, _SPREAD_STEPS), np.full(kernel.n_segments, np.inf)
 
 
 def _refined_case_by_case(
@@ -338,7 +342,10 @@ def _refined_case_by_case(
     steps, durations = _initial_steps(kernel)
     steps = steps if given_step is None else np.ones_like(steps)
     units = [c.unit for c in campaign.outcome_columns]
-    scene_scale, nothing = scene_scales(campaign.scene, units), np.full(kernel.guards, -np.inf)
+    scene_scale, nothing = (
+        scene_scales(campaign.scene, units),
+        np.full(kernel.n_indicators, -np.inf),
+    )
     flight = Integration(
         kernel,
         steps,
@@ -350,15 +357,17 @@ def _refined_case_by_case(
         fallbacks=remaining_kernels,
     )
     block = integrate(campaign, flight, draws)
-    assert block.again is not None
+    assert block.refinement is not None
     ok, is_decisive = block.status == Status.OK, decisive(campaign.outcome_columns)
-    accuracy_achieved = achieved(campaign, block.again.error / SAFETY, int(np.count_nonzero(ok)))
+    accuracy_achieved = achieved(
+        campaign, block.refinement.error / SAFETY, int(np.count_nonzero(ok))
+    )
     nominal = block.outcomes[0, : len(units)] if ok[0] else None
     scale = scales(block.outcomes[ok][:, : len(units)], units, scene_scale)
     return replace(
         flight,
         scale=scale,
-        error=float(block.again.error[is_decisive].max(initial=0.0)) / SAFETY,
+        error=float(block.refinement.error[is_decisive].max(initial=0.0)) / SAFETY,
         achieved=accuracy_achieved,
         nominal=nominal,
     )
@@ -413,7 +422,7 @@ def _announce_calibration(announce: Log | None) -> None:
 
 def _progress_counter(announce: Log | None) -> Callable[[int], None]:
     """Function that adds to a count of cases and announces it from time to time."""
-    report, total = now_and_then(announce, REPORT_EVERY_S), 0
+    report, total = progress_reporter(announce, REPORT_EVERY_S), 0
 
     def count(n_cases: int) -> None:
         nonlocal total
@@ -484,7 +493,7 @@ def _common_steps(
         methods: np.ndarray | None = None,
         history_size: int = 0,
     ) -> Block:
-        block, _ = fly_cases(
+        block, _ = integrate_cases(
             kernel, campaign.plan, steps, durations, campaign.slots, draws, history_size, methods
         )
         report(len(draws))
@@ -500,11 +509,11 @@ def _common_steps(
         _SPREAD_STEPS if step is None else 1,
         np.vstack([tried[:1], sampled[: (len(sampled) + 3) // 4]]),
     )
-    spread_block = integrate_block(np.full(kernel.stages, spread_steps), spread_cases)
+    spread_block = integrate_block(np.full(kernel.n_segments, spread_steps), spread_cases)
     # a body can rotate too far in a step in every case
     while not most_are_valid(_verdict(spread_block, step)) and spread_steps < _MAX_SPREAD_STEPS:
         spread_steps *= 2
-        spread_block = integrate_block(np.full(kernel.stages, spread_steps), spread_cases)
+        spread_block = integrate_block(np.full(kernel.n_segments, spread_steps), spread_cases)
     scale = scales(
         _completed(spread_block, step)[:, : len(units)], units, scene_scales(campaign.scene, units)
     )
@@ -512,7 +521,7 @@ def _common_steps(
         tried = np.vstack([tried, sampled[beyond_goal]])
         search = Search(integrate_cases, tried, scale, goal, is_decisive, evaluations)
         fewest = (
-            search.fewest_steps(min_steps) if step is None else search.given_step(kernel.stages)
+            search.fewest_steps(min_steps) if step is None else search.given_step(kernel.n_segments)
         )
         if fewest is None:
             return None
@@ -577,10 +586,10 @@ def _common_steps(
         )
     limits, angles = _indicator_limits(campaign, trials), _angle_limits(campaign, trials)
     largest = np.maximum(largest, _unseen_errors(campaign, trials, scale))
-    assert trials.guards is not None
-    has_indicators = trials.guarded[is_known_case]  # at a given step perhaps not all
+    assert trials.indicators is not None
+    has_indicators = trials.has_indicators[is_known_case]  # at a given step perhaps not all
     error_estimate = estimate(
-        trials.guards[is_known_case][has_indicators],
+        trials.indicators[is_known_case][has_indicators],
         known[has_indicators],
         SAFETY * search.reference_errors,
         _direct_errors(campaign, trials, scale),
@@ -620,7 +629,7 @@ def _verdict(block: Block, step: float | None) -> np.ndarray:
 
     Cases with an unknown error indicator are in doubt, unless the step is given.
     """
-    is_valid = block.flown & (step is not None or block.guarded)
+    is_valid = block.has_outcomes & (step is not None or block.has_indicators)
     return np.where(
         block.status > Status.NEVER_RELEASED,
         NO_OUTCOMES,
@@ -640,12 +649,12 @@ def _indicator_limits(campaign: Definition, trials: Block) -> np.ndarray:
 
     The largest of the calibration cases and a margin, or a negligible value if larger.
     """
-    assert trials.guards is not None
-    indicators = trials.guards[(trials.status == Status.OK) & trials.guarded]
+    assert trials.indicators is not None
+    indicators = trials.indicators[(trials.status == Status.OK) & trials.has_indicators]
     speed, rate = (
         SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
     )
-    negligible = np.zeros(trials.guards.shape[1])
+    negligible = np.zeros(trials.indicators.shape[1])
     n_of_states = 3 * len(campaign.plan.bodies)
     negligible[:n_of_states] = np.resize(
         [speed, rate * campaign.scene.run.end_time, rate], n_of_states
@@ -677,7 +686,7 @@ def _impulse_indices(campaign: Definition) -> list[int]:
 def _unseen_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
     """Error (o,) of impulses below the limits of their indicators; see `_indicator_limits`."""
     unseen, impulses = np.zeros(len(scale)), _impulse_indices(campaign)
-    sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
+    sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
     omitted = _UNSEEN_IMPULSE * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
     unseen[impulses] = _relative_to_smallest(omitted / SAFETY, sizes, scale[impulses])
     return unseen
@@ -685,10 +694,10 @@ def _unseen_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np
 
 def _direct_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
     """Error (o, g) of impulses per unit of their indicator: the error of the polynomials."""
-    assert trials.guards is not None
+    assert trials.indicators is not None
     impulses = _impulse_indices(campaign)
-    direct = np.zeros((len(scale), trials.guards.shape[1]))
-    sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
+    direct = np.zeros((len(scale), trials.indicators.shape[1]))
+    sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
     columns = direct.shape[1] - len(impulses) + np.arange(len(impulses))
     direct[impulses, columns] = _relative_to_smallest(np.array(SAFETY), sizes, scale[impulses])
     return direct
@@ -743,8 +752,8 @@ def units_to_compile(text: str) -> tuple[int, int]:
     """Number of compile units of a kernel that are not in the cache, and number of units."""
     from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (numba)
 
-    pieces = compiled.pieces_of(text)
-    return len(compiled.missing(pieces)), len(pieces.names)
+    units = compiled.compile_units_of(text)
+    return len(compiled.missing_units(units)), len(units.names)
 
 
 __all__ = [

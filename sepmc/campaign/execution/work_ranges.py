@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from sepmc import __version__
-from sepmc.analysis.streaming import Apart
+from sepmc.analysis.streaming import PartialStatistics
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import BatchSummary
 from sepmc.campaign.execution.chunk import SampleSpec, integrate_chunk
@@ -47,7 +47,7 @@ class Job:
     lease: str
     flight: Integration
     spec: SampleSpec
-    accumulator: Apart | None = None
+    accumulator: PartialStatistics | None = None
     keep: KeepRules | None = None
 
     @property
@@ -82,7 +82,7 @@ class RangeResult:
     timing: dict[str, float]
     kind: str
     shards: tuple[ledger.Entry, ...] = ()
-    accumulator: Apart | None = None
+    accumulator: PartialStatistics | None = None
     selection: RowSelection | None = None
 
 

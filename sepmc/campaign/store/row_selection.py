@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.analysis.requirements import margins, violating
+from sepmc.analysis.requirements import margins, violation_masks
 from sepmc.scene.messages import InputError, nearest
 from sepmc.scene.model import Requirement
 from sepmc.schema import Column, Status
@@ -167,7 +167,7 @@ class RowSelection:
             _add_reason(reasons, ~ok, FAILED)
         if VIOLATING in self.keep.rules:
             for requirement in self.requirements:
-                known = np.logical_and(*violating(requirement, rows, self.requirements))
+                known = np.logical_and(*violation_masks(requirement, rows, self.requirements))
                 _add_reason(reasons, known, f"{VIOLATING} {requirement.name}")
         if EVERY in self.keep.rules:
             _add_reason(reasons, numbers % self.keep.every == 0, EVERY)

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import csv
 
-from sepmc.paths import source
+from sepmc.paths import readable
 from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.limits import CASES, PLAN_BYTES, PLAN_NUMBERS, TEXT, text_fault
 from sepmc.scene.messages import Problems, printable, shorten
@@ -38,7 +38,7 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
     if not fault:
         kind = "Parquet" if path.suffix.lower() == _PARQUET else "CSV"
         try:
-            table = _parquet(path) if kind == "Parquet" else csv.read_csv(source(path))
+            table = _parquet(path) if kind == "Parquet" else csv.read_csv(readable(path))
             names = [name.strip() for name in table.column_names]
         except _TooLarge as error:
             fault = str(error)
@@ -92,7 +92,7 @@ def _file_fault(path: Path) -> str:
 
 def _parquet(path: Path) -> pa.Table:
     """Parquet table; text stays dictionary-encoded, as a small file can repeat a text often."""
-    with pq.ParquetFile(source(path)) as file:
+    with pq.ParquetFile(readable(path)) as file:
         metadata = file.metadata
         rows = max(
             metadata.num_rows,
@@ -100,7 +100,7 @@ def _parquet(path: Path) -> pa.Table:
         )
         _check_size(rows, metadata.num_columns)
         texts = [field.name for field in file.schema_arrow if _is_text(field.type)]
-    with pq.ParquetFile(source(path), read_dictionary=texts) as file:
+    with pq.ParquetFile(readable(path), read_dictionary=texts) as file:
         return file.read()
 
 

@@ -14,10 +14,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from sepmc.analysis.stored_statistics import Told
+from sepmc.analysis.stored_statistics import StoredStatistics
 from sepmc.campaign.store import folders, ledger
 from sepmc.campaign.store.untrusted import StoreError, file_fault, table_fault
-from sepmc.paths import source
+from sepmc.paths import readable
 from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.messages import printable
 from sepmc.scene.read import CampaignFile
@@ -262,7 +262,9 @@ def read_table(
         If it is no file of a run.
     """
     try:
-        with pq.ParquetFile(source(path) if content is None else pa.BufferReader(content)) as file:
+        with pq.ParquetFile(
+            readable(path) if content is None else pa.BufferReader(content)
+        ) as file:
             size = path.stat().st_size
             if not (fault := file_fault(file, size, rows)):
                 missing = [name for name in columns or () if name not in file.schema_arrow.names]
@@ -281,7 +283,7 @@ def read_table(
 def read_metadata(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
     """Schema of a shard, and its metadata. Raises StoreError if it is no shard."""
     try:
-        with pq.ParquetFile(source(path)) as file:
+        with pq.ParquetFile(readable(path)) as file:
             if fault := file_fault(file, path.stat().st_size):
                 raise StoreError(f"{path}: {fault}")
             return file.schema_arrow, file.schema_arrow.metadata or {}
@@ -567,7 +569,7 @@ def write_histograms(folder: Path, bins: pd.DataFrame) -> Path:
     return path
 
 
-def read_stored_statistics(folder: Path) -> Told:
+def read_stored_statistics(folder: Path) -> StoredStatistics:
     """Statistics and histograms of a run without rows. Raises StoreError if they are damaged."""
     stored, frames = ledger.read(folder), []
     for name, index in (("statistics.csv", "outcome"), (folders.HISTOGRAMS, None)):
@@ -576,9 +578,9 @@ def read_stored_statistics(folder: Path) -> Told:
             raise StoreError(
                 f"{folder / name}: {problem}; to write it again: {flying_again(folder)}"
             )
-        frames.append(pd.read_csv(source(folder / name), index_col=index))
+        frames.append(pd.read_csv(readable(folder / name), index_col=index))
     table, bins = frames
-    return Told(table.drop(columns="unit"), bins)
+    return StoredStatistics(table.drop(columns="unit"), bins)
 
 
 def statistics_as_json(

@@ -1,1 +1,1 @@
-"""Emitters: the functions of a kernel, one file for each part of a flight."""
+"""Emitters: the functions of a kernel, one file for each concern of a simulation."""

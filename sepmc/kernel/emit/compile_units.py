@@ -1,12 +1,13 @@
-"""A written module split into pieces, each compiled for itself and called by its address.
+"""Split of a written module into compile units: functions that are compiled separately and called
+by their address.
 
-Numba optimises a function anew in every function that calls it, so a module compiled as a whole
-costs two to three times its pieces. Pieces are compiled side by side, and kept by their own text,
-without the name: a scene that differs in its outputs compiles only what differs, and phases share
-what they have in common.
+Numba optimises a function again in every function that calls it, so a module compiled as a whole
+takes two to three times as long as its units. Units are compiled side by side and cached by their
+text, without the name of the function: a scene with other outputs compiles only what differs, and
+segments share equal functions.
 
-A piece is a function of the workspace and numbers. Functions that take anything else stay with
-their callers. Places in the workspace are numbers in it.
+The function of a unit takes the workspace and numbers. Functions with other arguments stay in the
+units of their callers. Workspace offsets are folded to numbers.
 """
 
 import ast
@@ -17,73 +18,75 @@ from typing import Any
 from sepmc.kernel.tracer.folding import fold, whole_numbers
 from sepmc.routines.layout import LANES
 
-ALIKE = "flown"  # the name of its function in every piece
+ENTRY = "entry"  # name of the function of every compile unit
 _CODES = {"int": "i", "float": "f", "Arrays": "a"}
-_MARK = "keep_apart"  # called in a line that a piece has no use for
-_HEAD = '''"""Piece of a written kernel."""
+_MARK = "noinline"  # marks functions that are not inlined; a compile unit needs no mark
+_HEAD = '''"""CompileUnit of a written kernel."""
 
-from sepmc.engine.compile_units import callee, piece, workspace
+from sepmc.engine.compile_units import callee, compile_unit, workspace
 '''
 
 
 @dataclass(frozen=True)
-class Piece:
-    """A function of a module, and the text of a module that holds it alone with what it needs."""
+class CompileUnit:
+    """Function of a module, and the text of a module with this function and everything it needs."""
 
     name: str
     text: str
 
 
 class _Module:
-    """What stands in a module: the statement that gives each name its meaning."""
+    """Functions and definitions of a written module."""
 
     def __init__(self, text: str):
         module = ast.parse(text)
         self.numbers = numbers = whole_numbers(module, LANES)
         self.functions: dict[str, ast.FunctionDef] = {}
-        self.meanings: dict[str, ast.stmt] = {}
+        self.definitions: dict[str, ast.stmt] = {}
         for node in module.body:
             if isinstance(node, ast.FunctionDef):
                 fold(node, numbers)
                 self.functions[node.name] = node
             elif isinstance(node, ast.ImportFrom):
-                self.meanings |= {
+                self.definitions |= {
                     alias.name: ast.ImportFrom(node.module, [alias], 0) for alias in node.names
                 }
             elif isinstance(node, ast.Import):
-                self.meanings |= {alias.asname or alias.name: node for alias in node.names}
+                self.definitions |= {alias.asname or alias.name: node for alias in node.names}
             elif isinstance(node, ast.Assign):
-                self.meanings |= dict.fromkeys(_names(node, ast.Store), node)
+                self.definitions |= dict.fromkeys(_names(node, ast.Store), node)
         self.codes = {
             name: code
             for name, node in self.functions.items()
             if (code := _codes(node)) is not None
         }
-        self.places = {name: place for place, name in enumerate(self.codes)}
-        self.order = {name: place for place, name in enumerate(self.meanings)}
+        self.indices = {name: index for index, name in enumerate(self.codes)}
+        self.order = {name: index for index, name in enumerate(self.definitions)}
 
-    def piece(self, name: str) -> Piece:
-        """The piece of a function, with the functions that it calls in the ordinary way."""
-        own, called, needed = [name], [], dict[str, None]()
-        for function in own:  # which grows
-            left = _used(self.functions[function], function == name)
-            for used in left:
+    def unit(self, name: str) -> CompileUnit:
+        """Compile unit of a function, with the functions that it calls directly."""
+        inlined, called, definitions = [name], [], dict[str, None]()
+        for function in inlined:  # grows
+            pending = _used(self.functions[function], function == name)
+            for used in pending:
                 if used in self.codes and used != name:
                     called.append(used)
-                elif used in self.functions and used not in own:
-                    own.append(used)
-                elif used in self.meanings and used not in needed:
-                    needed[used] = None
-                    left += _names(self.meanings[used], ast.Load)
-        meanings = (self.meanings[used] for used in sorted(needed, key=self.order.__getitem__))
-        lines = list(dict.fromkeys(ast.unparse(meaning) for meaning in meanings))
+                elif used in self.functions and used not in inlined:
+                    inlined.append(used)
+                elif used in self.definitions and used not in definitions:
+                    definitions[used] = None
+                    pending += _names(self.definitions[used], ast.Load)
+        statements = (
+            self.definitions[used] for used in sorted(definitions, key=self.order.__getitem__)
+        )
+        lines = list(dict.fromkeys(ast.unparse(statement) for statement in statements))
         lines += [
-            f"{used} = callee({self.places[used]}, {self.codes[used]!r})"
+            f"{used} = callee({self.indices[used]}, {self.codes[used]!r})"
             for used in dict.fromkeys(called)
         ]
-        lines += [ast.unparse(self.functions[function]) for function in reversed(own[1:])]
-        lines.append(ast.unparse(_as_piece(self.functions[name], self.codes[name])))
-        return Piece(name, _HEAD + "\n".join(lines) + "\n")
+        lines += [ast.unparse(self.functions[function]) for function in reversed(inlined[1:])]
+        lines.append(ast.unparse(_as_unit(self.functions[name], self.codes[name])))
+        return CompileUnit(name, _HEAD + "\n".join(lines) + "\n")
 
 
 @lru_cache(maxsize=16)
@@ -92,33 +95,54 @@ def _module(text: str) -> _Module:
 
 
 @lru_cache(maxsize=16)
-def split(text: str) -> list[Piece]:
-    """The pieces of a module in the order of their places in the table of addresses; the last is
-    the one that is entered."""
+def split(text: str) -> list[CompileUnit]:
+    """Compile units of a module.
+
+    Parameters
+    ----------
+    text : str
+        a written kernel
+
+    Returns
+    -------
+    list of CompileUnit
+        in the order of the table of addresses; the last one is the entry of the kernel
+    """
     module = _module(text)
-    return [module.piece(name) for name in module.places]
+    return [module.unit(name) for name in module.indices]
 
 
-def told(text: str) -> dict[str, Any]:
-    """What a kernel says of itself to who enters it: the ``size`` of its workspace, how many
-    ``guards``, ``stages`` and sudden ``changes`` it has, and names of the ``methods`` of each
-    stage."""
+def kernel_properties(text: str) -> dict[str, Any]:
+    """Properties that a kernel states in its constants.
+
+    Parameters
+    ----------
+    text : str
+        a written kernel
+
+    Returns
+    -------
+    dict
+        ``size`` of the workspace; numbers of error indicators (``guards``), segments (``stages``)
+        and kind ``changes``; names of the ``methods`` of each segment
+    """
     module = _module(text)
-    numbers, methods = module.numbers, module.meanings["METHODS"]
+    numbers, methods = module.numbers, module.definitions["METHODS"]
     assert isinstance(methods, ast.Assign)
     return {
         "size": numbers["SIZE_W"],
-        "guards": numbers["GUARDS"],
-        "stages": numbers["STAGES"],
-        "changes": numbers["CHANGES"],
+        "n_indicators": numbers["N_INDICATORS"],
+        "n_segments": numbers["N_SEGMENTS"],
+        "n_changes": numbers["N_CHANGES"],
         "methods": ast.literal_eval(methods.value),
     }
 
 
-def _as_piece(function: ast.FunctionDef, codes: str) -> ast.FunctionDef:
-    """A function whose workspace is given by its address, without its name and what it says."""
+def _as_unit(function: ast.FunctionDef, codes: str) -> ast.FunctionDef:
+    """Function whose workspace is given by its address, without name and docstring."""
     mark, start = (
-        ast.parse(line).body[0] for line in (f"@piece({codes!r})\ndef {ALIKE}(): ...", _START)
+        ast.parse(line).body[0]
+        for line in (f"@compile_unit({codes!r})\ndef {ENTRY}(): ...", _START)
     )
     assert isinstance(mark, ast.FunctionDef)
     arguments = [ast.arg("address"), *(ast.arg(other.arg) for other in function.args.args[1:])]
@@ -130,7 +154,7 @@ _START = "w = workspace(address)"
 
 
 def _lines(function: ast.FunctionDef) -> list[ast.stmt]:
-    """Lines of a function after what it says and the mark that keeps it apart."""
+    """Statements of a function without docstring and the mark against inlining."""
     return [
         line
         for line in function.body[1:]
@@ -139,23 +163,23 @@ def _lines(function: ast.FunctionDef) -> list[ast.stmt]:
 
 
 def _codes(node: ast.FunctionDef) -> str | None:
-    """A letter for each number that a function takes besides the workspace; None if it is not a
-    function of these."""
+    """One letter for the type of each argument after the workspace; None if the function cannot be
+    a compile unit."""
     first, *others = node.args.args
-    kinds = [
+    types = [
         other.annotation.id if isinstance(other.annotation, ast.Name) else "" for other in others
     ]
-    if first.arg != "w" or not all(kind in _CODES for kind in kinds):
+    if first.arg != "w" or not all(kind in _CODES for kind in types):
         return None
-    return "".join(_CODES[kind] for kind in kinds)
+    return "".join(_CODES[kind] for kind in types)
 
 
-def _used(function: ast.FunctionDef, as_piece: bool) -> list[str]:
-    """Names that a function uses; as a piece, or as it stands."""
-    lines = _lines(function) if as_piece else [function]
+def _used(function: ast.FunctionDef, as_unit: bool) -> list[str]:
+    """Names that a function uses, as a compile unit or as it stands."""
+    lines = _lines(function) if as_unit else [function]
     return list(dict.fromkeys(name for line in lines for name in _names(line, ast.Load)))
 
 
 def _names(node: ast.AST, use: type[ast.expr_context]) -> list[str]:
-    """Names in a statement that are read, or given a meaning."""
+    """Names in a statement that are read, or assigned."""
     return [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, use)]

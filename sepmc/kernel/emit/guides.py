@@ -1,61 +1,66 @@
-"""Pins of guides in a written kernel: friction in balance with the loads that it changes, and what
-each pin carries."""
+"""Guide pins, as lines of a kernel: friction in balance with the loads that it changes, and pin
+loads."""
 
 import math
 from dataclasses import replace
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, among, lose, lost_unless, part
+from sepmc.kernel.emit.context import Context, component, has_kind, reject_unless, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.motion import Motion, make_drive, make_motion, without_joints
 from sepmc.kernel.emit.rows import DEPENDENT, LeastSquares, Rows
 from sepmc.kernel.emit.wrenches import force_of, moment_of
-from sepmc.kernel.spec.kernel_spec import Row, Stage
+from sepmc.kernel.spec.kernel_spec import Row, Segment
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, guides, scalar, vec3
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Value, total, where
+from sepmc.kernel.tracer.tracer import Expr, total, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
-# lateral forces (y, z) of pins: of every pin at the mouth and at the tip
+# lateral forces (y, z) of each pin at the hole entry and at its tip
 Ends = list[tuple[Any, Any]]
 
 
-def emit_rub(out: Text, c: Context, stage: Stage) -> None:
-    """A function for the friction of a phase's guides; the other functions of the phase take it as
-    a load that is known."""
-    joints = c.shape.rubbing(stage)
+def emit_friction(out: Text, c: Context, segment: Segment) -> None:
+    """Write the function for the friction of the guides of a segment; the other functions of the
+    segment treat it as a known load.
+
+    Pin loads are linear in the friction forces: those without friction, and their change per newton
+    of each, are passed to `sepmc.routines.friction.balance`.
+    """
+    joints = c.spec.friction_joints(segment)
     if not joints:
         return
-    says = (
-        f"Friction of the guides of phase {stage.name} at the state S and the times CLOCK, "
-        "into FRICTION; a case may jam."
+    docstring = (
+        f"Friction of the guides of phase {segment.name} at the state S and the times CLOCK, "
+        "into FRICTION; reject cases that jam."
     )
-    text = out.function(f"rub_{stage.name}(w)", says)
+    text = out.function(f"friction_{segment.name}(w)", docstring)
     ends = [2 * c.pins(joint) for joint in joints]
-    c.slabs.add("FRICTION", len(c.shape.scene.joint))
-    c.slabs.add(f"RUBBING_{stage.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
-    s = State(c, c.scope(), stage, "S")
-    motion, place = make_motion(s, rubs=False), 0
+    c.workspace.add("FRICTION", len(c.spec.scene.joint))
+    c.workspace.add(f"PIN_FORCES_{segment.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
+    s = State(c, c.scope(), segment, "S")
+    motion, index = make_motion(s, with_friction=False), 0
     drives = [make_drive(s, motion, joint) for joint in joints]
     for joint in joints:
         s.scope.comment(f"pins of {joint}")
-        numbers = [_friction_per_newton(s, joint)]
+        values = [_friction_per_newton(s, joint)]
         for forces in zip(*(pin_forces(s, one, joint) for one in (motion, *drives)), strict=True):
-            numbers += [x for force in forces for x in force]
-        for number in numbers:
-            s.scope.store(part(f"RUBBING_{stage.name}", place), number)
-            place += 1
+            values += [x for force in forces for x in force]
+        for value in values:
+            s.scope.store(component(f"PIN_FORCES_{segment.name}", index), value)
+            index += 1
     s.scope.write(text)
     inner = text.lanes().block(
-        f"if not friction.balance(w, RUBBING_{stage.name} + l, {tuple(ends)}, FRICTION + l):"
+        f"if not friction.balance(w, PIN_FORCES_{segment.name} + l, {tuple(ends)}, FRICTION + l):"
     )
-    inner(lost_unless("False", Status.JAMMED))
+    inner(rejection_unless("False", Status.JAMMED))
 
 
 def _friction_per_newton(s: State, joint: str) -> Any:
-    """What 1 N on the pins of a joint rubs, along the direction of separation."""
+    """Friction in the direction of separation per newton of pin load."""
     p, speed = s.case.joint(joint), s.separation(joint).rate
     friction = guides.friction_force(
         s.case.number(p + at.FRICTION), 1.0, speed, s.case.number(p + at.SLIP_SPEED)
@@ -64,7 +69,19 @@ def _friction_per_newton(s: State, joint: str) -> Any:
 
 
 def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
-    """Lateral forces of all pins of a joint, or by how much a force changes them."""
+    """Lateral forces (y, z) of all pins of a joint at hole entry and tip, N, or their change per
+    newton of a force.
+
+    Parameters
+    ----------
+    s : State
+    motion : Motion
+    joint : str
+
+    Returns
+    -------
+    list of (Expr, Expr)
+    """
     c, p, count = s.case, s.case.joint(joint), s.c.pins(joint)
     axes = [s.axis(joint, k) for k in range(3)]
     force, moment = (
@@ -72,121 +89,150 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
         for vector in (force_of(motion, joint), moment_of(s, motion, joint))
     )
     closed = c.number(p + at.ENGAGED)
-    engaged = scalar.larger(closed - s.separation(joint).length, at.LEAST_ENGAGED * closed).called(
+    engaged = scalar.larger(closed - s.separation(joint).length, at.MIN_ENGAGED * closed).called(
         "engaged"
     )
-    mouth, tip = guides.bearing_forces(force, moment, engaged, c.apart(joint)).called("bearing")
-    found = []
+    mouth, tip = guides.bearing_forces(force, moment, engaged, c.separation_sign(joint)).called(
+        "bearing"
+    )
+    forces = []
     for pin in range(count):
         around = guides.around_circle(
             float(pin), float(count), c.number(p + at.CIRCLE), c.number(p + at.PIN_CLOCK)
         ).called("around")
         around = (around[0], around[1])
-        found += [
+        forces += [
             tuple(guides.pin_force(tuple(end), moment[0], around, float(count)).called("pin"))
             for end in (mouth, tip)
         ]
-    return found
+    return forces
 
 
-def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
-    """Numbers of a guide at a state, vectors all: what drives it apart, what each pin would carry
-    at both ends if friction balanced that, and what it does carry."""
-    if s.stage.least_squares:
-        return _watch_held(s, motion, joint)
+def guide_loads(s: State, motion: Motion, joint: str) -> list[Any]:
+    """Monitored vectors of a guide at a state: driving force, pin loads if friction balanced it,
+    and present pin loads.
+
+    Parameters
+    ----------
+    s : State
+    motion : Motion
+    joint : str
+
+    Returns
+    -------
+    list of tuple of Expr
+    """
+    if s.segment.least_squares:
+        return _guide_loads_min_norm(s, motion, joint)
     line, per_newton = s.separation(joint), make_drive(s, motion, joint)
-    pair, apart = s.shape.scene.joint[joint].bodies, s.case.apart(joint)
-    faster = apart * s.lengthening(pair, line, motion.acceleration, motion.spin_rate)
-    mobility = apart * s.lengthening(
+    pair, sign = s.spec.scene.joint[joint].bodies, s.case.separation_sign(joint)
+    acceleration = sign * s.lengthening(pair, line, motion.acceleration, motion.spin_rate)
+    mobility = sign * s.lengthening(
         pair, line, per_newton.acceleration, per_newton.spin_rate, moving=False
     )
-    alone = total([s.case.inverse_mass(body) for body in pair if body != GROUND])
-    # what else holds them along x would share the drive
-    sliding, drives = s.sliding(joint), mobility > DEPENDENT * alone
-    lose(
+    inverse_masses = total([s.case.inverse_mass(body) for body in pair if body != GROUND])
+    # other constraints along x would share the driving force
+    sliding, is_free = s.sliding(joint), mobility > DEPENDENT * inverse_masses
+    reject_unless(
         s.scope,
-        drives | sliding.equals(0.0) if isinstance(sliding, Value) else drives,
-        at.LEAST_SQUARES,
+        is_free | sliding.equals(0.0) if isinstance(sliding, Expr) else is_free,
+        Variant.LEAST_SQUARES,
     )
-    left = (faster / mobility).called("left")  # of the drive, by friction
-    forces, of_one = pin_forces(s, motion, joint), pin_forces(s, per_newton, joint)
-    held = [
-        (y - left * by_y, z - left * by_z)
-        for (y, z), (by_y, by_z) in zip(forces, of_one, strict=True)
+    balance = (acceleration / mobility).called("balance")  # driving force that friction leaves
+    forces, forces_per_newton = pin_forces(s, motion, joint), pin_forces(s, per_newton, joint)
+    balanced = [
+        (y - balance * by_y, z - balance * by_z)
+        for (y, z), (by_y, by_z) in zip(forces, forces_per_newton, strict=True)
     ]
-    return _numbers_of_guide(s, joint, left, held, forces)
+    return _guide_components(s, joint, balance, balanced, forces)
 
 
-def _watch_held(s: State, motion: Motion, joint: str) -> list[Any]:
-    """The same where all rows are solved for by least sum of squares: with one more, which holds
-    the guide along x, and perhaps shares what drives it with others that do."""
-    sliding = s.stage.sliding(joint)
-    along = Row(joint, 0, sliding if len(sliding) < len(s.stage.may[joint]) else ())
-    rows = Rows(s, [*s.stage.rows, along])
+def _guide_loads_min_norm(s: State, motion: Motion, joint: str) -> list[Any]:
+    """The same with minimum-norm multipliers: an additional row constrains the guide along x, and
+    may share the driving force with other constraints."""
+    sliding = s.segment.sliding_kinds(joint)
+    along = Row(joint, 0, sliding if len(sliding) < len(s.segment.joint_kinds[joint]) else ())
+    rows = Rows(s, [*s.segment.rows, along])
     acceleration, spin_rate = without_joints(s, motion.force, motion.moment)
     multipliers = LeastSquares(s, rows.coupling(), joint).solve(
         rows.without_joints(acceleration, spin_rate)
     )
-    holding = replace(motion, multipliers=multipliers, system=rows)
-    left = -s.case.apart(joint) * multipliers[-1]
-    return _numbers_of_guide(
-        s, joint, left, pin_forces(s, holding, joint), pin_forces(s, motion, joint)
+    constrained = replace(motion, multipliers=multipliers, system=rows)
+    balance = -s.case.separation_sign(joint) * multipliers[-1]
+    return _guide_components(
+        s, joint, balance, pin_forces(s, constrained, joint), pin_forces(s, motion, joint)
     )
 
 
-def _numbers_of_guide(s: State, joint: str, left: Any, held: Ends, forces: Ends) -> list[Any]:
+def _guide_components(
+    s: State, joint: str, balance: Any, balanced: Ends, forces: Ends
+) -> list[Any]:
+    """Driving force and pin loads as vectors."""
     friction = s.friction(joint)
-    drive = left if friction is None else left - friction
-    return [(drive, 0.0, 0.0), *((0.0, y, z) for y, z in (*held, *forces))]
+    driving_force = balance if friction is None else balance - friction
+    return [(driving_force, 0.0, 0.0), *((0.0, y, z) for y, z in (*balanced, *forces))]
 
 
-def start_guides(c: Context) -> None:
-    """Nothing is noted of guides at first."""
-    for _, _, time, peaks in c.noted_of_guides:
-        for place, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
-            c.case.scope.store(part("GUIDES", place), value)
-    if c.guides:
-        c.slabs.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.guides))
+def reset_guides(c: Context) -> None:
+    """Set the initial values of guide outcomes."""
+    for _, _, time, peaks in c.guide_fields:
+        for index, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
+            c.case.scope.store(component("GUIDES", index), value)
+    if c.output_guides:
+        c.workspace.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.output_guides))
 
 
-def note_guides(text: Text, c: Context, stage: Stage) -> None:
-    """Lines for one lane that follow the guides of a phase over the step just made, of length h."""
-    for joint, first, time, peaks in c.noted_of_guides:
-        sliding = stage.sliding(joint)
+def update_guides(text: Text, c: Context, segment: Segment) -> None:
+    """Append lines of a lane that update the guide outcomes of a segment by the step just made, of
+    length h."""
+    for joint, first, time, peaks in c.guide_fields:
+        sliding = segment.sliding_kinds(joint)
         if not sliding:
             continue
         inner = (
             text
-            if len(sliding) == len(stage.may[joint])
-            else text.block(f"if {among(joint, sliding)}:")
+            if len(sliding) == len(segment.joint_kinds[joint])
+            else text.block(f"if {has_kind(joint, sliding)}:")
         )
         nodes = [
-            f"{part('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES"
+            f"{component('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES"
             for k in range(1 + 2 * len(peaks))
         ]
-        inner(f"w[{part('GUIDES', time)} + l] += h")
+        inner(f"w[{component('GUIDES', time)} + l] += h")
         for k, peak in enumerate(peaks, 1 + len(peaks)):
             inner(
-                f"peaks.note_peak(w, {nodes[k]}, SCRATCH, {part('GUIDES', peak)} + l, w[BEGIN_T + "
-                "l], h)"
+                f"peaks.update_peak(w, {nodes[k]}, SCRATCH, {component('GUIDES', peak)} + l, "
+                "w[BEGIN_T + l], h)"
             )
         inner(
-            f"peaks.note_least_share(w, {nodes[0]}, {len(peaks)}, SCRATCH, "
-            f"{part('GUIDES', time + 1)} + l)"
+            f"peaks.update_min_drive_ratio(w, {nodes[0]}, {len(peaks)}, SCRATCH, "
+            f"{component('GUIDES', time + 1)} + l)"
         )
 
 
 def guide_outcomes(s: State) -> list[Any]:
-    """Of every guide that is watched: time for which its pins slid, greatest load of each, least
-    friction that would jam them."""
-    found: list[Any] = []
-    for _, _, place, peaks in s.c.noted_of_guides:
-        time, jams = s.scope.load(part("GUIDES", place)), s.scope.load(part("GUIDES", place + 1))
-        loads = [s.scope.load(part("GUIDES", peak)) for peak in peaks]
-        found.append(time)
-        found += [
+    """Outcomes of each output guide: sliding time, s, maximum load of each pin, N, minimum friction
+    coefficient that jams it.
+
+    Parameters
+    ----------
+    s : State
+
+    Returns
+    -------
+    list of Expr
+    """
+    outcomes: list[Any] = []
+    for _, _, index, peaks in s.c.guide_fields:
+        time, jamming_friction = (
+            s.scope.load(component("GUIDES", index)),
+            s.scope.load(component("GUIDES", index + 1)),
+        )
+        loads = [s.scope.load(component("GUIDES", peak)) for peak in peaks]
+        outcomes.append(time)
+        outcomes += [
             where(time > 0.0, scalar.larger(*loads[k : k + 2]), math.nan)
             for k in range(0, len(loads), 2)
         ]
-        found.append(where(jams < math.inf, jams, math.nan))
-    return found
+        outcomes.append(where(jamming_friction < math.inf, jamming_friction, math.nan))
+    return outcomes

@@ -1,52 +1,52 @@
-"""Writes the kernel of one scene: a readable Python module that calls the physics this scene needs,
-in order, and nothing else.
+"""Emitter: writes the kernel of a scene as a readable Python module that calls the physics this
+scene needs, in order, and nothing else.
 
-The module flies LANES cases side by side. Sizes and places are constants in it, masses and
-coefficients are data: scenes of the same shape share it. `sepmc check --code` prints it.
+The module integrates LANES cases side by side. Sizes and offsets are constants in it, masses and
+coefficients are data: scenes with equal specifications share it. `sepmc check --code` prints it.
 """
 
-from sepmc.kernel.emit.block import emit_block, emit_switch
+from sepmc.kernel.emit.block import emit_block, emit_load_switch
 from sepmc.kernel.emit.clearances import emit_clearances
 from sepmc.kernel.emit.context import Context
 from sepmc.kernel.emit.energy import emit_energy
-from sepmc.kernel.emit.events import emit_aim, emit_await, emit_meet
+from sepmc.kernel.emit.events import emit_event_flags, emit_event_step, emit_pending_event
 from sepmc.kernel.emit.extension import emit_extension
-from sepmc.kernel.emit.guides import emit_rub
+from sepmc.kernel.emit.guides import emit_friction
 from sepmc.kernel.emit.history import emit_history
-from sepmc.kernel.emit.loads import emit_centre, emit_layers
-from sepmc.kernel.emit.monitor import emit_watch
+from sepmc.kernel.emit.loads import emit_layers, emit_recentre_air
+from sepmc.kernel.emit.monitor import emit_monitor
 from sepmc.kernel.emit.motion import emit_correct
-from sepmc.kernel.emit.outcomes import emit_report
+from sepmc.kernel.emit.outcomes import emit_outcomes
 from sepmc.kernel.emit.rates import emit_rates
-from sepmc.kernel.emit.start import ZERO_AT_FIRST, emit_prepare, shared_size
+from sepmc.kernel.emit.start import INITIALLY_ZERO, emit_prepare, shared_size
 from sepmc.kernel.emit.steps import (
     coefficients,
     emit_advance,
-    emit_approach,
-    emit_guard,
-    emit_lengths,
-    emit_settle,
+    emit_event_polish,
+    emit_finish_step,
+    emit_indicators,
+    emit_step_length,
 )
 from sepmc.kernel.emit.tables import has_tables_over_height, looks_up
-from sepmc.kernel.emit.wrenches import emit_shares
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.kernel.emit.wrenches import emit_min_norm
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.methods import method
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, SEPARATION_HISTORY
 
-_HEADER = '''"""Flight of a scene.
+_HEADER = '''"""Kernel of a scene.
 
-Written by sepmc for scenes of this shape; not edited by hand. {about}
+Written by sepmc for scenes of this structure; not edited by hand. {about}
 """
 
 import math
 
 import numpy as np
 
-from sepmc.jit import keep_apart, routine
+from sepmc.jit import noinline, routine
 from sepmc.kernel.spec.methods import method
 from sepmc.physics import guides, joints, quat, springs, vec3
-from sepmc.physics.aerodynamics import aero_force, aero_moment, angles_told, flow_angles
+from sepmc.physics.aerodynamics import aero_force, aero_moment, reported_angles, flow_angles
 from sepmc.physics.atmosphere import NEAR, density_near, density_series, geometric, geopotential
 from sepmc.physics.atmosphere import geopotential_rise, layer, sound_speed
 from sepmc.physics.elementary import arctan2, exponential
@@ -59,187 +59,222 @@ from sepmc.physics.wind import wind
 from sepmc.routines import curves, friction, linear, peaks
 from sepmc.routines.arrays import Arrays, block, get_column, indices, put_columns, record, table
 from sepmc.routines.arrays import vector
-from sepmc.routines.clearances import hold_outline, search_clearance
+from sepmc.routines.clearances import load_outline, search_clearance
 from sepmc.routines.lanes import LANES, get3, get4, get6, get9, put3, put4, put6, put9
 from sepmc.routines.lanes import larger, largest3, largest4, nearest_turn, time_left
 from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, Model
-from sepmc.routines.splines import hold_cell, is_held
-from sepmc.routines.load_intervals import next_break, set_stretch
+from sepmc.routines.splines import load_cell, in_cell
+from sepmc.routines.load_intervals import next_load_switch, set_active_loads
 '''
 
 
-def emit(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
-    """Text of the module that flies scenes of a shape with a Runge-Kutta method, or the methods
-    that AUTO (`sepmc.kernel.spec.methods`) has for each phase; ``history`` is
-    what it also writes over time: nothing, separations (`SEPARATION_HISTORY`), or all there is to
-    know (`FULL_HISTORY`)."""
+def emit(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
+    """Write the module that integrates the cases of a specification.
+
+    Parameters
+    ----------
+    spec : KernelSpec
+    method_name : str
+        a Runge-Kutta method, or AUTO (`sepmc.kernel.spec.methods`): several for each segment
+    history : int
+        rows over time: `NO_HISTORY`, `SEPARATION_HISTORY` or `FULL_HISTORY`
+
+    Returns
+    -------
+    str
+        text of a Python module whose entry is ``integrate_block``
+    """
     context = Context(
-        shape,
+        spec,
         method_name,
-        history if shape.scene.joint or history == FULL_HISTORY else NO_HISTORY,
+        history if spec.scene.joint or history == FULL_HISTORY else NO_HISTORY,
     )
-    body = _body(context)  # first: the head names all slabs that its parts add
+    body = _body(context)  # first: the head lists the fields that it adds
     return "\n".join(_head(context).lines + body.lines) + "\n"
 
 
 def _body(c: Context) -> Text:
-    """All functions of a module."""
-    _first_slabs(c)
+    """Functions of a module."""
+    _add_common_fields(c)
     body = Text()
     emit_rates(body, c)
-    for stage in c.shape.stages:
-        emit_rub(body, c, stage)
-    for stage in c.shape.stages:
-        emit_energy(body, c, stage)
-        if stage.rows:
-            emit_correct(body, c, stage)
-        if stage.events:
-            emit_aim(body, c, stage)
-        if stage.awaited:
-            emit_await(body, c, stage)
-    if c.shape.borders:
+    for segment in c.spec.segments:
+        emit_friction(body, c, segment)
+    for segment in c.spec.segments:
+        emit_energy(body, c, segment)
+        if segment.rows:
+            emit_correct(body, c, segment)
+        if segment.events:
+            emit_event_step(body, c, segment)
+        if segment.pending_event:
+            emit_pending_event(body, c, segment)
+    if c.spec.layer_borders:
         emit_layers(body, c)
-    emit_switch(body, c)
-    emit_centre(body, c)
-    emit_lengths(body, c)
-    emit_settle(body, c)
-    emit_guard(body, c)
+    emit_load_switch(body, c)
+    emit_recentre_air(body, c)
+    emit_step_length(body, c)
+    emit_finish_step(body, c)
+    emit_indicators(body, c)
     for rk in c.used.values():
         emit_advance(body, c, rk)
-    if any(stage.events for stage in c.shape.stages):
-        emit_approach(body, c)
-        emit_meet(body, c)
-    emit_report(body, c)
-    with c.slabs.optional():
-        _optional(body, c)
+    if any(segment.events for segment in c.spec.segments):
+        emit_event_polish(body, c)
+        emit_event_flags(body, c)
+    emit_outcomes(body, c)
+    with c.workspace.optional():
+        _emit_optional(body, c)
     block = Text()
-    # it is entered, so it stands last; what comes before a flight is known when all else is written
+    # the entry comes last; the preparation of a case is known when everything else is written
     emit_block(block, c)
     emit_prepare(body, c)
     body.lines += block.lines
     return body
 
 
-def _optional(body: Text, c: Context) -> None:
-    """Functions for what happens between the ends of steps."""
-    if c.extends:
+def _emit_optional(body: Text, c: Context) -> None:
+    """Write the functions that use states between the ends of steps."""
+    if c.has_extension:
         emit_extension(body, c)
-        for stage in filter(c.carries, c.shape.stages):
-            emit_shares(body, c, stage)
-    emit_watch(body, c)
-    if c.shape.scene.clearance:
+        for segment in filter(c.needs_wrenches, c.spec.segments):
+            emit_min_norm(body, c, segment)
+    emit_monitor(body, c)
+    if c.spec.scene.clearance:
         emit_clearances(body, c)
     if c.history:
         emit_history(body, c)
 
 
-def _first_slabs(c: Context) -> None:
-    """Slabs that every module has."""
-    # state; state of a stage, its derivative; length of the step, for every number of a state
+def _add_common_fields(c: Context) -> None:
+    """Add the workspace fields that every module has."""
+    # state; state of a stage and its derivative; step length, for each component of a state
     for name in ("Y", "S", "D", "STEP"):
-        c.slabs.add(name, c.size)
-    for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "LOST", "LONGEST", *ZERO_AT_FIRST):
-        c.slabs.add(name, 1)
-    c.slabs.add("DOUBT", c.size), c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)
-    with c.slabs.optional():
-        c.slabs.add("GUARD", len(c.guards))
-        if c.idles:
+        c.workspace.add(name, c.size)
+    for name in (
+        "T",
+        "CLOCK",
+        "END",
+        "RUN_END",
+        "DONE",
+        "REJECTED",
+        "MAX_NEXT_STEP",
+        *INITIALLY_ZERO,
+    ):
+        c.workspace.add(name, 1)
+    (
+        c.workspace.add("EMBEDDED_ERROR", c.size),
+        c.workspace.add("RESIDUAL", 4),
+        c.workspace.add("RESIDUAL_NOW", 4),
+    )
+    with c.workspace.optional():
+        c.workspace.add("INDICATORS", len(c.indicators))
+        if c.may_idle:
             for name in (
-                "PACE",
-                "TIMES",
-                "LEFT",
-                "FIRST",
-                "WAY",
-                "HELD_BACK",
-                "USUALLY",
+                "MAX_STEP",
+                "STEP_FACTOR",
+                "STEPS_LEFT",
+                "FIRST_STEP",
+                "PROGRESS",
+                "INACTIVE",
+                "TYPICAL_END",
                 "PIVOT_BEFORE",
             ):
-                c.slabs.add(name, 1)
-            c.slabs.add("BEFORE", c.size), c.slabs.add("ENERGY_BEFORE", 3)
+                c.workspace.add(name, 1)
+            c.workspace.add("STATE_BEFORE", c.size), c.workspace.add("ENERGY_BEFORE", 3)
         # in this order and without a gap
-        most = max([rk.stages for rk in c.used.values()] + [len(c.extended.a)] * c.extends)
+        most = max([rk.stages for rk in c.used.values()] + [len(c.extended.a)] * c.has_extension)
         for i in range(1, most + 1):
-            c.slabs.add(f"K{i}", c.size)
+            c.workspace.add(f"K{i}", c.size)
 
 
 def _head(c: Context) -> Text:
     """Docstring, imports and constants of a module."""
     about = (
-        "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.shape)[1]) + "."
+        "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.spec)[1]) + "."
     )
     head = Text()
     head(*_HEADER.format(about=about).rstrip().split("\n"))
     for rk in c.used.values():
         head(
             "",
-            f"# {rk.name}, order {rk.order}: row i of the stage matrix, weights, doubt, nodes.",
-            *coefficients(rk, c.extends and rk is c.extended),
+            f"# {rk.name}, order {rk.order}: stage matrix A, weights B, error weights E, nodes C.",
+            *coefficients(rk, c.has_extension and rk is c.extended),
         )
-    if any(stage.events for stage in c.shape.stages) and "rk4" not in c.used:
-        head("", "# rk4, for the last of the way to an event", *coefficients(method("rk4"), False))
+    if any(segment.events for segment in c.spec.segments) and "rk4" not in c.used:
+        head("", "# rk4, for the last step to an event", *coefficients(method("rk4"), False))
     if c.history == SEPARATION_HISTORY:
-        head("", "# Curves over a step, from what is so at its ends and within.")
+        head("", "# Polynomials over a step, fitted to values at its ends and within.")
         head(
             *(
                 f"CURVE_{name.upper()} = np.ascontiguousarray(method({name!r}).curve)"
                 for name in c.used
             )
         )
-    if c.extends:
-        head("# Continuous extension: coefficients by powers of the share of a step.")
+    if c.has_extension:
+        head("# Continuous extension: coefficients by powers of the fraction of a step.")
         head(f"DENSE = np.ascontiguousarray(method({c.extended.name!r}).dense.T)")
-    head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
+    head("", "# Workspace fields of a block of cases, and offsets of bodies in a state.")
     head(
-        *c.slabs.lines(),
-        f"SIZE_SHARED, GUARDS, STAGES, CHANGES = {shared_size(c)}, {len(c.guards)}, "
-        f"{len(c.shape.stages)}, {len(c.sudden)}",
-        f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.shape.stages)!r}",
-        *_places(c.shape),
+        *c.workspace.lines(),
+        f"SIZE_SHARED, N_INDICATORS, N_SEGMENTS, N_CHANGES = {shared_size(c)}, "
+        f"{len(c.indicators)}, {len(c.spec.segments)}, {len(c.change_times)}",
+        f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.spec.segments)!r}",
+        *_state_offsets(c.spec),
     )
     return head
 
 
-def _places(shape: Shape) -> list[str]:
-    """Where places and speeds, then the work of all loads, attitudes and rates stand in a state."""
+def _state_offsets(spec: KernelSpec) -> list[str]:
+    """Offsets in a state: positions and velocities, then the work of all loads, attitudes and
+    angular rates."""
     lines = [
         f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES"
-        for i, body in enumerate(shape.bodies)
+        for i, body in enumerate(spec.bodies)
     ]
-    lines.append(f"WORK = {6 * len(shape.bodies)} * LANES")
-    start = 6 * len(shape.bodies) + 1
-    for i, body in enumerate(shape.turning):
+    lines.append(f"WORK = {6 * len(spec.bodies)} * LANES")
+    start = 6 * len(spec.bodies) + 1
+    for i, body in enumerate(spec.attitude_order):
         lines.append(
             f"Q_{body}, OMEGA_{body} = {start + 7 * i} * LANES, {start + 7 * i + 4} * LANES"
         )
     return lines
 
 
-def features(shape: Shape) -> tuple[list[str], list[str]]:
-    """What the kernel of a shape computes, and what it could but does not, because no scene of the
-    shape needs it."""
-    scene = shape.scene
+def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
+    """List the features of a kernel.
+
+    Parameters
+    ----------
+    spec : KernelSpec
+
+    Returns
+    -------
+    present, absent : list of str
+        features that the kernel computes, and those it leaves out because no scene of the
+        specification needs them
+    """
+    scene = spec.scene
     air = scene.environment.atmosphere != "none" and any(
         body.aerodynamics for body in scene.body.values()
     )
-    parts = {
+    is_present = {
         "air and aerodynamics": air,
         "gravity": scene.environment.gravity != "none",
         "motors": bool(scene.motor),
         "springs": bool(scene.spring),
         "constant loads": bool(scene.load),
-        "loads that switch on or off": shape.switches,
-        "constraint rows": any(stage.rows for stage in shape.stages),
-        "events on the state": any(stage.events for stage in shape.stages),
-        "rates at release": bool(scene.output.tip_off),
+        "loads that switch on or off": spec.load_switches,
+        "constraint rows": any(segment.rows for segment in spec.segments),
+        "events on the state": any(segment.events for segment in spec.segments),
+        "tip-off rates": bool(scene.output.tip_off),
         "transverse rates": bool(scene.output.transverse),
-        "events that are told of": bool(scene.event),
-        "aerodynamic tables": any(looks_up(shape, body) for body in shape.bodies),
-        "wind or air over height": has_tables_over_height(shape),
-        "friction of pins": any(shape.rubbing(stage) for stage in shape.stages),
+        "observation events": bool(scene.event),
+        "aerodynamic tables": any(looks_up(spec, body) for body in spec.bodies),
+        "wind or air over height": has_tables_over_height(spec),
+        "friction of pins": any(spec.friction_joints(segment) for segment in spec.segments),
         "joint loads": bool(scene.output.loads),
         "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),
     }
-    return [name for name, there in parts.items() if there], [
-        name for name, there in parts.items() if not there
+    return [name for name, present in is_present.items() if present], [
+        name for name, present in is_present.items() if not present
     ]

@@ -1,4 +1,4 @@
-"""The derivative of a state in every phase, and with it what the joints carry that are followed."""
+"""Derivative of the state in every segment, with the joint loads that are monitored."""
 
 from sepmc.kernel.emit.context import Context
 from sepmc.kernel.emit.energy import power
@@ -6,38 +6,47 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.motion import before_motion, make_motion
 from sepmc.kernel.emit.tables import emit_look_up
 from sepmc.kernel.emit.wrenches import store_wrenches
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import quat
 from sepmc.kernel.tracer.text import Text
 
 
 def emit_rates(out: Text, c: Context) -> None:
-    """Functions for the derivative in every phase, and one that calls that of the phase."""
-    for stage in c.shape.stages:
-        emit_look_up(out, c, stage)
-        if not c.hands_on(out, stage, "rates"):
-            _rates(out, c, stage)
+    """Write the functions for the derivative in every segment, and the one that calls that of the
+    present segment."""
+    for segment in c.spec.segments:
+        emit_look_up(out, c, segment)
+        if not c.emit_alias(out, segment, "rates"):
+            _emit_rates(out, c, segment)
     text = out.function("rates(w, phase: int)", "Derivative D of the state S at the times CLOCK.")
-    for number, stage in enumerate(c.shape.stages):
-        text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"rates_{stage.name}(w)")
+    for number, segment in enumerate(c.spec.segments):
+        text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"rates_{segment.name}(w)")
 
 
-def _rates(out: Text, c: Context, stage: Stage) -> None:
-    """Derivative in a phase: loads, motion without the joints, what the joints add."""
-    what = [" and ".join(group) + " turn as one" for group in stage.groups if len(group) > 1]
-    what.append(f"{len(stage.rows)} constraint rows" if stage.rows else "nothing is constrained")
-    text = out.function(f"rates_{stage.name}(w)", f"Phase {stage.name}: {', '.join(what)}.")
-    before_motion(text, c, stage)
-    s = State(c, c.scope(), stage, "S")
+def _emit_rates(out: Text, c: Context, segment: Segment) -> None:
+    """Write the derivative of a segment: loads, motion without the joints, joint forces."""
+    properties = [
+        " and ".join(group) + " rotate as one rigid group"
+        for group in segment.groups
+        if len(group) > 1
+    ]
+    properties.append(
+        f"{len(segment.rows)} constraint rows" if segment.rows else "nothing is constrained"
+    )
+    text = out.function(
+        f"rates_{segment.name}(w)", f"Phase {segment.name}: {', '.join(properties)}."
+    )
+    before_motion(text, c, segment)
+    s = State(c, c.scope(), segment, "S")
     motion = make_motion(s)
-    for body in c.shape.bodies:
+    for body in c.spec.bodies:
         s.scope.store(f"D + X_{body}", s.speed(body))
         s.scope.store(f"D + V_{body}", motion.acceleration[body])
-    for leader in stage.leaders:
+    for leader in segment.leaders:
         s.scope.store(f"D + Q_{leader}", quat.rate(s.quaternion(leader), s.rate(leader)))
         s.scope.store(f"D + OMEGA_{leader}", motion.spin_rate[leader])
     s.scope.comment("power of the loads")
     s.scope.store("D + WORK", power(s, motion.force, motion.moment))
-    if c.carried_by_rates(stage):
+    if c.wrenches_from_rates(segment):
         store_wrenches(s, motion)
     s.scope.write(text)

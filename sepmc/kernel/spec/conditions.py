@@ -1,5 +1,5 @@
-"""Conditions that end phases and let joints go, as tables a kernel reads: events, met when one of
-their clauses is."""
+"""Conditions that end phases and trigger releases, as flat tables in disjunctive normal form: an
+event occurs when all leaves of any of its clauses are met."""
 
 import itertools
 import math
@@ -20,12 +20,16 @@ _ON_BODY = {"altitude": at.AT_ALTITUDE, "vertical_speed": at.AT_VERTICAL_SPEED}
 
 @dataclass(frozen=True)
 class Leaf:
-    """One comparison: what, of which joint, motor, body or spring, for which event; the path of its
-    threshold, if it has one; in which direction it must be crossed, "" if at or beyond it will
-    do."""
+    """One comparison of a quantity with a threshold.
 
-    what: int
-    which: str
+    ``quantity`` is its code (`sepmc.routines.layout`), ``item`` the joint, motor, body or spring,
+    ``event`` the number of its event, ``path`` the parameter path of the threshold if it has one.
+    ``direction`` of the crossing that counts, "" if the quantity may also start beyond the
+    threshold.
+    """
+
+    quantity: int
+    item: str
     event: int
     path: str | None
     direction: str = ""
@@ -33,10 +37,12 @@ class Leaf:
 
 @dataclass
 class Conditions:
-    """``events`` (first clause, clauses), ``clauses`` (first leaf, leaves) and ``clause_leaves``,
-    flat.
+    """Conditions of a scene as flat lists.
 
-    Events: the end of each phase, each release, each instant that is told of, the stroke of each
+    ``events`` holds (first clause, number of clauses) of each event, ``clauses`` (first leaf,
+    number of leaves) of each clause, ``clause_leaves`` the leaf numbers.
+
+    Events: the end of each phase, each release, each observation event, the stroke end of each
     spring.
     """
 
@@ -46,11 +52,12 @@ class Conditions:
     clause_leaves: list[int] = field(default_factory=list)
 
     def add(self, until: Until | None, path: str) -> None:
-        """The next event: met when ``until`` is; never if that is None."""
+        """Append an event with the condition ``until``; with None it never occurs."""
         self._close(self._clauses(until, path) if until is not None else [])
 
     def add_stroke(self, spring: str, ends: bool) -> None:
-        """The next event: the end of a spring's push; never unless it ``ends``."""
+        """Append the stroke end of a spring as an event; it never occurs unless the stroke
+        ``ends``."""
         self._close([[self._leaf(at.AT_SPRING_STROKE, spring, None)]] if ends else [])
 
     def _close(self, clauses: list[list[int]]) -> None:
@@ -59,40 +66,52 @@ class Conditions:
             self.clauses += [len(self.clause_leaves), len(clause)]
             self.clause_leaves += clause
 
-    def _leaf(self, what: int, which: str, path: str | None, direction: str = "") -> int:
-        self.leaves.append(Leaf(what, which, len(self.events) // 2, path, direction))
+    def _leaf(self, quantity: int, item: str, path: str | None, direction: str = "") -> int:
+        self.leaves.append(Leaf(quantity, item, len(self.events) // 2, path, direction))
         return len(self.leaves) - 1
 
     def _clauses(self, until: Until, path: str) -> list[list[int]]:
-        """Any of clauses, each all of leaves."""
-        found = []
+        """Clauses of a condition, each a list of leaf numbers."""
+        clauses = []
         if until.time is not None:
-            found.append([self._leaf(at.AT_TIME, "", f"{path}.time")])
+            clauses.append([self._leaf(at.AT_TIME, "", f"{path}.time")])
         if until.burn_out is not None:
-            found.append([self._leaf(at.AT_BURN_OUT, until.burn_out, None)])
+            clauses.append([self._leaf(at.AT_BURN_OUT, until.burn_out, None)])
         if until.spring is not None:
-            found.append([self._leaf(at.AT_SPRING_STROKE, until.spring, None)])
-        for key, what in _ON_JOINT.items():
+            clauses.append([self._leaf(at.AT_SPRING_STROKE, until.spring, None)])
+        for key, quantity in _ON_JOINT.items():
             if getattr(until, key) is not None and until.joint is not None:
                 direction = until.direction or ""
-                found.append([self._leaf(what, until.joint, f"{path}.{key}", direction)])
-        for key, what in _ON_BODY.items():
+                clauses.append([self._leaf(quantity, until.joint, f"{path}.{key}", direction)])
+        for key, quantity in _ON_BODY.items():
             if getattr(until, key) is not None and until.body is not None:
                 direction = until.direction or "either"
-                found.append([self._leaf(what, until.body, f"{path}.{key}", direction)])
+                clauses.append([self._leaf(quantity, until.body, f"{path}.{key}", direction)])
         for number, item in enumerate(until.any):
-            found += self._clauses(item, f"{path}.any.{number}")
+            clauses += self._clauses(item, f"{path}.any.{number}")
         if until.all:
-            parts = [
+            alternatives = [
                 self._clauses(item, f"{path}.all.{number}") for number, item in enumerate(until.all)
             ]
-            found += [list(itertools.chain(*choice)) for choice in itertools.product(*parts)]
-        return found
+            clauses += [
+                list(itertools.chain(*choice)) for choice in itertools.product(*alternatives)
+            ]
+        return clauses
 
 
 def make_conditions(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Conditions:
-    """Every condition of a scene some of whose parameters, by path, are dispersed: a stroke may
-    come from there alone."""
+    """Collect the conditions of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    dispersed : frozenset of str
+        paths of dispersed parameters; a stroke may be finite in dispersed cases only
+
+    Returns
+    -------
+    Conditions
+    """
     conditions = Conditions()
     for phase in scene.phase:
         conditions.add(phase.until, f"phase.{phase.name}.until")

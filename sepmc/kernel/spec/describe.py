@@ -1,24 +1,33 @@
-"""What a plan contains, in words, and which of its joints are redundant: for ``sepmc check``."""
+"""Scene contents as lines of text, for ``sepmc check``."""
 
 import numpy as np
 
-from sepmc.kernel.spec.parameter_layout import Plan
+from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.model import Motor, Scene, Until
 
 
-def lines(plan: Plan) -> list[str]:
-    """A line for each thing a scene contains."""
-    scene, m = plan.scene, plan.model.scene[0]
-    found = [
-        f"bodies       {len(plan.bodies)}: {', '.join(plan.bodies)}"
+def lines(layout: ParameterLayout) -> list[str]:
+    """Describe the contents of a scene, one line per item.
+
+    Parameters
+    ----------
+    layout : ParameterLayout
+
+    Returns
+    -------
+    list of str
+    """
+    scene, m = layout.scene, layout.model.scene[0]
+    text = [
+        f"bodies       {len(layout.bodies)}: {', '.join(layout.bodies)}"
         + (" (and the ground)" if m.ground >= 0 else ""),
-        f"joints       {len(plan.joints)}: "
-        + _names(f"{j} ({a} - {b})" for j, (a, b) in plan.joints.items()),
+        f"joints       {len(layout.joints)}: "
+        + _names(f"{j} ({a} - {b})" for j, (a, b) in layout.joints.items()),
         f"motors       {m.n_motors}: "
         + _names(f"{motor.name} ({_push(motor)})" for motor in scene.motor),
     ]
-    for what, items in (
+    for word, items in (
         ("springs", scene.spring),
         ("loads", scene.load),
         ("releases", scene.release),
@@ -26,12 +35,12 @@ def lines(plan: Plan) -> list[str]:
         ("events", scene.event),
     ):
         if items:
-            found.append(f"{what:12s} {len(items)}: " + _names(item.name for item in items))
+            text.append(f"{word:12s} {len(items)}: " + _names(item.name for item in items))
     tables = sum(
         body.aerodynamics is not None and body.aerodynamics.table is not None
         for body in scene.body.values()
     )
-    found += [
+    text += [
         f"atmosphere   {scene.environment.atmosphere}, {m.n_terms} aerodynamic terms, {tables} "
         f"tables, {m.n_proximity} increments",
         f"gravity      {scene.environment.gravity}",
@@ -41,23 +50,23 @@ def lines(plan: Plan) -> list[str]:
     for phase in scene.phase:
         rows = sum(len(rows_of(scene.joint[j], kind)) for j, kind in phase.joints.items())
         ends = f"{scene.run.end_time:g} s" if phase.until is None else condition(phase.until)
-        found.append(f"phase        {phase.name}: {rows} constraint rows, until {ends}")
+        text.append(f"phase        {phase.name}: {rows} constraint rows, until {ends}")
     for release in scene.release:
         need = ", which need not come" if release.optional else ""
-        found.append(
+        text.append(
             f"release      {release.name}: {release.joint} becomes {release.to} when "
             f"{condition(release.when)}{need}"
         )
     for event in scene.event:
-        found.append(f"event        {event.name}: when {condition(event.when)}")
+        text.append(f"event        {event.name}: when {condition(event.when)}")
     for motor in scene.motor:
         if motor.trigger is not None:
-            found.append(f"ignition     {motor.name}: {_instant(motor)}")
-    return found
+            text.append(f"ignition     {motor.name}: {_instant(motor)}")
+    return text
 
 
 def _instant(motor: Motor) -> str:
-    """When a motor lights that waits for an instant of the flight."""
+    """Ignition of a motor that waits for an event, a release or a free joint, in words."""
     trigger = motor.trigger
     assert trigger is not None
     instant = (
@@ -72,7 +81,7 @@ def _instant(motor: Motor) -> str:
 
 
 def _resolution(scene: Scene) -> str:
-    """What steps follow from."""
+    """Accuracy or step of the solver, in words."""
     return (
         f"accuracy {scene.solver.accuracy:g}"
         if scene.solver.step is None
@@ -81,7 +90,7 @@ def _resolution(scene: Scene) -> str:
 
 
 def _push(motor: Motor) -> str:
-    """Which way a motor pushes its body."""
+    """Direction in which a motor pushes its body, in words."""
     forward = float(np.cos(motor.cant))
     return f"pushes {motor.body} " + (
         "forward" if forward > 0.5 else "aft" if forward < -0.5 else "sideways"
@@ -93,30 +102,39 @@ def _names(names) -> str:
 
 
 def condition(until: Until) -> str:
-    """A condition in words."""
-    parts = [f"{until.time:g} s"] if until.time is not None else []
-    parts += [f"burn-out of {until.burn_out}"] if until.burn_out is not None else []
-    parts += [f"spring {until.spring} at its end"] if until.spring is not None else []
-    parts += [f"{until.joint} at {1e3 * until.stroke:g} mm"] if until.stroke is not None else []
-    parts += (
+    """Describe a condition in words.
+
+    Parameters
+    ----------
+    until : Until
+
+    Returns
+    -------
+    str
+    """
+    terms = [f"{until.time:g} s"] if until.time is not None else []
+    terms += [f"burn-out of {until.burn_out}"] if until.burn_out is not None else []
+    terms += [f"spring {until.spring} at its end"] if until.spring is not None else []
+    terms += [f"{until.joint} at {1e3 * until.stroke:g} mm"] if until.stroke is not None else []
+    terms += (
         [f"{until.joint} {1e3 * until.distance:g} mm away"] if until.distance is not None else []
     )
-    parts += (
+    terms += (
         [f"{until.joint} turned by {np.degrees(until.angle):g} deg"]
         if until.angle is not None
         else []
     )
-    parts += [f"force of {until.joint} {until.force:g} N"] if until.force is not None else []
-    parts += [f"moment of {until.joint} {until.moment:g} N m"] if until.moment is not None else []
-    parts += [f"{until.body} at {until.altitude:g} m height"] if until.altitude is not None else []
-    parts += (
+    terms += [f"force of {until.joint} {until.force:g} N"] if until.force is not None else []
+    terms += [f"moment of {until.joint} {until.moment:g} N m"] if until.moment is not None else []
+    terms += [f"{until.body} at {until.altitude:g} m height"] if until.altitude is not None else []
+    terms += (
         [f"{until.body} at {until.vertical_speed:g} m/s upward"]
         if until.vertical_speed is not None
         else []
     )
-    if until.direction is not None:  # of the one quantity there is, the last so far
-        parts[-1] += f" ({until.direction})"
-    parts += [condition(item) for item in until.any]
+    if until.direction is not None:  # of the only quantity, the last term
+        terms[-1] += f" ({until.direction})"
+    terms += [condition(item) for item in until.any]
     if until.all:
-        parts.append("(" + " and ".join(condition(item) for item in until.all) + ")")
-    return " or ".join(parts)
+        terms.append("(" + " and ".join(condition(item) for item in until.all) + ")")
+    return " or ".join(terms)

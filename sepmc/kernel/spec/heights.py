@@ -1,8 +1,8 @@
-"""How fast and how high vehicles fly at most: how long steps may be over the rows of tables over
-height, and which layers of air they meet.
+"""Bounds of speed and height that vehicles reach: they limit steps over rows of altitude tables,
+and tell which atmosphere layers matter.
 
-Bounds of plain mechanics for a nominal scene and its ``extremes``, the same with every dispersed
-parameter at its least and at its largest. Air moves a vehicle no faster than twice the wind.
+Bounds of elementary mechanics for a nominal scene and its ``extremes`` (all dispersed parameters at
+their minimum and maximum). Air accelerates a vehicle to twice the wind speed at most.
 """
 
 import math
@@ -15,13 +15,23 @@ from sepmc.physics.us1976_table import BORDERS
 from sepmc.scene.kinds import hanging_together
 from sepmc.scene.model import GROUND, Motor, Scene
 
-# of a table over height that a step passes at most: its stages then see what stands between two
-# rows
+# maximum rows of an altitude table per step: the stages then sample every row
 _ROWS = 4.0
 
 
 def rows_step(scene: Scene, extremes: Sequence[Scene] = ()) -> float:
-    """Step, s, that passes no more rows of a table over height than its stages see."""
+    """Longest step over which a method samples every row of the altitude tables.
+
+    Parameters
+    ----------
+    scene : Scene
+    extremes : sequence of Scene
+
+    Returns
+    -------
+    float
+        s; infinite without altitude tables
+    """
     tables = [
         table.altitude
         for table in (scene.environment.wind.profile, scene.environment.air)
@@ -40,8 +50,17 @@ def rows_step(scene: Scene, extremes: Sequence[Scene] = ()) -> float:
 
 
 def may_pass_borders(scene: Scene, extremes: Sequence[Scene] = ()) -> bool:
-    """Whether a border between layers of the standard atmosphere lies where the vehicle may climb
-    or fall."""
+    """True if the vehicle may cross a border between layers of the standard atmosphere.
+
+    Parameters
+    ----------
+    scene : Scene
+    extremes : sequence of Scene
+
+    Returns
+    -------
+    bool
+    """
     scenes = [scene, *extremes]
     climb = max(
         abs(s.initial.speed * math.sin(s.initial.pitch - s.initial.alpha)) for s in scenes
@@ -53,14 +72,14 @@ def may_pass_borders(scene: Scene, extremes: Sequence[Scene] = ()) -> bool:
 
 
 def _between(scenes: Sequence[Scene], speed: float) -> tuple[float, float]:
-    """Heights, m, between which vehicles of a speed, m/s, stay."""
-    heights, way = [s.initial.altitude for s in scenes], speed * scenes[0].run.end_time
-    return min(heights) - way, max(heights) + way
+    """Minimum and maximum height, m, that a vehicle reaches at a given maximum speed, m/s."""
+    heights, distance = [s.initial.altitude for s in scenes], speed * scenes[0].run.end_time
+    return min(heights) - distance, max(heights) + distance
 
 
 def _gained(scenes: Sequence[Scene]) -> float:
-    """Speed, m/s, that a mass centre gains over a flight at most: by gravity, by what pushes it or
-    what it hangs together with, by wind."""
+    """Maximum speed, m/s, that a mass centre gains by gravity, wind, loads on its body, or on
+    bodies connected to it."""
     gravity = max(
         abs(s.environment.surface_gravity) if s.environment.gravity != "none" else 0.0
         for s in scenes
@@ -76,8 +95,8 @@ def _wind(scene: Scene) -> float:
 
 
 def _pushed(scenes: Sequence[Scene]) -> float:
-    """Speed, m/s, that motors, springs and loads give a body at most: each with all that hangs
-    together with both in some phase."""
+    """Maximum speed, m/s, that motors, springs and loads give a body, acting on all bodies
+    connected to it in some phase."""
     scene = scenes[0]
     groups = [group for phase in scene.phase for group in hanging_together(scene, phase)]
     masses = {
@@ -96,19 +115,19 @@ def _pushed(scenes: Sequence[Scene]) -> float:
 
 
 def _pushes(scenes: Sequence[Scene]) -> Iterator[tuple[str, Callable[[float], float]]]:
-    """Bodies that something pushes, and the speed that this gives a mass at most, each of its
-    numbers being the worst of all scenes."""
+    """Loaded bodies, and for each the function from mass, kg, to the maximum speed gained, m/s,
+    with the worst parameters of all scenes."""
     end = scenes[0].run.end_time
     for motors in zip(*(s.motor for s in scenes), strict=True):
         burns = max(m.burn for m in motors) + max(m.tail_off for m in motors)
         yield motors[0].body, partial(_by_impulse, max(map(_size, motors)) * min(end, burns))
     for springs in zip(*(s.spring for s in scenes), strict=True):
         force, stiffness = max(abs(s.force) for s in springs), min(s.stiffness for s in springs)
-        way = min(
+        distance = min(
             max(s.stroke for s in springs), force / stiffness if stiffness > 0.0 else math.inf
         )
         for body in springs[0].bodies:
-            yield body, partial(_by_spring, force, way, end)
+            yield body, partial(_by_spring, force, distance, end)
     for loads in zip(*(s.load for s in scenes), strict=True):
         acts = min(end, max(load.end for load in loads)) - min(load.start for load in loads)
         yield (
@@ -126,6 +145,6 @@ def _by_impulse(impulse: float, mass: float) -> float:
     return impulse / mass
 
 
-def _by_spring(force: float, way: float, end: float, mass: float) -> float:
-    """By its force all the time, or by the energy that it has."""
-    return min(force * end / mass, math.sqrt(2.0 * force * way / mass)) if force > 0.0 else 0.0
+def _by_spring(force: float, distance: float, end: float, mass: float) -> float:
+    """Maximum speed by the force over the whole time, or by the spring energy."""
+    return min(force * end / mass, math.sqrt(2.0 * force * distance / mass)) if force > 0.0 else 0.0

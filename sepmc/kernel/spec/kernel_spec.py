@@ -1,26 +1,31 @@
-"""What a kernel has to know of a scene: groups of bodies that turn as one, constraint rows, events.
+"""Kernel specification: everything the emitter needs to know of a scene and its dispersions.
 
-Only structure counts here, no numbers: scenes of the same shape share a kernel.
+It holds structure only (rigid groups, constraint rows, events, outputs), no numbers: scenes with
+equal specifications share one compiled kernel.
 """
 
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from sepmc.kernel.spec.naming import Names
-from sepmc.kernel.spec.parameter_layout import Plan
+from sepmc.kernel.spec.parameter_layout import ParameterLayout
+from sepmc.kernel.spec.variant import Variant
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import joint_axes, slides
 from sepmc.scene.model import GROUND, Motor, Scene
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-# codes of the rows that a joint holds, by the number of its kind: the one that holds most first
+# codes of the constraint rows of a joint by the number of its kind, the most rows first
 Kinds = dict[int, tuple[int, ...]]
 
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint row: its joint and its code (`layout`); if it counts in some of its stage only,
-    the kinds of its joint, by number, in which it does."""
+    """Constraint row of a joint.
+
+    ``code`` is its type (`sepmc.routines.layout`: translation along an axis, rotation, rod). A row
+    that is active for some kinds of its joint only lists their numbers in ``kinds``.
+    """
 
     joint: str
     code: int
@@ -28,83 +33,88 @@ class Row:
 
     @property
     def turns(self) -> bool:
-        """Whether it constrains a rotation."""
+        """True if the row constrains a rotation."""
         return at.ROTATION <= self.code < at.ROD
 
 
 @dataclass(frozen=True)
 class Event:
-    """A condition on the state: ``what`` (AT_STROKE, ...) of which joint, spring or body, and where
-    its threshold stands in w; whether it ends its phase by itself, or else its number among the
-    conditions that do so together, or, ``apart`` from phases, release a joint; the ``direction`` in
-    which the threshold must be crossed, "" if at or beyond it will do."""
+    """Condition on the state or on a joint load, compared with a threshold.
 
-    what: int
-    which: str
+    ``quantity`` is its code (AT_STROKE, ... of `sepmc.routines.layout`) and ``item`` the joint,
+    spring or body; ``threshold`` is a parameter index. It either ends its phase by itself, or is
+    condition ``number`` of several that end a phase together or, with ``any_phase``, trigger a
+    release or an observation event. ``direction`` of the crossing that counts: rising, falling,
+    either, or "" if the quantity may also start beyond the threshold.
+    """
+
+    quantity: int
+    item: str
     threshold: int
     ends_phase: bool
     number: int = -1
-    apart: bool = False
+    any_phase: bool = False
     direction: str = ""
 
     @property
     def name(self) -> str:
-        """What it is called within its stage."""
+        """Name of the event, unique within its segment."""
         if self.is_border:
-            return f"{self.which}_{'top' if self.what == at.AT_LAYER_TOP else 'base'}"
-        return self.which if self.number < 0 else f"{self.which}_{self.number}"
+            return f"{self.item}_{'top' if self.quantity == at.AT_LAYER_TOP else 'base'}"
+        return self.item if self.number < 0 else f"{self.item}_{self.number}"
 
     @property
     def is_border(self) -> bool:
-        """Whether it is a border of a body's layer of air, which is met as often as it is
-        passed."""
-        return self.what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
+        """True for a border of the atmosphere layer of a body; it may be crossed repeatedly."""
+        return self.quantity in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
 
-    def flag(self, stage: str) -> str:
-        """Where it is noted that it is met."""
+    def flag(self, segment: str) -> str:
+        """Workspace field that is 1 once the event has occurred."""
         if self.is_border:
-            return f"ENTERS_{self.which}"
+            return f"ENTERS_{self.item}"
         if self.ends_phase:
             return "DONE"
         return (
-            ended(self.which)
+            stroke_flag(self.item)
             if self.number < 0
-            else met(APART if self.apart else stage, self.number)
+            else condition_flag(ANY_PHASE if self.any_phase else segment, self.number)
         )
 
 
-def ended(spring: str) -> str:
-    """Where it is noted that a spring has come to the end of its stroke."""
+def stroke_flag(spring: str) -> str:
+    """Workspace field that is 1 once a spring has reached the end of its stroke."""
     return f"SPENT_{spring}"
 
 
-APART = "apart"  # in place of a phase, of a condition that releases a joint in any
+ANY_PHASE = "any_phase"  # in place of the segment, for conditions of releases and events
 
 
-def met(stage: str, number: int) -> str:
-    """Where it is noted that one of several conditions is met."""
-    return f"MET_{stage}_{number}"
+def condition_flag(segment: str, number: int) -> str:
+    """Workspace field that is 1 once a numbered condition has been met."""
+    return f"FLAG_{segment}_{number}"
 
 
-def numbers_of(clauses: list[tuple[int, ...]]) -> list[int]:
-    """Numbers of the conditions that clauses are made of."""
+def condition_numbers(clauses: list[tuple[int, ...]]) -> list[int]:
+    """Sorted numbers of the conditions in some clauses."""
     return sorted({number for clause in clauses for number in clause})
 
 
 @dataclass(frozen=True)
 class Due:
-    """A time: places in w of what adds up to it, from the start of the flight or, if a ``motor``
-    is named, from its ignition."""
+    """Time of a condition: the sum of the parameters in ``slots``, counted from the start or, if a
+    ``motor`` is named, from its ignition."""
 
-    places: tuple[int, ...]
+    slots: tuple[int, ...]
     motor: str = ""
 
 
 @dataclass
 class Release:
-    """A release apart from phases, of a joint, or of none: an instant that is told of. Any of
-    clauses, each all of conditions by number; those of these that are times, those that are ends of
-    springs, those on the state and those on loads."""
+    """Release of a joint independent of phases, or an observation event (no joint).
+
+    It occurs when all conditions of any clause are met. ``times``, ``springs``, ``events`` and
+    ``loads`` are the conditions by type.
+    """
 
     name: str
     joint: str
@@ -117,8 +127,8 @@ class Release:
 
 @dataclass(frozen=True)
 class Change:
-    """What an event tells a joint, the end of a phase or a release apart from phases: to hold its
-    kind number ``to``, from its delay on; whether the event is ``optional``: it need not come."""
+    """Change of a joint to kind number ``to`` after its delay, triggered by the end of a phase or
+    by a release; an ``optional`` trigger need not occur."""
 
     joint: str
     event: str
@@ -127,243 +137,262 @@ class Change:
 
 
 @dataclass
-class Stage:
-    """A phase, or the time after it in which joints are late in letting go: its groups of bodies
-    that turn as one (the first leads), its rows, what ends it, and what it does not hold any
-    more."""
+class Segment:
+    """Interval of a case with fixed structure: a phase, or the time after it in which delayed
+    releases are pending.
+
+    ``groups`` are bodies that rotate as one rigid group, the first body leads.
+    """
 
     name: str
     phase: str
-    may: dict[str, Kinds]  # what joints may hold in it: codes of rows, by the number of the kind
+    joint_kinds: dict[str, Kinds]  # possible kinds of each joint
     groups: list[tuple[str, ...]] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
-    # joints that let nothing turn, whose bodies turn as one
+    # joints without relative rotation: their bodies rotate as one rigid group
     welds: list[str] = field(default_factory=list)
-    dropped: list[Row] = field(default_factory=list)  # rows that follow from the others
-    # how many would, if each body turned by itself: what joints carry is then not unique
+    dropped: list[Row] = field(default_factory=list)  # redundant rows that are left out
+    # number of redundant rows if each body rotates by itself: if > 0, multipliers are not unique
     redundant: int = 0
-    # whether bodies turn by themselves, and wrenches and accelerations are solved for together
+    # bodies rotate by themselves; accelerations and wrenches are solved for in one full system
     full: bool = False
-    # whether bodies do turn by themselves, and all rows are solved for, by least sum of squares
+    # bodies rotate by themselves; all rows are solved for the multipliers of minimum norm
     least_squares: bool = False
     events: list[Event] = field(default_factory=list)
-    loads: list[Event] = field(default_factory=list)  # conditions on what joints carry
-    # places in w of what adds up to the time that ends it; none: the end of the run
+    loads: list[Event] = field(default_factory=list)  # conditions on joint forces and moments
+    # parameters whose sum is the time that ends it; none: the end of the run
     end_time: tuple[int, ...] = ()
-    delay: int | None = None  # place in w of the delay of the joint that lets go then
-    # joints that are late, and the places of their delays: the last one ends it
+    delay: int | None = None  # parameter: delay of the joint that is released at its end
+    # joints with a release delay and the parameter of the delay: the longest one ends the segment
     late: dict[str, int] = field(default_factory=dict)
-    # whether its end was waited for before it began, while joints were late
+    # its end condition was evaluated before it began, while delayed releases were pending
     after_late: bool = False
-    # the stage after it in which joints are late, if that holds what this does until they let go:
-    # one derivative and one correction fly both, which a kernel then compiles once
-    flown_as: str = ""
-    # the condition that ends the phase after it and is waited for while joints are late
-    awaited: Event | None = None
-    # of several conditions: any of these ends it, each all of its numbers
+    # the segment of delayed releases after it, if that has the same rows until the releases: both
+    # then use the same compiled derivative and projection
+    alias_of: str = ""
+    # condition that ends the next phase, evaluated while delayed releases are pending
+    pending_event: Event | None = None
+    # it ends when all conditions (by number) of any clause hold
     clauses: list[tuple[int, ...]] = field(default_factory=list)
-    times: dict[int, Due] = field(default_factory=dict)  # which of them are times
-    springs: dict[int, str] = field(default_factory=dict)  # which are ends of springs
-    # apart from phases, that may change what joints hold in it
+    times: dict[int, Due] = field(default_factory=dict)  # conditions that are times
+    springs: dict[int, str] = field(default_factory=dict)  # conditions that are stroke ends
+    # releases independent of phases, and observation events
     releases: list[Release] = field(default_factory=list)
-    stops: int = 1
+    max_intervals: int = 1  # integration intervals, divided by events and load switches
 
     @property
-    def shares(self) -> bool:
-        """Whether what joints carry is not what moves its groups of bodies, and has to be shared
-        out."""
+    def needs_min_norm(self) -> bool:
+        """True if the multipliers that move the groups are not the joint loads: these then follow
+        from a minimum-norm solution over all rows."""
         return self.redundant > 0 and not self.least_squares
 
     @property
-    def every_row(self) -> list[Row]:
-        """What all joints hold, each body turning by itself."""
-        return [row for joint in self.may for row in self._rows(joint)]
+    def all_rows(self) -> list[Row]:
+        """Rows of all joints, each body rotating by itself."""
+        return [row for joint in self.joint_kinds for row in self._rows(joint)]
 
     def _rows(self, joint: str) -> list[Row]:
-        """Rows that a joint may have in it."""
+        """Rows that a joint may have in the segment."""
         kinds, codes = (
-            self.may[joint],
-            dict.fromkeys(code for codes in self.may[joint].values() for code in codes),
+            self.joint_kinds[joint],
+            dict.fromkeys(code for codes in self.joint_kinds[joint].values() for code in codes),
         )
-        having = {code: tuple(k for k, held in kinds.items() if code in held) for code in codes}
+        kinds_of_code = {
+            code: tuple(k for k, present in kinds.items() if code in present) for code in codes
+        }
         return [
-            Row(joint, code, () if len(which) == len(kinds) else which)
-            for code, which in having.items()
+            Row(joint, code, () if len(active) == len(kinds) else active)
+            for code, active in kinds_of_code.items()
         ]
 
     def leader(self, body: str) -> str:
-        """The body whose attitude is that of a body, or the ground."""
+        """Leader of the rigid group of a body: the body whose attitude it shares, or the ground."""
         return next(group[0] for group in self.groups if body in group)
 
-    def holds(self, joint: str) -> bool:
-        """Whether a joint may hold something."""
-        return any(self.may[joint].values())
+    def constrains(self, joint: str) -> bool:
+        """True if a joint has constraint rows in some case."""
+        return any(self.joint_kinds[joint].values())
 
-    def free(self, joint: str) -> tuple[int, ...]:
-        """The kinds, if any, as which a joint holds nothing."""
-        return tuple(k for k, codes in self.may[joint].items() if not codes)
+    def free_kinds(self, joint: str) -> tuple[int, ...]:
+        """Numbers of the kinds in which a joint is free."""
+        return tuple(k for k, codes in self.joint_kinds[joint].items() if not codes)
 
-    def sliding(self, joint: str) -> tuple[int, ...]:
-        """The kinds, if any, as which the pins of a joint are engaged and may slide."""
-        return tuple(k for k, codes in self.may[joint].items() if slides(codes))
+    def sliding_kinds(self, joint: str) -> tuple[int, ...]:
+        """Numbers of the kinds in which the pins of a joint are engaged and may slide."""
+        return tuple(k for k, codes in self.joint_kinds[joint].items() if slides(codes))
 
     @property
-    def masked(self) -> list[str]:
-        """Joints that let go within it: what they hold differs from case to case."""
-        return [joint for joint, kinds in self.may.items() if len(kinds) > 1]
+    def variable_joints(self) -> list[str]:
+        """Joints that may change their kind within the segment."""
+        return [joint for joint, kinds in self.joint_kinds.items() if len(kinds) > 1]
 
     @property
     def ends_by_time(self) -> bool:
-        """Whether its end is a time that is known as it begins."""
+        """True if its end time is known when it begins."""
         return bool(self.end_time or self.late)
 
     @cached_property
     def leaders(self) -> list[str]:
-        """One body of every group that turns: those whose attitudes are integrated."""
+        """Leaders of all rigid groups that rotate: their attitudes are integrated."""
         return [group[0] for group in self.groups if GROUND not in group]
 
     @property
     def ends_by_state(self) -> bool:
-        """Whether a condition on the state ends it, and not a time."""
+        """True if a condition on the state or a load ends it."""
         return bool(self.clauses) or any(event.ends_phase for event in (*self.events, *self.loads))
 
     @property
-    def waits_for_load(self) -> bool:
-        """Whether what a joint carries may end it: when that will be is not foretold."""
-        return any(not load.apart for load in self.loads)
+    def may_end_by_load(self) -> bool:
+        """True if a joint load may end it: the step to such an event is not predicted."""
+        return any(not load.any_phase for load in self.loads)
 
 
 @dataclass
-class Shape:
-    """A scene as a kernel sees it: all names are those of the kernel (`Names`), in ``plan`` and in
-    ``dispersed`` too."""
+class KernelSpec:
+    """Specification of the kernel of a scene.
 
-    plan: Plan
+    All names are those of the kernel (`Names`), in ``layout`` and ``dispersed`` too.
+    """
+
+    layout: ParameterLayout
     dispersed: frozenset[str]
     names: Names
-    stages: list[Stage]
-    # bodies in the order their attitudes stand in the state: leaders of the first phase first
-    turning: list[str]
-    changes: list[Change]  # what events tell joints
-    care: int  # USUAL, ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`
-    failing: list[str]  # joints that may fail to let go
-    switches: bool  # whether loads switch on or off within a flight
-    borders: bool  # whether bodies may pass from one layer of the standard atmosphere to another
+    segments: list[Segment]
+    # bodies in the order of their attitudes in the state: leaders of the first segment first
+    attitude_order: list[str]
+    changes: list[Change]
+    variant: Variant
+    failing_joints: list[str]  # joints that may fail to release
+    load_switches: bool  # loads switch on or off within a case
+    layer_borders: bool  # bodies may pass between layers of the standard atmosphere
 
     @property
     def scene(self) -> Scene:
-        """The scene of the plan."""
-        return self.plan.scene
+        """The scene, with the names of the kernel."""
+        return self.layout.scene
 
     @property
-    def triggered(self) -> list[Motor]:
-        """Motors that light at an instant that the flight itself tells."""
+    def triggered_motors(self) -> list[Motor]:
+        """Motors that ignite at an event, a release or when a joint becomes free."""
         return [motor for motor in self.scene.motor if motor.trigger is not None]
 
     @property
     def bodies(self) -> list[str]:
-        """Names of the bodies, in the order of the plan."""
-        return self.plan.bodies
+        """Names of the moving bodies, in the order of the parameters."""
+        return self.layout.bodies
 
-    def may(self, path: str, nominally: bool) -> bool:
-        """Whether some case may have what the nominal one has if ``nominally``, since a parameter
-        says so that may be dispersed."""
+    def may_occur(self, path: str, nominally: bool) -> bool:
+        """Tell if a feature occurs in some case.
+
+        Parameters
+        ----------
+        path : str
+            parameter that the feature depends on
+        nominally : bool
+            True if the nominal case has the feature
+        """
         return nominally or path in self.dispersed
 
     def feels_air(self, body: str) -> bool:
-        """Whether a body has aerodynamics, and air to fly in."""
+        """True if a body has aerodynamics and the scene an atmosphere."""
         return (
             self.scene.environment.atmosphere != "none"
             and self.scene.body[body].aerodynamics is not None
         )
 
     def in_layers(self, body: str) -> bool:
-        """Whether a body flies in the layers of the standard atmosphere, whose density is expanded
-        about its height."""
+        """True if the density around a body comes from the layers of the standard atmosphere,
+        expanded in a series about its height."""
         return self.scene.environment.atmosphere == "us1976" and self.feels_air(body)
 
-    def active(self, stage: Stage) -> int:
-        """Numbers of the state that are integrated in a phase."""
+    def active_size(self, segment: Segment) -> int:
+        """Number of state components that are integrated in a segment."""
         return (
             6 * len(self.bodies)
             + 1
-            + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
+            + 7 * (1 + max((self.attitude_order.index(b) for b in segment.leaders), default=-1))
         )
 
     @property
     def any_order(self) -> bool:
-        """Whether joints that are late, fail or are released apart from phases may let go before or
-        after any event."""
-        return self.care <= at.ANY_ORDER
+        """True if delayed, failing or phase-independent releases may occur before or after any
+        event."""
+        return self.variant <= Variant.ANY_ORDER
 
     @property
-    def spares(self) -> list[int]:
-        """With what care kernels may fly cases that one of this shape loses: in which joints are
-        late beyond the next event or fail, or bodies leave their layer of air though that was not
-        foreseen, or an event comes much later than it is foretold; in which rows cease to follow
-        from others, or come to."""
-        lost = any(stage.late or stage.delay is not None for stage in self.stages) or bool(
-            self.failing
+    def fallbacks(self) -> list[Variant]:
+        """Variants that may integrate cases which this kernel rejects.
+
+        ANY_ORDER: a release may be delayed beyond the next event or fail, a body may leave its
+        atmosphere layer unexpectedly, or an event may occur much later than predicted.
+        LEAST_SQUARES: rows may become redundant or cease to be.
+        """
+        any_order_helps = any(
+            segment.late or segment.delay is not None for segment in self.segments
+        ) or bool(self.failing_joints)
+        any_order_helps = any_order_helps or any(
+            segment.events and segment.max_intervals == 1 for segment in self.segments
         )
-        lost = lost or any(stage.events and stage.stops == 1 for stage in self.stages)
-        lost = lost or (not self.borders and any(map(self.in_layers, self.bodies)))
-        found = [at.ANY_ORDER] if lost and not self.any_order else []
-        return found + (
-            [at.LEAST_SQUARES]
-            if self.care != at.LEAST_SQUARES and any(stage.rows for stage in self.stages)
+        any_order_helps = any_order_helps or (
+            not self.layer_borders and any(map(self.in_layers, self.bodies))
+        )
+        variants = [Variant.ANY_ORDER] if any_order_helps and not self.any_order else []
+        return variants + (
+            [Variant.LEAST_SQUARES]
+            if self.variant != Variant.LEAST_SQUARES
+            and any(segment.rows for segment in self.segments)
             else []
         )
 
     @cached_property
-    def masked(self) -> dict[str, int]:
-        """Joints that let go within a stage, and the numbers of the kinds as which they hold at the
-        start."""
-        names = dict.fromkeys(name for stage in self.stages for name in stage.masked)
-        return {name: min(self.stages[0].may[name]) for name in names}
+    def initial_kinds(self) -> dict[str, int]:
+        """Joints that change within a segment, and their kind numbers at the start."""
+        names = dict.fromkeys(name for segment in self.segments for name in segment.variable_joints)
+        return {name: min(self.segments[0].joint_kinds[name]) for name in names}
 
     @property
-    def changing(self) -> list[tuple[str, int]]:
-        """Joints that let go within a stage, and the numbers of the kinds that they take."""
-        found = {
+    def kind_changes(self) -> list[tuple[str, int]]:
+        """Joints that change within a segment, and each kind number they may change to."""
+        pairs = {
             (name, number)
-            for stage in self.stages
-            for name in stage.masked
-            for number in stage.may[name]
+            for segment in self.segments
+            for name in segment.variable_joints
+            for number in segment.joint_kinds[name]
         }
-        return sorted((name, number) for name, number in found if number > self.masked[name])
+        return sorted((name, number) for name, number in pairs if number > self.initial_kinds[name])
 
     @property
-    def spent(self) -> list[str]:
-        """Springs whose strokes may end."""
+    def stroke_springs(self) -> list[str]:
+        """Springs that may reach the end of their stroke."""
         return list(
             dict.fromkeys(
-                e.which
-                for stage in self.stages
-                for e in stage.events
-                if e.what == at.AT_SPRING_STROKE
+                e.item
+                for segment in self.segments
+                for e in segment.events
+                if e.quantity == at.AT_SPRING_STROKE
             )
         )
 
-    def told(self, joint: str) -> list[Change]:
-        """What events tell a joint."""
+    def changes_of(self, joint: str) -> list[Change]:
+        """Changes of a joint."""
         return [change for change in self.changes if change.joint == joint]
 
-    def rubbing(self, stage: Stage) -> list[str]:
-        """Joints whose pins may slide in a phase, with friction."""
+    def friction_joints(self, segment: Segment) -> list[str]:
+        """Joints whose pins may slide with friction in a segment."""
         guides = {
             name: joint.guide
             for name, joint in self.scene.joint.items()
-            if joint.guide is not None and stage.sliding(name)
+            if joint.guide is not None and segment.sliding_kinds(name)
         }
         return [
             name
             for name, guide in guides.items()
-            if self.may(f"joint.{name}.guide.friction", guide.friction > 0.0)
+            if self.may_occur(f"joint.{name}.guide.friction", guide.friction > 0.0)
         ]
 
-    def plain_axes(self, joint: str) -> bool:
-        """Whether a joint's axes are those of its first body."""
+    def has_body_axes(self, joint: str) -> bool:
+        """True if the axes of a joint are those of its first body in every case."""
         j = self.scene.joint[joint]
-        if f"joint.{joint}.x_axis.x" in self.plan.slots:
+        if f"joint.{joint}.x_axis.x" in self.layout.slots:
             return False
         return tuple(joint_axes(j.x_axis, j.y_axis)) == _IDENTITY

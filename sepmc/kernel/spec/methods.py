@@ -1,5 +1,5 @@
-"""Runge-Kutta methods as data: each checks its own row sums and order conditions of quadrature. No
-numba here."""
+"""Runge-Kutta methods as data: every tableau checks its row sums and the order conditions of
+quadrature."""
 
 from dataclasses import dataclass, field
 from functools import cache
@@ -12,15 +12,20 @@ from sepmc.kernel.spec import sharp9_coefficients as sharp
 
 @dataclass(frozen=True)
 class Method:
-    """An explicit Runge-Kutta method, maybe with a continuous extension.
+    """Explicit Runge-Kutta method, with or without a continuous extension.
 
-    ``a`` (m, m) holds the stage matrix and, below row ``len(b)``, the stages only the extension
-    needs; ``c`` (m,) the nodes; ``b`` (s,) the weights. The state at fraction theta of a step is
-    ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``; a method without an extension has no columns j.
-    ``h sum_i k_i doubt_i`` is an estimate of low order of what a step does wrong: much larger than
-    that, but it grows as that grows from case to case. ``within`` are stages inside a step, in the
-    order of time and spread over it, whose states are among the most exact: what is so there tells
-    of the step.
+    Notes
+    -----
+    ``a`` (m, m) is the stage matrix, ``c`` (m,) the nodes, ``b`` (s,) the weights; rows of ``a``
+    below ``s`` are stages that only the extension needs. The state at fraction theta of a step of
+    length h is ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``; without an extension ``dense`` has
+    no columns.
+
+    ``h sum_i k_i error_weights_i`` is a low-order estimate of the local error: much larger than the
+    error, but it varies from case to case as the error does.
+
+    ``within`` are stages inside a step, in the order of time, whose states are among the most
+    accurate.
     """
 
     name: str
@@ -30,7 +35,7 @@ class Method:
     c: np.ndarray
     dense: np.ndarray
     dense_order: int
-    doubt: np.ndarray
+    error_weights: np.ndarray
     within: tuple[int, ...] = ()
     checked: bool = field(init=False, default=True)
 
@@ -43,40 +48,45 @@ class Method:
         for power in range(self.order):
             if abs(self.b @ nodes**power - 1.0 / (power + 1)) > 1e-13:
                 raise ValueError(f"{self.name}: the weights do not integrate degree {power}")
-        if not abs(self.doubt @ nodes) + abs(self.doubt.sum()) < 1e-12:
-            raise ValueError(f"{self.name}: doubt where a derivative grows evenly")
+        if not abs(self.error_weights @ nodes) + abs(self.error_weights.sum()) < 1e-12:
+            raise ValueError(
+                f"{self.name}: error weights that do not vanish for a linear derivative"
+            )
         full = np.zeros(len(self.dense))
         full[: len(self.b)] = self.b
-        if self.extends and not np.allclose(
+        if self.has_extension and not np.allclose(
             self.dense.sum(axis=1), full, rtol=0, atol=1e-12 * np.abs(self.dense).max()
         ):
             raise ValueError(f"{self.name}: the continuous extension does not end on the step")
 
     @property
     def stages(self) -> int:
-        """Evaluations of the derivative in a step."""
+        """Number of evaluations of the derivative in a step."""
         return len(self.b)
 
     @property
     def curve(self) -> np.ndarray:
-        """What takes a second derivative at the beginning of a step, `within` and at its end, then
-        what the first derivative changes over a step of unit length, and the function besides that,
-        to the coefficients by powers of the share of the step of the polynomial that is the second
-        derivative."""
+        """Matrix that fits a polynomial to a step.
+
+        It maps the second derivatives at the start of a step, at the stages `within` and at the
+        end, then the change of the first derivative over a step of unit length and of the function
+        minus the first derivative, to the coefficients of the second derivative by powers of the
+        fraction of the step.
+        """
         shares = np.array([0.0, *self.c[list(self.within)], 1.0])
         powers = np.arange(len(shares) + 2)
         rows = [*(shares[:, None] ** powers), 1.0 / (powers + 1)]
         return np.asarray(np.linalg.inv([*rows, 1.0 / ((powers + 1) * (powers + 2))]))
 
     @property
-    def extends(self) -> bool:
-        """Whether there is a continuous extension."""
+    def has_extension(self) -> bool:
+        """True if the method has a continuous extension."""
         return self.dense.shape[1] > 0
 
 
 def _rk4() -> Method:
-    """The classical method; extension of order 3 (Hairer, Norsett, Wanner, Solving ODE I, II.6, eq
-    6.8 ff.)."""
+    """Classical method of order 4 with an extension of order 3 (Hairer, Norsett, Wanner, Solving
+    ODE I, II.6, eq 6.8 ff.)."""
     a = np.zeros((4, 4))
     a[1, 0] = a[2, 1] = 0.5
     a[3, 2] = 1.0
@@ -103,8 +113,8 @@ def _rk4() -> Method:
 
 
 def _dop853() -> Method:
-    """Dormand and Prince, order 8, twelve stages; extension of order 7 with four more (Hairer,
-    Norsett, Wanner, II.5, II.6)."""
+    """Dormand and Prince, order 8 in twelve stages, with an extension of order 7 by four more
+    (Hairer, Norsett, Wanner, Solving ODE I, II.5, II.6)."""
     stages, total = 12, 16
     a = _matrix(total, dop.A)
     b = a[stages, :stages].copy()
@@ -129,8 +139,8 @@ def _dop853() -> Method:
 
 
 def _dopri5() -> Method:
-    """Dormand and Prince, order 5, with its seventh stage for the extension of order 4 (Hairer,
-    Norsett, Wanner, II.5, table 5.2, II.6)."""
+    """Dormand and Prince, order 5, with a seventh stage for the extension of order 4 (Hairer,
+    Norsett, Wanner, Solving ODE I, II.5, table 5.2, II.6)."""
     a = np.zeros((7, 7))
     a[1, :1] = [1 / 5]
     a[2, :2] = [3 / 40, 9 / 40]
@@ -149,8 +159,8 @@ def _dopri5() -> Method:
     dense = np.stack([np.zeros(7), f0 + f1, -f1 + f2 + f3, -f2 - 2.0 * f3, f3], axis=1)
     c = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
     # the published pair needs the seventh stage
-    doubt = _divided_difference(c[:6], [i for i in range(6) if b[i] != 0.0])
-    return Method("dopri5", 5, a, b, c, dense, 4, doubt, (2, 3))
+    error_weights = _divided_difference(c[:6], [i for i in range(6) if b[i] != 0.0])
+    return Method("dopri5", 5, a, b, c, dense, 4, error_weights, (2, 3))
 
 
 def _tp7() -> Method:
@@ -188,44 +198,65 @@ def _sharp9() -> Method:
     stages = 15
     a, b, c = _matrix(stages, sharp.A), np.zeros(stages), np.array(sharp.C)
     b[list(sharp.B)] = list(sharp.B.values())
-    doubt = _divided_difference(c, [0, 9, 8, 10, 11, 12, 14])
-    return Method("sharp9", 9, a, b, c, np.empty((stages, 0)), 0, doubt, (9, 7, 12))
+    error_weights = _divided_difference(c, [0, 9, 8, 10, 11, 12, 14])
+    return Method("sharp9", 9, a, b, c, np.empty((stages, 0)), 0, error_weights, (9, 7, 12))
 
 
 def _matrix(size: int, entries: dict[tuple[int, int], float]) -> np.ndarray:
-    """A stage matrix of these entries, zero elsewhere."""
-    found = np.zeros((size, size))
-    for place, value in entries.items():
-        found[place] = value
-    return found
+    """Stage matrix with some entries, zero elsewhere."""
+    matrix = np.zeros((size, size))
+    for index, value in entries.items():
+        matrix[index] = value
+    return matrix
 
 
 def _divided_difference(c: np.ndarray, used: list[int]) -> np.ndarray:
-    """Weights of a divided difference of derivatives over some nodes."""
+    """Weights of the divided difference of derivatives at some nodes."""
     weights = np.zeros(len(c))
     weights[used] = [1.0 / np.prod([c[i] - c[j] for j in used if j != i]) for i in used]
     return weights
 
 
 METHODS = {"rk4": _rk4, "dopri5": _dopri5, "tp7": _tp7, "dop853": _dop853, "sharp9": _sharp9}
-AUTO = "auto"  # as the name of a method: for every phase that which takes the least work
-# by it phases are flown whose states between the ends of steps are needed, if that has no extension
+AUTO = "auto"  # as a method name: the method that takes the least work, for each segment
+# method of segments whose states between the ends of steps are needed, if theirs has no extension
 _EXTENDED = "dop853"
-_SMOOTH = ("sharp9", "tp7")  # the others, the most exact first
+_SMOOTH = ("sharp9", "tp7")  # of the other segments, the most accurate first
 
 
 @cache
 def method(name: str) -> Method:
-    """The method called ``name``; of AUTO, that by which states between the ends of steps are
-    found."""
+    """Runge-Kutta method by name; AUTO gives the method with a continuous extension.
+
+    Parameters
+    ----------
+    name : str
+        key of `METHODS`, or AUTO
+
+    Returns
+    -------
+    Method
+    """
     return METHODS[_EXTENDED if name == AUTO else name]()
 
 
 def methods_of(name: str, extended: bool, others: bool = False) -> tuple[Method, ...]:
-    """Methods that a phase may be flown by if ``solver.method`` has a ``name``: the most exact
-    first. If it is ``extended``, states between the ends of steps are needed; if not, those of
-    ``others`` may be, whose method then is compiled anyway."""
+    """Methods that a segment may be integrated by, the most accurate first.
+
+    Parameters
+    ----------
+    name : str
+        ``solver.method`` of the scene: key of `METHODS`, or AUTO
+    extended : bool
+        True if states between the ends of steps are needed
+    others : bool
+        True if other segments need such states, so that the method for these is compiled anyway
+
+    Returns
+    -------
+    tuple of Method
+    """
     if name == AUTO:
         smooth = (*_SMOOTH, _EXTENDED) if others else _SMOOTH
         return tuple(map(method, (_EXTENDED,) if extended else smooth))
-    return (method(name if method(name).extends or not extended else _EXTENDED),)
+    return (method(name if method(name).has_extension or not extended else _EXTENDED),)

@@ -1,15 +1,15 @@
-"""Names of a kernel: every name of a scene is replaced by one made here, so that none of a file can
-meet another or one of ours."""
+"""Names of kernels: names of a scene are replaced by generated ones (``body1``, ``joint2``), so
+that no name of a file can collide with another or with a name of the kernel."""
 
 from collections.abc import Iterable
 from dataclasses import replace
 
 from msgspec.structs import replace as change
 
-from sepmc.kernel.spec.parameter_layout import Plan
+from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.model import GROUND, Ignition, Phase, Scene, Until
 
-# Tables whose items have a name of the user's, and the word their items are numbered by.
+# tables whose items have names, and the word of the generated names
 _WORDS = {
     "body": "body",
     "joint": "joint",
@@ -23,8 +23,7 @@ _WORDS = {
 
 
 class Names:
-    """What the items of a scene are called in its kernel: ``body1``, ``joint2``, in the order of
-    the file."""
+    """Generated names of the items of a scene, numbered in the order of the file."""
 
     def __init__(self, scene: Scene):
         tables: dict[str, Iterable[str]] = {
@@ -43,26 +42,25 @@ class Names:
 
     @property
     def back(self) -> dict[str, str]:
-        """The scene's own name of everything that has one here."""
+        """Generated name to name in the scene."""
         return {new: old for table in self.of.values() for old, new in table.items()}
 
     @property
     def legend(self) -> list[str]:
-        """A line for each table: what stands for what."""
+        """One line for each table with the generated and original names."""
         tables = (
             ", ".join(f"{new} {old}" for old, new in table.items()) for table in self.of.values()
         )
         return [line for line in tables if line]
 
     def path(self, path: str) -> str:
-        """The path of a parameter, its item renamed."""
+        """Parameter path with the name of its item replaced."""
         head, _, rest = path.partition(".")
         name, dot, tail = rest.partition(".")
         return f"{head}.{self.of[head].get(name, name)}{dot}{tail}" if head in self.of else path
 
     def scene(self, scene: Scene) -> Scene:
-        """A scene with all these names in place of its own. What no kernel is written for keeps its
-        names."""
+        """Copy of a scene with generated names; keys that no kernel depends on stay as they are."""
         return change(
             scene,
             body={self._body(name): body for name, body in scene.body.items()},
@@ -118,19 +116,19 @@ class Names:
             ),
         )
 
-    def plan(self, plan: Plan) -> Plan:
-        """A plan of the renamed scene; every number stays at its place."""
+    def layout(self, layout: ParameterLayout) -> ParameterLayout:
+        """Parameter layout of the renamed scene; the index of every parameter stays."""
         return replace(
-            plan,
-            scene=self.scene(plan.scene),
-            extremes=tuple(map(self.scene, plan.extremes)),
-            slots={self.path(path): place for path, place in plan.slots.items()},
-            outlines={self.of["body"][name]: place for name, place in plan.outlines.items()},
-            bodies=[self._body(name) for name in plan.bodies],
+            layout,
+            scene=self.scene(layout.scene),
+            extremes=tuple(map(self.scene, layout.extremes)),
+            slots={self.path(path): slot for path, slot in layout.slots.items()},
+            outlines={self.of["body"][name]: slot for name, slot in layout.outlines.items()},
+            bodies=[self._body(name) for name in layout.bodies],
             joints={
-                self.of["joint"][name]: self._pair(bodies) for name, bodies in plan.joints.items()
+                self.of["joint"][name]: self._pair(bodies) for name, bodies in layout.joints.items()
             },
-            phases=[self.of["phase"][name] for name in plan.phases],
+            phases=[self.of["phase"][name] for name in layout.phases],
         )
 
     def _joints(self, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -152,14 +150,14 @@ class Names:
         )
 
     def _ignition(self, ignition: float | Ignition) -> float | Ignition:
-        """A time, or what a motor waits for."""
+        """Ignition time, or the trigger with its names replaced."""
         if not isinstance(ignition, Ignition):
             return ignition
         waits = {key: getattr(ignition, key) for key in ("event", "release", "joint")}
         return change(ignition, **{key: name and self.of[key][name] for key, name in waits.items()})
 
     def _until(self, until: Until) -> Until:
-        """A condition, and its parts."""
+        """Condition, and its components, with names replaced."""
         return change(
             until,
             joint=until.joint and self.of["joint"][until.joint],

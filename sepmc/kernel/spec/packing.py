@@ -1,4 +1,4 @@
-"""Tables and shapes of a scene as runs of numbers that all cases share."""
+"""Tables, axes and outlines of a scene as one array of numbers that all cases share."""
 
 import math
 from dataclasses import dataclass
@@ -21,25 +21,25 @@ COEFFICIENTS = {
 
 
 class Pool:
-    """One array that grows by runs of numbers; each has a start."""
+    """Array that grows by runs of numbers."""
 
     def __init__(self) -> None:
         self.numbers: list[float] = []
 
-    def add(self, run) -> int:
-        """Append a run of numbers; returns where it starts."""
+    def add(self, numbers) -> int:
+        """Append numbers; return the index of the first."""
         start = len(self.numbers)
-        self.numbers += [float(x) for x in run]
+        self.numbers += [float(x) for x in numbers]
         return start
 
     def array(self) -> np.ndarray:
-        """All numbers, one run after the other, (n,)."""
+        """All numbers, shape (n,)."""
         return np.array(self.numbers, dtype=float)
 
 
 @dataclass(frozen=True)
 class Term:
-    """One term of an aerodynamic polynomial."""
+    """Term of an aerodynamic polynomial: coefficient times powers of alpha and beta."""
 
     path: str
     body: str
@@ -49,7 +49,16 @@ class Term:
 
 
 def aero_terms(scene: Scene) -> list[Term]:
-    """All terms of all aerodynamic polynomials."""
+    """Terms of all aerodynamic polynomials of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    list of Term
+    """
     terms = []
     for name, body in scene.body.items():
         for coefficient, code in COEFFICIENTS.items():
@@ -60,7 +69,7 @@ def aero_terms(scene: Scene) -> list[Term]:
 
 
 def _power(term: str, angle: str) -> int:
-    """Power of ``angle`` in a term such as ``alpha2_beta``."""
+    """Power of ``angle`` in the name of a term, such as ``alpha2_beta``."""
     for factor in term.split("_"):
         if factor.startswith(angle):
             return int(factor[len(angle) :] or 1)
@@ -68,13 +77,16 @@ def _power(term: str, angle: str) -> int:
 
 
 def direction(axis: tuple[float, float, float] | None) -> np.ndarray:
-    """Unit vector, or zero if there is none."""
+    """Unit vector along an axis, or zero if there is none, shape (3,)."""
     return np.zeros(3) if axis is None else np.array(axis) / np.linalg.norm(axis)
 
 
 def add_air(pool: Pool, scene: Scene) -> int:
-    """Logarithm of the density and speed of sound over height, after the least and greatest height;
-    -1 without a table."""
+    """Append the minimum and maximum altitude (m) and the splines of log density (kg/m3) and speed
+    of sound (m/s) over altitude.
+
+    Returns the start of the splines, or -1 without a table.
+    """
     air = scene.environment.air
     if scene.environment.atmosphere != "table" or air is None:
         return -1
@@ -85,8 +97,11 @@ def add_air(pool: Pool, scene: Scene) -> int:
 
 
 def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
-    """Wind along ground x and z over height; -1 without a profile. Its rows alone if what
-    multiplies and turns them ``varies`` from case to case."""
+    """Append the splines of the wind along ground x and z (m/s) over altitude.
+
+    With ``varies`` (factor and turn differ from case to case) the profile is stored without them.
+    Returns the start, or -1 without a profile.
+    """
     profile = scene.environment.wind.profile
     if profile is None:
         return -1
@@ -96,14 +111,25 @@ def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
 
 
 def along_ground(profile: WindProfile) -> np.ndarray:
-    """Wind of the rows of a profile along ground x and z, m/s, shape (2, rows)."""
-    speed, where = profile.factor * np.array(profile.speed), np.array(profile.direction)
-    where = where + profile.turn
-    return np.array([speed * np.cos(where), speed * np.sin(where)])
+    """Wind of a profile along ground x and z.
+
+    Parameters
+    ----------
+    profile : WindProfile
+
+    Returns
+    -------
+    ndarray, shape (2, rows)
+        m/s
+    """
+    speed, angle = profile.factor * np.array(profile.speed), np.array(profile.direction)
+    angle = angle + profile.turn
+    return np.array([speed * np.cos(angle), speed * np.sin(angle)])
 
 
 def add_profile(pool: Pool, motor: Motor) -> tuple[int, int]:
-    """Start and rows (time since ignition, fraction) of a thrust profile."""
+    """Append the rows (time since ignition, s; thrust fraction) of a thrust profile; return start
+    and number of rows."""
     if motor.profile is None:
         return 0, 0
     rows = list(zip(motor.profile.time, motor.profile.fraction, strict=True))
@@ -111,7 +137,8 @@ def add_profile(pool: Pool, motor: Motor) -> tuple[int, int]:
 
 
 def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
-    """Start of a body's table of six coefficients over (Mach, alpha, beta); -1 if it has none."""
+    """Append the splines of six coefficients over (Mach, alpha, beta); return the start, or -1
+    without a table."""
     aero = scene.body[name].aerodynamics if name in scene.body else None
     if aero is None or aero.table is None:
         return -1
@@ -126,7 +153,8 @@ def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
 
 
 def add_proximity(pool: Pool, entry: Proximity) -> int:
-    """Start of six increments over the distance of separation."""
+    """Append the splines of six coefficient increments over separation distance (m); return the
+    start."""
     values = [
         getattr(entry, coefficient) or (0.0,) * len(entry.distance) for coefficient in COEFFICIENTS
     ]
@@ -134,13 +162,14 @@ def add_proximity(pool: Pool, entry: Proximity) -> int:
 
 
 def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:
-    """Start and number of the parts of a body's outline, at.PART_SIZE numbers each."""
-    parts = []
-    for part in scene.body[name].outline if name in scene.body else ():
-        if part.stations is not None and part.radii is not None:
-            (s0, s1), (r0, r1), (y, z) = part.stations, part.radii, part.offset
+    """Append the elements of the outline of a body, at.PART_SIZE numbers each; return start and
+    number of elements."""
+    elements = []
+    for element in scene.body[name].outline if name in scene.body else ():
+        if element.stations is not None and element.radii is not None:
+            (s0, s1), (r0, r1), (y, z) = element.stations, element.radii, element.offset
             if s0 == s1:  # a disc has one rim
                 r0 = r1 = max(r0, r1)
-            parts.append((float(part.hollow), s0, y, z, s1 - s0, r0, r1))
-        parts += [(0.0, *point, 0.0, 0.0, 0.0) for point in part.points]
-    return pool.add([x for part in parts for x in part]), len(parts)
+            elements.append((float(element.hollow), s0, y, z, s1 - s0, r0, r1))
+        elements += [(0.0, *point, 0.0, 0.0, 0.0) for point in element.points]
+    return pool.add([x for element in elements for x in element]), len(elements)

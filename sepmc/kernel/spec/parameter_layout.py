@@ -1,5 +1,5 @@
-"""A scene as the arrays a kernel reads: its structure (`Model`), its nominal numbers, and the place
-of each number."""
+"""Parameter vector of a case: the nominal value and index of every parameter, and the structure
+record (`Model`) that compiled routines read."""
 
 import math
 from collections.abc import Sequence
@@ -98,13 +98,13 @@ _LOAD = {
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What a kernel needs to fly a scene.
+class ParameterLayout:
+    """Parameter vector of a scene and its layout.
 
-    ``slots`` maps each parameter path to its place in the vector ``nominal`` (p,), which is in SI.
-    ``bodies`` are those that move. ``outlines`` : place in ``nominal`` of the parts of every
-    outline that varies from case to case, at.PART_SIZE numbers each. ``extremes`` are the scene
-    with every dispersed parameter at its least, and at its largest.
+    ``slots`` maps each parameter path to its index in ``nominal``, shape (p,), SI units. ``bodies``
+    are the moving bodies. ``outlines`` : index in ``nominal`` of the first element of each
+    dispersed outline, at.PART_SIZE numbers per element. ``extremes`` are the scene with all
+    dispersed parameters at their minimum and at their maximum.
     """
 
     scene: Scene
@@ -119,11 +119,18 @@ class Plan:
     extremes: tuple[Scene, ...] = ()
 
 
-def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
-    """Pack a scene.
+def make_parameter_layout(scene: Scene, dispersed: frozenset[str] = frozenset()) -> ParameterLayout:
+    """Lay out the parameters of a scene.
 
-    ``dispersed`` : paths of the parameters that vary from case to case. What only they make
-        possible is in the plan too.
+    Parameters
+    ----------
+    scene : Scene
+    dispersed : frozenset of str
+        paths of dispersed parameters; what only they make possible has parameters too
+
+    Returns
+    -------
+    ParameterLayout
     """
     conditions = make_conditions(scene, dispersed)
     order = body_order(scene)
@@ -141,7 +148,7 @@ def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
             nominal[starts["motors_p"] + at.MOTOR_SIZE * i + at.BURN] = motor.profile.time[-1]
     model = _model(scene, order, starts, len(nominal), WIND_FACTOR in slots)
     pairs = {j: joint.bodies for j, joint in scene.joint.items()}
-    return Plan(
+    return ParameterLayout(
         scene,
         model,
         nominal,
@@ -155,12 +162,13 @@ def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
 
 
 def body_order(scene: Scene) -> list[str]:
-    """Bodies in the order of a kernel: those that move, then the ground if anything names it."""
+    """Names of the bodies in the order of a kernel: moving bodies, then the ground if a joint or
+    spring names it."""
     return [*scene.body, GROUND] if is_ground_named(scene) else list(scene.body)
 
 
 def is_ground_named(scene: Scene) -> bool:
-    """Whether a joint or a spring connects a body to the ground."""
+    """True if a joint or a spring connects a body to the ground."""
     pairs = [j.bodies for j in scene.joint.values()] + [s.bodies for s in scene.spring]
     return any(GROUND in bodies for bodies in pairs)
 
@@ -168,8 +176,8 @@ def is_ground_named(scene: Scene) -> bool:
 def _parameters(
     scene: Scene, order: list[str], conditions: Conditions
 ) -> tuple[dict[str, int], np.ndarray, dict[str, int]]:
-    """Place of every parameter by path, a vector for their nominal values, and the starts of their
-    blocks."""
+    """Index of each parameter by path, the vector of nominal values, and the starts of the
+    parameter blocks."""
     sizes = {
         "motors_p": at.MOTOR_SIZE * len(scene.motor),
         "joints_p": at.JOINT_SIZE * len(scene.joint),
@@ -185,7 +193,7 @@ def _parameters(
     nominal = np.zeros(ends[-1])
 
     slots = dict(_HEAD)
-    unset: list[int] = []  # vectors that default to another point
+    unset: list[int] = []  # points that default to another point
     for b, name in enumerate(scene.body):
         start, aero = at.HEAD + at.BODY_SIZE * b, scene.body[name].aerodynamics
         slots |= {f"body.{name}.{key}": start + offset for key, offset in _BODY.items()}
@@ -238,20 +246,20 @@ def _parameters(
 def _varied(
     scene: Scene, dispersed: frozenset[str], start: int
 ) -> tuple[dict[str, int], dict[str, int], list[float]]:
-    """What all cases share unless some of it is dispersed: axes of joints and of springs, outlines,
-    what multiplies and turns the wind over height.
+    """Extra parameters for quantities that all cases share unless they are dispersed: axes of
+    joints and springs, outlines, factor and turn of the wind profile.
 
-    Returns places by path from ``start`` on, those where outlines of bodies start (numbers of a
-    part as `sepmc.routines.clearances.hold_outline` has them), and the numbers.
+    Returns the indices by path (from ``start`` on), the first index of each dispersed outline
+    (elements as in `sepmc.routines.clearances.load_outline`), and the values.
     """
     slots, outlines, numbers = dict[str, int](), dict[str, int](), list[float]()
 
     def varies(*stems: str) -> bool:
         return any(path.startswith(f"{stem}.") for path in dispersed for stem in stems)
 
-    def add(run: Sequence[float], named: dict[str, int]) -> None:
-        slots.update({path: start + len(numbers) + i for path, i in named.items()})
-        numbers.extend(map(float, run))
+    def add(values: Sequence[float], offsets: dict[str, int]) -> None:
+        slots.update({path: start + len(numbers) + i for path, i in offsets.items()})
+        numbers.extend(map(float, values))
 
     for name, joint in scene.joint.items():
         x, y = f"joint.{name}.x_axis", f"joint.{name}.y_axis"
@@ -284,8 +292,7 @@ def _varied(
 def _optional(
     path: str, point: tuple[float, float, float] | None, start: int, unset: list[int]
 ) -> dict[str, int]:
-    """Places of a point that may be given; if it is not, its numbers are NaN and nothing can name
-    them."""
+    """Indices of an optional point; without it, its three values are NaN and have no path."""
     if point is None:
         unset += range(start, start + 3)
         return {}
@@ -295,15 +302,18 @@ def _optional(
 def _model(
     scene: Scene, order: list[str], starts: dict[str, int], size_p: int, gusty: bool
 ) -> at.Model:
-    """The scene's structure, and the layout of a case's array: parameters first, then what
-    stretches of time know. ``gusty`` : the wind over height is multiplied and turned by case."""
+    """Structure record of a scene; ``gusty`` : factor and turn of the wind profile differ from case
+    to case."""
     joints = list(scene.joint)
     pool = Pool()
     pool.add(
         [
             x
             for j in joints
-            for x in (*joint_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))
+            for x in (
+                *joint_axes(scene.joint[j].x_axis, scene.joint[j].y_axis),
+                separation_sign(scene, j),
+            )
         ]
     )
     springs_x = pool.add([x for spring in scene.spring for x in packing.direction(spring.axis)])
@@ -352,18 +362,28 @@ def _model(
 
 
 def _pivot_joint(scene: Scene) -> int:
-    """The joint about which the vehicle turns at the start: the first that holds it to the ground;
-    -1 if none does."""
+    """Number of the joint about which the vehicle rotates at the start: the first that connects it
+    to the ground, or -1."""
     for number, (name, joint) in enumerate(scene.joint.items()):
         if GROUND in joint.bodies and scene.phase[0].joints.get(name, "free") != "free":
             return number
     return -1
 
 
-def apart(scene: Scene, name: str) -> int:
-    """Sign that makes the separation positive when the second body moves away from the first along
-    the joint's x axis. Mass centres that are level with each other but for round-off (of units)
-    count as level: then it is 1."""
+def separation_sign(scene: Scene, name: str) -> int:
+    """Sign that makes the separation positive when the second body of a joint moves away.
+
+    Parameters
+    ----------
+    scene : Scene
+    name : str
+        joint; its x axis is the direction of separation
+
+    Returns
+    -------
+    int
+        1 or -1. Mass centres that are level with each other to round-off give 1.
+    """
     joint = scene.joint[name]
     if joint.apart is not None:
         return joint.apart

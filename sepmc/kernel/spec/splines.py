@@ -1,10 +1,10 @@
 """Tables as smooth functions: cubic splines on a grid of up to three axes, packed into one flat
 array.
 
-Each axis carries cubic B-splines on a clamped knot vector; the pieces of the four that are not zero
-on a span are stored as polynomials, so that a kernel finds the span, evaluates four cubics and
-needs no division. Two and three points give the line and the parabola through them, raised to
-cubics on one span: the kernel knows one form only. Read by ``sepmc.routines.splines``.
+Each axis has cubic B-splines on a clamped knot vector. The four that are non-zero on a span are
+stored as polynomials, so that a kernel finds the span and evaluates four cubics without a division.
+Two and three points give a line and a parabola, raised to cubics on one span. The packs are read by
+``sepmc.routines.splines``.
 """
 
 from collections.abc import Sequence
@@ -19,27 +19,30 @@ _BOUNDARY = {"not-a-knot": None, "flat": "clamped"}
 def pack(
     axes: Sequence[Sequence[float]], values: np.ndarray, ends: str = "not-a-knot"
 ) -> np.ndarray:
-    """Spline through tabulated functions as the numbers a kernel reads.
+    """Pack the spline through tabulated functions.
 
     Parameters
     ----------
-    axes : grid points of each axis, strictly rising; at most three. Nothing varies along an axis
-        that is missing or has one point.
-    values : ndarray, shape (functions, n1, n2, n3), without the axes that are missing
-    ends : "not-a-knot" (cubic polynomials are reproduced) or "flat" (zero slope at both ends,
-        smooth if held constant beyond)
+    axes : sequence of sequences of float
+        grid points of each axis, strictly increasing; at most three axes. A function is constant
+        along a missing axis or one with a single point.
+    values : ndarray, shape (functions, n1, n2, n3), without the missing axes
+    ends : {"not-a-knot", "flat"}
+        "not-a-knot" reproduces cubic polynomials; "flat" has zero slope at both ends, which is
+        smooth if the function is constant beyond
 
     Returns
     -------
-    ndarray, shape (size,): number of functions; for each of three axes its spans q, q + 1 breaks
-    and 16 q numbers of the basis; the coefficients, the functions side by side. The functions are
-    twice continuously differentiable in every coordinate.
+    ndarray, shape (size,)
+        number of functions; for each of three axes the number of spans q, q + 1 breaks and 16 q
+        basis coefficients; then the spline coefficients, functions side by side. The functions are
+        twice continuously differentiable.
     """
     coefficients = np.asarray(values, float)
     assert len(axes) <= AXES
     assert coefficients.shape[1:] == tuple(len(points) for points in axes)
     head = [[float(len(coefficients))]]
-    for points in axes:  # each turn takes the first axis and puts it last
+    for points in axes:  # each pass moves the first axis to the end
         basis, matrix = _axis(np.asarray(points, float), ends)
         head.append(basis)
         coefficients = np.tensordot(coefficients, matrix, (1, 1))
@@ -48,8 +51,8 @@ def pack(
 
 
 def _axis(points, ends):
-    """Numbers of one axis, and the matrix (coefficients, points) that takes tabulated values to
-    spline coefficients."""
+    """Numbers of one axis, and the matrix (coefficients, points) from tabulated values to spline
+    coefficients."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415  (0.3 s that scenes without tables do not need)
 
     assert np.all(np.diff(points) > 0.0)
@@ -69,7 +72,8 @@ def _axis(points, ends):
 
 
 def _raised(degree):
-    """Matrix that raises the degree of a Bernstein polynomial by one."""
+    """Matrix, shape (degree + 2, degree + 1), that raises the degree of a Bernstein polynomial by
+    one."""
     raised = np.zeros((degree + 2, degree + 1))
     for i in range(degree + 1):
         raised[i, i] = 1.0 - i / (degree + 1)
@@ -78,8 +82,8 @@ def _raised(degree):
 
 
 def _pieces(knots, starts):
-    """Basis functions i to i + 3 on span i as polynomials in x - start: ndarray, shape (spans, 4
-    functions, 4 powers)."""
+    """Basis functions i to i + 3 on span i as polynomials in x - start, shape (spans, 4 functions,
+    4 powers)."""
     from scipy.interpolate import BSpline  # noqa: PLC0415
 
     basis = BSpline(knots, np.eye(len(knots) - 4), 3)

@@ -1,5 +1,5 @@
-"""The structure of a scene: its stages, what joints may hold in each, which bodies turn as one,
-what ends a stage, and which rows are redundant."""
+"""Structure of a scene: its segments, the kinds that joints may have in each, rigid groups of
+bodies, events, and redundant constraint rows."""
 
 import itertools
 import math
@@ -7,9 +7,10 @@ from collections.abc import Iterator
 
 from sepmc.kernel.spec.conditions import Leaf, make_conditions
 from sepmc.kernel.spec.heights import may_pass_borders
-from sepmc.kernel.spec.kernel_spec import Change, Due, Event, Kinds, Release, Shape, Stage
+from sepmc.kernel.spec.kernel_spec import Change, Due, Event, KernelSpec, Kinds, Release, Segment
 from sepmc.kernel.spec.naming import Names
-from sepmc.kernel.spec.parameter_layout import Plan, is_ground_named
+from sepmc.kernel.spec.parameter_layout import ParameterLayout, is_ground_named
+from sepmc.kernel.spec.variant import Variant
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.model import GROUND, Phase, Scene, Until
@@ -23,34 +24,35 @@ _ON_STATE = {
     "vertical_speed": at.AT_VERTICAL_SPEED,
 }
 _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
-# stretches of a phase that a load may end: each as long as the phase usually is, or a share of the
-# time left
-_UNTOLD = 2**17
+# intervals of a segment that a load may end: each as long as the phase typically is, or a fraction
+# of the time left
+_MANY_INTERVALS = 2**17
 
 
-def _needs_any_order(shape: Shape) -> bool:
-    """Whether a scene asks for more than phases that follow each other, with joints that are late
-    between them: where conditions are waited for meanwhile that cannot be noted, joints fail
-    nominally or let go in part twice, or rows are redundant while joints let go."""
-    scene, stages = shape.scene, shape.stages
-    if any(stage.after_late and (stage.waits_for_load or stage.clauses) for stage in stages) or any(
-        j.fails for j in scene.joint.values()
-    ):
+def _needs_any_order(spec: KernelSpec) -> bool:
+    """True if a scene needs the variant ANY_ORDER: conditions are pending during delayed releases
+    that cannot be evaluated then, joints fail in the nominal case, releases change a kind
+    partially, or rows are redundant while joints change."""
+    scene, segments = spec.scene, spec.segments
+    if any(
+        segment.after_late and (segment.may_end_by_load or segment.clauses) for segment in segments
+    ) or any(j.fails for j in scene.joint.values()):
         return True
     if any(
-        release.to != "free" or _may_be_late(scene, release.joint, shape.dispersed)
+        release.to != "free" or _may_be_late(scene, release.joint, spec.dispersed)
         for release in scene.release
     ):
         return True
     guides = [name for name, joint in scene.joint.items() if joint.guide is not None]
     return any(
-        stage.redundant and (stage.masked or any(map(stage.sliding, guides))) for stage in stages
+        segment.redundant and (segment.variable_joints or any(map(segment.sliding_kinds, guides)))
+        for segment in segments
     )
 
 
-def _is_manifold(scene: Scene, until: Until) -> bool:
-    """Whether a phase ends by several conditions, or as one of several would: by a spring, or by
-    the burn-out of a motor whose ignition is not known beforehand."""
+def _has_several_conditions(scene: Scene, until: Until) -> bool:
+    """True if a phase ends by several conditions, or by one that is handled as such: a spring
+    stroke, or the burn-out of a motor whose ignition time is not known beforehand."""
     keys = ("time", "burn_out", *_ON_LOAD, *_ON_STATE)
     return (
         bool(until.any or until.all or until.spring)
@@ -60,243 +62,306 @@ def _is_manifold(scene: Scene, until: Until) -> bool:
 
 
 def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
+    """True if a joint has a release delay in some case."""
     return scene.joint[joint].delay > 0.0 or f"joint.{joint}.delay" in dispersed
 
 
-def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset(), care: int = at.USUAL) -> Shape:
-    """The shape of a scene.
+def make_kernel_spec(
+    layout: ParameterLayout,
+    dispersed: frozenset[str] = frozenset(),
+    variant: int = Variant.STANDARD,
+) -> KernelSpec:
+    """Derive the kernel specification of a scene.
 
-    A joint that is late lets go between two phases, in a stage of its own; a case in which the next
-    phase ends meanwhile is lost. With the ``care`` of ANY_ORDER, and for scenes that need it, it
-    may let go whenever it is due, in any phase: stages are the phases, and what such joints hold is
-    masked. With that of LEAST_SQUARES, besides, rows may follow from others, or cease to, in any
-    case.
+    In the variant STANDARD a joint with a release delay is released between two phases, in a
+    segment of its own; a case in which the next phase ends meanwhile is rejected. In ANY_ORDER
+    (chosen for scenes that need it) it may be released in any phase: segments are the phases, and
+    the rows of such joints are masked. In LEAST_SQUARES rows may also become redundant, or cease to
+    be, in any case.
+
+    Parameters
+    ----------
+    layout : ParameterLayout
+    dispersed : frozenset of str
+        paths of dispersed parameters: features that only some cases have are included
+    variant : Variant
+
+    Returns
+    -------
+    KernelSpec
     """
-    if care == at.USUAL:
-        shape = _shape(plan, dispersed, at.USUAL)
-        if not _needs_any_order(shape):
-            return shape
-    return _shape(plan, dispersed, min(care, at.ANY_ORDER))
+    if variant == Variant.STANDARD:
+        spec = _make(layout, dispersed, Variant.STANDARD)
+        if not _needs_any_order(spec):
+            return spec
+    return _make(layout, dispersed, Variant(min(variant, Variant.ANY_ORDER)))
 
 
-def _shape(plan: Plan, dispersed: frozenset[str], care: int) -> Shape:
-    names = Names(plan.scene)
-    plan, dispersed = names.plan(plan), frozenset(names.path(path) for path in dispersed)
-    scene = plan.scene
-    spent = {
+def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) -> KernelSpec:
+    """Kernel specification of a variant."""
+    names = Names(layout.scene)
+    layout, dispersed = names.layout(layout), frozenset(names.path(path) for path in dispersed)
+    scene = layout.scene
+    springs_with_stroke = {
         s.name: s.bodies
         for s in scene.spring
         if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed
     }
-    switches, releases = _breaks(scene, dispersed), _releases(plan, dispersed)
-    stages, any_order = _stages(plan, dispersed, releases, care), care <= at.ANY_ORDER
+    switches, releases = _count_switches(scene, dispersed), _releases(layout, dispersed)
+    segments, any_order = (
+        _make_segments(layout, dispersed, releases, variant),
+        variant <= Variant.ANY_ORDER,
+    )
     in_layers = scene.environment.atmosphere == "us1976" and any(
         body.aerodynamics is not None for body in scene.body.values()
     )
-    borders = in_layers and (any_order or may_pass_borders(scene, plan.extremes))
-    for stage in stages:
-        stage.events += [
-            Event(at.AT_SPRING_STROKE, name, plan.slots[f"spring.{name}.stroke"], False)
-            for name, bodies in spent.items()
-            if not _still(scene, stage, bodies)
+    borders = in_layers and (any_order or may_pass_borders(scene, layout.extremes))
+    for segment in segments:
+        segment.events += [
+            Event(at.AT_SPRING_STROKE, name, layout.slots[f"spring.{name}.stroke"], False)
+            for name, bodies in springs_with_stroke.items()
+            if not _is_fixed(scene, segment, bodies)
         ]
-        for body in plan.bodies if borders else []:
+        for body in layout.bodies if borders else []:
             if scene.body[body].aerodynamics is not None:
-                stage.events += [
-                    Event(what, body, -1, False) for what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
+                segment.events += [
+                    Event(quantity, body, -1, False)
+                    for quantity in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
                 ]
-        stage.events += dict.fromkeys(
-            event for release in stage.releases for event in release.events
+        segment.events += dict.fromkeys(
+            event for release in segment.releases for event in release.events
         )
-        stage.loads += dict.fromkeys(load for release in stage.releases for load in release.loads)
-        times = len(stage.times) + sum(len(release.times) for release in stage.releases)
-        others = sum(not event.ends_phase for event in (*stage.events, *stage.loads))
-        told = sum(change.joint in stage.masked for change in _changes(scene))
-        stage.stops = (
-            1 + others + times + switches + told + (_UNTOLD if stage.waits_for_load else 0)
+        segment.loads += dict.fromkeys(
+            load for release in segment.releases for load in release.loads
         )
-        # lanes then go each at their own pace: an event may come much later than it is foretold
-        stage.stops = max(stage.stops, 2) if any_order and stage.events else stage.stops
-    turning: list[str] = []
-    for stage in stages:
-        turning += [b for b in stage.leaders if b not in turning]
-    turning += [b for b in plan.bodies if b not in turning]
+        times = len(segment.times) + sum(len(release.times) for release in segment.releases)
+        others = sum(not event.ends_phase for event in (*segment.events, *segment.loads))
+        changes = sum(change.joint in segment.variable_joints for change in _changes(scene))
+        segment.max_intervals = (
+            1
+            + others
+            + times
+            + switches
+            + changes
+            + (_MANY_INTERVALS if segment.may_end_by_load else 0)
+        )
+        # lanes then use steps of their own: an event may occur much later than predicted
+        segment.max_intervals = (
+            max(segment.max_intervals, 2) if any_order and segment.events else segment.max_intervals
+        )
+    attitude_order: list[str] = []
+    for segment in segments:
+        attitude_order += [b for b in segment.leaders if b not in attitude_order]
+    attitude_order += [b for b in layout.bodies if b not in attitude_order]
     failing = [name for name, joint in scene.joint.items() if _may_fail(scene, name, dispersed)]
-    return Shape(
-        plan,
+    return KernelSpec(
+        layout,
         dispersed,
         names,
-        stages,
-        turning,
+        segments,
+        attitude_order,
         _changes(scene),
-        care,
+        variant,
         failing,
         switches > 0,
         borders,
     )
 
 
-def _stages(
-    plan: Plan, dispersed: frozenset[str], releases: list[Release], care: int
-) -> list[Stage]:
-    """The stages of a flight, with what ends each by itself."""
-    scene, stages, any_order = plan.scene, list[Stage](), care <= at.ANY_ORDER
+def _make_segments(
+    layout: ParameterLayout, dispersed: frozenset[str], releases: list[Release], variant: Variant
+) -> list[Segment]:
+    """Segments of a case, with the conditions that end each."""
+    scene, segments, any_order = layout.scene, list[Segment](), variant <= Variant.ANY_ORDER
     for number, phase in enumerate(scene.phase):
-        may = {name: _may_hold(scene, name, number, dispersed, any_order) for name in scene.joint}
-        stage = _stage(scene, phase.name, phase.name, may, plan.bodies, releases, care)
-        if phase.until is not None and _is_manifold(scene, phase.until):
-            _add_clauses(stage, number, plan, dispersed)
+        joint_kinds = {
+            name: _possible_kinds(scene, name, number, dispersed, any_order) for name in scene.joint
+        }
+        segment = _make_segment(
+            scene, phase.name, phase.name, joint_kinds, layout.bodies, releases, variant
+        )
+        if phase.until is not None and _has_several_conditions(scene, phase.until):
+            _add_clauses(segment, number, layout, dispersed)
         else:
-            _add_end(stage, phase, plan, dispersed)
+            _add_end(segment, phase, layout, dispersed)
         if number and not any_order:
-            _add_late(stages, stage, number, plan, dispersed, releases)
-        stages.append(stage)
-    return stages
+            _add_late(segments, segment, number, layout, dispersed, releases)
+        segments.append(segment)
+    return segments
 
 
 def _may_fail(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
+    """True if a joint fails to release in some case."""
     return scene.joint[joint].fails > 0.0 or f"joint.{joint}.fails" in dispersed
 
 
-def _chain(scene: Scene, joint: str) -> list[tuple[int, ...]]:
-    """What a joint holds over phases and releases, codes of rows, most first: it only lets go."""
+def _kinds_of(scene: Scene, joint: str) -> list[tuple[int, ...]]:
+    """Row codes of a joint over phases and releases, the most rows first: a joint only loses rows.
+    Row codes of a joint over phases and releases, the most rows first: a joint only loses rows."""
     kinds = [phase.joints.get(joint, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == joint]
-    found = dict.fromkeys(tuple(rows_of(scene.joint[joint], kind)) for kind in kinds)
-    return sorted(found, key=len, reverse=True)
+    codes = dict.fromkeys(tuple(rows_of(scene.joint[joint], kind)) for kind in kinds)
+    return sorted(codes, key=len, reverse=True)
 
 
-def _numbered(scene: Scene, joint: str, kind: str) -> int:
-    """The number of a kind among those of a joint."""
-    return _chain(scene, joint).index(tuple(rows_of(scene.joint[joint], kind)))
+def _kind_number(scene: Scene, joint: str, kind: str) -> int:
+    """Number of a kind among those of a joint."""
+    return _kinds_of(scene, joint).index(tuple(rows_of(scene.joint[joint], kind)))
 
 
-def _in_phase(scene: Scene, joint: str, phase: int) -> int:
-    """The number of the kind that a phase tells a joint to be."""
-    return _numbered(scene, joint, scene.phase[phase].joints.get(joint, "free"))
+def _kind_in_phase(scene: Scene, joint: str, phase: int) -> int:
+    """Number of the kind that a joint has in a phase."""
+    return _kind_number(scene, joint, scene.phase[phase].joints.get(joint, "free"))
 
 
 def _changes(scene: Scene) -> list[Change]:
-    """What events tell joints: ends of phases, then releases."""
-    found = []
+    """Changes of joints: at ends of phases, then by releases."""
+    changes = []
     for (number, phase), joint in itertools.product(enumerate(scene.phase[:-1]), scene.joint):
-        to = _in_phase(scene, joint, number + 1)
-        if to > _in_phase(scene, joint, number):
-            found.append(Change(joint, phase.name, to))
-    return found + [
-        Change(r.joint, r.name, _numbered(scene, r.joint, r.to), r.optional) for r in scene.release
+        to = _kind_in_phase(scene, joint, number + 1)
+        if to > _kind_in_phase(scene, joint, number):
+            changes.append(Change(joint, phase.name, to))
+    return changes + [
+        Change(r.joint, r.name, _kind_number(scene, r.joint, r.to), r.optional)
+        for r in scene.release
     ]
 
 
-def _may_hold(
+def _possible_kinds(
     scene: Scene, joint: str, phase: int, dispersed: frozenset[str], any_order: bool
 ) -> Kinds:
-    """What a joint may hold in a phase: that of the phase or what it was released to, or, if it may
-    be late or fail and may let go in ``any_order``, what it held before."""
-    told = [_in_phase(scene, joint, phase)]
+    """Kinds that a joint may have in a phase: that of the phase, those it is released to and, if it
+    may be delayed or fail in ``any_order``, those of the phases before."""
+    numbers_of_phases = [_kind_in_phase(scene, joint, phase)]
     if any_order and (_may_be_late(scene, joint, dispersed) or _may_fail(scene, joint, dispersed)):
-        told = [_in_phase(scene, joint, number) for number in range(phase + 1)]
+        numbers_of_phases = [_kind_in_phase(scene, joint, number) for number in range(phase + 1)]
     released = [
-        _numbered(scene, joint, release.to) for release in scene.release if release.joint == joint
+        _kind_number(scene, joint, release.to)
+        for release in scene.release
+        if release.joint == joint
     ]
-    numbers = sorted({*told, *(number for number in released if number > told[0])})
-    chain = _chain(scene, joint)
+    numbers = sorted(
+        {*numbers_of_phases, *(number for number in released if number > numbers_of_phases[0])}
+    )
+    chain = _kinds_of(scene, joint)
     return {number: chain[number] for number in numbers}
 
 
 def _add_late(
-    stages: list[Stage],
-    stage: Stage,
+    segments: list[Segment],
+    segment: Segment,
     number: int,
-    plan: Plan,
+    layout: ParameterLayout,
     dispersed: frozenset[str],
     releases: list[Release],
 ) -> None:
-    """What joints that are late in letting go before phase ``number`` add: a delay to the end of
-    the one before, if that is a time and no other joint changes; or else a stage of its own, in
-    which those joints hold as before and all others as from now on.
+    """Add what delayed releases before phase ``number`` require.
 
-    What ends the second phase is waited for meanwhile, too: cases in which it may have come are
-    lost (`Stage.after_late`).
+    If the phase before ends at a time and only one joint changes, its delay is added to that time.
+    Otherwise a segment is inserted in which the delayed joints keep their kinds and all others have
+    those of phase ``number``.
+
+    The end condition of phase ``number`` is evaluated meanwhile; cases in which it may have been
+    met are rejected (`Segment.after_late`).
     """
-    scene, phase = plan.scene, plan.scene.phase[number]
+    scene, phase = layout.scene, layout.scene.phase[number]
     changed = [
         joint
         for joint in scene.joint
-        if _in_phase(scene, joint, number) != _in_phase(scene, joint, number - 1)
+        if _kind_in_phase(scene, joint, number) != _kind_in_phase(scene, joint, number - 1)
     ]
     late = {
-        joint: plan.slots[f"joint.{joint}.delay"]
+        joint: layout.slots[f"joint.{joint}.delay"]
         for joint in changed
         if _may_be_late(scene, joint, dispersed)
     }
     if not late:
         return
-    stage.after_late, awaited = (
+    segment.after_late, awaited = (
         True,
-        next((event for event in stage.events if event.ends_phase), None),
+        next((event for event in segment.events if event.ends_phase), None),
     )
-    if len(changed) == 1 and stages[-1].end_time:
-        stages[-1].delay, stages[-1].awaited = late[changed[0]], awaited
+    if len(changed) == 1 and segments[-1].end_time:
+        segments[-1].delay, segments[-1].pending_event = late[changed[0]], awaited
         return
-    may = dict(stage.may)
+    joint_kinds = dict(segment.joint_kinds)
     for joint in late:
-        before = _may_hold(scene, joint, number - 1, dispersed, False)
-        may[joint] = before | stage.may[joint] if len(late) > 1 else before
-    between = _stage(scene, f"{phase.name}_late", phase.name, may, plan.bodies, releases, at.USUAL)
-    between.late, between.awaited = late, awaited
-    if _holds_alike(stages[-1], between):
-        stages[-1].flown_as = between.name
-    stages.append(between)
+        previous = _possible_kinds(scene, joint, number - 1, dispersed, False)
+        joint_kinds[joint] = previous | segment.joint_kinds[joint] if len(late) > 1 else previous
+    between = _make_segment(
+        scene,
+        f"{phase.name}_late",
+        phase.name,
+        joint_kinds,
+        layout.bodies,
+        releases,
+        Variant.STANDARD,
+    )
+    between.late, between.pending_event = late, awaited
+    if _has_equal_rows(segments[-1], between):
+        segments[-1].alias_of = between.name
+    segments.append(between)
 
 
-def _holds_alike(stage: Stage, late: Stage) -> bool:
-    """Whether a stage, in which nothing lets go, has the rows that the next has before its late
-    joints let go."""
-    return not (stage.masked or stage.dropped or stage.redundant or late.redundant) and (
-        (stage.groups, stage.full, [(row.joint, row.code) for row in stage.rows])
+def _has_equal_rows(segment: Segment, late: Segment) -> bool:
+    """True if a segment without releases has the rows that the next one has before its delayed
+    releases."""
+    return not (
+        segment.variable_joints or segment.dropped or segment.redundant or late.redundant
+    ) and (
+        (segment.groups, segment.full, [(row.joint, row.code) for row in segment.rows])
         == (late.groups, late.full, [(row.joint, row.code) for row in late.rows])
     )
 
 
-def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) -> None:
-    """What ends a phase: a time, the end of a burn, or a condition on a joint."""
+def _add_end(
+    segment: Segment, phase: Phase, layout: ParameterLayout, dispersed: frozenset[str]
+) -> None:
+    """Set the end of a phase: a time, a burn-out, or a single condition."""
     until, path = phase.until, f"phase.{phase.name}.until"
-    leaves = {leaf.path: (leaf, place) for leaf, place in _thresholds(plan, dispersed)}
+    leaves = {leaf.path: (leaf, slot) for leaf, slot in _thresholds(layout, dispersed)}
     if until is None:
         return
     if until.time is not None:
-        stage.end_time = (leaves[f"{path}.time"][1],)
+        segment.end_time = (leaves[f"{path}.time"][1],)
     elif until.burn_out is not None:
-        stage.end_time = _burn_out(plan, until.burn_out).places
+        segment.end_time = _burn_out(layout, until.burn_out).slots
     else:
         key = next(key for key in (*_ON_LOAD, *_ON_STATE) if getattr(until, key) is not None)
-        leaf, place = leaves[f"{path}.{key}"]
-        event = Event(leaf.what, leaf.which, place, True, direction=leaf.direction)
-        (stage.loads if key in _ON_LOAD else stage.events).append(event)
+        leaf, slot = leaves[f"{path}.{key}"]
+        event = Event(leaf.quantity, leaf.item, slot, True, direction=leaf.direction)
+        (segment.loads if key in _ON_LOAD else segment.events).append(event)
 
 
-def _burn_out(plan: Plan, name: str) -> Due:
-    """The time of a burn-out."""
-    motor = next(one for one in plan.scene.motor if one.name == name)
+def _burn_out(layout: ParameterLayout, name: str) -> Due:
+    """Time of a burn-out."""
+    motor = next(one for one in layout.scene.motor if one.name == name)
     keys = ("burn",) if motor.trigger is not None else ("ignition", "delay", "burn")
-    places = tuple(plan.slots[f"motor.{name}.{key}"] for key in keys)
+    places = tuple(layout.slots[f"motor.{name}.{key}"] for key in keys)
     return Due(places, name if motor.trigger is not None else "")
 
 
-def _add_clauses(stage: Stage, number: int, plan: Plan, dispersed: frozenset[str]) -> None:
-    """Several conditions that end phase ``number``."""
-    stage.clauses, stage.times, stage.springs, events, loads = _clauses(number, plan, dispersed)
-    stage.events += events
-    stage.loads += loads
+def _add_clauses(
+    segment: Segment, number: int, layout: ParameterLayout, dispersed: frozenset[str]
+) -> None:
+    """Set the clauses of conditions that end phase ``number``."""
+    segment.clauses, segment.times, segment.springs, events, loads = _clauses(
+        number, layout, dispersed
+    )
+    segment.events += events
+    segment.loads += loads
 
 
 def _clauses(
-    number: int, plan: Plan, dispersed: frozenset[str]
+    number: int, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> tuple[list[tuple[int, ...]], dict[int, Due], dict[int, str], list[Event], list[Event]]:
-    """What makes the event ``number`` of all, the ends of phases first: any of clauses, each all of
-    conditions; those that are times, ends of springs, those on the state, those on loads."""
-    conditions, first = make_conditions(plan.scene, dispersed), int(plan.model.scene[0].leaves_p)
+    """Clauses of event ``number`` (ends of phases, then releases and observation events), each a
+    tuple of condition numbers; and these conditions by type: times, stroke ends, on the state, on
+    loads."""
+    conditions, first = (
+        make_conditions(layout.scene, dispersed),
+        int(layout.model.scene[0].leaves_p),
+    )
     start, count = conditions.events[2 * number : 2 * number + 2]
     clauses: list[tuple[int, ...]] = []
     times: dict[int, Due] = {}
@@ -309,57 +374,66 @@ def _clauses(
     for k, leaf in enumerate(conditions.leaves):
         if leaf.event != number:
             continue
-        if leaf.what == at.AT_TIME:
+        if leaf.quantity == at.AT_TIME:
             times[k] = Due((first + k,))
-        elif leaf.what == at.AT_BURN_OUT:
-            times[k] = _burn_out(plan, leaf.which)
-        elif leaf.what == at.AT_SPRING_STROKE:
-            springs[k] = leaf.which
+        elif leaf.quantity == at.AT_BURN_OUT:
+            times[k] = _burn_out(layout, leaf.item)
+        elif leaf.quantity == at.AT_SPRING_STROKE:
+            springs[k] = leaf.item
         else:
-            apart = number >= len(plan.scene.phase)
-            event = Event(leaf.what, leaf.which, first + k, False, k, apart, leaf.direction)
-            (on_load if leaf.what in _ON_LOAD.values() else on_state).append(event)
+            any_phase = number >= len(layout.scene.phase)
+            event = Event(leaf.quantity, leaf.item, first + k, False, k, any_phase, leaf.direction)
+            (on_load if leaf.quantity in _ON_LOAD.values() else on_state).append(event)
     return clauses, times, springs, on_state, on_load
 
 
-def _releases(plan: Plan, dispersed: frozenset[str]) -> list[Release]:
-    """Releases apart from phases, and instants that are told of."""
-    told = [(r.name, r.joint) for r in plan.scene.release]
-    told += [(event.name, "") for event in plan.scene.event]
+def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Release]:
+    """Releases independent of phases, and observation events."""
+    names = [(r.name, r.joint) for r in layout.scene.release]
+    names += [(event.name, "") for event in layout.scene.event]
     return [
-        Release(name, joint, *_clauses(number, plan, dispersed))
-        for number, (name, joint) in enumerate(told, len(plan.scene.phase))
+        Release(name, joint, *_clauses(number, layout, dispersed))
+        for number, (name, joint) in enumerate(names, len(layout.scene.phase))
     ]
 
 
-def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
-    """Leaves with a path of their own, and the place of their thresholds."""
-    first = int(plan.model.scene[0].leaves_p)
-    for number, leaf in enumerate(make_conditions(plan.scene, dispersed).leaves):
+def _thresholds(layout: ParameterLayout, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
+    """Leaves with a parameter path, and the parameter index of their threshold."""
+    first = int(layout.model.scene[0].leaves_p)
+    for number, leaf in enumerate(make_conditions(layout.scene, dispersed).leaves):
         if leaf.path is not None:
             yield leaf, first + number
 
 
-def _still(scene: Scene, stage: Stage, bodies: tuple[str, str]) -> bool:
-    """Whether two bodies cannot move relative to each other: one joint holds them altogether."""
-    between = [
+def _is_fixed(scene: Scene, segment: Segment, bodies: tuple[str, str]) -> bool:
+    """True if one joint fixes two bodies to each other completely."""
+    joints = [
         row.joint
-        for row in stage.rows
+        for row in segment.rows
         if set(scene.joint[row.joint].bodies) == set(bodies) and not row.kinds
     ]
-    return stage.leader(bodies[0]) == stage.leader(bodies[1]) and any(
-        between.count(joint) == 3 for joint in between
+    return segment.leader(bodies[0]) == segment.leader(bodies[1]) and any(
+        joints.count(joint) == 3 for joint in joints
     )
 
 
 def brief_transient(scene: Scene) -> float:
-    """Time constant, s, below which a transient is a stretch of its own, in which a kernel takes
-    all steps of its phase."""
+    """Time constant below which a transient is an integration interval of its own.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    float
+        s; a kernel takes all steps of the phase in such an interval
+    """
     return at.BRIEF / at.TRANSIENT * scene.run.end_time
 
 
-def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
-    """Number of times within a flight at which a load switches, at most."""
+def _count_switches(scene: Scene, dispersed: frozenset[str]) -> int:
+    """Maximum number of times within a case at which a load switches."""
     count = 0
     for motor in scene.motor:
         path = f"motor.{motor.name}"
@@ -372,7 +446,7 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
             math.isfinite(motor.burn) or motor.profile is not None or f"{path}.burn" in dispersed
         )
         count += len(motor.profile.time) if motor.profile else 0
-        # only a brief one is a stretch of its own, and some case may have one
+        # only a brief transient is an interval of its own; some case may have one
         for key in ("build_up", "tail_off"):
             count += (
                 0.0 < getattr(motor, key) < brief_transient(scene) or f"{path}.{key}" in dispersed
@@ -384,71 +458,78 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     return int(count)
 
 
-def _stage(
+def _make_segment(
     scene: Scene,
     name: str,
     phase: str,
-    may: dict[str, Kinds],
+    joint_kinds: dict[str, Kinds],
     bodies: list[str],
     releases: list[Release],
-    care: int,
-) -> Stage:
-    """Groups and rows of a stage. Rotations within a group are left out: its bodies share one
-    attitude. If rows are redundant, and joints may let go in any order, or if rows may become so,
-    all bodies turn by themselves, and all rows are left in."""
-    numbers = {r.name: _numbered(scene, r.joint, r.to) for r in scene.release}
+    variant: Variant,
+) -> Segment:
+    """Build a segment: rigid groups and constraint rows.
+
+    Rotation rows within a group are left out, since its bodies share one attitude. If rows are
+    redundant while joints may change in any order, or may become redundant, all bodies rotate by
+    themselves and all rows stay.
+    """
+    numbers = {r.name: _kind_number(scene, r.joint, r.to) for r in scene.release}
     lighting = {motor.trigger.release for motor in scene.motor if motor.trigger is not None}
-    told = [
+    releases_in = [
         r
         for r in releases
-        if not r.joint or r.name in lighting or numbers[r.name] > min(may[r.joint])
+        if not r.joint or r.name in lighting or numbers[r.name] > min(joint_kinds[r.joint])
     ]
-    made = Stage(name, phase, may, releases=told)
+    segment = Segment(name, phase, joint_kinds, releases=releases_in)
     ground = [GROUND] if is_ground_named(scene) else []
     alone: list[tuple[str, ...]] = [(body,) for body in [*bodies, *ground]]
     largest = [
         (row.joint, row.code)
-        for row in made.every_row
-        if min(may[row.joint]) in (row.kinds or may[row.joint])
+        for row in segment.all_rows
+        if min(joint_kinds[row.joint]) in (row.kinds or joint_kinds[row.joint])
     ]
-    made.redundant = len(dependent_rows(scene, largest, []))
-    made.groups = alone
-    made.least_squares = bool(made.every_row) and (
-        care == at.LEAST_SQUARES or (care == at.ANY_ORDER and made.redundant > 0)
+    segment.redundant = len(dependent_rows(scene, largest, []))
+    segment.groups = alone
+    segment.least_squares = bool(segment.all_rows) and (
+        variant == Variant.LEAST_SQUARES or (variant == Variant.ANY_ORDER and segment.redundant > 0)
     )
-    made.full = (
+    segment.full = (
         scene.solver.formulation == "full"
-        and bool(made.every_row)
-        and not (made.redundant or made.least_squares)
+        and bool(segment.all_rows)
+        and not (segment.redundant or segment.least_squares)
     )
-    if made.least_squares or made.full:
-        made.rows = made.every_row
-        return made
-    made.welds = [
-        joint for joint, kinds in may.items() if all(_turns(codes) == 3 for codes in kinds.values())
+    if segment.least_squares or segment.full:
+        segment.rows = segment.all_rows
+        return segment
+    segment.welds = [
+        joint
+        for joint, kinds in joint_kinds.items()
+        if all(_count_rotations(codes) == 3 for codes in kinds.values())
     ]
-    made.groups = _groups(scene, made.welds, [*bodies, GROUND])
+    segment.groups = _groups(scene, segment.welds, [*bodies, GROUND])
     rows = [
         row
-        for row in made.every_row
-        if not (row.turns and len({made.leader(b) for b in scene.joint[row.joint].bodies}) == 1)
+        for row in segment.all_rows
+        if not (row.turns and len({segment.leader(b) for b in scene.joint[row.joint].bodies}) == 1)
     ]
-    held = [(row.joint, row.code) for row in rows]
-    # of one kind or the other, rows of a joint that lets go are not all held at once
-    redundant = made.redundant > 0 and not made.masked
+    codes_of_rows = [(row.joint, row.code) for row in rows]
+    # the rows of a joint that changes its kind are not all active at once
+    redundant = segment.redundant > 0 and not segment.variable_joints
     dependent = (
-        dependent_rows(scene, held, [group for group in made.groups if group != (GROUND,)])
+        dependent_rows(
+            scene, codes_of_rows, [group for group in segment.groups if group != (GROUND,)]
+        )
         if redundant
         else []
     )
-    made.groups = [group for group in made.groups if group != (GROUND,) or ground]
-    made.rows = [row for number, row in enumerate(rows) if number not in dependent]
-    made.dropped = [rows[number] for number in dependent]
-    return made
+    segment.groups = [group for group in segment.groups if group != (GROUND,) or ground]
+    segment.rows = [row for number, row in enumerate(rows) if number not in dependent]
+    segment.dropped = [rows[number] for number in dependent]
+    return segment
 
 
 def _groups(scene: Scene, welds: list[str], order: list[str]) -> list[tuple[str, ...]]:
-    """Bodies that turn as one, and the ground."""
+    """Bodies that rotate as one rigid group, and the ground."""
     group: dict[str, tuple[str, ...]] = {body: (body,) for body in order}
     for joint in welds:
         first, second = scene.joint[joint].bodies
@@ -459,6 +540,6 @@ def _groups(scene: Scene, welds: list[str], order: list[str]) -> list[tuple[str,
     return list(dict.fromkeys(group.values()))
 
 
-def _turns(codes: tuple[int, ...]) -> int:
-    """How many rotations rows hold."""
+def _count_rotations(codes: tuple[int, ...]) -> int:
+    """Number of rotation rows among row codes."""
     return sum(at.ROTATION <= code < at.ROD for code in codes)

@@ -1,5 +1,5 @@
-"""The formulas that the wiring of a kernel calls, and what each gives: recorded, they are lines of
-the kernel that is being written."""
+"""Formulas that the emitter calls, with the shapes of their results; calls are traced into lines of
+the kernel."""
 
 from typing import Any
 
@@ -45,11 +45,11 @@ guides: Any = Formulas(
         "friction_force": NUMBER,
     },
 )
-linear: Any = Formulas("linear", {"share": (NUMBER, NUMBER), "eliminate": NUMBER})
+linear: Any = Formulas("linear", {"solve_min_norm": (NUMBER, NUMBER), "eliminate": NUMBER})
 loads: Any = Formulas(
     "",
     {
-        **dict.fromkeys(("flow_angles", "angles_told"), (NUMBER, NUMBER)),
+        **dict.fromkeys(("flow_angles", "reported_angles"), (NUMBER, NUMBER)),
         **dict.fromkeys(("aero_force", "aero_moment", "thrust_direction", "thrust_arm", "wind"), 3),
         **dict.fromkeys(
             (
@@ -97,7 +97,16 @@ scalar: Any = Formulas(
 
 
 def square_root(x: Any) -> Any:
-    """Square root of a number, recorded as ``math.sqrt``."""
+    """Square root of a number, traced as ``math.sqrt``.
+
+    Parameters
+    ----------
+    x : Expr
+
+    Returns
+    -------
+    Expr
+    """
     return getattr(scalar, "math.sqrt")(x)
 
 

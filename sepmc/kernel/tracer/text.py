@@ -1,4 +1,4 @@
-"""Lines of a module that is being written, and the slabs of its workspace."""
+"""Text of a module that is being written, and the fields of its workspace."""
 
 import contextlib
 import re
@@ -12,8 +12,11 @@ _ASSIGNED = re.compile(r"(?:for )?((?:[a-z]\w*, )*[a-z]\w*) (?:=|in) ")
 
 
 class Text:
-    """Lines at an indent; called with lines to add. Texts made by `indented` share them, and what
-    the names of their function stand for: a name means one kind of thing in a function."""
+    """Lines at an indent; a call appends lines.
+
+    Texts made by `indented` share the lines and the shapes of variable names: a name has one shape
+    in a function.
+    """
 
     def __init__(
         self,
@@ -27,37 +30,50 @@ class Text:
 
     def __call__(self, *lines: str) -> None:
         for line in lines:
-            if found := _ASSIGNED.match(line):
-                for name in found[1].split(", "):
-                    known = self.names.setdefault(name, _BY_HAND)
-                    if known != _BY_HAND and line.startswith("for "):
+            if assignment := _ASSIGNED.match(line):
+                for name in assignment[1].split(", "):
+                    shape = self.names.setdefault(name, _BY_HAND)
+                    if shape != _BY_HAND and line.startswith("for "):
                         raise TypeError(f"{name} stands for two things in a function: {line}")
         self.lines += ["    " * self.indent + line if line else "" for line in lines]
 
     def indented(self, by: int) -> "Text":
-        """The same lines, continued further to the right."""
+        """Text that appends to the same lines with a deeper indent."""
         return Text(self.indent + by, self.lines, self.names)
 
     def block(self, head: str) -> "Text":
-        """A line that opens a block, such as a loop; returns where the lines in it go."""
+        """Append a line that opens a block; return the text of its body."""
         self(head)
         return self.indented(1)
 
     def lanes(self) -> "Text":
-        """A loop over lanes; returns where the lines in it go."""
+        """Append a loop over lanes; return the text of its body."""
         return self.block("for l in range(LANES):")
 
-    def function(self, signature: str, says: str) -> "Text":
-        """Head of a function and its docstring; returns where its lines go."""
+    def function(self, signature: str, docstring: str) -> "Text":
+        """Append the head of a compiled function.
+
+        Parameters
+        ----------
+        signature : str
+        docstring : str
+
+        Returns
+        -------
+        Text
+            body of the function
+        """
         self("", "", "@routine")
         inner = Text(self.indent + 1, self.lines)
         self(f"def {signature}:")
-        inner(*textwrap.wrap(f'"""{says}"""', WIDTH - 4 * inner.indent, break_long_words=False))
-        inner("keep_apart()")
+        inner(
+            *textwrap.wrap(f'"""{docstring}"""', WIDTH - 4 * inner.indent, break_long_words=False)
+        )
+        inner("noinline()")
         return inner
 
     def broken(self, line: str) -> None:
-        """A statement, on as many lines as it takes."""
+        """Append a statement, broken into lines of at most `WIDTH` characters."""
         if 4 * self.indent + len(line) <= WIDTH:
             self(line)
             return
@@ -80,7 +96,7 @@ class Text:
         )
 
     def wrapped(self, start: str, terms: list[str], end: str) -> None:
-        """A sum, on as many lines as it takes."""
+        """Append a sum, broken into lines of at most `WIDTH` characters."""
         lead = "    " * self.indent
         whole = lead + start + " + ".join(terms) + end
         if len(whole) <= WIDTH:
@@ -97,12 +113,12 @@ class Text:
         self.lines += [line, lead + end]
 
 
-class Slabs:
-    """Names of slabs and how many quantities stand in each; their places follow from the order.
+class Workspace:
+    """Fields of the workspace, each with a number of components per lane; their offsets follow the
+    order in which they were added.
 
-    What depends on outputs, histories or a given step stands behind all else: so that the text of
-    functions that have nothing to do with these is the same with and without them, and is compiled
-    once.
+    Optional fields (of outputs, histories or a given step) come last: so functions that do not use
+    them have the same text with and without them, and are compiled once.
     """
 
     def __init__(self) -> None:
@@ -111,8 +127,21 @@ class Slabs:
         self._optional = False
 
     def add(self, name: str, count: int, optional: bool = False) -> bool:
-        """Add a slab if it is new, one that not all flights of a scene have if ``optional``.
-        Returns whether it is new."""
+        """Add a field if it is new.
+
+        Parameters
+        ----------
+        name : str
+        count : int
+            components per lane
+        optional : bool
+            True if not every kernel of the scene has the field
+
+        Returns
+        -------
+        bool
+            True if the field is new
+        """
         if name in self.counts:
             return False
         self.counts[name] = count
@@ -122,7 +151,7 @@ class Slabs:
 
     @contextlib.contextmanager
     def optional(self) -> Iterator[None]:
-        """All slabs that are added meanwhile are optional."""
+        """Make all fields that are added inside the context optional."""
         self._optional = True
         try:
             yield
@@ -130,11 +159,12 @@ class Slabs:
             self._optional = False
 
     def has(self, name: str) -> bool:
-        """Whether a slab of that name was added before."""
+        """True if a field of that name exists."""
         return name in self.counts
 
     def lines(self) -> list[str]:
-        """Places of all slabs as named constants, and the sizes of a state and of the workspace."""
+        """Definitions of the field offsets as constants, and the sizes of a state and of the
+        workspace."""
         lines, start = [], 0
         for name in [*(name for name in self.counts if name not in self._last), *self._last]:
             count = self.counts[name]

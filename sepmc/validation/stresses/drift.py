@@ -8,10 +8,10 @@ from functools import cache
 
 import numpy as np
 
-from sepmc.engine.dispatch import fly_everything, load_kernel
+from sepmc.engine.dispatch import integrate_nominal, load_kernel
 from sepmc.kernel.emit.module import emit
-from sepmc.kernel.spec.parameter_layout import make_plan
-from sepmc.kernel.spec.structure import make_shape
+from sepmc.kernel.spec.parameter_layout import make_parameter_layout
+from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.layout import FULL_HISTORY
 from sepmc.schema import AUDIT_BOUNDS
 from sepmc.validation.flights import NominalFlight, tensor, to_ground
@@ -116,18 +116,18 @@ def _seconds_a_step(given: dict[str, Tree]) -> dict[str, float]:
     a busy machine slows all alike."""
     short = {way: make(tree | {"run": {"end_time_s": TIMED * STEP}}) for way, tree in given.items()}
     plans, least = (
-        {way: make_plan(campaign.nominal().scene) for way, campaign in short.items()},
+        {way: make_parameter_layout(campaign.nominal().scene) for way, campaign in short.items()},
         dict.fromkeys(given, math.inf),
     )
     kernels = {
-        way: load_kernel(emit(make_shape(plan), plan.scene.solver.method, FULL_HISTORY))
+        way: load_kernel(emit(make_kernel_spec(plan), plan.scene.solver.method, FULL_HISTORY))
         for way, plan in plans.items()
     }
     one, usual, no_rows = np.ones(1, dtype=np.int64), np.full(1, math.inf), np.empty((0, 3))
     for _ in range(REPEATS):
         for way, kernel in kernels.items():
             start = time.process_time()
-            fly_everything(kernel, plans[way], one, usual, no_rows)
+            integrate_nominal(kernel, plans[way], one, usual, no_rows)
             least[way] = min(least[way], (time.process_time() - start) / TIMED)
     return least
 

@@ -11,7 +11,7 @@ import numpy as np
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection
 from sepmc.engine.dispatch import Block, interpreted, load_kernel
-from sepmc.kernel.spec.parameter_layout import make_plan
+from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import SceneError
 from sepmc.scene.parameters import Parameter
@@ -29,7 +29,7 @@ class _Varied:
 
     def __init__(self, tree: Tree):
         file = parse_campaign(copy.deepcopy(tree), "stress", None)
-        plan = make_plan(file.scene)
+        plan = make_parameter_layout(file.scene)
         self.nominal = {
             path: float(plan.nominal[slot])
             for path, slot in plan.slots.items()
@@ -42,7 +42,10 @@ class _Varied:
         self.campaign = Campaign(replace(file, dispersions=tuple(laws)))
         with interpreted():
             kernel = load_kernel(step_selection.kernel_text(self.campaign))
-        one, usual = np.ones(kernel.stages, dtype=np.int64), np.full(kernel.stages, math.inf)
+        one, usual = (
+            np.ones(kernel.n_segments, dtype=np.int64),
+            np.full(kernel.n_segments, math.inf),
+        )
         self.flight = step_selection.Integration(
             kernel=kernel, steps=one, durations=usual, step=file.scene.solver.step
         )

@@ -7,7 +7,7 @@ import numpy as np
 
 from oracles.engine_race.inputs import Inputs
 from oracles.engine_race.vectors import Array
-from oracles.independent import Flown, fly
+from oracles.independent import CaseResult, simulate
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
@@ -24,11 +24,11 @@ class ScipyFlight:
             tolerance,
         )
 
-    def fly(self) -> list[Flown]:
+    def fly(self) -> list[CaseResult]:
         """Every case."""
-        return [fly(case, self.tolerance) for case in self.cases]
+        return [simulate(case, self.tolerance) for case in self.cases]
 
-    def outcomes(self, flown: list[Flown]) -> dict[str, Array]:
+    def outcomes(self, flown: list[CaseResult]) -> dict[str, Array]:
         """Outcome columns of a flight; not timed."""
         return {
             c.name: np.array([one.outcomes.get(c.name, np.nan) for one in flown])

@@ -9,7 +9,7 @@ from oracles.engine_race import Entry, race
 from oracles.engine_race.race import CASES
 from sepmc.bench.reference import Reference
 from sepmc.bench.study import Study
-from sepmc.bench.work_precision import PER, own_ways, rows_of
+from sepmc.bench.work_precision import PER, own_variants, rows_of
 
 OURS = "sepmc"
 QUICK = {"heyoka": 0, "mujoco": 64, "scipy": 1, "exudyn": 1}
@@ -26,7 +26,7 @@ def measure(study: Study, reference: Reference) -> pd.DataFrame:
     ValueError
         If the other engines do not fly such a scene, saying which they do.
     """
-    ours = rows_of(study, reference, own_ways(study, reference))
+    ours = rows_of(study, reference, own_variants(study, reference))
     most = QUICK if study.quick else CASES
     entries = race(
         study.campaign,

@@ -1,5 +1,5 @@
-"""One fully resolved case, flown plainly and slowly: written from CONVENTIONS.md, sharing no code
-with kernels or compiler.
+"""Independent simulation of one fully resolved case, slow and plain: written from CONVENTIONS.md,
+it shares no code with kernels or compiler.
 
 Bodies move in maximal coordinates. Joints are functions C(q, t) and C'(q, u): the rows of the
 constraints are C' at unit speeds, their bias is a complex step along the motion, and accelerations
@@ -7,6 +7,6 @@ follow from Gauss's principle of least constraint. DOP853 integrates between kno
 events are roots.
 """
 
-from oracles.independent.flight import Flown, fly
+from oracles.independent.flight import CaseResult, simulate
 
-__all__ = ["Flown", "fly"]
+__all__ = ["CaseResult", "simulate"]

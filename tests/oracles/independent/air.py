@@ -12,15 +12,15 @@ from oracles.independent.state import Array
 from sepmc.validation.classical_loads import EARTH_RADIUS, LAYER_BASE, LAYER_LAPSE, polynomial
 
 _GAS, _GRAVITY = 8314.32 / 28.9644, 9.80665  # J/(kg K), m/s2
-# heights at which a layer begins, m; the last is the top
+# base heights of the layers, m; the last is the top
 EDGES = EARTH_RADIUS * LAYER_BASE / (EARTH_RADIUS - LAYER_BASE)
-EDGES[-1] = 86000.0  # whose geopotential height is printed rounded
+EDGES[-1] = 86000.0  # its geopotential height is printed rounded
 
 
 def _in_layer(
     geopotential: float, layer: int, temperature: float, pressure: float
 ) -> tuple[float, float]:
-    """Temperature, K, and pressure, Pa, from those at the base of a layer; equations 23 and 33 of
+    """Temperature, K, and pressure, Pa, in a layer from those at its base; equations 23 and 33 of
     the standard."""
     rise, lapse = geopotential - LAYER_BASE[layer], LAYER_LAPSE[layer]
     hotter = temperature + lapse * rise
@@ -40,8 +40,8 @@ class Standard:
     edges = EDGES
 
     def at(self, height: float, layer: int) -> tuple[float, float]:
-        """Density, kg/m3, and speed of sound, m/s, by the formula of a layer, beyond its edges
-        too."""
+        """Density, kg/m3, and speed of sound, m/s, at a height, m, by the formula of a layer;
+        extrapolates beyond the edges of the layer."""
         temperature, pressure = _in_layer(
             EARTH_RADIUS * height / (EARTH_RADIUS + height), layer, *_BASES[layer]
         )
@@ -49,23 +49,25 @@ class Standard:
 
 
 class Tabled:
-    """Air from a table over height: splines of the logarithm of its density and of its speed of
-    sound."""
+    """Air tabulated over height: splines of the logarithm of density and of the speed of sound."""
 
     def __init__(self, table: Table):
         self.edges = np.array([table["altitude"][0], table["altitude"][-1]])
-        sound = table["speed_of_sound"] or (1.0,) * len(table["altitude"])
-        self.curve = CubicSpline(table["altitude"], np.transpose([np.log(table["density"]), sound]))
+        sound_speed = table["speed_of_sound"] or (1.0,) * len(table["altitude"])
+        self.curve = CubicSpline(
+            table["altitude"], np.transpose([np.log(table["density"]), sound_speed])
+        )
 
     def at(self, height: float, _layer: int) -> tuple[float, float]:
-        """Density, kg/m3, and speed of sound, m/s, at a height, m; 1 m/s if the table has none."""
-        logarithm, sound = self.curve(height)
-        return math.exp(logarithm), sound
+        """Density, kg/m3, and speed of sound, m/s, at a height, m; 1 m/s if the table has no speed
+        of sound."""
+        logarithm, sound_speed = self.curve(height)
+        return math.exp(logarithm), sound_speed
 
 
 class Wind:
-    """Velocity of the air in ground axes: steady, and over height, where it is held constant beyond
-    its table."""
+    """Wind velocity in ground axes: a steady part and a profile over height, constant beyond its
+    ends."""
 
     def __init__(self, table: Table):
         self.steady = _level(table["speed"], table["direction"])
@@ -77,12 +79,12 @@ class Wind:
                 for speed, direction in zip(profile["speed"], profile["direction"], strict=True)
             ]
             self.curve, self.ends = (
-                held_curve(profile["altitude"], rows),
+                clamped_curve(profile["altitude"], rows),
                 (profile["altitude"][0], profile["altitude"][-1]),
             )
 
     def at(self, height: float) -> Array:
-        """Velocity of the air at a height (m), m/s, ground axes."""
+        """Wind velocity, m/s, ground axes, at a height, m."""
         return (
             self.steady
             if self.curve is None
@@ -91,22 +93,21 @@ class Wind:
 
 
 def _level(speed: float, direction: float) -> Array:
+    """Horizontal velocity (3,), m/s, from speed, m/s, and direction, rad."""
     return speed * np.array([math.cos(direction), 0.0, math.sin(direction)])
 
 
-def held_curve(points: Array, rows: Array) -> CubicSpline:
-    """Spline of zero slope at both ends, so that it is smooth where it is held constant beyond
-    them."""
+def clamped_curve(points: Array, rows: Array) -> CubicSpline:
+    """Cubic spline of zero slope at both ends, smooth where it continues as a constant."""
     return CubicSpline(points, np.array(rows, float), bc_type="clamped")
 
 
 class Increments:
-    """Increments of the six coefficients over a separation distance, held constant beyond the
-    ends."""
+    """Increments of the six coefficients over a separation distance, constant beyond the ends."""
 
     def __init__(self, table: Table):
         zero = (0.0,) * len(table["distance"])
-        self.curve = held_curve(
+        self.curve = clamped_curve(
             table["distance"], np.transpose([table[key] or zero for key in COEFFICIENTS])
         )
         self.ends, self.factor = (table["distance"][0], table["distance"][-1]), table["factor"]
@@ -117,12 +118,12 @@ class Increments:
 
 
 class Coefficients:
-    """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha and beta, and a table over Mach,
+    """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha and beta plus a table over Mach,
     alpha and beta."""
 
     def __init__(self, table: Table):
         self.terms = [polynomial(table[key]) for key in COEFFICIENTS]
-        # which of Mach, alpha, beta; its points; a cardinal spline for each
+        # axis (0 Mach, 1 alpha, 2 beta), its points, a cardinal spline for each point
         self.axes: list[tuple[int, Array, CubicSpline]] = []
         self.grid = None
         if table["table"]:
@@ -140,16 +141,16 @@ class Coefficients:
 
     def at(self, mach: float, alpha: float, beta: float) -> Array:
         """Coefficients (6,) at a Mach number and angles alpha and beta, rad."""
-        found = [sum(c * alpha**i * beta**j for c, i, j in terms) for terms in self.terms]
+        coefficients = [sum(c * alpha**i * beta**j for c, i, j in terms) for terms in self.terms]
         if self.grid is None:
-            return np.array(found)
+            return np.array(coefficients)
         grid, flow = self.grid, (mach, alpha, beta)
         for i, _, spline in reversed(self.axes):
             grid = np.tensordot(grid, spline(flow[i]), (i + 1, 0))
-        return np.array(found) + grid.reshape(6)
+        return np.array(coefficients) + grid.reshape(6)
 
     def beyond(self, mach: float, alpha: float, beta: float) -> list[float]:
-        """How far the flow lies beyond each edge of the table (inside if negative)."""
+        """Distance of the flow beyond each edge of the table; negative inside."""
         flow = (mach, alpha, beta)
         return list(
             itertools.chain(

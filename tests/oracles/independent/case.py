@@ -1,5 +1,5 @@
-"""A case as plain tables with every default in place. What is not known here is refused, so that
-nothing is left out silently."""
+"""A case as plain tables with all defaults filled in; unknown keys are refused, so that nothing is
+ignored silently."""
 
 import math
 from collections.abc import Mapping
@@ -98,8 +98,8 @@ RUN = {
     "sampler": "",
     "history_step": 0.0,
     "chunk": 0,
-}  # of which only the first matters here
-# how others fly; no matter here
+}  # only end_time is used
+# settings of the engine; not used
 SOLVER = dict.fromkeys(("formulation", "method", "accuracy", "step", "drift"))
 SCENE = {
     "environment": None, "body": REQUIRED, "motor": (), "spring": (), "load": (), "proximity": (),
@@ -110,38 +110,50 @@ SCENE = {
 
 
 def filled(table: Mapping[str, Any] | None, known: Mapping[str, Any], where: str) -> Table:
-    """A table with its defaults; raises ValueError for a key that is not known, or missing."""
-    given = {key: value for key, value in (table or {}).items() if value is not None}
-    for key in given:
+    """Table with its defaults.
+
+    Raises
+    ------
+    ValueError
+        If a key is unknown or missing.
+    """
+    present = {key: value for key, value in (table or {}).items() if value is not None}
+    for key in present:
         if key not in known:
-            raise ValueError(f"the independent flight knows no {where}.{key}")
+            raise ValueError(f"unknown key {where}.{key}")
     for key, default in known.items():
-        if default is REQUIRED and key not in given:
+        if default is REQUIRED and key not in present:
             raise ValueError(f"{where}.{key} is missing")
-    return {**known, **given}
+    return {**known, **present}
 
 
 def _inner(table: Table, key: str, known: Mapping[str, Any], where: str) -> None:
-    """Fill the table at ``key``, if there is one."""
+    """Fill in the defaults of the table at ``key``, if there is one."""
     if table[key] is not None:
         table[key] = filled(table[key], known, f"{where}.{key}")
 
 
 def _list(tables: Any, known: Mapping[str, Any], where: str) -> list[Table]:
+    """Tables with their defaults."""
     return [filled(table, known, f"{where}.{table.get('name')}") for table in tables]
 
 
 def condition(table: Mapping[str, Any], where: str) -> Table:
-    """A condition with its defaults, and those inside it."""
-    found = filled(table, UNTIL, where)
+    """Condition with its defaults, nested conditions included."""
+    result = filled(table, UNTIL, where)
     for key in ("any", "all"):
-        found[key] = [condition(part, f"{where}.{key}") for part in found[key]]
-    return found
+        result[key] = [condition(part, f"{where}.{key}") for part in result[key]]
+    return result
 
 
 def read(case: Mapping[str, Any]) -> Table:
-    """A case (SI, radians, as `sepmc.campaign.definition.Case.to_dict` gives it) with every default
-    in place."""
+    """Case with all defaults.
+
+    Parameters
+    ----------
+    case : mapping
+        SI and radians, as `sepmc.campaign.definition.Case.to_dict` returns it.
+    """
     scene = filled(case, SCENE, "scene")
     scene["environment"] = filled(scene["environment"], ENVIRONMENT, "environment")
     wind = scene["environment"]["wind"] = filled(
@@ -163,7 +175,7 @@ def read(case: Mapping[str, Any]) -> Table:
         if isinstance(motor["ignition"], Mapping):
             _inner(motor, "ignition", IGNITION, f"motor.{motor['name']}")
         if motor["profile"] and math.isinf(motor["burn"]):
-            motor["burn"] = motor["profile"]["time"][-1]  # nothing is left after the last row
+            motor["burn"] = motor["profile"]["time"][-1]  # no thrust after the last row
     scene["spring"] = _list(scene["spring"], SPRING, "spring")
     scene["load"] = _list(scene["load"], LOAD, "load")
     scene["clearance"] = _list(scene["clearance"], CLEARANCE, "clearance")
@@ -175,8 +187,8 @@ def read(case: Mapping[str, Any]) -> Table:
     for name, joint in scene["joint"].items():
         _inner(joint, "guide", GUIDE, f"joint.{name}")
         joint["kind"] = {
-            own: filled(table, CUSTOM, f"joint.{name}.kind.{own}")
-            for own, table in (joint["kind"] or {}).items()
+            kind: filled(table, CUSTOM, f"joint.{name}.kind.{kind}")
+            for kind, table in (joint["kind"] or {}).items()
         }
     scene["phase"] = _list(scene["phase"], PHASE, "phase")
     for phase in scene["phase"]:

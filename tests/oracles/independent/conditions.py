@@ -1,4 +1,5 @@
-"""Conditions on time and state: what they compare, and whether what was met satisfies an event."""
+"""Conditions on time and state: comparisons with thresholds, combined to the condition of an
+event."""
 
 import math
 from collections.abc import Callable
@@ -9,21 +10,21 @@ from oracles.independent.case import Table
 
 _ON_JOINT = ("stroke", "distance", "angle", "force", "moment")
 _ON_BODY = ("altitude", "vertical_speed")
-# of a threshold, or of one: a condition this close at the instant it begins to be waited for is
-# met; and how far from a threshold a quantity is on a side of it
+# relative to the threshold, or to 1: a condition this close when it is armed counts as met;
+# distance from a threshold at which a quantity is clearly on one side
 TOUCH, ASIDE = 1e-12, 4e-12
 
 
 @dataclass
 class Leaf:
-    """One comparison: of what, with which threshold; whether it has been met.
+    """Comparison of a quantity with a threshold, and whether it has been met.
 
-    With a ``direction`` (rising, falling, either) the threshold must be crossed, from the ``side``:
-    1 below, -1 above, 0 as long as the quantity has not been on a side of it.
+    With a ``direction`` (rising, falling, either) the threshold must be crossed from ``side``: 1
+    below, -1 above, 0 until the quantity has been clearly on one side.
     """
 
-    what: str
-    which: str | None
+    quantity: str
+    name: str | None
     threshold: float
     direction: str | None = None
     met: bool = False
@@ -31,31 +32,32 @@ class Leaf:
 
     @property
     def on_time(self) -> bool:
-        """Whether the time itself is compared, with a given one or a burn-out."""
-        return self.what in ("time", "burn_out")
+        """True if time is compared, with a given value or a burn-out."""
+        return self.quantity in ("time", "burn_out")
 
     @property
     def on_load(self) -> bool:
-        """Whether a joint's force or moment is compared."""
-        return self.what in ("force", "moment")
+        """True if a joint's force or moment is compared."""
+        return self.quantity in ("force", "moment")
 
     @property
     def scale(self) -> float:
-        """What its tolerances are shares of."""
+        """Scale of the tolerances of the comparison."""
         return max(1.0, abs(self.threshold))
 
     def take_side(self, excess: float) -> None:
-        """Note on which side a quantity is, if on any, by how far it is beyond its threshold."""
+        """Set the side of the threshold on which the quantity is, if it is clearly on one."""
         if abs(excess) > ASIDE * self.scale * (1.0 - 1e-3):
             self.side = -1.0 if excess > 0.0 else 1.0
 
     def cross(self) -> None:
-        """The threshold is crossed from the side that the quantity was on."""
+        """Cross the threshold from the present side."""
         wanted = {"rising": (1.0,), "falling": (-1.0,)}.get(str(self.direction), (1.0, -1.0))
         self.met, self.side = self.side in wanted, 0.0
 
     def judge(self, excess: float) -> None:
-        """What follows for it from how far a quantity is beyond its threshold at an instant."""
+        """Update the comparison from the excess of the quantity over its threshold at an
+        instant."""
         if self.direction is None:
             self.met = excess >= -TOUCH * self.scale
             return
@@ -67,8 +69,8 @@ class Leaf:
 
 @dataclass
 class Event:
-    """The end of a phase, a release, an instant that is told of or the end of a spring's push, with
-    its condition as a tree and the leaves of that."""
+    """Condition of a phase end, a release, an observed event or the end of a spring's push, as a
+    tree with its comparisons."""
 
     name: str
     tree: Table | None
@@ -76,7 +78,7 @@ class Event:
     time: float = math.inf
 
     def satisfied(self) -> bool:
-        """Whether the leaves met so far satisfy the condition; never if there is none."""
+        """True if the comparisons met so far satisfy the condition; never without a condition."""
         return self.tree is not None and _satisfied(self.tree)
 
 
@@ -86,14 +88,23 @@ def make_event(
     burn_out: Callable[[str], float],
     stroke: Callable[[str], float],
 ) -> Event:
-    """An event from its condition; ``burn_out`` tells when a motor burns out, ``stroke`` where a
-    spring ends."""
+    """Event from its condition.
+
+    Parameters
+    ----------
+    until : dict or None
+        Condition, as `case.condition` returns it.
+    burn_out : callable
+        Burn-out time, s, by motor.
+    stroke : callable
+        End of the stroke, m, by spring.
+    """
     leaves: list[Leaf] = []
     return Event(name, None if until is None else _tree(until, leaves, burn_out, stroke), leaves)
 
 
 def spring_event(name: str, stroke: float) -> Event:
-    """The end of a spring's push."""
+    """Event at which a spring has reached the end of its stroke."""
     leaf = Leaf("spring", name, stroke)
     return Event(f"spring {name} spent", {"own": [leaf], "any": [], "all": []}, [leaf])
 
@@ -104,6 +115,7 @@ def _tree(
     burn_out: Callable[[str], float],
     stroke: Callable[[str], float],
 ) -> dict[str, Any]:
+    """Condition as nested dicts; appends its comparisons to ``leaves``."""
     own = [Leaf("time", None, until["time"])] if until["time"] is not None else []
     if until["burn_out"] is not None:
         own.append(Leaf("burn_out", until["burn_out"], burn_out(until["burn_out"])))
@@ -132,7 +144,7 @@ def _tree(
 
 
 def _satisfied(tree: dict[str, Any]) -> bool:
-    """Of several keys in one table, and of ``any``, one is enough; ``all`` needs all."""
+    """Several keys in one table, and ``any``, need one met; ``all`` needs all."""
     if any(leaf.met for leaf in tree["own"]) or any(_satisfied(part) for part in tree["any"]):
         return True
     return bool(tree["all"]) and all(_satisfied(part) for part in tree["all"])

@@ -1,30 +1,35 @@
-"""Constraints: C of all rows held at a time, their rates C', and the motion they allow."""
+"""Constraints: C of all active rows, their rates C', and the accelerations they allow."""
 
 import numpy as np
 
 from oracles.independent.joints import Joint, Row
 from oracles.independent.state import Array, State, Vehicle, cross, skew
 
-# of the complex step: so small that its square is nothing, and no difference is taken
+# complex step: its square underflows, and no difference is taken
 _STEP = 1e-40
-# singular values of the rows, each of unit length, below this share of the largest count as zero
+# singular values of the normalised rows below this fraction of the largest count as zero
 _REDUNDANT = 1e-10
-_OFF = 1e-6  # of the accelerations wanted: what is missed by more has no solution
+_INCONSISTENT = 1e-6  # relative residual of the accelerations above which there is no solution
 _KINDS = ("along", "rod", "turn")  # order of the rows
 
 
 class Singular(Exception):
-    """The constraints contradict each other: no acceleration fulfils all."""
+    """Raised if the constraints contradict each other: no acceleration satisfies all."""
 
 
 class Constraints:
-    """All rows held at a time, evaluated together. ``held`` are pairs of a joint and what it
-    holds."""
+    """All active rows, evaluated together.
 
-    def __init__(self, held: list[tuple[Joint, frozenset[Row]]], vehicle: Vehicle):
+    Parameters
+    ----------
+    active : list of (Joint, frozenset of Row)
+        Joints and their active rows.
+    """
+
+    def __init__(self, active: list[tuple[Joint, frozenset[Row]]], vehicle: Vehicle):
         self.vehicle = vehicle
         rows = sorted(
-            ((j, row) for j, all_rows in held for row in sorted(all_rows, key=str)),
+            ((j, row) for j, all_rows in active for row in sorted(all_rows, key=str)),
             key=lambda each: _KINDS.index(each[1][0]),
         )
         self.owners, self.count = [joint.name for joint, _ in rows], len(rows)
@@ -42,27 +47,29 @@ class Constraints:
         )
         self.axis_b = _vectors([j.axes[row[1]] for j, row in turns])
         self.axis_a = _vectors([j.axes[row[2]] for j, row in turns])
-        # what takes an angular rate to the rate of a vector of its body, body axes
+        # matrices from an angular rate to the rate of a body vector, body axes
         self.of_arm_a, self.of_arm_b, self.of_e, self.of_axis_a, self.of_axis_b = (
             -skew(vectors) for vectors in (self.arm_a, self.arm_b, self.e, self.axis_a, self.axis_b)
         )
-        # rank and consistency show at the first state: later ones, of trial steps, are off the
-        # joints
+        # rank and consistency are decided at the first state: later states, of trial steps, can
+        # violate the joints
         self.rank, self.known = -1, False
         bodies = vehicle.n + 1
-        self.units = np.eye(6 * bodies).reshape(bodies, 6, 6 * bodies)  # each of all speeds in turn
+        self.units = np.eye(6 * bodies).reshape(bodies, 6, 6 * bodies)  # unit speeds
 
     def values(self, s: State) -> Array:
         """C of all rows (rows,), m and rad."""
         d, m = self._gaps(s.x, s.r), self.lines
-        along = np.sum(d[:m] * _turned(s.r, self.a[:m], self.e), axis=1)
+        axial = np.sum(d[:m] * _turned(s.r, self.a[:m], self.e), axis=1)
         rods = np.sqrt(np.sum(d[m:] ** 2, axis=1)) - self.length
         turns = np.sum(
             _turned(s.r, self.turn_b, self.axis_b) * _turned(s.r, self.turn_a, self.axis_a), axis=1
         )
-        return np.concatenate([along, rods, turns])
+        return np.concatenate([axial, rods, turns])
 
     def _gaps(self, x: Array, r: Array) -> Array:
+        """Vectors (points, 3) from the first to the second point of every joint row, ground axes,
+        m."""
         return (
             x[self.b] + _turned(r, self.b, self.arm_b) - x[self.a] - _turned(r, self.a, self.arm_a)
         )
@@ -107,12 +114,12 @@ class Constraints:
             [self.units, np.concatenate([s.v, s.w], axis=1)[:, :, None]], axis=2
         )
         x, r = s.x + 1j * _STEP * s.v, s.r + 1j * _STEP * (s.r @ skew(s.w))
-        found = self.rates(x, r, speeds[:, :3], speeds[:, 3:])
-        return Rows(self, found[:, :-1].real, found[:, -1].imag / _STEP)
+        rates = self.rates(x, r, speeds[:, :3], speeds[:, 3:])
+        return Rows(self, rates[:, :-1].real, rates[:, -1].imag / _STEP)
 
 
 class Rows:
-    """Rows on all speeds (m, 6 (n + 1)) at a state, and their bias (m,)."""
+    """Constraint rows (m, 6 (n + 1)) on all speeds at a state, and their bias (m,)."""
 
     def __init__(self, constraints: Constraints, rows: Array, bias: Array):
         self.constraints, self.vehicle, self.rows, self.bias = (
@@ -123,8 +130,7 @@ class Rows:
         )
         n, parts = self.vehicle.n, rows.reshape(len(rows), -1, 6)[:, :-1]
         turn = (parts[:, :, None, 3:] @ np.swapaxes(self.vehicle.unroot, 1, 2))[:, :, 0]
-        # on speeds measured by the root of the inertia, in which kinetic energy is half the sum of
-        # squares
+        # on speeds scaled by the root of the inertia: kinetic energy is half the sum of squares
         self.weighted = np.concatenate(
             [parts[:, :, :3] / self.vehicle.root[:, None], turn], axis=2
         ).reshape(len(rows), 6 * n)
@@ -139,23 +145,23 @@ class Rows:
             )
 
     def change(self, wanted: Array) -> Array:
-        """Least change of the weighted speeds, or accelerations, (6 n,) that changes those along
-        the rows by as much as wanted."""
+        """Minimum-norm change (6 n,) of the weighted speeds, or accelerations, that changes the
+        constraint rates by ``wanted`` (m,)."""
         rank = self.constraints.rank
-        found = self.vt[:rank].T @ (
+        change = self.vt[:rank].T @ (
             (self.u[:, :rank].T @ (self.scale * wanted)) / self.sizes[:rank]
         )
-        off = self.scaled @ found - self.scale * wanted
+        residual = self.scaled @ change - self.scale * wanted
         known, self.constraints.known = self.constraints.known, True
-        if not known and not np.abs(off).max() <= _OFF * max(
+        if not known and not np.abs(residual).max() <= _INCONSISTENT * max(
             1.0, np.abs(self.scale * wanted).max()
         ):
             raise Singular
-        return found
+        return change
 
     def accelerate(self, free: Array) -> tuple[Array, Array]:
-        """Accelerations (n, 6) nearest to the free ones that the rows allow, by Gauss's principle
-        of least constraint, and the weighted change (6 n,) that this is."""
+        """Accelerations (n, 6) nearest to the unconstrained ones that satisfy the rows, by Gauss's
+        principle of least constraint, and the weighted change (6 n,)."""
         added = self.change(-self.bias - self.rows[:, :-6] @ free.ravel())
         return free + self.unweighted(added), added
 
@@ -166,22 +172,22 @@ class Rows:
         return np.concatenate([change[:, :3] / self.vehicle.root[:, None], turn], axis=1)
 
     def multipliers(self, added: Array) -> Array:
-        """Multipliers of the rows, N and N m, of least sum of squares, that make a weighted change
-        of the accelerations."""
+        """Minimum-norm multipliers of the rows, N and N m, that cause a weighted change of
+        accelerations."""
         u, rank = self.u, self.constraints.rank
-        found = self.scale * (u[:, :rank] @ ((self.vt[:rank] @ added) / self.sizes[:rank]))
+        multipliers = self.scale * (u[:, :rank] @ ((self.vt[:rank] @ added) / self.sizes[:rank]))
         if rank == len(self.rows):
-            return found
-        idle = self.scale[:, None] * u[:, rank:]  # multipliers that move nothing
-        return found - idle @ np.linalg.lstsq(idle, found, None)[0]
+            return multipliers
+        idle = self.scale[:, None] * u[:, rank:]  # multipliers without effect on the motion
+        return multipliers - idle @ np.linalg.lstsq(idle, multipliers, None)[0]
 
     def wrench(self, joint: Joint, s: State, multipliers: Array) -> tuple[Array, Array]:
-        """Force and moment of a joint on its second body at that body's copy of the point, ground
-        axes: virtual power of its rows."""
+        """Force, N, and moment, N m, of a joint on its second body at that body's joint point,
+        ground axes, by virtual power of its rows."""
         mine = np.array([owner == joint.name for owner in self.constraints.owners])
         on_b = self.rows[mine].reshape(-1, self.vehicle.n + 1, 6)[:, joint.b]
         force, moment = (on_b.T @ multipliers[mine]).reshape(2, 3)
-        # a force through the point, without the round-off of its moment
+        # a pure force: no round-off as a moment
         if not mine[self.constraints.points :].any():
             return force, np.zeros(3)
         r = s.r[joint.b]
@@ -189,6 +195,7 @@ class Rows:
 
 
 def _vectors(rows: list[Array]) -> Array:
+    """Vectors as an array (m, 3), also for m = 0."""
     return np.array(rows, float).reshape(-1, 3)
 
 
@@ -198,7 +205,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _turned(r: Array, bodies: Array, vectors: Array) -> Array:
-    """Vectors (m, 3) of bodies in ground axes."""
+    """Vectors (m, 3) given in body axes, in ground axes."""
     return (r[bodies] @ vectors[:, :, None])[:, :, 0]
 
 

@@ -1,4 +1,4 @@
-"""What happens at an instant: conditions met, phases ended, joints let go, springs spent."""
+"""Event logic: conditions met, phases ended, joints released, springs spent, motors ignited."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -8,22 +8,22 @@ from oracles.independent.conditions import Event, Leaf, make_event, spring_event
 from oracles.independent.joints import Joint, Row, rows_of
 from oracles.independent.loads import GRAIN, Loads
 
-Held = dict[str, frozenset[Row]]
-Value = Callable[[Leaf], float]  # how far a leaf is beyond its threshold now
+ActiveRows = dict[str, frozenset[Row]]
+Value = Callable[[Leaf], float]  # excess of a quantity over its threshold
 
 
 class Sequence:
-    """Phases, releases and springs of a case as they go on. An event tells joints what to hold;
-    each is late by its delay."""
+    """Present phase, releases, observed events and springs of a case. An event gives joints their
+    next active rows; each joint follows after its delay."""
 
     def __init__(self, scene: Table, joints: dict[str, Joint], loads: Loads):
         ends = {motor.table["name"]: motor.end for motor in loads.motors}
         strokes = {spring.name: spring.table["stroke"] for spring in loads.springs}
         known = ends.__getitem__, strokes.__getitem__
         self.joints, self.names = joints, [phase["name"] for phase in scene["phase"]]
-        self.kinds: list[Held] = [
+        self.kinds: list[ActiveRows] = [
             {
-                name: rows_of(phase["joints"].get(name, "free"), joint.own)
+                name: rows_of(phase["joints"].get(name, "free"), joint.custom_kinds)
                 for name, joint in joints.items()
             }
             for phase in scene["phase"]
@@ -36,12 +36,12 @@ class Sequence:
             make_event(f"release {table['name']}", table["when"], *known)
             for table in scene["release"]
         ]
-        self.told = {
+        self.observed = {
             table["name"]: make_event(f"event {table['name']}", table["when"], *known)
             for table in scene["event"]
         }
-        self.tells = [
-            {table["joint"]: rows_of(table["to"], joints[table["joint"]].own)}
+        self.remaining = [
+            {table["joint"]: rows_of(table["to"], joints[table["joint"]].custom_kinds)}
             for table in scene["release"]
         ]
         self.optional = [table["optional"] for table in scene["release"]]
@@ -51,49 +51,51 @@ class Sequence:
             for s in loads.springs
             if math.isfinite(s.table["stroke"])
         ]
-        self.apart = [*self.releases, *self.told.values(), *self.springs]
-        self.phase, self.held = 0, dict(self.kinds[0])
+        self.others = [*self.releases, *self.observed.values(), *self.springs]
+        self.phase, self.active = 0, dict(self.kinds[0])
         self.log: list[tuple[float, str]] = []
 
     def armed(self) -> list[Leaf]:
-        """Leaves that are waited for: of the phase that is on, and of releases, told instants and
-        springs that have not gone."""
-        waiting = [event for event in self.apart if math.isinf(event.time)]
+        """Comparisons that are monitored: of the present phase, and of releases, observed events
+        and springs that have not occurred."""
+        waiting = [event for event in self.others if math.isinf(event.time)]
         if self.phase < len(self.phases) - 1:
             waiting.append(self.phases[self.phase])
         return [leaf for event in waiting for leaf in event.leaves if not leaf.met]
 
-    def settle(self, t: float, value: Value) -> None:
-        """Everything that happens at time t, until nothing more does; what joints carry is judged
-        when all else has happened."""
+    def process(self, t: float, value: Value) -> None:
+        """Process all events at time t until none is left. Joint loads are compared only when no
+        other event occurs."""
         loads = False
         for _ in range(1000):
-            again = self._meet(t, value, loads)
+            changed_now = self._update(t, value, loads)
             if self.phase < len(self.phases) - 1 and self.phases[self.phase].satisfied():
-                self._happened(self.phases[self.phase], t)
+                self._record(self.phases[self.phase], t)
                 self.phase += 1
-                again = True
-            for event in self.apart:
+                changed_now = True
+            for event in self.others:
                 if math.isinf(event.time) and event.satisfied():
-                    self._happened(event, t)
-                    again = True
+                    self._record(event, t)
+                    changed_now = True
             for spring in self.loads.springs:
                 spring.spent = any(
-                    e.leaves[0].which == spring.name and math.isfinite(e.time) for e in self.springs
+                    e.leaves[0].name == spring.name and math.isfinite(e.time) for e in self.springs
                 )
-            again = self._let_go(t) or again
-            again = self._light(t) or again
-            if loads and not again:
+            changed_now = self._release(t) or changed_now
+            changed_now = self._ignite(t) or changed_now
+            if loads and not changed_now:
                 return
-            loads = not again
+            loads = not changed_now
         raise RuntimeError("events followed each other without time passing")
 
-    def _happened(self, event: Event, t: float) -> None:
+    def _record(self, event: Event, t: float) -> None:
+        """Set the time of an event and log it."""
         event.time = t
         self.log.append((t, event.name))
 
-    def _meet(self, t: float, value: Value, loads: bool) -> bool:
-        found = False
+    def _update(self, t: float, value: Value, loads: bool) -> bool:
+        """Update the armed comparisons; True if any is met."""
+        any_met = False
         for leaf in self.armed():
             if leaf.on_load and not loads:
                 continue
@@ -101,87 +103,91 @@ class Sequence:
                 leaf.met = t >= leaf.threshold - GRAIN
             else:
                 leaf.judge(value(leaf))
-            found = found or leaf.met
-        return found
+            any_met = any_met or leaf.met
+        return any_met
 
-    def _told(self) -> Iterator[tuple[Event, str, frozenset[Row]]]:
-        """What every event that has come tells joints to hold, where that is less than they
-        hold."""
+    def _pending(self) -> Iterator[tuple[Event, str, frozenset[Row]]]:
+        """Pending releases: events that have occurred, their joints and the rows that remain."""
         following = [*self.kinds[1:], {}]
-        for event, tells in [
+        for event, remaining in [
             *zip(self.phases, following, strict=True),
-            *zip(self.releases, self.tells, strict=True),
+            *zip(self.releases, self.remaining, strict=True),
         ]:
             if math.isfinite(event.time):
-                for name, rows in tells.items():
-                    if is_less(rows, self.held[name]):
+                for name, rows in remaining.items():
+                    if constrains_less(rows, self.active[name]):
                         yield event, name, rows
 
-    def _let_go(self, t: float) -> bool:
+    def _release(self, t: float) -> bool:
+        """Release joints whose delay has passed; True if any is."""
         changed = False
-        for event, name, rows in list(self._told()):
+        for event, name, rows in list(self._pending()):
             joint = self.joints[name]
             if (
-                is_less(rows, self.held[name])
+                constrains_less(rows, self.active[name])
                 and not joint.fails
                 and event.time + joint.delay <= t + GRAIN
             ):
-                self.held[name], changed = rows, True
-                self.log.append((t, f"joint {name} holds {len(rows)} rows"))
+                self.active[name], changed = rows, True
+                self.log.append((t, f"joint {name}: {len(rows)} active rows"))
         return changed
 
-    def _light(self, t: float) -> bool:
-        """Motors whose event, release or joint they wait for has come; what acts is then told
-        anew."""
-        lit = [motor for motor in self.loads.motors if motor.waits and math.isinf(motor.start)]
-        lit = [motor for motor in lit if self._has_come(motor.waits)]
-        for motor in lit:
-            motor.light(t)
+    def _ignite(self, t: float) -> bool:
+        """Start motors whose event, release or joint has occurred, and update the loads; True if
+        any is."""
+        ignited = [motor for motor in self.loads.motors if motor.waits and math.isinf(motor.start)]
+        ignited = [motor for motor in ignited if self._has_occurred(motor.waits)]
+        for motor in ignited:
+            motor.ignite(t)
             for leaf in self._leaves():
-                if leaf.what == "burn_out" and leaf.which == motor.table["name"]:
+                if leaf.quantity == "burn_out" and leaf.name == motor.table["name"]:
                     leaf.threshold = motor.end
-            self.log.append((t, f"motor {motor.table['name']} is told to light"))
-        if lit:
-            self.loads.set_stretch(t + GRAIN)
-        return bool(lit)
+            self.log.append((t, f"motor {motor.table['name']} ignites"))
+        if ignited:
+            self.loads.set_interval(t + GRAIN)
+        return bool(ignited)
 
-    def _has_come(self, waits: Table) -> bool:
+    def _has_occurred(self, waits: Table) -> bool:
+        """True if the event, release or joint that a motor waits for has occurred."""
         if waits["joint"] is not None:
-            return bool(self.kinds[0][waits["joint"]]) and not self.held[waits["joint"]]
+            return bool(self.kinds[0][waits["joint"]]) and not self.active[waits["joint"]]
         if waits["event"] is not None:
-            return math.isfinite(self.told[waits["event"]].time)
+            return math.isfinite(self.observed[waits["event"]].time)
         name = f"release {waits['release']}"
         return any(math.isfinite(one.time) for one in self.releases if one.name == name)
 
     def _leaves(self) -> Iterator[Leaf]:
-        """Leaves of all conditions, waited for or not."""
-        for event in (*self.phases, *self.apart):
+        """Comparisons of all conditions, armed or not."""
+        for event in (*self.phases, *self.others):
             yield from event.leaves
 
     def next_time(self, t: float) -> float:
-        """Earliest time after t at which something happens by the clock."""
+        """Earliest scheduled time, s, after t: a time condition, a burn-out or a delayed
+        release."""
         times = [leaf.threshold for leaf in self.armed() if leaf.on_time]
         times += [
             event.time + self.joints[name].delay
-            for event, name, _ in self._told()
+            for event, name, _ in self._pending()
             if not self.joints[name].fails
         ]
         return min((time for time in times if time > t), default=math.inf)
 
     def never_released(self) -> bool:
-        """Whether a phase other than the last is on, or a joint holds what it was told to let go,
-        or what a release that is not optional would have let go."""
+        """True if a phase other than the last is active, a release is pending, or a release that is
+        not optional has not occurred."""
         missing = any(
-            is_less(rows, self.held[name])
-            for event, tells, optional in zip(self.releases, self.tells, self.optional, strict=True)
+            constrains_less(rows, self.active[name])
+            for event, remaining, optional in zip(
+                self.releases, self.remaining, self.optional, strict=True
+            )
             if math.isinf(event.time) and not optional
-            for name, rows in tells.items()
+            for name, rows in remaining.items()
         )
-        return self.phase < len(self.phases) - 1 or missing or any(True for _ in self._told())
+        return self.phase < len(self.phases) - 1 or missing or any(True for _ in self._pending())
 
 
-def is_less(rows: frozenset[Row], held: frozenset[Row]) -> bool:
-    """Whether rows hold a part of what is held: a joint lets go, and never takes hold."""
-    turns = frozenset(row for row in held if row[0] == "turn")
-    implied = all(row in held or (len(turns) == 3 and row[0] == "turn") for row in rows)
-    return implied and len(rows) < len(held)
+def constrains_less(rows: frozenset[Row], active: frozenset[Row]) -> bool:
+    """True if ``rows`` constrain less than ``active``: joints only release, they never engage."""
+    turns = frozenset(row for row in active if row[0] == "turn")
+    implied = all(row in active or (len(turns) == 3 and row[0] == "turn") for row in rows)
+    return implied and len(rows) < len(active)

@@ -1,12 +1,12 @@
-"""Joints: what every kind holds, and where a joint stands."""
+"""Joints: rows of every kind, and the relative position of the bodies."""
 
 import numpy as np
 
 from oracles.independent.case import GROUND, Table
 from oracles.independent.state import Array, State, Vehicle, cross
 
-# A row: ("along", k): d has no part along axis k of A; ("turn", i, k): axis i of B stays
-# perpendicular to axis k of A; ("rod",).
+# A row: ("along", k): no component of d along axis k of A; ("turn", i, k): axis i of B stays
+# perpendicular to axis k of A; ("rod",): constant length of d.
 Row = tuple
 _TURNS = {"x": ("turn", 1, 2), "y": ("turn", 0, 2), "z": ("turn", 0, 1)}
 _KINDS = {
@@ -17,14 +17,16 @@ _KINDS = {
 }  # fmt: skip
 
 
-def rows_of(kind: str, own: Table) -> frozenset[Row]:
-    """What a kind of joint holds."""
+def rows_of(kind: str, custom_kinds: Table) -> frozenset[Row]:
+    """Rows that a kind of joint constrains."""
     if kind == "rod":
         return frozenset([("rod",)])
-    if kind not in own and kind not in _KINDS:
-        raise ValueError(f"the independent flight knows no joint kind {kind}")
-    along, about = (
-        (own[kind]["translations"], own[kind]["rotations"]) if kind in own else _KINDS[kind]
+    if kind not in custom_kinds and kind not in _KINDS:
+        raise ValueError(f"unknown joint kind {kind}")
+    axial, about = (
+        (custom_kinds[kind]["translations"], custom_kinds[kind]["rotations"])
+        if kind in custom_kinds
+        else _KINDS[kind]
     )
     turns = {axis: _TURNS[axis] for axis in about}
     if set(about) == {"x", "z"}:
@@ -33,11 +35,11 @@ def rows_of(kind: str, own: Table) -> frozenset[Row]:
             1,
             0,
         )  # with y of B perpendicular to z of A and to x of A, B turns about y freely
-    return frozenset([("along", "xyz".index(axis)) for axis in along] + list(turns.values()))
+    return frozenset([("along", "xyz".index(axis)) for axis in axial] + list(turns.values()))
 
 
 class Joint:
-    """A joint: its bodies, its points and its axes, which B carries too, parallel to A's at the
+    """Joint: its bodies, points and axes; body B carries the same axes, parallel to A's at the
     start."""
 
     def __init__(self, name: str, table: Table, vehicle: Vehicle):
@@ -47,7 +49,7 @@ class Joint:
             table["delay"],
             table["fails"] >= 0.5,
         )
-        self.own, self.guide = table["kind"], table["guide"]
+        self.custom_kinds, self.guide = table["kind"], table["guide"]
         self.a, self.b = (vehicle.index[body] for body in self.bodies)
         self.points = [
             table["point"],
@@ -67,7 +69,7 @@ class Joint:
             for body in self.bodies
         )
         toward = float((np.array(to_b) - np.array(to_a)) * (-1.0, 1.0, 1.0) @ x)
-        self.apart = (
+        self.separation_sign = (
             table["apart"]
             if table["apart"] is not None
             else (1 if toward >= -1e-12 * max(1.0, *np.abs(to_a), *np.abs(to_b)) else -1)
@@ -81,19 +83,19 @@ class Joint:
         """Separation distance, m, and its rate, m/s."""
         d, rate = self.gap(s)
         e, turning = s.r[self.a] @ self.axes[0], s.r[self.a] @ cross(s.w[self.a], self.axes[0])
-        return float(self.apart * (d @ e - self.start)), float(
-            self.apart * (rate @ e + d @ turning)
+        return float(self.separation_sign * (d @ e - self.start)), float(
+            self.separation_sign * (rate @ e + d @ turning)
         )
 
     def angle(self, s: State) -> float:
-        """Angle by which B has turned from A, rad."""
+        """Angle between A and B, rad."""
         r = s.r[self.a].T @ s.r[self.b]
         sine = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
         return float(np.arctan2(np.linalg.norm(sine), np.trace(r) - 1.0))
 
 
 def pair(s: State, a: int, b: int, arm_a: Array, arm_b: Array) -> tuple[Array, Array]:
-    """From a point of body a to one of body b, ground axes, m, and its rate."""
+    """Vector from a point of body a to one of body b, ground axes, m, and its rate, m/s."""
     d = s.x[b] + s.r[b] @ arm_b - s.x[a] - s.r[a] @ arm_a
     rate = s.v[b] + s.r[b] @ cross(s.w[b], arm_b) - s.v[a] - s.r[a] @ cross(s.w[a], arm_a)
     return d, rate

@@ -1,4 +1,4 @@
-"""What acts on the bodies: gravity, air, motors, springs and constant loads."""
+"""Loads on the bodies: gravity, air, motors, springs and constant loads."""
 
 import math
 from collections.abc import Callable
@@ -13,11 +13,11 @@ from oracles.independent.joints import Joint, pair
 from oracles.independent.state import Array, State, Vehicle, cross
 from sepmc.validation.classical_loads import EARTH_RADIUS
 
-GRAIN = 1e-12  # s: two times closer than this are one
+GRAIN = 1e-12  # s: times closer than this are equal
 
 
 class Motor:
-    """A motor: its force and moment for a thrust of one, body axes, and its thrust over time."""
+    """Motor: force and moment for unit thrust, body axes, and thrust over time."""
 
     def __init__(self, m: Table, vehicle: Vehicle):
         self.table, self.body = m, vehicle.index[m["body"]]
@@ -34,26 +34,27 @@ class Motor:
             m["body"], (m["station"], -radius * math.sin(clock) + dy, radius * math.cos(clock) + dz)
         )
         self.moment = cross(arm, self.force)
-        # what it waits for; its clock stands still until that comes
+        # trigger of the ignition, if any
         self.waits: Table = m["ignition"] if isinstance(m["ignition"], dict) else {}
         self.start = math.inf if self.waits else m["ignition"] + m["delay"]
 
-    def light(self, t: float) -> None:
-        """What it waits for comes at time t, s."""
+    def ignite(self, t: float) -> None:
+        """Ignite at time t, s, plus the delays."""
         self.start = t + self.waits["delay"] + self.table["delay"]
 
     @property
     def end(self) -> float:
-        """When it burns out, s."""
+        """Burn-out time, s."""
         return self.start + self.table["burn"]
 
     @property
     def switches(self) -> list[float]:
-        """Times, s, at which its thrust is not smooth."""
+        """Times, s, at which the thrust is not smooth."""
         knots = (self.table["profile"] or {"time": ()})["time"]
         return [self.start, self.end, *(self.start + knot for knot in knots)]
 
     def _burning(self, since: float, profile: Callable[[float], float]) -> float:
+        """Thrust, N, before burn-out, at a time since ignition, s."""
         build_up = self.table["build_up"]
         return (
             self.table["thrust"]
@@ -62,8 +63,8 @@ class Motor:
         )
 
     def thrust(self, middle: float) -> Callable[[float], float] | None:
-        """Thrust, N, over time in the stretch around ``middle``, which holds no switch; None if
-        there is none."""
+        """Thrust, N, as a function of time in the interval around ``middle``, which contains no
+        switch; None if there is none."""
         tail = self.table["tail_off"]
         if middle < self.start or (middle >= self.end and tail <= 0.0):
             return None
@@ -75,8 +76,8 @@ class Motor:
         return lambda t: last * math.exp(-(t - self.end) / tail)
 
     def _profile(self, since: float) -> Callable[[float], float]:
-        """The line that the profile follows around a time since ignition: zero before and after
-        its rows."""
+        """Linear piece of the profile around a time since ignition; zero before and after its
+        rows."""
         if not self.table["profile"]:
             return lambda _: 1.0
         times, fractions = self.table["profile"]["time"], self.table["profile"]["fraction"]
@@ -88,8 +89,8 @@ class Motor:
 
 
 class Spring:
-    """A spring between a point of a first body and one of a second, along their line or along an
-    axis of the first."""
+    """Spring between a point of a first body and one of a second, along their line or along an axis
+    of the first."""
 
     def __init__(self, table: Table, vehicle: Vehicle):
         self.name, self.table, self.spent = table["name"], table, False
@@ -123,8 +124,8 @@ class Spring:
         return self.line(s)[1]
 
     def push(self, s: State, force: Array, moment: Array) -> None:
-        """Add to forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres,
-        body axes."""
+        """Add the spring's loads to forces (n + 1, 3), ground axes, and moments (n + 1, 3) about
+        the mass centres, body axes."""
         e, extension, rate, d = self.line(s)
         size = self.table["factor"] * (
             self.table["force"] - self.table["stiffness"] * extension - self.table["damping"] * rate
@@ -153,8 +154,8 @@ def act(
     force: Array,
     moment: Array,
 ) -> None:
-    """Add a force on body b at its point, and the opposite on body a, at its point or, if
-    ``across`` is d, where the line through the point of b meets it."""
+    """Add a force on body b at its point, and the opposite on body a: at its own point, or, if
+    ``across`` is d, on the line through the point of b."""
     force[b] += on_b
     force[a] -= on_b
     arm = s.r[a] @ arm_a if across is None else s.r[a] @ arm_a + across
@@ -164,18 +165,18 @@ def act(
 
 @dataclass
 class Constant:
-    """A constant force and moment."""
+    """Constant force and moment over an interval of time."""
 
     table: Table
     body: int
     arm: Array
 
     def acts(self, middle: float) -> bool:
-        """Whether the load acts over the stretch around a time, s."""
+        """True if the load acts in the interval around a time, s."""
         return self.table["start"] <= middle < self.table["end"]
 
     def wrench(self, s: State) -> tuple[Array, Array]:
-        """Force and moment about the mass centre, body axes."""
+        """Force, N, and moment about the mass centre, N m, body axes."""
         force, moment = np.array(self.table["force"], float), np.array(self.table["moment"], float)
         if self.table["frame"] == "ground":
             force, moment = s.r[self.body].T @ force, s.r[self.body].T @ moment
@@ -183,7 +184,7 @@ class Constant:
 
 
 class Flow:
-    """The air around a body that has aerodynamics."""
+    """Aerodynamic state of a body: its coefficients, reference point and atmosphere layer."""
 
     def __init__(self, name: str, table: Table, vehicle: Vehicle):
         self.name, self.body, self.table = name, vehicle.index[name], table
@@ -198,8 +199,8 @@ class Flow:
 
 
 class Loads:
-    """All loads of a case. `set_stretch` decides what acts between two switches; `on_bodies` tells
-    it at a state."""
+    """All loads of a case. `set_interval` selects the loads that act between two switches;
+    `on_bodies` evaluates them at a state."""
 
     def __init__(self, scene: Table, vehicle: Vehicle, joints: dict[str, Joint]):
         self.vehicle, self.environment = vehicle, scene["environment"]
@@ -221,11 +222,13 @@ class Loads:
         self.acting: list[Constant] = []
 
     def _constant(self, table: Table) -> Constant:
+        """Constant load with its lever arm."""
         body = table["body"]
         arm = np.zeros(3) if table["point"] is None else self.vehicle.arm(body, table["point"])
         return Constant(table, self.vehicle.index[body], arm)
 
     def _air(self) -> Standard | Tabled:
+        """Atmosphere model."""
         return (
             Standard()
             if self.environment["atmosphere"] == "us1976"
@@ -234,20 +237,20 @@ class Loads:
 
     @property
     def switches(self) -> list[float]:
-        """Times, s, at which a load is not smooth, as they are known by now."""
+        """Times, s, at which a load is not smooth, as known so far."""
         switches = [t for motor in self.motors for t in motor.switches]
         return switches + [
             t for load in self.constants for t in (load.table["start"], load.table["end"])
         ]
 
-    def set_stretch(self, middle: float) -> None:
-        """What acts around a time; no switch lies in the stretch of which it is the middle."""
-        found = [(motor, motor.thrust(middle)) for motor in self.motors]
-        self.thrusts = [(motor, thrust) for motor, thrust in found if thrust is not None]
+    def set_interval(self, middle: float) -> None:
+        """Select the loads that act in the interval around a time, s, which contains no switch."""
+        thrusts = [(motor, motor.thrust(middle)) for motor in self.motors]
+        self.thrusts = [(motor, thrust) for motor, thrust in thrusts if thrust is not None]
         self.acting = [load for load in self.constants if load.acts(middle)]
 
     def air_velocity(self, t: float, s: State, body: int) -> Array:
-        """Velocity of a body against the air, body axes, m/s."""
+        """Velocity of a body relative to the air, body axes, m/s."""
         return s.r[body].T @ (
             s.v[body] + self.vehicle.velocity - self.wind.at(self.vehicle.height(t, s, body))
         )
@@ -255,12 +258,12 @@ class Loads:
     def flow(self, t: float, s: State, flow: Flow) -> tuple[float, float, float, float, float]:
         """Airspeed, density, Mach number, alpha and beta."""
         assert self.air is not None
-        density, sound = self.air.at(self.vehicle.height(t, s, flow.body), flow.layer)
+        density, sound_speed = self.air.at(self.vehicle.height(t, s, flow.body), flow.layer)
         speed, alpha, beta = air_angles(self.air_velocity(t, s, flow.body))
-        return speed, density * self.environment["density_factor"], speed / sound, alpha, beta
+        return speed, density * self.environment["density_factor"], speed / sound_speed, alpha, beta
 
     def aerodynamics(self, t: float, s: State, flow: Flow) -> tuple[Array, Array]:
-        """Force and moment of the air about the mass centre, body axes."""
+        """Aerodynamic force, N, and moment about the mass centre, N m, body axes."""
         speed, density, mach, alpha, beta = self.flow(t, s, flow)
         c = flow.coefficients.at(mach, alpha, beta)
         for joint, increments in flow.increments:
@@ -284,7 +287,7 @@ class Loads:
 
     def on_bodies(self, t: float, s: State) -> tuple[Array, Array]:
         """Forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres, body axes;
-        of the ground too."""
+        the ground is the last."""
         n = self.vehicle.n
         inside, moment = np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
         for motor, thrust in self.thrusts:
@@ -309,6 +312,6 @@ class Loads:
 
 
 def air_angles(u: Array) -> tuple[float, float, float]:
-    """Airspeed, alpha and beta from the velocity against the air in body axes."""
+    """Airspeed, alpha and beta from the velocity relative to the air in body axes."""
     level = math.hypot(u[0], u[1])
     return math.sqrt(float(u @ u)), math.atan2(-u[1], u[0]), math.atan2(u[2], level)

@@ -1,5 +1,6 @@
-"""The motion at a state: loads, what the joints hold now, accelerations, joint wrenches,
-conditions."""
+"""Motion at a state: loads, active constraints, accelerations, joint wrenches, condition values."""
+
+from functools import partial
 
 import numpy as np
 
@@ -7,15 +8,15 @@ from oracles.independent.case import GROUND, Table
 from oracles.independent.conditions import Leaf
 from oracles.independent.constraints import Constraints, Rows
 from oracles.independent.events import Sequence
-from oracles.independent.guides import friction, rub
+from oracles.independent.guides import add_friction, friction, slides
 from oracles.independent.joints import Joint
 from oracles.independent.loads import Loads
 from oracles.independent.state import Array, State, Vehicle, cross
 
 
 class Motion:
-    """A case with what its joints hold at a time. ``jammed``: no friction was in balance with the
-    loads it causes."""
+    """Case with its active constraints. ``jammed``: no friction was in balance with the loads that
+    it causes."""
 
     def __init__(self, scene: Table, vehicle: Vehicle):
         self.vehicle = vehicle
@@ -23,18 +24,18 @@ class Motion:
         self.loads = Loads(scene, vehicle, self.joints)
         self.sequence = Sequence(scene, self.joints, self.loads)
         self.evaluations, self.jammed = 0, False
-        self.hold()
+        self.update()
 
-    def hold(self) -> None:
-        """Constraints as the joints hold now."""
-        held = [(joint, self.sequence.held[name]) for name, joint in self.joints.items()]
+    def update(self) -> None:
+        """Update the constraints to the active rows."""
+        active = [(joint, self.sequence.active[name]) for name, joint in self.joints.items()]
         self.constraints = Constraints(
-            [(joint, rows) for joint, rows in held if rows], self.vehicle
+            [(joint, rows) for joint, rows in active if rows], self.vehicle
         )
 
     def pivot(self, first: dict[str, str]) -> Array:
-        """About what the vehicle turns at the start, held by the kinds of its first phase: its mass
-        centre, or the point of the first joint that holds the ground."""
+        """Point about which the vehicle turns at the start, from its mass centre: zero, or the
+        point of the first joint with the ground that the first phase constrains."""
         for name, joint in self.joints.items():
             if GROUND in joint.bodies and first.get(name, "free") != "free":
                 point = joint.points[joint.bodies.index(GROUND)]
@@ -42,28 +43,36 @@ class Motion:
         return np.zeros(3)
 
     def free(self, s: State, force: Array, moment: Array) -> Array:
-        """Accelerations (n, 6) without joints: forces in ground axes, moments about the mass
+        """Unconstrained accelerations (n, 6) from forces in ground axes and moments about the mass
         centres in body axes."""
-        vehicle, n, found = self.vehicle, self.vehicle.n, np.empty((self.vehicle.n, 6))
-        found[:, :3] = force[:n] / vehicle.mass[:, None]
+        vehicle, n, free = self.vehicle, self.vehicle.n, np.empty((self.vehicle.n, 6))
+        free[:, :3] = force[:n] / vehicle.mass[:, None]
         for b in range(n):
             turning = moment[b] - cross(s.w[b], vehicle.inertia[b] @ s.w[b])
-            found[b, 3:] = vehicle.unroot[b].T @ (vehicle.unroot[b] @ turning)
-        return found
+            free[b, 3:] = vehicle.unroot[b].T @ (vehicle.unroot[b] @ turning)
+        return free
 
     def at(self, t: float, s: State) -> tuple[Array, Array, Rows | None, dict[str, float]]:
-        """Accelerations (n, 6), the weighted part of the joints in them, the rows these hold and
-        the friction of guides."""
+        """Accelerations (n, 6), the weighted change (6 n,) by the joints, the constraint rows, and
+        the friction, N, of guides by joint."""
         self.evaluations += 1
         force, moment = self.loads.on_bodies(t, s)
         if not self.constraints.count:
             return self.free(s, force, moment), np.zeros(6 * self.vehicle.n), None, {}
         rows = self.constraints.at(s)
-        rubbing = friction(self, s, rows, (force, moment))
-        self.jammed = rubbing is None
-        for name, size in (rubbing or {}).items():
-            rub(self.joints[name], s, size, force, moment)
-        return *rows.accelerate(self.free(s, force, moment)), rows, rubbing or {}
+        frictions = friction(self._sliding(), partial(self.free, s), s, rows, (force, moment))
+        self.jammed = frictions is None
+        for name, size in (frictions or {}).items():
+            add_friction(self.joints[name], s, size, force, moment)
+        return *rows.accelerate(self.free(s, force, moment)), rows, frictions or {}
+
+    def _sliding(self) -> list[Joint]:
+        """Joints with friction whose pins are engaged."""
+        return [
+            joint
+            for name, joint in self.joints.items()
+            if joint.guide and joint.guide["friction"] > 0.0 and slides(self.sequence.active[name])
+        ]
 
     def derivative(self, t: float, y: Array) -> Array:
         """Rate of the state vector y at time t, s."""
@@ -71,64 +80,68 @@ class Motion:
         return self.vehicle.derivative(y, s, self.at(t, s)[0])
 
     def wrenches(self, t: float, s: State) -> dict[str, tuple[Array, Array]]:
-        """Force and moment of every joint on its second body now, ground axes."""
+        """Force, N, and moment, N m, of every joint on its second body, ground axes."""
         _, added, rows, _ = self.at(t, s)
         return self.wrenches_of(s, added, rows)
 
     def wrenches_of(
         self, s: State, added: Array, rows: Rows | None
     ) -> dict[str, tuple[Array, Array]]:
-        """The same of what `at` tells."""
-        found = dict.fromkeys(self.joints, (np.zeros(3), np.zeros(3)))
+        """Joint wrenches from the results of `at`."""
+        wrenches = dict.fromkeys(self.joints, (np.zeros(3), np.zeros(3)))
         if rows is not None:
             multipliers = rows.multipliers(added)
-            found |= {
+            wrenches |= {
                 name: rows.wrench(j, s, multipliers)
                 for name, j in self.joints.items()
-                if self.sequence.held[name]
+                if self.sequence.active[name]
             }
-        return found
+        return wrenches
 
-    def held_along(
-        self, name: str, t: float, s: State, rubbing: dict[str, float]
+    def driving_force(
+        self, name: str, t: float, s: State, frictions: dict[str, float]
     ) -> tuple[float, Array, Array]:
-        """Force that drives a joint apart, N: less the one that would hold it along x, if its pins
-        did not rub, but others as they do. Force and moment on its second body if that one did
-        hold it."""
+        """Force, N, that drives a joint apart: the opposite of the axial force that would lock it,
+        without its own friction but with that of others. Also the joint's force and moment on its
+        second body if it were locked."""
         joint = self.joints[name]
         force, moment = self.loads.on_bodies(t, s)
-        for other, size in rubbing.items():
+        for other, size in frictions.items():
             if other != name:
-                rub(self.joints[other], s, size, force, moment)
-        held = [
-            (j, self.sequence.held[each] | ({("along", 0)} if each == name else set()))
+                add_friction(self.joints[other], s, size, force, moment)
+        active = [
+            (j, self.sequence.active[each] | ({("along", 0)} if each == name else set()))
             for each, j in self.joints.items()
         ]
-        rows = Constraints(held, self.vehicle).at(s)
+        rows = Constraints(active, self.vehicle).at(s)
         wrench = rows.wrench(
             joint, s, rows.multipliers(rows.accelerate(self.free(s, force, moment))[1])
         )
-        return max(0.0, -joint.apart * float(wrench[0] @ (s.r[joint.a] @ joint.axes[0]))), *wrench
+        return max(
+            0.0, -joint.separation_sign * float(wrench[0] @ (s.r[joint.a] @ joint.axes[0]))
+        ), *wrench
 
     def value(self, leaf: Leaf, t: float, s: State) -> float:
-        """How far a condition on the state is beyond its threshold."""
-        what, which = leaf.what, str(leaf.which)
-        if what == "altitude":
-            found = self.vehicle.height(t, s, self.vehicle.index[which])
-        elif what == "vertical_speed":
-            found = s.v[self.vehicle.index[which], 1] + self.vehicle.velocity[1]
-        elif what == "spring":
-            if next(one.spent for one in self.loads.springs if one.name == which):
-                return 1.0  # it stays so
-            found = next(spring for spring in self.loads.springs if spring.name == which).extension(
+        """Excess of a quantity on the state over its threshold."""
+        quantity, name = leaf.quantity, str(leaf.name)
+        if quantity == "altitude":
+            value = self.vehicle.height(t, s, self.vehicle.index[name])
+        elif quantity == "vertical_speed":
+            value = s.v[self.vehicle.index[name], 1] + self.vehicle.velocity[1]
+        elif quantity == "spring":
+            if next(one.spent for one in self.loads.springs if one.name == name):
+                return 1.0  # stays spent
+            value = next(spring for spring in self.loads.springs if spring.name == name).extension(
                 s
             )
-        elif what == "stroke":
-            found = self.joints[which].separation(s)[0]
-        elif what == "distance":
-            found = float(np.linalg.norm(self.joints[which].gap(s)[0]))
-        elif what == "angle":
-            found = self.joints[which].angle(s)
+        elif quantity == "stroke":
+            value = self.joints[name].separation(s)[0]
+        elif quantity == "distance":
+            value = float(np.linalg.norm(self.joints[name].gap(s)[0]))
+        elif quantity == "angle":
+            value = self.joints[name].angle(s)
         else:
-            found = float(np.linalg.norm(self.wrenches(t, s)[which][0 if what == "force" else 1]))
-        return found - leaf.threshold
+            value = float(
+                np.linalg.norm(self.wrenches(t, s)[name][0 if quantity == "force" else 1])
+            )
+        return value - leaf.threshold

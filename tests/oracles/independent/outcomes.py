@@ -1,21 +1,22 @@
-"""Outcomes under their public names and units."""
+"""Outcomes by public name and unit."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from oracles.independent.loads import air_angles
-from oracles.independent.state import State, Vehicle
+from oracles.independent.clearances import Clearances
+from oracles.independent.events import Sequence
+from oracles.independent.joints import Joint
+from oracles.independent.loads import Loads, air_angles
+from oracles.independent.monitor import Monitor
+from oracles.independent.state import Array, State, Vehicle
 from sepmc.schema import Contents, outcome_columns
 
-if TYPE_CHECKING:
-    from oracles.independent.flight import IndependentFlight
-
 _SINGULAR = math.radians(89.0)
-_STILL = 1e-6  # m/s: airspeed below which it is told to have no direction
-_BEHIND = 1e-12  # of the airspeed: air is told to come from right behind
-_SLOW = 1e-5  # m/s: below which round-off may tell in it
+_STILL = 1e-6  # m/s: airspeed below which it has no direction
+_BEHIND = 1e-12  # of the airspeed: air comes exactly from behind
+_SLOW = 1e-5  # m/s: airspeed below which round-off affects its direction
 
 
 def columns(scene: dict[str, Any]) -> list[str]:
@@ -36,7 +37,7 @@ def columns(scene: dict[str, Any]) -> list[str]:
 
 
 class Follower:
-    """Roll and pitch of every body as the motion goes on, beyond half a turn too."""
+    """Roll and pitch of every body, rad, continuous beyond half a turn, with its yaw."""
 
     def __init__(self, vehicle: Vehicle):
         first = vehicle.initial
@@ -44,7 +45,7 @@ class Follower:
         self.yaw, self.singular = np.zeros(vehicle.n), False
 
     def follow(self, s: State, step: float) -> None:
-        """Take the turn of each angle that is nearest to the last."""
+        """Update the angles at a state, each with the number of turns nearest to the last value."""
         r = s.r[:-1]
         roll = _nearest(np.arctan2(r[:, 2, 1], r[:, 2, 2]), self.roll)
         pitch = _nearest(np.arctan2(r[:, 1, 0], r[:, 0, 0]), self.pitch)
@@ -58,29 +59,50 @@ class Follower:
 
 
 def _nearest(angle: Any, last: Any) -> Any:
+    """Angle plus the number of turns nearest to the last."""
     return angle + 2.0 * math.pi * np.round((last - angle) / (2.0 * math.pi))
 
 
-def vague(flight: "IndependentFlight") -> tuple[str, ...]:
-    """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the
-    crosswind is left or air is nearly from behind; times of flat peaks. And places of least
-    clearances, and when bodies that meet are nearest, which this flight does not tell."""
-    s, found = flight.state(flight.t, flight.y), []
+class Progress(Protocol):
+    """Simulation at its present time, as `oracles.independent.flight` has it."""
+
+    scene: dict[str, Any]
+    vehicle: Vehicle
+    joints: dict[str, Joint]
+    loads: Loads
+    sequence: Sequence
+    follower: Follower
+    monitor: Monitor
+    clearances: Clearances
+    released: dict[str, tuple[float, Array]]
+    observed: dict[str, dict[str, float]]
+    t: float
+    y: Array
+
+    def state(self, t: float, y: Array) -> State:
+        """State of all bodies."""
+
+
+def indeterminate(flight: Progress) -> tuple[str, ...]:
+    """Outcomes decided by round-off: alpha and beta without airspeed, alpha in pure crosswind or
+    with air from behind, times of flat peaks. Also locations and times of minimum clearances, which
+    this simulation does not compute."""
+    s, names = flight.state(flight.t, flight.y), []
     for b, name in enumerate(flight.vehicle.names):
         u = flight.loads.air_velocity(flight.t, s, b)
         nearly_behind = 0.1 * _BEHIND < abs(u[1] / u[0]) < 1e3 * _BEHIND if u[0] < 0.0 else False
         if nearly_behind or 0.1 * _STILL < math.hypot(u[0], u[1]) < _SLOW:
-            found.append(f"{name}_alpha_deg")
+            names.append(f"{name}_alpha_deg")
         if 0.1 * _STILL < np.linalg.norm(u) < _SLOW:
-            found.append(f"{name}_beta_deg")
+            names.append(f"{name}_beta_deg")
     for table in flight.scene["clearance"]:
         name = f"{table['name']}_clearance"
-        found += [f"{name}_station_m", f"{name}_y_m", f"{name}_z_m", f"{name}_time_s"]
-    return (*found, *flight.watch.flat())
+        names += [f"{name}_station_m", f"{name}_y_m", f"{name}_z_m", f"{name}_time_s"]
+    return (*names, *flight.monitor.flat_peaks())
 
 
-def at_event(flight: "IndependentFlight", event: str) -> dict[str, float]:
-    """Outcomes of an event that comes now: its time, rates and attitudes of all bodies,
+def at_event(flight: Progress, event: str) -> dict[str, float]:
+    """Outcomes at an observed event: its time, angular rates and attitudes of all bodies,
     separations."""
     s, follower = flight.state(flight.t, flight.y), flight.follower
     follower.follow(s, 0.0)
@@ -102,8 +124,8 @@ def at_event(flight: "IndependentFlight", event: str) -> dict[str, float]:
     return out
 
 
-def report(flight: "IndependentFlight") -> dict[str, float]:
-    """Outcomes at the end of a flight."""
+def report(flight: Progress) -> dict[str, float]:
+    """Outcomes at the end of a simulation."""
     vehicle = flight.vehicle
     out: dict[str, float] = {}
     s, first = flight.state(flight.t, flight.y), flight.vehicle.initial
@@ -147,27 +169,27 @@ def report(flight: "IndependentFlight") -> dict[str, float]:
                         "xyz", flight.released[name][1][vehicle.index[body]], strict=True
                     ):
                         out[f"{name}_tip_off_{body}_{axis}_deg_s"] = math.degrees(rate)
-    for name in flight.told:
-        out |= flight.told[name]
+    for name in flight.observed:
+        out |= flight.observed[name]
     for motor in flight.loads.motors:
         if motor.waits and motor.start <= flight.t:
             out[f"{motor.table['name']}_ignition_time_s"] = motor.start
     free = {name: 0.0 for name, rows in flight.sequence.kinds[0].items() if not rows}
     free |= {name: time for name, (time, _) in flight.released.items()}
-    came = {name: found[f"{name}_time_s"] for name, found in flight.told.items()}
-    distances = flight.clearances.report(free) | flight.clearances.at(came, free)
-    return out | flight.watch.report() | distances | _across(flight, out)
+    times = {name: values[f"{name}_time_s"] for name, values in flight.observed.items()}
+    distances = flight.clearances.report(free) | flight.clearances.at(times, free)
+    return out | flight.monitor.report() | distances | _transverse_rates(flight, out)
 
 
-def _across(flight: "IndependentFlight", out: dict[str, float]) -> dict[str, float]:
-    """Transverse rates, wherever the rates of a body are told."""
+def _transverse_rates(flight: Progress, out: dict[str, float]) -> dict[str, float]:
+    """Transverse rates, wherever the rates of a body are outcomes."""
     output, events = flight.scene["output"], [table["name"] for table in flight.scene["event"]]
-    found = {}
+    rates = {}
     for body in output["transverse"]:
         starts = {f"{body}_": "omega_"} | {f"{event}_{body}_": "omega_" for event in events}
         starts |= {f"{joint}_tip_off_{body}_": "" for joint in output["tip_off"]}
         for start, of_rate in starts.items():
             y, z = (out.get(f"{start}{of_rate}{axis}_deg_s") for axis in "yz")
             if y is not None and z is not None:
-                found[f"{start}transverse_rate_deg_s"] = float(np.hypot(y, z))
-    return found
+                rates[f"{start}transverse_rate_deg_s"] = float(np.hypot(y, z))
+    return rates

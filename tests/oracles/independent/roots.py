@@ -1,11 +1,11 @@
-"""The first time in a step at which a function of time becomes positive."""
+"""First time in a step at which a function becomes positive."""
 
 from collections.abc import Callable
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-_SAMPLES = 8  # of a step in which a function is looked at; peaks between them are sought
+_SAMPLES = 8  # samples of a function per step; peaks between them are searched
 
 
 def first_root(value: Callable[[float], float], start: float, end: float) -> float | None:
@@ -18,7 +18,7 @@ def first_root(value: Callable[[float], float], start: float, end: float) -> flo
         if found[i] < 0.0:
             if i == _SAMPLES or not (found[i] >= found[i - 1] and found[i] >= found[i + 1]):
                 continue
-            # too far below for a smooth peak to reach
+            # too far below zero for a smooth peak to reach it
             if found[i] + (found[i] - min(found[i - 1], found[i + 1])) < 0.0:
                 continue
             high = _peak(value, low, times[i + 1])
@@ -31,7 +31,7 @@ def first_root(value: Callable[[float], float], start: float, end: float) -> flo
 
 
 def _peak(value: Callable[[float], float], low: float, high: float) -> float:
-    """Time of the greatest value between two times."""
+    """Time of the maximum between two times."""
     found = minimize_scalar(
         lambda t: -value(t), bounds=(low, high), method="bounded", options={"xatol": 1e-12}
     )

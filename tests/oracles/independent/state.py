@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from oracles.independent.case import GROUND, Table
 
-Array = Any  # ndarray; shapes are told where they matter
-SIZE = 13  # of a body in the state vector: position, velocity, quaternion, angular rate
+Array = Any  # ndarray; shapes are in the docstrings
+SIZE = 13  # per body in the state vector: position, velocity, quaternion, angular rate
 
 
 def cross(a: Array, b: Array) -> Array:
-    """a x b of two vectors of three; numpy's own takes ten times longer."""
+    """a x b of two vectors of three; np.cross takes ten times longer."""
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
@@ -67,7 +67,7 @@ def quaternion_rates(q: Array, w: Array) -> Array:
 
 
 class Vehicle:
-    """Masses, places and the initial state of a case."""
+    """Masses, positions and initial state of a case."""
 
     def __init__(self, scene: Table):
         self.names, self.initial = list(scene["body"]), scene["initial"]
@@ -86,7 +86,7 @@ class Vehicle:
         ).as_matrix()
 
     def fault(self) -> str | None:
-        """Why this is no vehicle, or None."""
+        """Reason why the mass properties are invalid, or None."""
         if not (np.isfinite(self.mass).all() and (self.mass > 0.0).all()):
             return "a mass is not positive"
         if not np.isfinite(self.inertia).all() or np.linalg.eigvalsh(self.inertia).min() <= 0.0:
@@ -94,20 +94,22 @@ class Vehicle:
         return None
 
     def prepare(self) -> None:
-        """Centre of mass and roots of the mass matrix; `fault` must have found none."""
+        """Compute the mass centre and the roots of the mass matrix; `fault` must have returned
+        None."""
         self.centre = self.mass @ self.cg / self.mass.sum()  # the ground's origin too
         self.root = np.sqrt(self.mass)
         self.lower = np.linalg.cholesky(self.inertia)  # J = L L^T
         self.unroot = np.linalg.inv(self.lower)
 
     def arm(self, body: str, point: Any) -> Array:
-        """From a body's mass centre (the ground's origin) to a layout point, body axes, m."""
+        """Vector from a body's mass centre (the ground's origin) to a layout point, body axes,
+        m."""
         origin = self.centre if body == GROUND else self.cg[self.index[body]]
         return (np.asarray(point, float) - origin) * (-1.0, 1.0, 1.0)
 
     def start(self, pivot: Array, swings: list[tuple[Array, Any, list[str]]]) -> Array:
-        """State vector at the start: every body turns with the vehicle about ``pivot``, a vector
-        from the mass centre in body axes; with ``swings``, some turn about a layout point too."""
+        """Initial state vector: all bodies turn with the vehicle about ``pivot``, a vector from the
+        mass centre in body axes; with ``swings``, some turn about a layout point too."""
         y, omega = np.zeros((self.n, SIZE)), np.array(self.initial["omega"], float)
         for b, name in enumerate(self.names):
             offset = -self.arm(name, self.centre)
@@ -122,7 +124,7 @@ class Vehicle:
         return y.ravel()
 
     def state(self, t: float, y: Array) -> State:
-        """Bodies and ground at a state vector."""
+        """State of bodies and ground from a state vector."""
         y = y.reshape(self.n, SIZE)
         x, v, w = (np.concatenate([y[:, i : i + 3], np.zeros((1, 3))]) for i in (0, 3, 10))
         x[-1], v[-1] = -self.velocity * t, -self.velocity

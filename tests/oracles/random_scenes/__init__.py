@@ -1,2 +1,2 @@
-"""Random scenes flown the way a campaign flies them, each row held against an independent flight of
-its case."""
+"""Random scenes: campaigns generated from seeds, whose rows are compared with independent
+simulations of their cases."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from oracles.independent import Flown, fly
+from oracles.independent import CaseResult, simulate
 from oracles.random_scenes.draft import Tree
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, deviation, scales, scene_scales
@@ -41,7 +41,7 @@ REFUSED = (
     "no-clearance",
     "jammed",
 )  # what only the engine may say
-FAULTS = ("silent", "wrong", "status", "door")
+FAULTS = ("silent", "wrong", "status", "entry")
 Fly = Callable[..., Any]
 
 
@@ -82,7 +82,7 @@ class Verdict:
         return asdict(self)
 
 
-def judge(tree: Tree, name: str, cases: int = 3, reference: Fly = fly) -> Verdict:
+def judge(tree: Tree, name: str, cases: int = 3, reference: Fly = simulate) -> Verdict:
     """Fly a tree as a campaign and hold every row against the independent flight of its case. Never
     raises."""
     verdict = Verdict(name)
@@ -94,7 +94,7 @@ def judge(tree: Tree, name: str, cases: int = 3, reference: Fly = fly) -> Verdic
         verdict.not_flown = f"refused by the parser: {str(error).splitlines()[0]}"
         return verdict
     except Exception:
-        verdict.crash = f"parser: {last_line()}"
+        verdict.crash = f"parser: {traceback_summary()}"
         return verdict
     try:
         with warnings.catch_warnings():
@@ -103,18 +103,18 @@ def judge(tree: Tree, name: str, cases: int = 3, reference: Fly = fly) -> Verdic
             result = campaign.run(cases=cases)
             table = result.table
     except Exception:
-        verdict.crash = last_line()
+        verdict.crash = traceback_summary()
         return verdict
     try:
         _compare(verdict, result, table, reference)
     except ValueError as error:  # what the independent flight does not know
         verdict.not_flown = f"independent flight: {error}"
     except Exception:
-        verdict.crash = f"independent flight: {last_line()}"
+        verdict.crash = f"independent flight: {traceback_summary()}"
     return verdict
 
 
-def last_line() -> str:
+def traceback_summary() -> str:
     """The last line of the traceback at hand, and where it was raised."""
     lines = traceback.format_exc().strip().splitlines()
     places = [line.strip() for line in lines if line.strip().startswith("File")]
@@ -128,19 +128,21 @@ def _compare(
     # would take the independent flight hours
     unflyable = [str(status) in REFUSED and status != "jammed" for status in table["status"]]
     flown = [
-        Flown(str(table["status"][i]), {}) if unflyable[i] else reference(result.case(i).to_dict())
+        CaseResult(str(table["status"][i]), {})
+        if unflyable[i]
+        else reference(result.case(i).to_dict())
         for i in range(count)
     ]
     forbidden = _forbidden(result.campaign, count)
     expected = np.array([[f.outcomes.get(c.name, math.nan) for c in columns] for f in flown])
     found = np.array([table[c.name] for c in columns]).T
-    spread = cache(partial(spread_of, result.campaign))
+    spread = cache(partial(standard_deviations, result.campaign))
     found, scale = (
-        settled(found, expected, columns),
+        snapped(found, expected, columns),
         sizes(expected, columns, result.campaign.scene),
     )
     accuracy = result.accuracy
-    told = told_errors(accuracy)
+    told = reported_errors(accuracy)
     reported = np.array([told.get(c.name, 0.0) for c in columns])
     verdict.reported = accuracy.worst[1] if accuracy and told else 0.0
     verdict.met = bool(accuracy is None or accuracy.met)
@@ -169,13 +171,13 @@ def _compare(
             off = (
                 differences(
                     found[number],
-                    as_reached(flown[number], found[number], expected[number], columns),
+                    nearest_reached(flown[number], found[number], expected[number], columns),
                     columns,
                 )
                 / scale[number]
             )
             unclear = [
-                c.name in flown[number].vague or (status != "ok" and _is_peak_time(c.name))
+                c.name in flown[number].indeterminate or (status != "ok" and _is_peak_time(c.name))
                 for c in columns
             ]
             off[_jumped(columns, table, number) | unclear] = 0.0
@@ -194,7 +196,7 @@ def _compare(
                 f"independently {expected[number, at]:.9g}, "
                 f"off by {off[at]:.1e}, reported {reported[at]:.1e}"
             )
-            fault = "told" if _told(table, number) else "silent" if status == "ok" else "wrong"
+            fault = "flagged" if _told(table, number) else "silent" if status == "ok" else "wrong"
         if _is_loose(
             result.case(number).to_dict(),
             flown[number],
@@ -209,7 +211,7 @@ def _compare(
         verdict.said.append(f"{fault}: {said}")
 
 
-def told_errors(accuracy: AchievedAccuracy | None) -> dict[str, float]:
+def reported_errors(accuracy: AchievedAccuracy | None) -> dict[str, float]:
     """Errors by outcome that a run tells; none if no case tells any, which is told as infinite: any
     row would do."""
     known = accuracy is not None and (
@@ -227,7 +229,7 @@ def _forbidden(campaign: Campaign, count: int) -> np.ndarray:
     return np.any([*off, np.isnan(campaign.in_si(drawn)).any(axis=1)], axis=0)
 
 
-def spread_of(campaign: Campaign) -> np.ndarray:
+def standard_deviations(campaign: Campaign) -> np.ndarray:
     """Standard deviations (o,) of outcomes over more rows than are compared: errors are reported as
     shares of what a campaign has."""
     table = campaign.run(cases=_OF_SPREAD).table
@@ -243,7 +245,7 @@ def sizes(expected: np.ndarray, columns: list[Column], scene: Scene) -> np.ndarr
     return np.maximum(np.abs(np.nan_to_num(expected)), scales(expected, units, own))
 
 
-def settled(found: np.ndarray, expected: np.ndarray, columns: list[Column]) -> np.ndarray:
+def snapped(found: np.ndarray, expected: np.ndarray, columns: list[Column]) -> np.ndarray:
     """The rows (n, o); what should be zero but for round-off (a joint that stays shut) and is, to
     what joints may drift by, as expected."""
     return np.where(
@@ -272,7 +274,7 @@ def differences(found: np.ndarray, expected: np.ndarray, columns: list[Column]) 
     return np.where(np.isnan(difference), np.inf, difference)
 
 
-def as_reached(
+def nearest_reached(
     flown: Any, found: np.ndarray, expected: np.ndarray, columns: list[Column]
 ) -> np.ndarray:
     """What is expected (o,), the time of a peak that is as good as reached from one time to another
@@ -323,7 +325,11 @@ def _is_loose(
     off = differences(found, expected, columns) / scale
     others = [
         reference(case, rtol=_ROUGH),
-        *(reference(nudged(case, sign * _NUDGE, part)) for sign in (-1.0, 1.0) for part in (0, 1)),
+        *(
+            reference(perturbed(case, sign * _NUDGE, part))
+            for sign in (-1.0, 1.0)
+            for part in (0, 1)
+        ),
     ]
     for other in others:
         moved = (
@@ -355,13 +361,13 @@ _THRESHOLDS = (
 _FORCES = ("mass", "thrust", "force", "stiffness", "speed")
 
 
-def nudged(node: Any, share: float, part: int, key: str = "") -> Any:
+def perturbed(node: Any, share: float, part: int, key: str = "") -> Any:
     """A case whose thresholds and times (part 0) or masses, forces and speeds (part 1) differ by a
     share."""
     if isinstance(node, dict):
-        return {k: nudged(v, share, part, k) for k, v in node.items()}
+        return {k: perturbed(v, share, part, k) for k, v in node.items()}
     if isinstance(node, list):
-        return [nudged(v, share, part, key) for v in node]
+        return [perturbed(v, share, part, key) for v in node]
     chosen = key in (_THRESHOLDS, _FORCES)[part] and isinstance(node, float)
     return node * (1.0 + share) if chosen else node
 

@@ -1,5 +1,5 @@
-"""Conditions of a random scene that must be crossed in a direction, some of them twice in a row,
-and vertical speeds."""
+"""Crossing directions of conditions of a random scene, some of them twice in a row, and vertical
+speeds."""
 
 import math
 from collections.abc import Iterator
@@ -11,33 +11,33 @@ _QUANTITIES = (
     *("stroke_m", "distance_m", "angle_deg", "force_N", "moment_N_m"),
     *("altitude_m", "vertical_speed_m_s"),
 )
-_WAYS = {"rising": 0.35, "falling": 0.4, "either": 0.25}
+_DIRECTIONS = {"rising": 0.35, "falling": 0.4, "either": 0.25}
 
 
 def add_directions(draft: Draft) -> None:
-    """Directions for some of the conditions there are, phases that wait for what ended the phase
-    before to be crossed again, and vertical speeds."""
-    dice, tree = draft.dice, draft.tree
+    """Add directions to some conditions, phases that wait for a repeated crossing, and vertical
+    speeds."""
+    rng, tree = draft.rng, draft.tree
     if "direction" not in draft.late:
         return
-    for place, key in list(_places(tree)):
-        if dice.chance(0.3):
-            speed = _vertical_speed(draft, dice.between(0.1, 1.0) * draft.span)
-            place[key] = speed if dice.chance(0.4) else {"any": [place[key], speed]}
-        for condition in _tables(place[key]):
-            if sum(quantity in condition for quantity in _QUANTITIES) == 1 and dice.chance(0.5):
-                condition["direction"] = dice.weighted(_WAYS)
+    for table, key in list(_condition_places(tree)):
+        if rng.chance(0.3):
+            speed = _vertical_speed(draft, rng.uniform(0.1, 1.0) * draft.span)
+            table[key] = speed if rng.chance(0.4) else {"any": [table[key], speed]}
+        for condition in _tables(table[key]):
+            if sum(quantity in condition for quantity in _QUANTITIES) == 1 and rng.chance(0.5):
+                condition["direction"] = rng.weighted_choice(_DIRECTIONS)
     for first, second in zip(tree["phase"], tree["phase"][1:-1], strict=False):
-        if dice.chance(0.4):
+        if rng.chance(0.4):
             _wait_again(draft, first["until"], second)
-    if dice.chance(0.6):
-        when = _vertical_speed(draft, dice.between(0.05, 1.0) * draft.span)
+    if rng.chance(0.6):
+        when = _vertical_speed(draft, rng.uniform(0.05, 1.0) * draft.span)
         event = {"name": draft.names.new("event"), "when": when | _direction(draft)}
         tree.setdefault("event", []).append(event)
 
 
-def _places(tree: Tree) -> Iterator[tuple[Tree, str]]:
-    """Tables that hold a condition, and its key."""
+def _condition_places(tree: Tree) -> Iterator[tuple[Tree, str]]:
+    """Tables with a condition, and its key."""
     for phase in tree["phase"][:-1]:
         yield phase, "until"
     for item in (*tree.get("release", []), *tree.get("event", [])):
@@ -45,7 +45,7 @@ def _places(tree: Tree) -> Iterator[tuple[Tree, str]]:
 
 
 def _tables(condition: Tree) -> Iterator[Tree]:
-    """A condition and those inside it."""
+    """Condition and all nested ones."""
     yield condition
     for key in ("any", "all"):
         for part in condition.get(key, []):
@@ -53,25 +53,28 @@ def _tables(condition: Tree) -> Iterator[Tree]:
 
 
 def _direction(draft: Draft) -> Tree:
-    dice = draft.dice
-    return {"direction": dice.weighted(_WAYS)} if dice.chance(0.7) else {}
+    """Direction, or nothing."""
+    rng = draft.rng
+    return {"direction": rng.weighted_choice(_DIRECTIONS)} if rng.chance(0.7) else {}
 
 
 def _wait_again(draft: Draft, until: Tree, phase: Tree) -> None:
-    """Let a phase end, too, as something that ended the one before is crossed again."""
-    crossed = [one for one in _tables(until) if any(key in one for key in _QUANTITIES)]
+    """Also end a phase when a quantity of the condition before is crossed again."""
+    crossed = [table for table in _tables(until) if any(key in table for key in _QUANTITIES)]
     if crossed:
-        one = draft.dice.pick(crossed)
-        kept = {k: v for k, v in one.items() if k in ("joint", "body", *_QUANTITIES)}
-        if sum(key in kept for key in _QUANTITIES) == 1:
-            again = kept | {"direction": draft.dice.weighted(_WAYS)}
-            phase["until"] = {"any": [phase["until"], again]} if draft.dice.chance(0.6) else again
+        condition = draft.rng.choice(crossed)
+        repeated = {k: v for k, v in condition.items() if k in ("joint", "body", *_QUANTITIES)}
+        if sum(key in repeated for key in _QUANTITIES) == 1:
+            crossing = repeated | {"direction": draft.rng.weighted_choice(_DIRECTIONS)}
+            phase["until"] = (
+                {"any": [phase["until"], crossing]} if draft.rng.chance(0.6) else crossing
+            )
 
 
 def _vertical_speed(draft: Draft, past: float) -> Tree:
-    """A vertical speed that a body has about ``past`` s after the start, were there neither loads
-    nor rates; or none."""
-    dice, initial = draft.dice, draft.tree["initial"]
+    """Condition on the vertical speed of a body about ``past`` s after the start without loads and
+    rates, or on zero."""
+    rng, initial = draft.rng, draft.tree["initial"]
     environment = draft.tree.get("environment", {})
     path = math.radians(initial.get("pitch_deg", 0.0) - initial.get("alpha_deg", 0.0))
     rise = (
@@ -80,5 +83,5 @@ def _vertical_speed(draft: Draft, past: float) -> Tree:
         * math.sin(path)
     )
     falls = 0.0 if environment.get("gravity") == "none" else 9.8 * past
-    speed = 0.0 if dice.chance(0.15) else rounded(rise - falls + dice.about(0.2), 6)
-    return {"body": dice.pick(draft.bodies), "vertical_speed_m_s": speed}
+    speed = 0.0 if rng.chance(0.15) else rounded(rise - falls + rng.symmetric(0.2), 6)
+    return {"body": rng.choice(draft.bodies), "vertical_speed_m_s": speed}

@@ -1,5 +1,5 @@
-"""Laws of a random scene, over any number of it: its paths come from the model itself, so a new
-field is dispersed too."""
+"""Dispersions of a random scene over any of its numbers: paths come from the model itself, so new
+fields are included."""
 
 import math
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from oracles.random_scenes.rng import Dice, rounded
+from oracles.random_scenes.rng import RandomStream, rounded
 from sepmc.scene.checks import check_dispersion
 from sepmc.scene.dispersion import resolve
 from sepmc.scene.fields import Field, fields_of
@@ -16,9 +16,9 @@ from sepmc.scene.messages import Problems
 from sepmc.scene.model import Law, NotNegative, Scene
 from sepmc.scene.parameters import item_names, value
 
-# angles that laws take all round
-_ROUND = ("environment.wind.direction", "deflection_clock", "clock", "initial.roll")
-# Numbers that decide when something happens: two of them more often vary than others.
+# angles that may vary over a full turn
+_FULL_TURN = ("environment.wind.direction", "deflection_clock", "clock", "initial.roll")
+# Numbers that decide on times of events: two more of them vary.
 _TIMED = (
     "time",
     "delay",
@@ -35,7 +35,7 @@ _TIMED = (
     "altitude",
     "vertical_speed",
 )
-# Half-width of a law over a nominal of 0, in SI, by kind of quantity.
+# Half-width of a distribution around a nominal value of 0, SI, by kind of quantity.
 _SIZES = {
     **{
         "mass": 0.1,
@@ -59,8 +59,8 @@ _SIZES = {
 
 
 class Path(NamedTuple):
-    """A number of a scene: the parts of its path without units, which of them has the unit, and its
-    field."""
+    """Path to a number of a scene: its parts without units, the index of the part that has the
+    unit, and its field."""
 
     parts: tuple[str, ...]
     at: int
@@ -68,33 +68,34 @@ class Path(NamedTuple):
 
 
 def _type(table: msgspec.Struct) -> type[msgspec.Struct]:
+    """Type of a table of the model."""
     return type(table)
 
 
 def paths(node: Any, parts: tuple[str, ...] = ()) -> Iterator[Path]:
-    """All numbers of a table of the model that are set, and not whole numbers."""
+    """All real numbers that are set in a table of the model."""
     for name, field in fields_of(_type(node)).items():
-        found, here = getattr(node, name), (*parts, name)
-        if isinstance(found, msgspec.Struct):
-            yield from paths(found, here)
-        elif isinstance(found, dict):
-            for key, item in found.items():
+        entry, path = getattr(node, name), (*parts, name)
+        if isinstance(entry, msgspec.Struct):
+            yield from paths(entry, path)
+        elif isinstance(entry, dict):
+            for key, item in entry.items():
                 if isinstance(item, msgspec.Struct):
-                    yield from paths(item, (*here, key))
+                    yield from paths(item, (*path, key))
                 elif isinstance(item, float):
-                    yield Path((*here, key), len(parts), None)
-        elif isinstance(found, tuple) and field.array_of_tables:
-            for key, item in zip(item_names(found), found, strict=True):
-                yield from paths(item, (*here, key))
-        elif isinstance(found, tuple) and field.quantity.components and isinstance(found[0], float):
+                    yield Path((*path, key), len(parts), None)
+        elif isinstance(entry, tuple) and field.array_of_tables:
+            for key, item in zip(item_names(entry), entry, strict=True):
+                yield from paths(item, (*path, key))
+        elif isinstance(entry, tuple) and field.quantity.components and isinstance(entry[0], float):
             for component in field.quantity.components:
-                yield Path((*here, component), len(parts), field)
-        elif isinstance(found, float):
-            yield Path(here, len(parts), field)
+                yield Path((*path, component), len(parts), field)
+        elif isinstance(entry, float):
+            yield Path(path, len(parts), field)
 
 
 def kind_of(path: Path) -> str:
-    """A path with the names of a scene's own things left out: ``motor.*.thrust``."""
+    """Path with the user's names replaced: ``motor.*.thrust``."""
     parts = path.parts
     if parts[0] in (
         "body",
@@ -114,25 +115,28 @@ def kind_of(path: Path) -> str:
     return ".".join(parts)
 
 
-def add_dispersions(tree: dict[str, Any], scene: Scene, dice: Dice) -> None:
-    """Put laws into a tree whose scene was read from it. What the parser refuses (settings, say) is
-    left out."""
-    places = list(paths(scene))
-    # Each kind of number is as likely as another, however many of it there are.
-    kinds = sorted({kind_of(path) for path in places})
+def add_dispersions(tree: dict[str, Any], scene: Scene, rng: RandomStream) -> None:
+    """Add distributions to a tree, from which ``scene`` was read; those that the parser refuses (of
+    settings, say) are left out."""
+    all_paths = list(paths(scene))
+    # Each kind of number is equally likely, whatever its count.
+    kinds = sorted({kind_of(path) for path in all_paths})
     timed = [kind for kind in kinds if kind.endswith(_TIMED)]
-    count = dice.weighted({0: 0.04, 2: 0.2, 5: 0.36, 9: 0.25, 16: 0.15})
-    chosen = [*dice.some(kinds, count), *(dice.some(timed, 2) if count else [])]
+    count = rng.weighted_choice({0: 0.04, 2: 0.2, 5: 0.36, 9: 0.25, 16: 0.15})
+    chosen = [*rng.subset(kinds, count), *(rng.subset(timed, 2) if count else [])]
     for kind in dict.fromkeys(chosen):
-        key, law = _law(scene, dice.pick([p for p in places if kind_of(p) == kind]), dice)
-        if _allowed(scene, key, law):
-            tree.setdefault("dispersion", {})[key] = law
+        key, distribution = _distribution(
+            scene, rng.choice([p for p in all_paths if kind_of(p) == kind]), rng
+        )
+        if _allowed(scene, key, distribution):
+            tree.setdefault("dispersion", {})[key] = distribution
 
 
-def _allowed(scene: Scene, key: str, law: dict[str, Any]) -> bool:
+def _allowed(scene: Scene, key: str, distribution: dict[str, Any]) -> bool:
+    """True if the parser accepts a distribution."""
     problems = Problems()
     try:
-        model = msgspec.convert(law, Law)
+        model = msgspec.convert(distribution, Law)
     except msgspec.ValidationError:
         return False
     for dispersion in resolve(scene, {key: model}, problems):
@@ -141,28 +145,28 @@ def _allowed(scene: Scene, key: str, law: dict[str, Any]) -> bool:
     return not problems
 
 
-def _law(scene: Scene, path: Path, dice: Dice) -> tuple[str, dict[str, Any]]:
-    """A key with some unit, and a law in that unit that suits the number's nominal."""
+def _distribution(scene: Scene, path: Path, rng: RandomStream) -> tuple[str, dict[str, Any]]:
+    """Key in a random unit, and a distribution in that unit around the number's nominal value."""
     parts = list(path.parts)
     factor = 1.0
     if path.field is not None and path.field.units:
-        parts[path.at], factor = dice.pick(list(path.field.keys.items()))
+        parts[path.at], factor = rng.choice(list(path.field.keys.items()))
     key, nominal = ".".join(parts), value(scene, ".".join(path.parts))
     if path.parts[-1] == "fails":
         return key, {"discrete": [0, 1], "weights": [0.6, 0.4]}
-    low, high = _range(scene, path, nominal, dice)
+    low, high = _range(scene, path, nominal, rng)
     return key, _spread(
-        rounded(nominal / factor, 12), rounded(low / factor, 5), rounded(high / factor, 5), dice
+        rounded(nominal / factor, 12), rounded(low / factor, 5), rounded(high / factor, 5), rng
     )
 
 
-def _range(scene: Scene, path: Path, nominal: float, dice: Dice) -> tuple[float, float]:
-    """Between what a law may lie, SI."""
+def _range(scene: Scene, path: Path, nominal: float, rng: RandomStream) -> tuple[float, float]:
+    """Range of a distribution, SI."""
     name, span = path.parts[-1], scene.run.end_time
-    if math.isinf(nominal):  # burn, end, stroke: for ever
+    if math.isinf(nominal):  # burn, end, stroke without limit
         low = 0.004 if name == "stroke" else 0.15 * span
-        return low, low * dice.between(1.2, 4.0)
-    if ".".join(path.parts).endswith(_ROUND) and dice.chance(0.5):
+        return low, low * rng.uniform(1.2, 4.0)
+    if ".".join(path.parts).endswith(_FULL_TURN) and rng.chance(0.5):
         return 0.0, 2.0 * math.pi
     kind = path.field.quantity.kind if path.field is not None else ""
     positive = (path.field is not None and str(NotNegative) in str(path.field.type)) or kind in (
@@ -171,26 +175,26 @@ def _range(scene: Scene, path: Path, nominal: float, dice: Dice) -> tuple[float,
         "time",
     )
     if nominal == 0.0:
-        size = _SIZES.get(kind, 0.05) * dice.between(0.2, 1.0)
+        size = _SIZES.get(kind, 0.05) * rng.uniform(0.2, 1.0)
         if kind == "time":
             size = min(size, 0.2 * span)
         if kind in ("force", "moment"):
             size *= min(body.mass for body in scene.body.values())
         return (0.0, size) if positive or kind == "speed" else (-size, size)
-    width = abs(nominal) * dice.decades(0.003, 0.1)
+    width = abs(nominal) * rng.log_uniform(0.003, 0.1)
     if kind == "angle":
         width = min(width, 0.02)
     return nominal - width, nominal + width
 
 
-def _spread(nominal: float, low: float, high: float, dice: Dice) -> dict[str, Any]:
-    """A law between two numbers; where it may, one about the nominal."""
+def _spread(nominal: float, low: float, high: float, rng: RandomStream) -> dict[str, Any]:
+    """Distribution between two numbers, around the nominal value where possible."""
     centred = math.isfinite(nominal) and low < nominal < high
     half, middle = (
         rounded(0.5 * (high - low)),
-        rounded(low + dice.between(0.2, 0.8) * (high - low), 6),
+        rounded(low + rng.uniform(0.2, 0.8) * (high - low), 6),
     )
-    laws: dict[str, dict[str, Any]] = {
+    distributions: dict[str, dict[str, Any]] = {
         "pair": {"uniform": [low, high]},
         "peak": {"triangular": sorted([low, middle, high])},
         "values": {
@@ -204,26 +208,26 @@ def _spread(nominal: float, low: float, high: float, dice: Dice) -> dict[str, An
         },
     }
     if centred:
-        laws |= {
+        distributions |= {
             "half": {"uniform": half},
             "third": {"triangular": half},
             "sigma": {
                 "normal": rounded(half / 3.0),
-                **({"truncate_sigma": 3.0} if dice.chance(0.6) else {}),
+                **({"truncate_sigma": 3.0} if rng.chance(0.6) else {}),
             },
         }
-        share = half / abs(nominal) if nominal else 0.0
-        if share and share < 0.5:
-            laws |= {
-                "share": {"uniform": rounded(share), "relative": True},
+        fraction = half / abs(nominal) if nominal else 0.0
+        if fraction and fraction < 0.5:
+            distributions |= {
+                "share": {"uniform": rounded(fraction), "relative": True},
                 "shares": {
-                    "uniform": [1.0 - rounded(share), 1.0 + rounded(share)],
+                    "uniform": [1.0 - rounded(fraction), 1.0 + rounded(fraction)],
                     "relative": True,
                 },
                 "sigma share": {
-                    "normal": rounded(share / 3.0),
+                    "normal": rounded(fraction / 3.0),
                     "relative": True,
                     "truncate_sigma": 2.5,
                 },
             }
-    return laws[dice.pick(list(laws))]
+    return distributions[rng.choice(list(distributions))]

@@ -1,10 +1,10 @@
-"""A scene while it is drawn: its tree so far, and what its parts must know of each other."""
+"""Scene under construction: its tree so far, and what the generators of its parts need to know."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
 from oracles.random_scenes.names import Names
-from oracles.random_scenes.rng import Dice
+from oracles.random_scenes.rng import RandomStream
 
 Tree = dict[str, Any]
 GROUND = "ground"
@@ -12,13 +12,13 @@ GROUND = "ground"
 
 @dataclass
 class Draft:
-    """The tree of a campaign file while it is drawn.
+    """Tree of a campaign file under construction.
 
-    ``special`` names the special structure the scene has ("" for none), ``span`` its flight time in
-    s, ``late`` the later kinds of feature it may have, see `oracles.random_scenes.scenes.LATE`.
+    ``special`` names a special structure ("" for none), ``span`` is the simulated time in s,
+    ``late`` names the later kinds of feature, see `oracles.random_scenes.scenes.LATE`.
     """
 
-    dice: Dice
+    rng: RandomStream
     names: Names
     special: str
     span: float
@@ -35,7 +35,7 @@ class Draft:
         return float(self.tree["body"][body]["mass_kg"]) if body != GROUND else float("inf")
 
     def reduced(self, bodies: list[str]) -> float:
-        """Mass that a force between two bodies moves, kg."""
+        """Reduced mass, kg, of a force between two bodies."""
         return 1.0 / sum(1.0 / self.mass(body) for body in bodies)
 
     def cg(self, body: str) -> list[float]:

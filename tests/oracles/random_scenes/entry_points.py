@@ -1,5 +1,4 @@
-"""The doors a user has, against each other: a row and the replay of its case, one scene and the
-same spelt in another way."""
+"""Entry points compared: a row and the replay of its case, a scene and its equivalents."""
 
 import copy
 import warnings
@@ -10,57 +9,60 @@ import numpy as np
 from oracles.random_scenes.compare import (
     Verdict,
     differences,
-    last_line,
-    settled,
+    reported_errors,
     sizes,
-    spread_of,
-    told_errors,
+    snapped,
+    standard_deviations,
+    traceback_summary,
 )
 from oracles.random_scenes.draft import Tree
-from oracles.random_scenes.equivalent_scenes import SPELLINGS, spelt
-from oracles.random_scenes.rng import Dice
+from oracles.random_scenes.equivalent_scenes import EQUIVALENTS, equivalent_column
+from oracles.random_scenes.rng import RandomStream
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.accuracy import decisive
 from sepmc.campaign.result import Result
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Column
 
-_MARGIN, _FLOOR = 3.0, 1e-8  # of what both report together; what two orders of summation change
-_FLOWN = ("ok", "never-released")  # what is left of other cases are numbers of an unfinished flight
+_MARGIN, _FLOOR = (
+    3.0,
+    1e-8,
+)  # factor on the sum of the reported errors; effect of another order of summation
+_FLOWN = ("ok", "never-released")  # other cases did not finish
 
 
-def through(tree: Tree, name: str, verdict: Verdict) -> None:
-    """Note what differs between the doors in a verdict on the rows."""
+def check_entry_points(tree: Tree, name: str, verdict: Verdict) -> None:
+    """Add the differences between the entry points to a verdict."""
     try:
-        found = doors(tree, name)
+        lines = entry_point_differences(tree, name)
     except Exception:
-        verdict.crash = f"doors: {last_line()}"
+        verdict.crash = f"entry points: {traceback_summary()}"
         return
-    for line in found:
-        verdict.count("door")
-        verdict.said.append(f"door: {line}")
+    for line in lines:
+        verdict.count("entry")
+        verdict.said.append(f"entry point: {line}")
 
 
-def doors(tree: Tree, name: str) -> list[str]:
-    """What differs between the doors, a line each: the replays of two cases, and the nominal scene
-    in other spellings."""
+def entry_point_differences(tree: Tree, name: str) -> list[str]:
+    """Differences between the entry points, a line each: replays of two cases, and equivalents of
+    the nominal scene."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         campaign = Campaign(parse_campaign(tree, name))
         result = campaign.run(cases=2)
-        said = [line for number in range(2) for line in _replayed(result, number)]
+        lines = [line for number in range(2) for line in _replay_differences(result, number)]
         nominal = {key: value for key, value in tree.items() if key != "dispersion"}
         plain = Campaign(parse_campaign(nominal, name)).run(cases=1)
-        for spelling, spell in SPELLINGS.items():
-            other = spell(copy.deepcopy(nominal), Dice(len(spelling)))
-            said += _same(
-                plain, Campaign(parse_campaign(other, name)).run(cases=1), spelling, nominal
+        for variant, rewrite in EQUIVALENTS.items():
+            other = rewrite(copy.deepcopy(nominal), RandomStream(len(variant)))
+            lines += _variant_differences(
+                plain, Campaign(parse_campaign(other, name)).run(cases=1), variant, nominal
             )
-    return said
+    return lines
 
 
-def _replayed(result: Result, number: int) -> list[str]:
-    """A row against the single run of its case, as `sepmc run RUN --case N` flies it."""
+def _replay_differences(result: Result, number: int) -> list[str]:
+    """Differences of a row to the single run of its case, as `sepmc run RUN --case N` runs it."""
     table, columns = result.table, result.campaign.outcome_columns
     single = result.campaign.simulate(
         result.case(number), step_s=result.campaign.scene.run.end_time
@@ -68,11 +70,11 @@ def _replayed(result: Result, number: int) -> list[str]:
     outcomes, status = single.attrs["outcomes"], single.attrs["status"]
     if str(table["status"][number]) != status:
         return [f"replay of case {number}: {status}, its row {table['status'][number]}"]
-    # it says that no step settles it
+    # the run reports that no step size converges
     if status not in _FLOWN or any("however short" in note for note in single.attrs["notes"]):
         return []
     row = np.array([table[c.name][number] for c in columns])
-    return _off(
+    return _difference(
         row,
         np.array([outcomes[c.name] for c in columns]),
         columns,
@@ -82,45 +84,53 @@ def _replayed(result: Result, number: int) -> list[str]:
     )
 
 
-def _same(one: Result, two: Result, spelling: str, tree: Tree) -> list[str]:
-    first, second = one.table, two.table
+def _variant_differences(
+    first_run: Result, second_run: Result, variant: str, tree: Tree
+) -> list[str]:
+    """Differences of the nominal rows of a scene and an equivalent one."""
+    first, second = first_run.table, second_run.table
     if first["status"][0] != second["status"][0]:
-        return [f"{spelling}: {second['status'][0]}, not {first['status'][0]}"]
+        return [f"{variant}: {second['status'][0]}, not {first['status'][0]}"]
     if first["status"][0] not in _FLOWN:
         return []
-    columns = [c for c in one.campaign.outcome_columns if spelt(c.name, spelling, tree)]
+    columns = [
+        c for c in first_run.campaign.outcome_columns if equivalent_column(c.name, variant, tree)
+    ]
     row = np.array([first[c.name][0] for c in columns])
-    other = np.array([second[str(spelt(c.name, spelling, tree))][0] for c in columns])
-    return _off(other, row, columns, one, 1.0, spelling, _reported(two))
+    other = np.array([second[str(equivalent_column(c.name, variant, tree))][0] for c in columns])
+    return _difference(other, row, columns, first_run, 1.0, variant, _reported(second_run))
 
 
 def _reported(result: Result) -> float:
-    return max(told_errors(result.accuracy).values(), default=0.0)
+    """Largest reported error of a run."""
+    return max(reported_errors(result.accuracy).values(), default=0.0)
 
 
-def _off(
-    found: Any,
+def _difference(
+    values: Any,
     expected: Any,
     columns: list[Column],
     result: Result,
-    share: float,
-    what: str,
-    more: float = 0.0,
+    fraction: float,
+    label: str,
+    other_error: float = 0.0,
 ) -> list[str]:
-    """A line if outcomes differ by more than the run reports and was asked for. Times and places of
-    extremes, which a flat one leaves open, are left to the comparison of rows."""
-    asked = result.accuracy.asked if result.accuracy else 0.0
-    allowed = max(_FLOOR, share * asked, _MARGIN * (_reported(result) + more))
-    off = differences(settled(found[None], expected[None], columns)[0], expected, columns)
+    """A line if outcomes differ by more than the run reports and was requested; times and locations
+    of extremes are left to the comparison of rows."""
+    requested = result.accuracy.asked if result.accuracy else 0.0
+    allowed = max(_FLOOR, fraction * requested, _MARGIN * (_reported(result) + other_error))
+    relative = differences(snapped(values[None], expected[None], columns)[0], expected, columns)
     scale = sizes(expected[None], columns, result.campaign.scene)[0]
-    if (off > allowed * scale).any() and result.campaign.file.dispersions:
-        scale = np.maximum(scale, spread_of(result.campaign))  # errors are told as shares of it too
-    off /= scale
-    off[~decisive(columns)] = 0.0
-    at = int(np.argmax(off))
-    if off[at] <= allowed:
+    if (relative > allowed * scale).any() and result.campaign.file.dispersions:
+        scale = np.maximum(
+            scale, standard_deviations(result.campaign)
+        )  # errors are reported relative to it too
+    relative /= scale
+    relative[~decisive(columns)] = 0.0
+    worst = int(np.argmax(relative))
+    if relative[worst] <= allowed:
         return []
     return [
-        f"{what}: {columns[at].name} = {found[at]:.9g}, not {expected[at]:.9g}, off by "
-        f"{off[at]:.1e}"
+        f"{label}: {columns[worst].name} = {values[worst]:.9g}, not {expected[worst]:.9g}, "
+        f"off by {relative[worst]:.1e}"
     ]

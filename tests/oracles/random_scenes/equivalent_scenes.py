@@ -1,5 +1,5 @@
-"""One scene written in another way, that must fly the same: other units, names, order; joints and
-springs the other way round."""
+"""Equivalent scenes: the same scene in other units, names or order, or with the bodies of joints
+and springs swapped."""
 
 import copy
 import math
@@ -8,24 +8,25 @@ from typing import Any
 
 import msgspec
 
-from oracles.independent.flight import fly
+from oracles.independent import simulate
 from oracles.random_scenes.draft import Tree
-from oracles.random_scenes.rng import Dice
+from oracles.random_scenes.rng import RandomStream
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.fields import fields_of, keys_of
 from sepmc.scene.model import Scene
 from sepmc.scene.read import parse_campaign
 
-_TURNED = {"fixed", "slider", "revolute", "cylindrical", "spherical", "planar", "rod", "free"}
-_MAY_BE_ABSENT = "s"  # the unit of times, whose zero is written in any unit
+_SYMMETRIC = {"fixed", "slider", "revolute", "cylindrical", "spherical", "planar", "rod", "free"}
+_MAY_BE_ABSENT = "s"  # unit of times
 
 
-def in_units(tree: Tree, dice: Dice) -> Tree:
-    """Every dimensional key in another unit."""
-    return _in_units(tree, Scene, dice)
+def in_units(tree: Tree, rng: RandomStream) -> Tree:
+    """Scene with every dimensional key in another unit."""
+    return _in_units(tree, Scene, rng)
 
 
-def _in_units(table: Tree, kind: type[msgspec.Struct], dice: Dice) -> Tree:
+def _in_units(table: Tree, kind: type[msgspec.Struct], rng: RandomStream) -> Tree:
+    """Table with its keys in other units."""
     fields = keys_of(fields_of(kind))
     result: Tree = {}
     for key, value in table.items():
@@ -33,15 +34,15 @@ def _in_units(table: Tree, kind: type[msgspec.Struct], dice: Dice) -> Tree:
         if field is None:
             result[key] = value
         elif field.table:
-            result[key] = _in_units(value, field.table, dice)
+            result[key] = _in_units(value, field.table, rng)
         elif field.table_of_tables:
             result[key] = {
-                name: _in_units(item, field.table_of_tables, dice) for name, item in value.items()
+                name: _in_units(item, field.table_of_tables, rng) for name, item in value.items()
             }
         elif field.array_of_tables:
-            result[key] = [_in_units(item, field.array_of_tables, dice) for item in value]
+            result[key] = [_in_units(item, field.array_of_tables, rng) for item in value]
         elif field.units:
-            other, other_factor = dice.pick(list(field.keys.items()))
+            other, other_factor = rng.choice(list(field.keys.items()))
             result[other] = _scaled(value, factor / other_factor)
         else:
             result[key] = value
@@ -49,13 +50,14 @@ def _in_units(table: Tree, kind: type[msgspec.Struct], dice: Dice) -> Tree:
 
 
 def _scaled(value: Any, factor: float) -> Any:
+    """Number, or nested lists of numbers, times a factor."""
     return [_scaled(x, factor) for x in value] if isinstance(value, list) else value * factor
 
 
-def renamed(tree: Tree, dice: Dice) -> Tree:
-    """Every body, joint, spring, motor, load, phase and own kind with another name, made of the old
-    one."""
-    del dice
+def renamed(tree: Tree, rng: RandomStream) -> Tree:
+    """Scene with other names of all bodies, joints, springs, motors, loads, phases and custom
+    kinds."""
+    del rng
     bodies = {name: f"{name}_1" for name in tree["body"]} | {"ground": "ground"}
     joints = {name: f"n{name}" for name in tree.get("joint", {})}
     motors = {item["name"]: f"m_{item['name']}" for item in tree.get("motor", [])}
@@ -65,12 +67,12 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
     for item in [*new["joint"].values(), *new.get("spring", [])]:
         item["bodies"] = [bodies[name] for name in item["bodies"]]
     for joint in new["joint"].values():
-        joint["kind"] = {f"{kind}_k": held for kind, held in joint.get("kind", {}).items()}
+        joint["kind"] = {f"{kind}_k": axes for kind, axes in joint.get("kind", {}).items()}
     for key in ("motor", "load"):
         for item in new.get(key, []):
             item["body"] = bodies[item["body"]]
             item["name"] = f"m_{item['name']}" if key == "motor" else f"{item['name']}9"
-            item |= {"ignition": _waiting(item, joints)} if "ignition" in item else {}
+            item |= {"ignition": _renamed_ignition(item, joints)} if "ignition" in item else {}
     for phase in new["phase"]:
         phase["joints"] = {
             joints[name]: f"{kind}_k" if kind in tree["joint"][name].get("kind", {}) else kind
@@ -80,10 +82,10 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
             phase["until"] = _renamed_in(phase["until"], bodies, joints, motors)
         phase["name"] = f"P{phase['name']}"
     for release in new.get("release", []):
-        own = tree["joint"][release["joint"]].get("kind", {})
+        custom = tree["joint"][release["joint"]].get("kind", {})
         release |= {"name": f"R{release['name']}", "joint": joints[release["joint"]]}
         release["to"] = (
-            f"{release['to']}_k" if release.get("to") in own else release.get("to", "free")
+            f"{release['to']}_k" if release.get("to") in custom else release.get("to", "free")
         )
         release["when"] = _renamed_in(release["when"], bodies, joints, motors)
     for event in new.get("event", []):
@@ -110,17 +112,19 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
     return new
 
 
-def _waiting(motor: Tree, joints: dict[str, str]) -> Tree:
-    """What a motor waits for, with the new names."""
+def _renamed_ignition(motor: Tree, joints: dict[str, str]) -> Tree:
+    """Ignition of a motor with the new names."""
     new = {"event": lambda name: f"E{name}", "release": lambda name: f"R{name}"}
     new |= {"joint": joints.__getitem__}
-    return {key: new[key](it) if key in new else it for key, it in motor["ignition"].items()}
+    return {
+        key: new[key](value) if key in new else value for key, value in motor["ignition"].items()
+    }
 
 
 def _renamed_in(
     until: Tree, bodies: dict[str, str], joints: dict[str, str], motors: dict[str, str]
 ) -> Tree:
-    """A condition, and those inside it, with the new names."""
+    """Condition, nested ones included, with the new names."""
     new = dict(until)
     for key, names in (("joint", joints), ("body", bodies), ("burn_out", motors)):
         if key in new:
@@ -131,18 +135,18 @@ def _renamed_in(
     return new
 
 
-def reordered(tree: Tree, dice: Dice) -> Tree:
-    """Bodies in the opposite order."""
-    del dice
+def reordered(tree: Tree, rng: RandomStream) -> Tree:
+    """Scene with its bodies in the opposite order."""
+    del rng
     return {**tree, "body": dict(reversed(tree["body"].items()))}
 
 
-def turned(tree: Tree, dice: Dice) -> Tree:
-    """Springs along a line, and joints that hold the same seen from either body, the other way
-    round."""
-    del dice
+def swapped(tree: Tree, rng: RandomStream) -> Tree:
+    """Scene with the two bodies swapped in springs along a line, and in joints whose rows are
+    symmetric."""
+    del rng
     new = copy.deepcopy(tree)
-    one_way = _with_direction(tree)
+    ordered = _ordered_joints(tree)
     for name, joint in new.get("joint", {}).items():
         kinds = {phase.get("joints", {}).get(name, "free") for phase in tree["phase"]}
         kinds |= {
@@ -150,8 +154,8 @@ def turned(tree: Tree, dice: Dice) -> Tree:
             for release in tree.get("release", [])
             if release["joint"] == name
         }
-        if kinds <= _TURNED and name not in one_way:
-            joint["bodies"] = joint["bodies"][::-1]  # a spring may hold the same list
+        if kinds <= _SYMMETRIC and name not in ordered:
+            joint["bodies"] = joint["bodies"][::-1]  # a new list: a spring may share the old one
             if "apart" in joint:
                 joint["apart"] = -joint["apart"]
             if "second_point_m" in joint:
@@ -169,26 +173,26 @@ def turned(tree: Tree, dice: Dice) -> Tree:
     return new
 
 
-def _with_direction(tree: Tree) -> set[str]:
-    """Joints of which something depends on which body is the first: conditions, pins, increments,
-    outputs of loads."""
+def _ordered_joints(tree: Tree) -> set[str]:
+    """Joints where the order of the bodies matters: for conditions, pins, increments or load
+    outputs."""
     waiting = [phase["until"] for phase in tree["phase"] if "until" in phase] + [
-        one["when"] for key in ("release", "event") for one in tree.get(key, [])
+        item["when"] for key in ("release", "event") for item in tree.get(key, [])
     ]
-    found = set(tree.get("output", {}).get("loads", [])) | {
+    names = set(tree.get("output", {}).get("loads", [])) | {
         entry["joint"] for entry in tree.get("proximity", [])
     }
-    found |= {name for name, joint in tree.get("joint", {}).items() if "guide" in joint}
+    names |= {name for name, joint in tree.get("joint", {}).items() if "guide" in joint}
     while waiting:
         until = waiting.pop()
-        found |= {until["joint"]} if "joint" in until else set()
+        names |= {until["joint"]} if "joint" in until else set()
         waiting += [part for key in ("any", "all") for part in until.get(key, [])]
-    return found
+    return names
 
 
-def halved(tree: Tree, dice: Dice) -> Tree:
-    """Every motor as two of half the thrust."""
-    del dice
+def halved(tree: Tree, rng: RandomStream) -> Tree:
+    """Scene with every motor split in two of half the thrust."""
+    del rng
     motors = []
     for motor in tree.get("motor", []):
         motors += [
@@ -199,41 +203,41 @@ def halved(tree: Tree, dice: Dice) -> Tree:
 
 
 def _first_end(tree: Tree) -> float:
-    """When the first phase ends, s, by the independent flight."""
+    """End of the first phase, s, by the independent simulation."""
     try:
-        events = fly(
+        events = simulate(
             Campaign(parse_campaign(tree, "nominal")).nominal().to_dict(), rtol=1e-8
         ).events
-    except ValueError:  # what it does not know
+    except ValueError:  # not known to the independent simulation
         return math.inf
-    return min((time for time, what in events if what.startswith("phase ")), default=math.inf)
+    return min((time for time, text in events if text.startswith("phase ")), default=math.inf)
 
 
-def interrupted(tree: Tree, dice: Dice) -> Tree:
-    """A boundary soon after the start at which nothing changes; where what the first phase waits
-    for may have been crossed by then, none."""
+def interrupted(tree: Tree, rng: RandomStream) -> Tree:
+    """Scene with a phase boundary soon after the start at which nothing changes; unchanged if the
+    first phase waits for a crossing that could have occurred by then."""
     if "until" in tree["phase"][0] and _is_crossed(tree["phase"][0]["until"]):
         return tree
     first, ends = tree["phase"][0], [phase.get("until", {}) for phase in tree["phase"]]
     times = [until.get("time_s", 1.0) for until in ends]
     times += [part.get("time_s", 1.0) for key in ("any", "all") for part in ends[0].get(key, [])]
-    soon = min(*times, dice.between(0.01, 0.05) * tree["run"]["end_time_s"], _first_end(tree))
+    soon = min(*times, rng.uniform(0.01, 0.05) * tree["run"]["end_time_s"], _first_end(tree))
     idle = {**first, "name": "before_all", "until": {"time_s": 0.5 * soon}}
     return {**tree, "phase": [idle, *tree["phase"]]}
 
 
 def _is_crossed(until: Tree) -> bool:
-    """Whether part of a condition is met by a crossing, not by what lies at or beyond a limit."""
+    """True if part of a condition is met by a crossing only, not by a value beyond a limit."""
     parts = [part for key in ("any", "all") for part in until.get(key, [])]
     crossed = "direction" in until or any(key.startswith("vertical_speed") for key in until)
     return crossed or any(map(_is_crossed, parts))
 
 
-SPELLINGS: dict[str, Callable[[Tree, Dice], Tree]] = {
+EQUIVALENTS: dict[str, Callable[[Tree, RandomStream], Tree]] = {
     "other units": in_units,
     "other names": renamed,
     "other order of bodies": reordered,
-    "joints and springs the other way round": turned,
+    "bodies of joints and springs swapped": swapped,
     "motors in halves": halved,
     "an idle boundary": interrupted,
 }
@@ -262,7 +266,7 @@ _OF_CLEARANCE = (
 
 
 def _at_event(tree: Tree) -> Iterator[tuple[str, str]]:
-    """What is told at an event, by the old names and by the new ones."""
+    """Endings of the columns of an event, by the old and the new names."""
     yield "time_s", "time_s"
     for body in tree["body"]:
         for end in (
@@ -278,26 +282,25 @@ def _at_event(tree: Tree) -> Iterator[tuple[str, str]]:
         yield f"{clearance['name']}_clearance_mm", f"C{clearance['name']}_clearance_mm"
 
 
-def spelt(column: str, spelling: str, tree: Tree) -> str | None:
-    """The column of another spelling that must hold the same as ``column``; None if there is
-    none."""
-    joints, one = list(tree.get("joint", {})), len(tree.get("joint", {})) == 1
-    if spelling != "other names":  # separations are along an axis of the other body
-        turned_round = spelling == "joints and springs the other way round"
-        return None if turned_round and "separation_" in column else column
-    if one and column in ("separation_speed_m_s", "separation_distance_mm", "release_time_s"):
+def equivalent_column(column: str, variant: str, tree: Tree) -> str | None:
+    """Column of an equivalent scene that must equal ``column``; None if there is none."""
+    joints, single = list(tree.get("joint", {})), len(tree.get("joint", {})) == 1
+    if variant != "other names":  # separations refer to an axis of the other body
+        swapped_axes = variant == "bodies of joints and springs swapped"
+        return None if swapped_axes and "separation_" in column else column
+    if single and column in ("separation_speed_m_s", "separation_distance_mm", "release_time_s"):
         return column
-    moved = {
+    renamed_columns = {
         f"{name}_{end}": f"C{name}_{end}"
         for name in (c["name"] for c in tree.get("clearance", []))
         for end in _OF_CLEARANCE
     }
     for motor in (m["name"] for m in tree.get("motor", [])):
-        moved[f"{motor}_ignition_time_s"] = f"m_{motor}_ignition_time_s"
+        renamed_columns[f"{motor}_ignition_time_s"] = f"m_{motor}_ignition_time_s"
     for event in (e["name"] for e in tree.get("event", [])):
-        moved |= {f"{event}_{told}": f"E{event}_{new}" for told, new in _at_event(tree)}
-    if column in moved:
-        return moved[column]
+        renamed_columns |= {f"{event}_{old}": f"E{event}_{new}" for old, new in _at_event(tree)}
+    if column in renamed_columns:
+        return renamed_columns[column]
     for joint in sorted(joints, key=len, reverse=True):
         for body in tree["body"]:
             start = f"{joint}_tip_off_{body}_"

@@ -3,45 +3,46 @@
 from oracles.random_scenes.draft import Draft, Tree
 from oracles.random_scenes.joints import rows
 
-_ROUGH = 1e-6  # accuracy asked where friction makes the equations stiff
+_ROUGH = 1e-6  # requested accuracy where friction makes the equations stiff
 
 
 def add_guides(draft: Draft) -> None:
-    """Pins for joints that slide in some phase; two of three rub."""
-    dice, tree = draft.dice, draft.tree
+    """Add pins to joints that slide in some phase; two of three have friction."""
+    rng, tree = draft.rng, draft.tree
     if "guide" not in draft.late:
         return
     for name, joint in tree["joint"].items():
         kinds = {phase["joints"].get(name, "free") for phase in tree["phase"]}
-        if not any(_is_guided(rows(draft, name, kind)) for kind in kinds) and dice.chance(0.9):
+        if not any(_is_guided(rows(draft, name, kind)) for kind in kinds) and rng.chance(0.9):
             continue
-        pins = dice.pick([1, 2, 3, 4, 8])
-        guide: Tree = {"pins": pins, "engaged_m": dice.between(0.05, 0.5)}
-        if pins > 1 or dice.chance(0.3):
-            guide["circle_m"] = dice.between(0.1, 0.5)
-        if dice.chance(0.5):
-            guide["clock_deg"] = dice.about(180.0)
-        if dice.chance(0.66):
-            guide["friction"] = dice.weighted(
-                {dice.between(0.01, 0.15): 0.9, dice.between(0.3, 1.0): 0.1}
+        pins = rng.choice([1, 2, 3, 4, 8])
+        guide: Tree = {"pins": pins, "engaged_m": rng.uniform(0.05, 0.5)}
+        if pins > 1 or rng.chance(0.3):
+            guide["circle_m"] = rng.uniform(0.1, 0.5)
+        if rng.chance(0.5):
+            guide["clock_deg"] = rng.symmetric(180.0)
+        if rng.chance(0.66):
+            guide["friction"] = rng.weighted_choice(
+                {rng.uniform(0.01, 0.15): 0.9, rng.uniform(0.3, 1.0): 0.1}
             )
-            guide["slip_speed_m_s"] = dice.decades(0.05, 0.5)
+            guide["slip_speed_m_s"] = rng.log_uniform(0.05, 0.5)
         joint["guide"] = guide
 
 
-def _is_guided(held: tuple[int, ...]) -> bool:
-    return {0, 1, 2} & set(held) == {1, 2} and sum(row > 2 for row in held) >= 2
+def _is_guided(active: tuple[int, ...]) -> bool:
+    """True if the active rows leave x free but constrain sideways and against tilting."""
+    return {0, 1, 2} & set(active) == {1, 2} and sum(row > 2 for row in active) >= 2
 
 
 def add_outputs(draft: Draft) -> None:
-    """Peaks, impulses and pin loads of some joints."""
-    dice, tree = draft.dice, draft.tree
+    """Add outputs of peaks, impulses and pin loads of some joints."""
+    rng, tree = draft.rng, draft.tree
     guided = [name for name, joint in tree["joint"].items() if "guide" in joint]
     output = tree.setdefault("output", {})
     if "joint loads" in draft.late and tree["joint"]:
-        output["loads"] = dice.some(list(tree["joint"]), dice.pick([1, 1, 2]))
-    if guided and dice.chance(0.8):
-        output["guide"] = dice.some(guided, dice.pick([1, 2]))
+        output["loads"] = rng.subset(list(tree["joint"]), rng.choice([1, 1, 2]))
+    if guided and rng.chance(0.8):
+        output["guide"] = rng.subset(guided, rng.choice([1, 2]))
     if not output:
         del tree["output"]
     if any(joint.get("guide", {}).get("friction") for joint in tree["joint"].values()):

@@ -18,7 +18,7 @@ from sepmc.campaign.execution import step_selection
 from sepmc.campaign.execution.accuracy import achieved, relative_error, scales, scene_scales
 from sepmc.campaign.execution.integration import Integration, typical_durations
 from sepmc.campaign.execution.step_refinement import longest_step
-from sepmc.engine.dispatch import fly_cases, interpreted, load_kernel
+from sepmc.engine.dispatch import integrate_cases, interpreted, load_kernel
 from sepmc.kernel.spec.methods import method
 from sepmc.kernel.spec.structure import brief_transient
 from sepmc.schema import Status
@@ -54,13 +54,13 @@ def _plan(
     kernel = load_kernel(step_selection.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]
     own = scene_scales(scene, units)
-    usual = np.full(kernel.stages, np.inf)
+    usual = np.full(kernel.n_segments, np.inf)
     longest = longest_step(scene, campaign.file.dispersions, brief_transient(scene))
     fewest, before = min(_MOST_STEPS, max(2, math.ceil(scene.run.end_time / longest))), None
-    steps = np.full(kernel.stages, fewest, dtype=np.int64)
+    steps = np.full(kernel.n_segments, fewest, dtype=np.int64)
     errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH
     while True:
-        block, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        block, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
         # now it is known how long stages last: the same steps once more
         if np.isinf(usual).all() and sound.any():
@@ -69,15 +69,17 @@ def _plan(
         now = block.outcomes[:, : len(units)], sound
         if before is not None and (both := sound & before[1]).any():
             errors = relative_error(before[0][both], now[0][both], units, own)
-        settled = errors.max() <= step_selection.SAFE * scene.solver.accuracy
+        snapped = errors.max() <= step_selection.SAFE * scene.solver.accuracy
         if (
-            settled
+            snapped
             or 2 * steps.max() > _MOST_STEPS
             or (steps.max() >= _HOPELESS and not sound.any())
         ):
-            flown = before if settled and before is not None else now
+            flown = before if snapped and before is not None else now
             if low_order:  # a step and its half can be off by the same
-                block, _ = fly_cases(kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws)
+                block, _ = integrate_cases(
+                    kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws
+                )
                 both = flown[1] & np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
                 finer = relative_error(
                     flown[0][both], block.outcomes[both, : len(units)], units, own
@@ -87,7 +89,7 @@ def _plan(
             # flown again
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), len(draws))
             scale = scales(now[0][sound], units, own)
-            chosen = steps // 2 if settled else steps
+            chosen = steps // 2 if snapped else steps
             left = step_selection.fallbacks(campaign, history)
             return Integration(
                 kernel=kernel,

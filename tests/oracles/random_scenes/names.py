@@ -1,6 +1,6 @@
-"""Names of a scene: plain ones, or such as a program that writes programs may trip over."""
+"""Names in a random scene: plain ones, or ones that a generator of programs could trip over."""
 
-from oracles.random_scenes.rng import Dice
+from oracles.random_scenes.rng import RandomStream
 
 _PLAIN = {
     "body": ["core", "booster", "payload", "adapter", "fairing"],
@@ -15,7 +15,7 @@ _PLAIN = {
     "clearance": ["gap", "exit"],
     "event": ["apart", "spent", "instant"],
 }
-# Short names that formulas use, names that differ in case, keywords, names of modules and slabs,
+# Short names as in formulas, names that differ in case, keywords, names of modules and buffers,
 # names that join to others.
 _HOSTILE = [
     *(
@@ -124,29 +124,28 @@ _HOSTILE = [
         "body",
     ),
 ]
-_HOSTILE.remove("__")  # a name begins with a letter
+_HOSTILE.remove("__")  # a name must begin with a letter
 _GROUND_LIKE = ["grounds", "Ground", "ground_"]
 
 
 class Names:
-    """Hands out names, each once for every sort of thing; a joint and a spring may have the
-    same."""
+    """Source of names, each once per sort of item; a joint and a spring may have the same name."""
 
-    def __init__(self, dice: Dice):
-        self.dice, self.hostile = dice, dice.chance(0.35)
-        self.given: dict[str, list[str]] = {}
+    def __init__(self, rng: RandomStream):
+        self.rng, self.hostile = rng, rng.chance(0.35)
+        self.used: dict[str, list[str]] = {}
 
     def new(self, sort: str) -> str:
-        """A name for a body, joint, spring, motor, load, phase or kind."""
-        given = self.given.setdefault(sort, [])
-        others = [name for names in self.given.values() for name in names if name not in given]
-        if self.hostile and others and sort != "kind" and self.dice.chance(0.15):
-            name = self.dice.pick(others)  # one name for two things
-        elif self.hostile and self.dice.chance(0.9):
-            free = [name for name in [*_HOSTILE, *_GROUND_LIKE] if name not in given]
-            name = self.dice.pick(free)
+        """New name for a body, joint, spring, motor, load, phase or kind."""
+        used = self.used.setdefault(sort, [])
+        others = [name for names in self.used.values() for name in names if name not in used]
+        if self.hostile and others and sort != "kind" and self.rng.chance(0.15):
+            name = self.rng.choice(others)  # one name for two items
+        elif self.hostile and self.rng.chance(0.9):
+            free = [name for name in [*_HOSTILE, *_GROUND_LIKE] if name not in used]
+            name = self.rng.choice(free)
         else:
-            free = [name for name in _PLAIN[sort] if name not in given]
-            name = free[0] if free else f"{sort}{len(given)}"
-        given.append(name)
+            free = [name for name in _PLAIN[sort] if name not in used]
+            name = free[0] if free else f"{sort}{len(used)}"
+        used.append(name)
         return name

@@ -1,125 +1,117 @@
-"""The gate: so many random scenes, each flown and judged by a worker process, and one table of what
-was found."""
+"""Run of random scenes: each simulated and judged by a worker process, with one table of the
+verdicts."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from typing import Any
 
-import tomli_w
-
 from oracles.random_scenes.compare import FAULTS
-from oracles.random_scenes.draft import Tree
 from oracles.random_scenes.scenes import LATE
-from oracles.random_scenes.workers import LIMIT_S, Job, Worker, judge_all
-from sepmc.engine.dispatch import now_and_then
+from oracles.random_scenes.workers import LIMIT_S, Job, judge_all
+from sepmc.engine.dispatch import progress_reporter
 from sepmc.scene.messages import InputError, nearest
 
-CASES = 3  # rows of a scene
-_EVERY_S = 10.0  # between words on how far it is
-_DOORS = 8  # one scene in so many goes through the other doors too
-_COLUMNS = ("same", "told", "tie", "refused", *FAULTS)
-Found = dict[str, Any]
+CASES = 3  # compared per scene
+_EVERY_S = 10.0  # between progress messages
+_ENTRY_POINTS = 8  # entry points are compared in one scene of so many
+_COLUMNS = ("same", "flagged", "tie", "refused", *FAULTS)
+VerdictDict = dict[str, Any]
 
 
-def gate(
+def judge_scenes(
     count: int,
     seed: int = 0,
     compiled: int = 0,
-    say: Callable[[str], None] = print,
+    log: Callable[[str], None] = print,
     cases: int = CASES,
     limit_s: float = LIMIT_S,
     kinds: Iterable[str] = (),
-) -> list[Found]:
+) -> list[VerdictDict]:
     """Judge the scenes of seeds ``seed`` to ``seed + count``.
 
     Parameters
     ----------
-    count, seed : how many, and the first. A seed gives the same scene whatever the others are
-    compiled : how many of them, the first ones, fly compiled as well
-    say : told a line for every scene that fails, and now and then how far it is
-    cases : rows of a scene that are flown and compared
-    limit_s : a scene that takes longer as plain Python gets no verdict, and is told; compiled, at
-        least `workers.COMPILED_LIMIT_S`
-    kinds : later kinds (`oracles.random_scenes.scenes.LATE`) that every scene has, beside what it
-    draws
+    count, seed : int
+        Number of scenes, and the first seed. The scene of a seed does not depend on the others.
+    compiled : int
+        The first so many scenes run compiled as well.
+    log : callable
+        Called with the faults of every scene that fails, and from time to time with the progress.
+    cases : int
+        Rows of a scene that are compared.
+    limit_s : float
+        Time for an interpreted scene; one that takes longer gets no verdict, and is reported. A
+        compiled one has at least `workers.COMPILED_LIMIT_S`.
+    kinds : iterable of str
+        Kinds of `oracles.random_scenes.scenes.LATE` that every scene has in addition.
 
     Returns
     -------
-    verdicts : `oracles.random_scenes.compare.Verdict` as dicts, in the order of seeds
+    list of dict
+        `oracles.random_scenes.compare.Verdict` as dicts, in the order of seeds.
+
+    Raises
+    ------
+    InputError
+        If a kind is unknown.
     """
     kinds = list(kinds)
     for kind in kinds:
         if kind not in LATE:
-            raise InputError(f"--kind: {kind!r} is no kind of random scenes; {nearest(kind, LATE)}")
-    usual: Job = {"cases": cases, "kinds": kinds}
+            raise InputError(f"--kind: unknown kind {kind!r}; {nearest(kind, LATE)}")
+    common: Job = {"cases": cases, "kinds": kinds}
     jobs: list[Job] = [
-        {**usual, "seed": number, "doors": number % _DOORS == 0}
+        {**common, "seed": number, "entry_points": number % _ENTRY_POINTS == 0}
         for number in range(seed, seed + count)
     ]
     jobs += [
-        {**usual, "seed": n, "compiled": True, "name": f"seed {n}, compiled"}
+        {**common, "seed": n, "compiled": True, "name": f"seed {n}, compiled"}
         for n in range(seed, seed + min(compiled, count))
     ]
-    found: list[Found] = []
-    tell = now_and_then(say, _EVERY_S)
+    finished: list[VerdictDict] = []
+    progress = progress_reporter(log, _EVERY_S)
 
-    def so_far(seconds: float) -> str:
-        failing, left = sum(map(fails, found)), sum(bool(v.get("not_flown")) for v in found)
-        others = f", {left} not compared" if left else ""
-        return f"{len(found)} of {len(jobs)} flown in {seconds:.0f} s, {failing} fail{others}"
+    def progress_text(seconds: float) -> str:
+        """Progress as a sentence."""
+        failing = sum(map(fails, finished))
+        not_compared = sum(bool(v.get("not_flown")) for v in finished)
+        others = f", {not_compared} not compared" if not_compared else ""
+        return f"{len(finished)} of {len(jobs)} judged in {seconds:.0f} s, {failing} fail{others}"
 
     for verdict in judge_all(jobs, limit_s=limit_s):
-        found.append(verdict)
+        finished.append(verdict)
         if fails(verdict):
-            say("\n".join(sentences(verdict)))
-        tell(so_far)
-    return sorted(found, key=lambda v: (v["seed"], v["name"]))
+            log("\n".join(report_lines(verdict)))
+        progress(progress_text)
+    return sorted(finished, key=lambda v: (v["seed"], v["name"]))
 
 
-def fails(verdict: Found) -> bool:
-    """Whether judging a scene crashed or found a fault."""
+def fails(verdict: VerdictDict) -> bool:
+    """True if judging a scene crashed or found a fault."""
     return bool(verdict["crash"]) or any(verdict["rows"].get(fault) for fault in FAULTS)
 
 
-def sentences(verdict: Found) -> list[str]:
-    """What is wrong with a scene, and how it was flown."""
+def report_lines(verdict: VerdictDict) -> list[str]:
+    """Lines on the faults of a scene."""
     lines = [f"  {line}" for line in verdict["said"]]
     return [f"{verdict['name']}, {_drive(verdict)}: {verdict['crash'] or 'rows differ'}", *lines]
 
 
-def _drive(verdict: Found) -> str:
+def _drive(verdict: VerdictDict) -> str:
+    """Engine drive of a verdict."""
     return "compiled" if verdict.get("compiled") else "interpreted"
 
 
-def shrunk(tree: Tree, compiled: bool = False, cases: int = CASES, most: int = 150) -> Tree:
-    """A smaller tree that fails in the same way, found by a worker process."""
-    worker = Worker(limit_s=3600.0)
-    try:
-        answer = worker.judge(
-            {"tree": tree, "name": "shrunk", "shrink": most, "cases": cases, "compiled": compiled}
-        )
-    finally:
-        worker.close()
-    return answer["tree"] if answer else tree
-
-
-def keep(tree: Tree, path: Path, verdict: Found) -> None:
-    """Write a failing scene as a campaign file that says what differed."""
-    said = "".join(f"# {line}\n" for line in sentences(verdict))
-    path.write_text(said + tomli_w.dumps(tree), encoding="utf-8")
-
-
-def table(verdicts: Iterable[Found]) -> str:
-    """Rows and faults by how the scene was flown and by what it has, the worst agreement, the seeds
+def table(verdicts: Iterable[VerdictDict]) -> str:
+    """Text table of rows and faults by drive and by feature, the worst agreement, and the seeds
     that fail."""
     verdicts = list(verdicts)
-    flown = [v for v in verdicts if not v.get("not_flown")]
-    groups: dict[str, list[Found]] = {"all": flown}
-    for v in flown:
+    judged = [v for v in verdicts if not v.get("not_flown")]
+    groups: dict[str, list[VerdictDict]] = {"all": judged}
+    for v in judged:
         groups.setdefault(_drive(v), []).append(v)
-    for feature in sorted({f for v in flown for f in v.get("features", [])}):
-        groups[feature] = [v for v in flown if feature in v.get("features", [])]
+    for feature in sorted({f for v in judged for f in v.get("features", [])}):
+        groups[feature] = [v for v in judged if feature in v.get("features", [])]
     text = [
         f"{'scenes with':30s}{'scenes':>8s}"
         + "".join(f"{c:>9s}" for c in _COLUMNS)
@@ -133,9 +125,9 @@ def table(verdicts: Iterable[Found]) -> str:
             + "".join(f"{rows[c]:9d}" for c in _COLUMNS)
             + f"{crashes:9d}"
         )
-    statuses: Counter[str] = sum((Counter(v.get("statuses", {})) for v in flown), Counter())
+    statuses: Counter[str] = sum((Counter(v.get("statuses", {})) for v in judged), Counter())
     text += ["", "statuses: " + ", ".join(f"{n} {label}" for label, n in statuses.most_common())]
-    text += [_worst(flown)] if any(v.get("rows") for v in flown) else []
+    text += [_worst(judged)] if any(v.get("rows") for v in judged) else []
     reasons: dict[str, list[int]] = {}
     for v in verdicts:
         if v.get("not_flown"):
@@ -143,9 +135,9 @@ def table(verdicts: Iterable[Found]) -> str:
     for reason, seeds in sorted(reasons.items(), key=lambda item: -len(item[1])):
         named = ", ".join(map(str, seeds[:8])) + (", ..." if len(seeds) > 8 else "")
         text.append(f"not compared: {len(seeds)} x {reason} (seeds {named})")
-    failing = sorted({v["seed"] for v in flown if fails(v)})
+    failing = sorted({v["seed"] for v in judged if fails(v)})
     text.append(
-        f"{len(flown)} of {len(verdicts)} scenes were compared, "
+        f"{len(judged)} of {len(verdicts)} scenes were compared, "
         + (
             f"{len(failing)} FAIL, seeds {', '.join(map(str, failing))}"
             if failing
@@ -155,12 +147,12 @@ def table(verdicts: Iterable[Found]) -> str:
     return "\n".join(text)
 
 
-def _worst(flown: list[Found]) -> str:
-    """The row that agrees least of those that agree, in shares of what its run reports."""
-    off = max(flown, key=lambda v: v.get("worst", 0.0) / max(v.get("reported", 0.0), 1e-9))
-    missed = sum(not v.get("met", True) for v in flown)
-    said = (
-        f"worst agreement: {off.get('worst', 0.0):.1e} where {off.get('reported', 0.0):.1e} is "
-        f"reported ({off['name']})"
+def _worst(judged: list[VerdictDict]) -> str:
+    """Sentence on the row that agrees least, relative to its reported error."""
+    worst = max(judged, key=lambda v: v.get("worst", 0.0) / max(v.get("reported", 0.0), 1e-9))
+    missed = sum(not v.get("met", True) for v in judged)
+    text = (
+        f"worst agreement: {worst.get('worst', 0.0):.1e} where {worst.get('reported', 0.0):.1e} is "
+        f"reported ({worst['name']})"
     )
-    return f"{said}; {missed} scenes say that their accuracy is not met"
+    return f"{text}; {missed} scenes report that their accuracy is not met"

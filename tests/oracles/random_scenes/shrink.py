@@ -1,5 +1,4 @@
-"""A failing scene made small: what can be left out, or be simpler, without the failure going
-away."""
+"""Reduction of a failing scene: removes and simplifies items as long as the same fault remains."""
 
 import copy
 from collections.abc import Callable, Iterator
@@ -17,17 +16,29 @@ _LISTS = ("motor", "spring", "load", "proximity", "clearance", "release", "event
 def shrink(
     tree: Tree,
     cases: int = 3,
-    most: int = 300,
+    max_trials: int = 300,
     judged: Judge | None = None,
-    say: Callable[[str], None] = nobody,
+    log: Callable[[str], None] = nobody,
 ) -> Tree:
-    """The smallest tree found, in at most so many flights, that fails as ``tree`` does, with the
-    same fault."""
+    """Smallest tree found that fails as ``tree`` does.
+
+    Parameters
+    ----------
+    tree : dict
+    cases : int
+        Cases of a scene that are compared.
+    max_trials : int
+        Scenes tried.
+    judged : callable, optional
+        Verdict on a tree; `compare.judge` by default.
+    log : callable
+        Called with a message for each reduction.
+    """
     judged = judged or (lambda t: judge(t, "shrunk", cases))
-    sign = _sign(judged(tree))
-    if not sign:
-        raise ValueError("this scene does not fail")
-    left, progress = most, True
+    fault = _fault_of(judged(tree))
+    if not fault:
+        raise ValueError("the scene does not fail")
+    left, progress = max_trials, True
     while progress and left > 0:
         progress = False
         for edit in _edits(tree):
@@ -35,15 +46,15 @@ def shrink(
             left -= 1
             if left <= 0:
                 break
-            if _sign(judged(copy.deepcopy(smaller))) == sign:
+            if _fault_of(judged(copy.deepcopy(smaller))) == fault:
                 tree, progress = smaller, True
-                say(f"{len(str(tree))} characters, {left} flights left")
+                log(f"{len(str(tree))} characters, {left} trials left")
                 break
     return tree
 
 
-def _sign(verdict: Verdict) -> tuple[str, ...]:
-    """What a failure is recognised by; empty if there is none."""
+def _fault_of(verdict: Verdict) -> tuple[str, ...]:
+    """Fault that a failure is recognised by; empty if there is none."""
     if verdict.crash:
         return ("crash", verdict.crash.split(":")[0])
     faults = [key for key in FAULTS if verdict.rows.get(key)]
@@ -51,7 +62,7 @@ def _sign(verdict: Verdict) -> tuple[str, ...]:
 
 
 def _edits(tree: Tree) -> Iterator[Tree]:
-    """Smaller trees, those that leave out most first."""
+    """Smaller trees, largest reductions first."""
     if tree.get("dispersion"):
         yield _without(tree, ("dispersion",))
         keys = list(tree["dispersion"])
@@ -78,8 +89,8 @@ def _edits(tree: Tree) -> Iterator[Tree]:
 
 
 def _paths(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Places of keys of tables, and of elements of arrays of tables; those higher up first."""
-    found: list[tuple[Any, ...]] = []
+    """Paths of keys of tables, and of elements of arrays of tables, breadth first."""
+    level: list[tuple[Any, ...]] = []
     below: list[tuple[Any, ...]] = []
     items: list[tuple[Any, Any]] = []
     if isinstance(node, dict):
@@ -87,12 +98,13 @@ def _paths(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     elif isinstance(node, list) and node and isinstance(node[0], dict):
         items = list(enumerate(node))
     for key, value in items:
-        found.append((*path, key))
+        level.append((*path, key))
         below += _paths(value, (*path, key))
-    return found + below
+    return level + below
 
 
 def _without(tree: Tree, path: tuple[Any, ...]) -> Tree:
+    """Tree without the item at a path."""
     smaller = copy.deepcopy(tree)
     node: Any = smaller
     for part in path[:-1]:
@@ -102,7 +114,7 @@ def _without(tree: Tree, path: tuple[Any, ...]) -> Tree:
 
 
 def _without_body(tree: Tree, body: str) -> Tree:
-    """A tree without a body and all that names it."""
+    """Tree without a body and all items that name it."""
     smaller = copy.deepcopy(tree)
     del smaller["body"][body]
     for key in _LISTS:
@@ -125,7 +137,7 @@ def _without_body(tree: Tree, body: str) -> Tree:
 
 
 def _without_joints(tree: Tree, gone: list[str]) -> Tree:
-    """A tree without joints and all that names them; phases that one of them ends, end at a
+    """Tree without joints and all items that name them; phases ended by one of them end at a
     time."""
     smaller = copy.deepcopy(tree)
     smaller["joint"] = {
@@ -149,20 +161,20 @@ def _without_joints(tree: Tree, gone: list[str]) -> Tree:
 
 
 def _with_known(tree: Tree) -> Tree:
-    """A tree whose laws name only what is there."""
+    """Tree without dispersions of items that are gone."""
     sorts = {key: set(tree.get(key, {})) for key in ("body", "joint")}
     sorts |= {key: {item.get("name") for item in tree.get(key, [])} for key in (*_LISTS, "phase")}
-    laws = tree.get("dispersion", {})
-    kept = {
-        key: law
-        for key, law in laws.items()
+    dispersions = tree.get("dispersion", {})
+    known = {
+        key: dispersion
+        for key, dispersion in dispersions.items()
         if (parts := key.split("."))[0] not in sorts or parts[1] in sorts[parts[0]]
     }
-    return {**tree, "dispersion": kept} if laws else tree
+    return {**tree, "dispersion": known} if dispersions else tree
 
 
 def _rounded(tree: Tree) -> Iterator[Tree]:
-    """Trees all of whose numbers, outside the laws, have fewer digits."""
+    """Trees all of whose numbers, outside of dispersions, have fewer digits."""
     for digits in (1, 2):
         simpler = {
             key: value if key in ("dispersion", "run", "solver") else _round(value, digits)
@@ -173,6 +185,7 @@ def _rounded(tree: Tree) -> Iterator[Tree]:
 
 
 def _round(node: Any, digits: int) -> Any:
+    """Value with all its numbers rounded."""
     if isinstance(node, dict):
         return {key: _round(value, digits) for key, value in node.items()}
     if isinstance(node, list):

@@ -1,5 +1,5 @@
-"""Worker processes that judge scenes, one for each core. A process may die over a scene: that is a
-verdict too."""
+"""Worker processes that judge scenes, one for each core. A process that dies is reported as a
+verdict."""
 
 import contextlib
 import json
@@ -13,16 +13,16 @@ from collections.abc import Iterator
 from typing import Any
 
 Job = dict[str, Any]
-LIMIT_S = 60.0  # of one scene flown as plain Python
-COMPILED_LIMIT_S = 600.0  # of one whose kernel is compiled
-# Faults of a scene that flew as plain Python, in steps found by few trial cases: the pilot that
-# users have decides, and if that takes too long they stand.
-_DOUBTED = {"silent", "door"}
-_LONGER_S = 30.0  # after which a process that should have ended its copy is ended itself
+LIMIT_S = 60.0  # per interpreted scene
+COMPILED_LIMIT_S = 600.0  # per compiled scene
+# Faults of an interpreted scene whose steps few calibration cases chose: repeated with the step
+# selection of users, and kept if that takes too long.
+_REPEATED = {"silent", "entry"}
+_GRACE_S = 30.0  # additional time for a process to end its fork
 
 
 class Worker:
-    """A process that judges one scene after the other."""
+    """Process that judges scenes one after the other."""
 
     def __init__(self, limit_s: float = LIMIT_S):
         environment = {
@@ -41,17 +41,17 @@ class Worker:
             text=True,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            start_new_session=True,  # it ends with the processes that it started
+            start_new_session=True,  # ends together with the processes that it started
         )
 
     def judge(self, job: Job, limit_s: float | None = None) -> dict[str, Any] | None:
-        """The verdict on a job; None if the process died over it or took longer than ``limit_s``,
-        if that is not the worker's own. Its copy may have: see `oracles.random_scenes.worker`."""
+        """Verdict on a job; None if the process died or took longer than ``limit_s`` (by default
+        the worker's own). Its fork may have, too: see `oracles.random_scenes.worker`."""
         limit_s = limit_s or self.limit_s
         assert self.process.stdin is not None
         assert self.process.stdout is not None
-        copied = not (job.get("compiled") or job.get("shrink"))
-        timer = threading.Timer(limit_s + (_LONGER_S if copied else 0.0), self._stop)
+        forked = not job.get("compiled")
+        timer = threading.Timer(limit_s + (_GRACE_S if forked else 0.0), self._stop)
         timer.start()
         try:
             print(json.dumps({**job, "limit_s": limit_s}), file=self.process.stdin, flush=True)
@@ -63,6 +63,7 @@ class Worker:
         return json.loads(answer) if answer else None
 
     def _stop(self) -> None:
+        """End the process because of its time limit."""
         self.stopped = True
         self.kill()
 
@@ -80,36 +81,48 @@ class Worker:
 def judge_all(
     jobs: list[Job], processes: int = 2, limit_s: float = LIMIT_S
 ) -> Iterator[dict[str, Any]]:
-    """Verdicts on all jobs as they come, by so many processes; a scene that takes longer than
-    ``limit_s``, or compiled also than `COMPILED_LIMIT_S`, gets none."""
-    left: queue.SimpleQueue[Job] = queue.SimpleQueue()
-    found: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+    """Verdicts on all jobs as they finish.
+
+    Parameters
+    ----------
+    jobs : list of dict
+        See `oracles.random_scenes.worker.work`.
+    processes : int
+    limit_s : float
+        Time for a scene; a compiled one has at least `COMPILED_LIMIT_S`. A scene that takes longer
+        gets no verdict.
+    """
+    open_jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
+    verdicts: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     running: list[Worker] = []
     for job in jobs:
-        left.put(job)
+        open_jobs.put(job)
     for _ in range(processes):
-        threading.Thread(target=_work, args=(left, found, limit_s, running), daemon=True).start()
+        threading.Thread(
+            target=_work, args=(open_jobs, verdicts, limit_s, running), daemon=True
+        ).start()
     try:
         for _ in jobs:
-            yield found.get()
-    finally:  # interrupted: no worker outlives who asked
+            yield verdicts.get()
+    finally:  # after an interrupt no worker remains
         with contextlib.suppress(queue.Empty):
             while True:
-                left.get_nowait()
+                open_jobs.get_nowait()
         for worker in running:
             worker.kill()
 
 
 def _work(
-    left: queue.SimpleQueue[Job],
-    found: queue.SimpleQueue[dict[str, Any]],
+    open_jobs: queue.SimpleQueue[Job],
+    verdicts: queue.SimpleQueue[dict[str, Any]],
     limit_s: float,
     running: list[Worker],
 ) -> None:
+    """Let one worker process judge jobs until none is left."""
     worker = None
     while True:
         try:
-            job = left.get_nowait()
+            job = open_jobs.get_nowait()
         except queue.Empty:
             break
         if worker is None:
@@ -119,18 +132,18 @@ def _work(
         limit = longer if job.get("compiled") else limit_s
         verdict = worker.judge(job, limit)
         dead = verdict is None
-        if verdict and not job.get("compiled") and _DOUBTED & set(verdict.get("rows", ())):
-            again = worker.judge({**job, "compiled": True}, longer)
-            verdict, dead = again or verdict, again is None
+        if verdict and not job.get("compiled") and _REPEATED & set(verdict.get("rows", ())):
+            repeated = worker.judge({**job, "compiled": True}, longer)
+            verdict, dead = repeated or verdict, repeated is None
         if verdict is None or "late" in verdict or "died" in verdict:
             stopped = worker.stopped if verdict is None else "late" in verdict
-            late = f"no verdict within {limit:g} s" if stopped else ""
+            reason = f"no verdict within {limit:g} s" if stopped else ""
             name = job.get("name") or f"seed {job['seed']}"
             verdict = {
                 "name": name,
                 "seed": job.get("seed"),
-                "crash": "" if late else "the process died",
-                "not_flown": late,
+                "crash": "" if reason else "the process died",
+                "not_flown": reason,
                 "rows": {},
                 "said": [],
                 "compiled": job.get("compiled", False),
@@ -138,6 +151,6 @@ def _work(
         if dead:
             worker.close()
             worker = None
-        found.put(verdict)
+        verdicts.put(verdict)
     if worker:
         worker.close()

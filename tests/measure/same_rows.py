@@ -1,0 +1,68 @@
+"""Compare the rows of all shipped campaigns, bit by bit, with those of another checkout.
+
+``python tests/measure/same_rows.py OTHER [--cases 400]``, with OTHER the root of a checkout.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+HERE = Path(__file__).resolve().parents[2]
+
+
+def rows(root: Path, name: str, cases: int, folder: Path) -> pd.DataFrame:
+    """Case table of a campaign that the code under ``root`` simulates."""
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(root),
+        "SEPMC_CACHE_DIR": str(folder / "cache"),
+    }
+    command = [sys.executable, "-m", "sepmc", "campaign", str(root / "campaigns" / name)]
+    command += ["--cases", str(cases), "--no-plots", "--quiet", "--out", str(folder / name)]
+    subprocess.run(command, env=environment, check=True, cwd=folder)
+    return pd.read_parquet(folder / name / "cases")
+
+
+def differing(one: pd.DataFrame, other: pd.DataFrame) -> list[str]:
+    """Columns that are not in both tables, or whose values differ in any bit."""
+    found = sorted(set(one.columns) ^ set(other.columns))
+    for column in one.columns.intersection(other.columns):
+        a, b = one[column].to_numpy(), other[column].to_numpy()
+        same = len(a) == len(b) and (
+            np.array_equal(a.view(np.uint64), b.view(np.uint64))
+            if a.dtype == np.float64 == b.dtype
+            else list(a) == list(b)
+        )
+        if not same:
+            found.append(column)
+    return found
+
+
+def main() -> None:
+    """Print a line for each campaign; exit with 1 if any row differs."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("other", type=Path)
+    parser.add_argument("--cases", type=int, default=400)
+    asked = parser.parse_args()
+    failed = False
+    with tempfile.TemporaryDirectory() as work:
+        for file in sorted((HERE / "campaigns").glob("*.toml")):
+            tables = []
+            for k, root in enumerate((HERE, asked.other.resolve())):
+                folder = Path(work) / str(k)
+                folder.mkdir(exist_ok=True)
+                tables.append(rows(root, file.name, asked.cases, folder))
+            columns = differing(*tables)
+            failed |= bool(columns)
+            print(f"{file.stem}: {'same bits' if not columns else ', '.join(columns)}", flush=True)
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()

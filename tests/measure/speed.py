@@ -1,0 +1,233 @@
+"""Print what users wait for: ``python tests/measure/speed.py [--before FOLDER] [PART ...]``. All
+takes about a quarter of an hour on a machine that does nothing else.
+
+Parts: ``commands`` with an empty cache and warm; ``campaigns``, each shipped one; ``features``,
+what clearances and joint loads cost; ``big``, 1e8 cases of `table2`, twice (eight minutes);
+``before``, its kernel against that of a checkout of another commit, in turn.
+"""
+
+import argparse
+import copy
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from sepmc.bench.clock import rounds
+from sepmc.bench.study import sample_inputs
+from sepmc.campaign.campaign import Campaign, load
+from sepmc.campaign.execution.integration import by_name, integrate_once
+from sepmc.campaign.execution.step_selection import kernel_text, select_steps
+from sepmc.engine.dispatch import integrate_cases, load_kernel, use_threads
+from sepmc.scene.read import parse_campaign, shipped_campaigns
+
+REPEATS, PAIRS, CASES = 7, 5, 10_000
+BARE = {"run.history_step_s": 0.0}
+IMPORTS = [sys.executable, "-c", "import numba, pandas, pyarrow"]
+# 10,000 cases on one thread, s, best of nine: the kernel, and with all that a row is told of
+KERNEL = """
+import sepmc
+from sepmc.bench.clock import seconds
+from sepmc.bench.study import drawn
+from sepmc.campaign.execution.integration import fly, fly_once
+from sepmc.campaign.execution.step_selection import select_steps
+from sepmc.engine.dispatch import use_threads
+campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.0})
+use_threads(1)
+flight, inputs = select_steps(campaign), drawn(campaign, 10_000)
+for work in (fly_once, fly):
+    work(campaign, flight, inputs)
+    print(min(seconds(lambda: work(campaign, flight, inputs)) for _ in range(9)))
+"""
+
+
+def command(*words, out, cache):
+    """Wall time of a command, s."""
+    environment = os.environ | {"SEPMC_CACHE_DIR": str(cache)}
+    begun = time.perf_counter()
+    words = [sys.executable, "-m", "sepmc", *words, "--quiet", "--overwrite", "--out", str(out)]
+    subprocess.run(words, check=True, env=environment, stderr=subprocess.DEVNULL)
+    return time.perf_counter() - begun
+
+
+def imports():
+    begun = time.perf_counter()
+    subprocess.run(IMPORTS, check=True)
+    return time.perf_counter() - begun
+
+
+def commands(folder):
+    """Whole processes: with an empty cache, again with one output more, and warm."""
+    one_more = ["campaign", "table2.toml", "--set", 'output.tip_off=["pins"]']
+    for cache in (folder / "cold-1", folder / "cold-2"):
+        cold = command("campaign", "table2.toml", out=folder / "run", cache=cache)
+        again = command(*one_more, out=folder / "run", cache=cache)
+        other = folder / f"{cache.name}-srb"
+        srb = command("campaign", "srb.toml", "--cases", "100", out=folder / "run", cache=other)
+        print(f"empty cache, figures: table2 {cold:.1f} s, then one output more {again:.1f} s; ")
+        print(f"  100 cases of srb {srb:.1f} s", flush=True)
+    times = {"imports": [], "no figures": [], "figures": []}
+    for _ in range(REPEATS):
+        times["imports"].append(imports())
+        for name, more in (("no figures", ["--no-plots"]), ("figures", [])):
+            words = ["campaign", "table2.toml", *more]
+            times[name].append(command(*words, out=folder / "run", cache=folder / "cold-1"))
+    base = median(times["imports"])
+    for name, those in times.items():
+        low, high = min(those), max(those)
+        print(
+            f"warm table2, {name}: {median(those):.2f} s ({low:.2f} to {high:.2f}), "
+            f"{median(those) / base:.2f} x the imports",
+            flush=True,
+        )
+
+
+def campaigns(folder, files):
+    """10,000 cases of each campaign as shipped, two threads."""
+    for file in files:
+        words = ["campaign", file, "--cases", str(CASES), "--threads", "2", "--no-plots"]
+        command(*words, out=folder / "run", cache=folder / "all")
+        manifest = json.loads((folder / "run" / "manifest.json").read_text())
+        times, accuracy = manifest["sessions"][-1]["timing_s"], manifest["accuracy"]
+        print(
+            f"{file}: kernel {times['kernel']:.3f} s, error {accuracy['achieved']:.1e}, "
+            f"flown again {accuracy.get('n_refined', 0)}",
+            flush=True,
+        )
+
+
+def without(campaign, loads, clearances):
+    """A campaign without its joint loads, its clearances, or both, and what is required of them."""
+    tree = copy.deepcopy(campaign.file.tree)
+    gone = []
+    if loads:
+        gone += ["peak", "jam"]
+        for key in ("loads", "guide"):
+            tree.get("output", {}).pop(key, None)
+    if clearances:
+        gone += ["clearance", "recontact"]
+        tree.pop("clearance", None)
+        tree["dispersion"] = {
+            k: v for k, v in tree["dispersion"].items() if not k.startswith("clearance")
+        }
+    kept = [
+        item
+        for item in tree.pop("requirement", [])
+        if not any(word in item["metric"] for word in gone)
+    ]
+    if kept:
+        tree["requirement"] = kept
+    return Campaign(parse_campaign(tree, campaign.name))
+
+
+def features(file, cases=2000):
+    """What clearances and loads cost, in the same steps and each as the pilot flies it; one
+    thread."""
+    campaign = load(file, BARE)
+    use_threads(1)
+    flight, inputs = select_steps(campaign), sample_inputs(campaign, cases)
+    scenes = {"all": campaign}
+    if campaign.scene.output.loads:
+        scenes["loads"] = without(campaign, True, False)
+    if campaign.scene.clearance:
+        scenes["clearances"] = without(campaign, False, True)
+    if len(scenes) == 1:
+        return
+    works = {}
+    for name, scene in scenes.items():
+        kernel = load_kernel(kernel_text(scene, flight.one_method))
+        methods = by_name(kernel, flight.method_names)
+        paths = {item.parameter.path for item in scene.file.dispersions}
+        columns = [
+            i for i, item in enumerate(campaign.file.dispersions) if item.parameter.path in paths
+        ]
+        those, own = np.asfortranarray(inputs[:, columns]), select_steps(scene)
+        works[name, "same"] = lambda k=kernel, s=scene, d=those, m=methods: integrate_cases(
+            k, s.plan, flight.steps, flight.durations, s.slots, d, 0, m
+        )
+        works[name, "own"] = lambda s=scene, o=own, d=those: integrate_once(s, o, d)
+    found = {key: median(times) for key, times in rounds(works, REPEATS).items()}
+    said = [
+        f"{name} {found['all', 'same'] / found[name, 'same']:.2f} x in the same steps, "
+        f"{found['all', 'own'] / found[name, 'own']:.2f} x as each is flown"
+        for name in scenes
+        if name != "all"
+    ]
+    print(f"{file}, with over without: {'; '.join(said)}", flush=True)
+
+
+def against(before):
+    """The kernel of `table2` beside that of another checkout: by itself, and with estimates and
+    cases flown again."""
+    ratios = []
+    for _ in range(PAIRS):
+        times = []
+        for folder in (before, Path(__file__).parents[2]):
+            environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_NUM_THREADS": "1"}
+            words = [sys.executable, "-c", KERNEL]
+            done = subprocess.run(
+                words, check=True, env=environment, capture_output=True, text=True, cwd="/"
+            )
+            times.append(100.0 * np.array(done.stdout.split(), dtype=float))
+        ratios.append(times[1] / times[0])
+        print(
+            "us a case, kernel: {:.2f} before, {:.2f}, {:.3f} x; with estimates and cases flown "
+            "again: {:.2f}, {:.2f}, {:.3f} x".format(
+                *np.stack([times[0], times[1], ratios[-1]], 1).ravel()
+            ),
+            flush=True,
+        )
+    print("medians: {:.3f}, {:.3f} x".format(*np.median(ratios, axis=0)), flush=True)
+
+
+def big(folder):
+    """1e5 and 1e8 cases of `table2`: for statistics alone, and with columns of all rows kept."""
+    keep = ["--keep", "all", "--keep-columns", "separation_*,upper_*", "--float32"]
+    for what, more in (("statistics alone", ["--stats-only"]), ("rows kept", keep)):
+        for cases in (1e5, 1e8):
+            out = folder / "run"
+            words = ["campaign", "table2.toml", "--no-plots", *more, "--cases", f"{cases:.0f}"]
+            words += ["--set", "run.history_step_s=0", "--quiet", "--overwrite", "--out", str(out)]
+            begun = time.perf_counter()
+            process = subprocess.Popen([sys.executable, "-m", "sepmc", *words])
+            _, code, used = os.wait4(process.pid, 0)
+            assert code == 0
+            seconds = time.perf_counter() - begun
+            kernel = json.loads((out / "manifest.json").read_text())["sessions"][-1]["timing_s"]
+            size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
+            print(
+                f"{cases:.0e} cases, {what}: {cases / seconds:.3g} a second, of the kernel alone "
+                f"{cases / kernel['kernel']:.3g}; {used.ru_maxrss / 1024:.0f} MB of memory, "
+                f"{size / 1e6:.0f} MB on disk",
+                flush=True,
+            )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--before", type=Path, metavar="FOLDER")
+    parser.add_argument("part", nargs="*", metavar="PART", default=["all"])
+    asked = parser.parse_args()
+    dispersed = [file for file in shipped_campaigns() if "dispersion" in load(file).file.tree]
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        parts = {
+            "before": lambda: asked.before and against(asked.before),
+            "big": lambda: big(folder),
+            "commands": lambda: commands(folder),
+            "campaigns": lambda: campaigns(folder, dispersed),
+            "features": lambda: [features(file) for file in dispersed],
+        }
+        for name, part in parts.items():
+            if name in asked.part or "all" in asked.part:
+                part()
+
+
+if __name__ == "__main__":
+    main()
