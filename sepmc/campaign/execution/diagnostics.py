@@ -16,7 +16,7 @@ from sepmc.campaign.execution.table_overshoot import overshooting
 from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene import parameters
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.lint import slips
+from sepmc.scene.lint import lint_scene
 from sepmc.scene.model import GROUND, SALTELLI, Clearance, Scene
 
 _MAX_NAMES = 3  # outcomes in a note
@@ -36,7 +36,7 @@ def file_notes(campaign: Definition) -> list[str]:
     dispersed = {d.parameter.path for d in campaign.file.dispersions}
     return [
         *campaign.file.no_effect,
-        *slips(campaign.scene, campaign.file.dispersions),
+        *lint_scene(campaign.scene, campaign.file.dispersions),
         *idle_loads(campaign.scene, dispersed),
         *overshooting(campaign.scene),
     ]

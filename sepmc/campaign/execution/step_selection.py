@@ -161,7 +161,7 @@ def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray
             *(
                 _CORNERS_PER_VALUE * len(_value_probabilities(law))
                 for law in laws
-                if law.law == "discrete"
+                if law.distribution == "discrete"
             ),
         ]
     )
@@ -174,7 +174,7 @@ def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray
         u = np.where(tosses[:, i] == 1, 1.0 - _CORNER_PROBABILITY, _CORNER_PROBABILITY)
         if law.parameter.path.endswith(".fails"):  # not a corner of anything
             u = np.full(count, 0.5)
-        elif law.law == "discrete":
+        elif law.distribution == "discrete":
             u = random.permutation(np.resize(_value_probabilities(law), count))
         elif _is_wide(law):
             u = (random.permutation(count) + 0.5) / max(1, count)
@@ -203,7 +203,7 @@ def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
         u = np.concatenate(
             [(random.permutation(n) + random.random(n)) / max(1, n) for n in (half, count - half)]
         )
-        if law.law == "discrete" and not law.parameter.path.endswith(".fails"):
+        if law.distribution == "discrete" and not law.parameter.path.endswith(".fails"):
             u[half:] = random.permutation(np.resize(_value_probabilities(law), count - half))
         table[:, i] = _quantiles(law, np.clip(u, 2.0**-54, 1.0 - 2.0**-53))
     return table * campaign.factors

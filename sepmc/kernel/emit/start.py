@@ -10,7 +10,7 @@ from sepmc.kernel.tracer.formulas import quat, vec3, vehicle
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total, where
 from sepmc.routines import layout as at
-from sepmc.scene.initial_rates import swings
+from sepmc.scene.initial_rates import initial_rates
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
@@ -105,7 +105,7 @@ def _set_initial_state(c: Context) -> None:
     """
     spec, workspace, case, scope = c.spec, c.workspace, c.case, c.case.scope
     r, omega = quat.matrix(case.attitude).called("r"), case.vector(at.OMEGA)
-    pivot, rates_of_joints = _pivot(c), dict(swings(spec.scene, spec.dispersed))
+    pivot, rates_of_joints = _pivot(c), dict(initial_rates(spec.scene, spec.dispersed))
     valid: Any = None
     for body in spec.bodies:
         offset = vec3.scale(
