@@ -269,6 +269,7 @@ class Campaign(Definition):
             options.max_failures,
             stats_only or kept is not None,
             kept,
+            options.calibration,
             options.progress,
             options.announce,
         )
@@ -285,10 +286,10 @@ class Campaign(Definition):
     ) -> Result:
         """`run`, in memory or into a folder that is open."""
         seed, numbers = draws.seed, draws.numbers
-        stats_only, announce, crew, stop = (
+        stats_only, announce, executor, stop = (
             orders.stats_only,
             orders.announce,
-            orders.crew,
+            orders.executor,
             orders.until,
         )
         earlier, wanted = (
@@ -308,7 +309,10 @@ class Campaign(Definition):
             forecast(self, left, over_time, keep).check_disk(folder)
         begun = time.perf_counter()
         flight = select_steps(
-            self, history=self.scene.run.history_step > 0.0 and not stats_only, announce=announce
+            self,
+            self.scene.run.history_step > 0.0 and not stats_only,
+            announce,
+            orders.calibration,
         )
         timing = {
             "compile": time.perf_counter() - begun,
@@ -332,12 +336,12 @@ class Campaign(Definition):
                     if orders.progress:
                         orders.progress(runner.n_run, left, runner.failures)
 
-                if crew:
-                    runner.run_on(crew, wanted, tell)
+                if executor:
+                    runner.run_on(executor, wanted, tell)
                 parts = [numbers]
                 if stop:
                     parts = list(numbers.doubling(stop.first(self.rare_values)))
-                for part in [] if crew else parts:
+                for part in [] if executor else parts:
                     for first, end in wanted.within(part).split(runner.size):
                         if not runner.too_many_failed:
                             runner.run(first, end, tell)
