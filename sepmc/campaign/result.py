@@ -172,7 +172,8 @@ class Result:
             elif not ok_rows(rows)[is_selected].any():
                 reason = "reason of them came to its end as asked, so there are no statistics"
                 warn(
-                    f"{describe_filter(where)}: {is_selected.sum()} of {len(is_selected)} cases; {reason}",
+                    f"{describe_filter(where)}: {is_selected.sum()} of {len(rows['case'])} cases; "
+                    + reason,
                     RunWarning,
                 )
             selected = {name: rows[name][is_selected] for name in ("case", "status", *outcomes)}
