@@ -170,7 +170,7 @@ class Result:
                     RunWarning,
                 )
             elif not ok_rows(rows)[is_selected].any():
-                reason = "reason of them came to its end as asked, so there are no statistics"
+                reason = "none of them came to its end as asked, so there are no statistics"
                 warn(
                     f"{describe_filter(where)}: {is_selected.sum()} of {len(rows['case'])} cases; "
                     + reason,

@@ -544,7 +544,7 @@ def units(folder: Path, kind: str = folders.CASES) -> dict[str, str]:
 
 
 def write_statistics(
-    folder: Path, stats: pd.DataFrame, of: dict[str, str], told: dict[str, Any]
+    folder: Path, stats: pd.DataFrame, of: dict[str, str], content: dict[str, Any]
 ) -> None:
     """Write ``statistics.csv`` and ``statistics.json``.
 
@@ -559,7 +559,7 @@ def write_statistics(
     """
     frame = _with_units(stats, of)
     folders.write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
-    folders.write_json(folder / "statistics.json", told)
+    folders.write_json(folder / "statistics.json", content)
 
 
 def write_histograms(folder: Path, bins: pd.DataFrame) -> Path:
