@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sepmc.campaign.execution.step_selection import CalibrationSize
+from sepmc.campaign.execution.calibration_cases import CalibrationSize
 from sepmc.campaign.execution.work_ranges import Executor
 from sepmc.scene.messages import Log
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution.step_selection import CalibrationSize
+from sepmc.campaign.execution.calibration_cases import CalibrationSize
 from sepmc.campaign.result import Result
 from sepmc.engine.dispatch import interpreted
 from sepmc.scene.messages import no_log

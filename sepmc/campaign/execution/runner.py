@@ -27,6 +27,7 @@ from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors
 from sepmc.campaign.execution.batch_summary import BatchSummary, accuracy, accuracy_entries
+from sepmc.campaign.execution.calibration_cases import CalibrationSize
 from sepmc.campaign.execution.chunk import Chunk, SampleSpec, integrate_chunk
 from sepmc.campaign.execution.diagnostics import (
     accuracy_notes,
@@ -47,7 +48,6 @@ from sepmc.campaign.execution.sinks import (
     Sink,
     StatisticsSink,
 )
-from sepmc.campaign.execution.step_selection import CalibrationSize
 from sepmc.campaign.execution.work_ranges import Executor, Job, RangeResult, run_range
 from sepmc.campaign.store import folders, ledger, manifests, shards
 from sepmc.campaign.store.row_selection import KeepRules, RowSelection

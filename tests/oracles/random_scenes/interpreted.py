@@ -16,9 +16,9 @@ from sepmc.campaign import campaign as campaigns
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.execution.accuracy import achieved, relative_error, scales, scene_scales
+from sepmc.campaign.execution.calibration_cases import CalibrationSize
 from sepmc.campaign.execution.integration import Integration, typical_durations
 from sepmc.campaign.execution.step_refinement import longest_step
-from sepmc.campaign.execution.step_selection import CalibrationSize
 from sepmc.engine.dispatch import integrate_cases, interpreted, load_kernel
 from sepmc.kernel.spec.methods import method
 from sepmc.kernel.spec.structure import brief_transient
