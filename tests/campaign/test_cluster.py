@@ -232,7 +232,7 @@ def test_workers_that_are_gone_are_not_waited_for(monkeypatch):
     monkeypatch.setattr(cluster, "wait", wait)
     monkeypatch.setattr(cluster, "_TIMEOUT_S", 0.0)
     with pytest.raises(ClusterError, match="all workers are gone for 0 s; what is flown is kept"):
-        DaskExecutor(Client(), None, 1, 1)._done({"future": 0})
+        DaskExecutor(Client(), None, 1, 1)._completed({"future": 0})
     assert len(looks) == 3
     assert all(timeout <= 10.0 for timeout in looks)
 

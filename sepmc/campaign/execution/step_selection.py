@@ -388,7 +388,7 @@ def _common_steps(
         report(len(draws))
         return block
 
-    def integrate_cases(
+    def evaluate(
         steps: np.ndarray, methods: np.ndarray, draws: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         block = integrate_block(steps, draws, methods)
@@ -408,7 +408,7 @@ def _common_steps(
     )
     for _ in range(_MAX_ROUNDS):
         tried = np.vstack([tried, sampled[beyond_goal]])
-        search = Search(integrate_cases, tried, scale, goal, is_decisive, evaluations)
+        search = Search(evaluate, tried, scale, goal, is_decisive, evaluations)
         fewest = (
             search.fewest_steps(min_steps) if step is None else search.given_step(kernel.n_segments)
         )
