@@ -109,9 +109,7 @@ class Search:
         self.reference_change = np.inf  # by the last halving of its steps
         self.reference_errors = np.full(len(scale), np.inf)  # by outcome
 
-    def integrate_cases(
-        self, steps: np.ndarray, draws: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Outcomes and verdicts of inputs at some steps, by the selected methods."""
         self.work += len(draws) * int(steps.sum())
         return self._integrate(steps, self.methods, draws)
