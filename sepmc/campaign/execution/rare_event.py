@@ -386,7 +386,7 @@ def _notes(
     plain = subset_simulation.equivalent_direct_cases(known.probability, known.interval)
     if len(known.levels) > 1 and plain < flights.count:
         notes.append(
-            f"this is not rare: {plain:.0f} cases of a plain campaign tell it as well as these "
+            f"this is not rare: {plain:.0f} cases of a plain campaign estimate it as well as these "
             f"{flights.count} flights"
         )
     broken = implausible_note(summary.implausible, flights.count)

@@ -123,7 +123,7 @@ def fallbacks(
     def make(variant: int, announce: Log | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
 
-    return tuple(FallbackKernel(spare, partial(make, spare), numbers) for spare in shape.fallbacks)
+    return tuple(FallbackKernel(v, partial(make, v), numbers) for v in shape.fallbacks)
 
 
 def select_steps(
