@@ -133,7 +133,7 @@ _CLEARANCE = (
         "clearance_mm",
         "mm",
         "minimum distance of {0} over the flight, solids and rims or points in shells, not "
-        "positive if they met; through the wall of a shell at most a tenth of its radius is reported",
+        "positive if they met; penetration of the wall of a shell is limited to 0.1 of its radius",
         1000.0,
     ),
     ("clearance_time_s", "s", "time of the minimum distance of {0}", 1.0),
