@@ -20,7 +20,7 @@ from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
 from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.input_table import CASE, InputTable, Reader
-from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, content
+from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, read_limited
 from sepmc.scene.messages import (
     Problems,
     SceneError,
@@ -135,7 +135,7 @@ def read_campaign(
     """
     path = find_file(file)
     try:
-        written = content(path, CAMPAIGN_BYTES)
+        written = read_limited(path, CAMPAIGN_BYTES)
     except ValueError as error:
         raise SceneError([f"{path}: {error}"]) from None
     except OSError as error:
