@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 
 from sepmc.analysis import compare, constant_outcomes, distributions, sensitivity
 from sepmc.analysis.row_statistics import TableStatistics
@@ -88,7 +88,7 @@ def run(tmp_path_factory):
     """A run of that scene, what the command printed, and its folder."""
     folder = tmp_path_factory.mktemp("sliding")
     (folder / "sliding.toml").write_text(SLIDING)
-    with flown_plainly():
+    with run_interpreted():
         told = call("campaign", folder / "sliding.toml", "--out", folder / "run")
     return folder / "run", told
 
@@ -256,7 +256,7 @@ def test_no_drivers_and_no_law_of_a_constant(run):
 
 def test_python_says_so_too():
     """A result of a run that is kept in memory."""
-    with flown_plainly():
+    with run_interpreted():
         result = Campaign(parse_campaign(tomllib.loads(SLIDING), "sliding")).run(20)
     table = result.statistics()
     assert table.at[SPEED, "constant"]
@@ -296,7 +296,7 @@ def test_a_required_constant_is_drawn_as_one_value(run, monkeypatch):
 def test_one_case_prints_no_noise(run, tmp_path):
     """A single run prints 0 where an outcome is below its error; files keep what was found."""
     folder, _ = run
-    with flown_plainly():
+    with run_interpreted():
         told = call("run", folder, "--case", 3, "--out", tmp_path / "one", "--no-plots")
     line = next(one for one in told.output.splitlines() if one.strip().startswith(SPEED))
     assert line.split() == [SPEED, "0"]
@@ -314,7 +314,7 @@ def test_what_two_runs_can_tell_apart():
 def test_counted_statistics_say_constant(tmp_path):
     """So does a run that keeps no rows, whose figures are drawn from its files."""
     (tmp_path / "sliding.toml").write_text(SLIDING)
-    with flown_plainly():
+    with run_interpreted():
         told = call(
             "campaign", tmp_path / "sliding.toml", "--out", tmp_path / "run", "--stats-only"
         )

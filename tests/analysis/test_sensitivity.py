@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy import stats
 
 import sepmc
@@ -349,7 +349,7 @@ def test_through_a_run_folder(tmp_path):
     partly violate a requirement."""
     slow = {"name": "slow", "metric": "separation_speed_m_s", "at_least": 0.55}
     campaign = sepmc.load("table2", {"run.end_time_s": 0.26, "requirement": [slow]})
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=150, seed=7, out=tmp_path / "run")
     told = call("sensitivity", tmp_path / "run", "separation_speed_m_s", "--no-plots")
     assert told.exit_code == 0, told.output
@@ -395,7 +395,7 @@ def test_a_saltelli_campaign(tmp_path):
     campaign = sepmc.load("table2", settings)
     with pytest.raises(InputError, match="groups of 4 cases: give a multiple, best 8 or 16"):
         campaign.run(cases=15)
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=256, out=tmp_path / "run")
     assert any("repeat each other" in note for note in result.notes)
     table = result.sensitivity("upper_pitch_deg")
@@ -456,7 +456,7 @@ def test_bars_of_what_is_not_told_from_nothing_are_pale(tmp_path, drawn):
             name = table.index[::-1][round(patch.get_y() + patch.get_height() / 2.0)]
             strong.setdefault(name, set()).add(patch.get_alpha() == 1.0)
     assert strong == {"a": {True}, "b": {True}, "c": {False}, "d": {False}}
-    assert "pale: effect by itself not told from 0 (95 %)" in bars.get_legend_handles_labels()[1]
+    assert "pale: effect alone not significant (95 %)" in bars.get_legend_handles_labels()[1]
     (_, _, (reach,)), top = indices.containers[0], table[::-1]
     ends = np.array([segment[:, 0] for segment in reach.get_segments()])
     assert_allclose(ends, top[["first_low", "first_high"]])

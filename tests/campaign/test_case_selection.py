@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy.special import stdtrit
 from small_scenes import SPRUNG
 from support.stopping_problems import coverage
@@ -29,7 +29,7 @@ INPUTS = ["in_body_fore_mass_kg", "in_spring_push_force_N"]
 
 @pytest.fixture(autouse=True)
 def _plainly():
-    with flown_plainly():
+    with run_interpreted():
         yield
 
 
