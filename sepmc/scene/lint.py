@@ -130,8 +130,8 @@ def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iter
         low, high = each.reach
         if nominal and math.isfinite(nominal) and high - low > 2.0 * _WIDE * abs(nominal):
             yield (
-                f"dispersion of {each.sentence}: reaches {low:.4g} to {high:.4g} about a nominal of "
-                f"{nominal:.4g}; 5 % of the nominal is 0.05 with relative = true"
+                f"dispersion of {each.sentence}: reaches {low:.4g} to {high:.4g} about a nominal "
+                f"of {nominal:.4g}; 5 % of the nominal is 0.05 with relative = true"
             )
 
 
