@@ -65,12 +65,12 @@ PLANTED = [
     ("spring-pushers", {"event": [{"name": "late", "when": {"time_s": 9e9}}]},
      "event.late.when", "after the end of the flight"),
     ("spring-pushers", {"phase": [{"name": "clamped", "joints": {"clamp": "fixed"}}]},
-     "output.tip_off: clamp", "never let go"),
+     "output.tip_off: clamp", "never released"),
     ("residual-thrust", {"phase": [{"name": "locked", "joints": {"rods": "fixed"}}],
                          "dispersion.phase.locked.until.time_s": None},
-     "output.tip_off: rods", "never let go"),
+     "output.tip_off: rods", "never released"),
     ("spring-pushers", {"phase": [{"name": "free"}], "output": {"loads": ["clamp"]}},
-     "output.loads: clamp", "holds nothing"),
+     "output.loads: clamp", "is free in all phases"),
 ]  # fmt: skip
 
 
@@ -128,7 +128,7 @@ def test_shipped_campaigns_have_none(name):
 
 @pytest.mark.parametrize(
     ("weights", "said"),
-    [([0.97, 0.3], "add up to 1.27, so that the probabilities are 0.764, 0.236"),
+    [([0.97, 0.3], "add up to 1.27, so the probabilities are 0.764, 0.236"),
      ([0.97, 0.03], ""), ([2.0, 1.0], ""), ([0.33, 0.66], "")],
 )  # fmt: skip
 def test_weights_that_do_not_add_up(weights, said):
@@ -147,7 +147,7 @@ PUSHER = "spring.upper_left"
         ({f"{PUSHER}.stiffness_N_per_m": 60_000.0}, "over: force_N"),
         (
             {f"dispersion.{PUSHER}.force_N": {"discrete": [900.0, 0.0], "weights": [0.99, 0.01]}},
-            "at the end of its law for force: force_N = 0 less",
+            "at an end of its distribution for force: force_N = 0 less",
         ),
         ({f"dispersion.{PUSHER}.factor": {"discrete": [1.0, 0.0], "weights": [0.99, 0.01]}}, None),
     ],
