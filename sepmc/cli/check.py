@@ -112,7 +112,7 @@ def _input_warnings(campaign: "Campaign") -> list[str]:
         count += end - first
     note = implausible_note(implausible, count)
     return [
-        *sampling_notes(campaign, selection),
+        *sampling_notes(campaign, selection, total),
         *file_notes(campaign),
         *undispersed(campaign),
         *([note] if note else []),

@@ -84,21 +84,6 @@ def put6(w, k, m):
 
 
 @formula
-def get9(w, k):
-    """Load nine numbers of a lane, the first at w[k]."""
-    a, b, c = get3(w, k), get3(w, k + 3 * LANES), get3(w, k + 6 * LANES)
-    return (a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
-
-
-@formula
-def put9(w, k, a):
-    """Store nine numbers of a lane, the first at w[k]."""
-    put3(w, k, (a[0], a[1], a[2]))
-    put3(w, k + 3 * LANES, (a[3], a[4], a[5]))
-    put3(w, k + 6 * LANES, (a[6], a[7], a[8]))
-
-
-@formula
 def time_left(value, rate, acceleration, jerk):
     """Time until a quantity rises through zero: the root of value + rate t + acceleration t^2 / 2 +
     jerk t^3 / 6.

@@ -138,6 +138,14 @@ def test_a_hypercube_has_no_other_cases(file):
         campaign.run("10:14")
 
 
+def test_a_part_of_a_hypercube_is_told_from_a_smaller_one(file):
+    """A range takes cases of the file's design; a number of cases makes a design of its own."""
+    campaign = sepmc.load(file, {"run.sampler": "lhs"})
+    said = "cases 0:4 are a part of a design of 12 cases"
+    assert any(said in note for note in campaign.run("0:4").notes)
+    assert not any("a part of a design" in note for note in campaign.run(4).notes)
+
+
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_a_plan_is_flown_exactly(file, tmp_path, ending):
     """A table that ``sample`` writes gives all inputs to the last bit, whatever the laws of the
