@@ -417,8 +417,8 @@ class Scene(_Table, frozen=True, kw_only=True):
 
 
 class Distribution(_Table, frozen=True, kw_only=True):
-    """How one parameter varies. Exactly one law, or a column of ``run.samples``; numbers in the
-    unit of the parameter's key."""
+    """Distribution of one parameter: exactly one kind, or a column of ``run.samples``. Numbers are
+    in the unit of the parameter's key."""
 
     uniform: float | tuple[float, float] | None = None
     normal: float | tuple[float, float] | None = None
