@@ -109,8 +109,8 @@ def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
     if motor.profile is not None:
         check_series(f"{place}.profile", "time_s", motor.profile.time, 2, problems)
         if motor.profile.time and motor.profile.time[0] < 0.0:
-            said = "must begin at 0 or later: times count from the ignition"
-            problems.add(f"{place}.profile.time_s", said, motor.profile.time[0])
+            reason = "must begin at 0 or later: times count from the ignition"
+            problems.add(f"{place}.profile.time_s", reason, motor.profile.time[0])
         check_lengths(
             f"{place}.profile",
             {"time_s": motor.profile.time, "fraction": motor.profile.fraction},
@@ -152,13 +152,13 @@ def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
     kinds += [release.to for release in scene.release if release.joint == name]
     known = [kind for kind in kinds if kind in KINDS or kind in joint.kind]
     if not any(leaves_pins_sliding(rows_of(joint, kind)) for kind in known):
-        said = (
+        reason = (
             "does nothing: its pins act while the joint constrains y, z and at least two rotations "
             "but not x (slider, cylindrical, or a kind "
         )
         problems.add(
             f"joint.{name}.guide",
-            f"{said}of its own); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases",
+            f"{reason}of its own); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases",
         )
 
 

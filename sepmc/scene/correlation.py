@@ -59,7 +59,7 @@ def resolve(
         from_samples = [
             key for key, k in zip(item.parameters, places, strict=True) if dispersions[k].column
         ]
-        if len(from_samples) == len(places):  # and vary together as they do there
+        if len(from_samples) == len(places):  # correlated as in the samples
             continue
         for key, place in zip(item.parameters, places, strict=True):
             if key in from_samples:

@@ -231,10 +231,10 @@ def _springs(scene: Scene) -> Iterator[str]:
         if any(joint.apart is not None for joint in joints):  # given in the file
             continue
         first, second = (np.array(scene.body[name].cg) for name in spring.bodies)
-        apart = (second - first) * (-1.0, 1.0, 1.0)  # stations count aft, x points forward
+        offset = (second - first) * (-1.0, 1.0, 1.0)  # stations count aft, x points forward
         axis = np.array(spring.axis)
-        size = float(np.linalg.norm(apart) * np.linalg.norm(axis))
-        if size and np.sign(spring.force) * float(apart @ axis) < _AGAINST * size:
+        size = float(np.linalg.norm(offset) * np.linalg.norm(axis))
+        if size and np.sign(spring.force) * float(offset @ axis) < _AGAINST * size:
             what, does = f"axis = {_list(spring.axis)}", "pushes"
             if spring.force < 0.0:
                 what, does = f"force = {spring.force:g} N", "pulls"

@@ -34,8 +34,8 @@ def check_series(
 ) -> None:
     """Note an axis of a table that does not rise strictly, or has fewer than ``least`` values."""
     if len(series) > TABLE_ROWS:
-        said = f"has {len(series):,} values: must have at most {TABLE_ROWS:,}"
-        problems.add(f"{place}.{key}", said)
+        reason = f"has {len(series):,} values: must have at most {TABLE_ROWS:,}"
+        problems.add(f"{place}.{key}", reason)
     elif len(series) < least:
         problems.add(f"{place}.{key}", f"needs at least {least} values", list(series))
     elif not all(a < b for a, b in itertools.pairwise(series)):

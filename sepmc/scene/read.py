@@ -109,8 +109,10 @@ def find_file(file: str | Path) -> Path:
     """Path of a campaign: a file, a run folder's ``campaign.toml``, or the name of a shipped
     campaign. Raises SceneError if there is none."""
     if isinstance(file, dict):
-        said = "must be the name of a file or run folder; values of a file are changed by settings"
-        raise SceneError([f"campaign = {shorten(file)}: {said}"])
+        reason = (
+            "must be the name of a file or run folder; values of a file are changed by settings"
+        )
+        raise SceneError([f"campaign = {shorten(file)}: {reason}"])
     try:
         path = as_path(file)
     except PathError as error:
@@ -193,9 +195,9 @@ def _check_sample_path(tree: dict[str, Any], path: Path) -> None:
     except (OSError, ValueError, RuntimeError):  # a loop of links, no valid file name
         is_beside = False
     if not is_beside:
-        said = "must lie beside the campaign, or in a folder there"
+        reason = "must lie beside the campaign, or in a folder there"
         any_other = f"{setting('run.samples', 'PATH')} takes any"
-        raise SceneError([f"{path.name}: run.samples = {shorten(plan)}: {said}; {any_other}"])
+        raise SceneError([f"{path.name}: run.samples = {shorten(plan)}: {reason}; {any_other}"])
 
 
 def parse_campaign(
@@ -341,8 +343,8 @@ def _check_input_table(
                 f"run.samples, column {name}", f"no such column; it must be called {meant}"
             )
         elif name.startswith("in_") and name not in used and name not in known:
-            said = f"{nearest(name, known)}; samples give parameters of [dispersion]"
-            problems.add(f"run.samples, column {name}", f"no such input here: {said}")
+            reason = f"{nearest(name, known)}; samples give parameters of [dispersion]"
+            problems.add(f"run.samples, column {name}", f"no such input here: {reason}")
     if not used - {""} and not problems:
         problems.add("run.samples", f"gives no input; {nearest('', known)}", table.path.name)
 
@@ -436,8 +438,8 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
                 inertia_fault(inertia_tensor(replace(scene, corner).body[name])) if corner else None
             )
             if fault:
-                said = f"dispersion of body.{name}.inertia can give a case that {fault}"
-                warn(f"{source}: {said}", SceneWarning)
+                reason = f"dispersion of body.{name}.inertia can give a case that {fault}"
+                warn(f"{source}: {reason}", SceneWarning)
                 break
 
 

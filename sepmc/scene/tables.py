@@ -46,8 +46,8 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
     count = len(problems)
     for key, value in tree.items():
         if key not in accepted:
-            meant, said = _unknown_key(key, fields)
-            problems.add(_join(place, key), said)
+            meant, reason = _unknown_key(key, fields)
+            problems.add(_join(place, key), reason)
             seen.setdefault(meant, key)  # already noted: not "missing" as well
             misspelt.add(meant)
             continue
@@ -58,8 +58,10 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
         seen[field.name] = key
         units = fields[field.name].units
         if units and field.table and not isinstance(value, dict):
-            said = f"the unit is missing; allowed: {', '.join(fields[field.name].keys)}, or a table"
-            problems.add(_join(place, key), said, value)
+            reason = (
+                f"the unit is missing; allowed: {', '.join(fields[field.name].keys)}, or a table"
+            )
+            problems.add(_join(place, key), reason, value)
             continue
         values[field.name] = _read_value(field, value, factor, _join(place, key), problems)
     for field in fields.values():
@@ -174,8 +176,8 @@ def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
             near = difflib.get_close_matches(key, meant.keys, n=1)
             hint = f"did you mean {near[0]!r}? " if near else ""
             units = ", ".join(meant.keys)
-            said = f"{ending!r} is not a unit of {meant.quantity.kind}; {hint}allowed: {units}"
-            return meant.name, f"unknown key; {said}"
+            reason = f"{ending!r} is not a unit of {meant.quantity.kind}; {hint}allowed: {units}"
+            return meant.name, f"unknown key; {reason}"
         # first the nearest name with this unit, so that following the hint keeps the value's
         # meaning
         same_unit = {f"{name}_{unit}": name for name, f in fields.items() if unit in f.units}
