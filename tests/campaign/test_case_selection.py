@@ -211,7 +211,7 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
 @pytest.mark.parametrize(
     ("table", "law", "said"),
     [
-        ({"V": [1.0, -1.0]}, "V", "the law reaches -1, but the value must be >= 0"),
+        ({"V": [1.0, -1.0]}, "V", "the distribution reaches -1, but the value must be >= 0"),
         ({"V": [1.0, np.nan]}, "V", "column V of plan.csv is no number in case 1"),
         ({"V": ["fast", "slow"]}, "V", "'fast' in case 0 is no number"),
         ({"V": [1.0, 2.0], "in_body_fore_mass_kg": [3.0, "x"]}, "V", "'x' in case 1 is no number"),
