@@ -172,7 +172,7 @@ def test_a_search_of_steps_that_is_spent_makes_do(monkeypatch):
     def found():
         spent.clear()
         search = Search(flown, np.zeros((3, 0)), np.ones(1), 1e-8, np.array([True]), [[4]] * 3)
-        steps = search.fewest(np.full(3, 2))
+        steps = search.fewest_steps(np.full(3, 2))
         return steps, search.error(steps), sum(spent)
 
     steps, error, whole = found()

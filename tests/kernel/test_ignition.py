@@ -113,7 +113,7 @@ def _waits(**ignition):
          "'ignition' is not set in this scene, which has 'ignition_s' instead"),
         (_lit(dispersion={"motor.retro.ignition.event": _VARIED}), "is not a number"),
         (_lit(dispersion={"motor.retro.ignition.delay_s": {"uniform": [-0.1, 0.1]}}),
-         "the law reaches -0.1, but the value must be >= 0"),
+         "the distribution reaches -0.1, but the value must be >= 0"),
     ],
 )  # fmt: skip
 def test_an_ignition_that_cannot_be(pair, settings, said):

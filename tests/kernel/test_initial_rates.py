@@ -119,7 +119,7 @@ def test_it_varies_from_case_to_case(pair):
                 "joint.again": {"bodies": ["fore", "aft"], "point_m": [2.0, 0.5, 0.0]},
                 "phase": held(pins="spherical", again="spherical"),
             },
-            "fore hangs on the second body by other joints too",
+            "fore is connected to the second body by other joints too",
         ),
         (
             {

@@ -477,7 +477,7 @@ class Runner:
         notes = [
             *([note] if note else []),
             *worker_notes(self.worker_kinds),
-            *sampling_notes(self.campaign, self.spec.numbers),
+            *sampling_notes(self.campaign, self.spec.numbers, self.spec.total),
             *render_undersampled(self.occurred),
             *accuracy_notes(achieved, fixed),
             *unconverged_notes(self.summary.unconverged, self.summary.refined),
