@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution.integration import integrate
-from sepmc.campaign.execution.step_selection import CalibrationSize, select_steps
+from sepmc.campaign.execution.calibration_cases import CalibrationSize
+from sepmc.campaign.result import Result
 from sepmc.engine.dispatch import interpreted
 from sepmc.scene.messages import no_log
 from sepmc.scene.model import GROUND
@@ -89,24 +89,11 @@ class NominalRun:
         return np.einsum("nij,nj->ni", r, force), np.einsum("nij,nj->ni", r, moment)
 
 
-def run_interpreted(source: Campaign, cases: int) -> dict[str, Array]:
-    """Run a campaign interpreted, with few calibration cases, which take as long as others.
-
-    Parameters
-    ----------
-    source : Campaign
-    cases : int
-
-    Returns
-    -------
-    dict
-        Outcomes and audit (cases,) by column.
-    """
-    inputs = source.in_si(source.sample(0, cases))
+def run_interpreted(source: Campaign, cases: int) -> Result:
+    """Run a campaign interpreted, with few calibration cases, each of which takes as long as a
+    case."""
     with interpreted():
-        integration = select_steps(source, size=_CALIBRATION)
-        outcomes = integrate(source, integration, inputs).outcomes
-    return {c.name: c.scale * x for c, x in zip(source.result_columns, outcomes.T, strict=True)}
+        return source.run(cases=cases, announce=no_log, calibration=_CALIBRATION)
 
 
 def to_ground(r: Array, vectors: Array) -> Array:

@@ -72,7 +72,7 @@ def cases() -> list[Line]:
     base, lines = load("table2.toml", FINE), []
     tables = {
         "steps of 10 ms": _table(),
-        "accuracy 1e-11": run_interpreted(load("table2.toml", ACCURATE), len(CASES)),
+        "accuracy 1e-11": run_interpreted(load("table2.toml", ACCURATE), len(CASES)).table,
     }
     for number in CASES:
         expected = lagrange.simulate(base.case(number).to_dict())
