@@ -24,13 +24,8 @@ def turn(axis: int, angle: ArrayLike) -> Array:
     matrix = np.zeros((*np.shape(angle), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
     matrix[..., axis, axis] = 1.0
-    matrix[..., i, i], matrix[..., i, j], matrix[..., j, i], matrix[..., j, j] = (
-        c,
-        -s,
-        s,
-        c,
-    )
-    return rotations
+    matrix[..., i, i], matrix[..., i, j], matrix[..., j, i], matrix[..., j, j] = c, -s, s, c
+    return matrix
 
 
 # --- free rigid body
