@@ -230,7 +230,7 @@ def _times(outcomes, share):
 @pytest.mark.parametrize(
     "planted",
     [
-        pytest.param((r"vec3\.scale\(-push", "vec3.scale(push"), id="spring on the first body"),
+        pytest.param((r"vec3\.scale\(-force", "vec3.scale(force"), id="spring on the first body"),
         pytest.param((r"vec3\.sub\(vec3\.add\(", "vec3.add(vec3.add("), id="gyroscopic moment"),
     ],
 )
