@@ -112,11 +112,7 @@ class TableStatistics:
             return of.column(self.cases, name) if name in self.outcomes else None
 
         count_cases(
-            counters,
-            np.asarray(self.cases["case"]),
-            self._ok,
-            values,
-            lambda name: labels == name,
+            counters, np.asarray(self.cases["case"]), self._ok, values, lambda name: labels == name
         )
         return [
             judge(counter, errors, self._design(counter, x), reason, self._lacking(x))

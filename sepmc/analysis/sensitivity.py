@@ -238,11 +238,7 @@ def _set_index(table: pd.DataFrame, name: str, index: np.ndarray, half_width: np
 
 
 def render_sensitivities(
-    table: pd.DataFrame,
-    outcome: str,
-    keys: Mapping[str, str],
-    count: int = 8,
-    width: int = WIDTH,
+    table: pd.DataFrame, outcome: str, keys: Mapping[str, str], count: int = 8, width: int = WIDTH
 ) -> str:
     """Render the sensitivity of an outcome as a text table; ``keys`` maps inputs to TOML paths."""
     head = ["input", "first-order", "total", "rank", "partial", "mean, lowest to highest tenth"]

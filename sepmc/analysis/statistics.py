@@ -14,11 +14,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
-from sepmc.analysis.proportions import (
-    CONFIDENCE,
-    order_statistics,
-    percentile_ranks,
-)
+from sepmc.analysis.proportions import CONFIDENCE, order_statistics, percentile_ranks
 
 OK = "ok"
 TWO_SIDED = 1.959963984540054  # normal quantile of 97.5 %

@@ -60,10 +60,7 @@ def to_words(name: str, unit: str = "") -> str:
 
 
 def make_axes(
-    rows: int,
-    columns: int,
-    size: tuple[float, float],
-    widths: Sequence[float] | None = None,
+    rows: int, columns: int, size: tuple[float, float], widths: Sequence[float] | None = None
 ) -> tuple[Figure, list[Axes]]:
     """Create a figure of rows x columns axes in the common style.
 

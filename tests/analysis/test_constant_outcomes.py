@@ -224,11 +224,7 @@ def test_statistics_say_constant(run):
     assert "e-16" not in told.output.split("audit")[0]
     assert f"\n{VARIES} " in told.output
     outcomes = json.loads((folder / "statistics.json").read_text())["outcomes"]
-    assert [outcomes[name]["constant"] for name in (SPEED, GAP, VARIES)] == [
-        True,
-        True,
-        False,
-    ]
+    assert [outcomes[name]["constant"] for name in (SPEED, GAP, VARIES)] == [True, True, False]
     assert 0.0 < outcomes[VARIES]["error_size"] < 1e-4 * outcomes[VARIES]["sigma"]
     frame = pd.read_csv(folder / "statistics.csv", index_col="outcome")
     assert frame.loc[[SPEED, GAP, VARIES], "constant"].tolist() == [True, True, False]

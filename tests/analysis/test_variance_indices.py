@@ -128,7 +128,7 @@ def test_indices_of_few_cases_have_no_interval():
     assert table["first"].notna().all()
     assert table[["first_low", "first_high"]].isna().all(axis=None)
     told = " ".join(render_sensitivities(table, "y", {}).split())
-    assert "without intervals: few of 1000 cases" in told
+    assert "without intervals: a few outliers among 1000 cases" in told
     assert "+-" not in told
     assert "what surely shifts its mean first" in told
 
@@ -137,7 +137,7 @@ def test_a_design_whose_independent_cases_are_alike():
     """The only failure is in a case that repeats others but for one input."""
     n = 6 * 64
     u = probabilities(["a", "b", "c", "d"], 1, 0, n, Sampling("saltelli", n))
-    with pytest.raises(ValueError, match="does not vary in cases that do not repeat"):
+    with pytest.raises(ValueError, match="does not vary in independent cases"):
         table_of(u, np.where(np.arange(n) == 8, 1.0, 0.0), "saltelli")
 
 
