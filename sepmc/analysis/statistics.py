@@ -137,19 +137,9 @@ def statistics_table(
     reference: Mapping[str, Mapping[str, float]] | None,
 ) -> pd.DataFrame:
     """Build the table of `statistics` from a row for each outcome."""
-    columns = [
-        "n",
-        "mean",
-        "sigma",
-        "min",
-        "max",
-        *PERCENTILES,
-        "mean_se",
-        "sigma_se",
-        "case_min",
-        "case_max",
-        *(f"{name}_{end}" for name in PERCENTILES for end in ("low", "high")),
-    ]
+    columns = ["n", "mean", "sigma", "min", "max", *PERCENTILES]
+    columns += ["mean_se", "sigma_se", "case_min", "case_max"]
+    columns += [f"{name}_{end}" for name in PERCENTILES for end in ("low", "high")]
     # all float: a nullable column would turn NaN into pd.NA
     data = {
         name: np.array(
