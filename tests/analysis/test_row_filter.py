@@ -66,27 +66,27 @@ def test_given_an_input(tmp_path):
     some = rows[rows["in_initial_alpha_deg"] > 5.0]
     assert 5 < len(some) < 55
     expected = statistics(some, result.outcomes)
-    told = result.statistics("initial.alpha_deg>5")
-    pd.testing.assert_frame_equal(told[list(expected)], expected)
+    data = result.statistics("initial.alpha_deg>5")
+    pd.testing.assert_frame_equal(data[list(expected)], expected)
     before = sorted(folder.iterdir())
     words = ["stats", str(folder), "--given", "initial.alpha_deg>5", "--columns", "upper_pitch*"]
-    found = CliRunner().invoke(main, words)
-    assert found.exit_code == 0, found.output
+    called = CliRunner().invoke(main, words)
+    assert called.exit_code == 0, called.output
     violated = int((some["separation_speed_m_s"] > 0.5).sum())
-    assert f"initial.alpha_deg>5: {len(some)} of 60 cases" in found.output
-    assert f"{violated} of {len(some)} cases violate it" in found.output
-    assert "in 99.73 % of such cases" in " ".join(found.output.split())
-    assert "of all cases" not in " ".join(found.output.split())
+    assert f"initial.alpha_deg>5: {len(some)} of 60 cases" in called.output
+    assert f"{violated} of {len(some)} cases violate it" in called.output
+    assert "in 99.73 % of such cases" in " ".join(called.output.split())
+    assert "of all cases" not in " ".join(called.output.split())
     assert sorted(folder.iterdir()) == before
-    found = CliRunner().invoke(main, [*words, "--json"])
-    told = json.loads(found.stdout)
-    assert told["given"] == ["initial.alpha_deg>5"]
-    assert told["cases"]["ok"] == len(some)
-    assert told["requirements"][0]["violations"] == violated
-    assert list(told["outcomes"]) == ["upper_pitch_deg"]
-    assert told["outcomes"]["upper_pitch_deg"]["mean"] == expected.loc["upper_pitch_deg", "mean"]
-    found = CliRunner().invoke(main, ["stats", str(folder), "--given", "upper_pitch_deg>0"])
-    assert "chosen by what they did (upper_pitch_deg)" in found.output
+    called = CliRunner().invoke(main, [*words, "--json"])
+    data = json.loads(called.stdout)
+    assert data["given"] == ["initial.alpha_deg>5"]
+    assert data["cases"]["ok"] == len(some)
+    assert data["requirements"][0]["violations"] == violated
+    assert list(data["outcomes"]) == ["upper_pitch_deg"]
+    assert data["outcomes"]["upper_pitch_deg"]["mean"] == expected.loc["upper_pitch_deg", "mean"]
+    called = CliRunner().invoke(main, ["stats", str(folder), "--given", "upper_pitch_deg>0"])
+    assert "chosen by what they did (upper_pitch_deg)" in called.output
     assert "chosen by what they did" not in CliRunner().invoke(main, words).output
     nobody = CliRunner().invoke(main, ["stats", str(folder), "--given", "case<0", "--json"])
     assert nobody.exit_code == 2
@@ -100,12 +100,12 @@ def test_given_what_makes_all_fail(tmp_path):
     with flown_plainly(cases=4):
         sepmc.load("table2", {"requirement": [required], **fails}).run(20, out=tmp_path / "run")
     words = ["stats", str(tmp_path / "run"), "--given", "joint.pins.fails=1"]
-    found = CliRunner().invoke(main, words)
-    assert found.exit_code == 0, found.output
-    assert "none of them came to its end as asked" in found.output
-    assert "FAIL        parts: never-released does not occur" in found.output
-    told = json.loads(CliRunner().invoke(main, [*words, "--json"]).stdout)
-    assert told["requirements"][0]["violations"] == told["cases"]["never-released"] > 0
+    called = CliRunner().invoke(main, words)
+    assert called.exit_code == 0, called.output
+    assert "none of them came to its end as asked" in called.output
+    assert "FAIL        parts: never-released does not occur" in called.output
+    output = json.loads(CliRunner().invoke(main, [*words, "--json"]).stdout)
+    assert output["requirements"][0]["violations"] == output["cases"]["never-released"] > 0
 
 
 def test_words_that_a_message_lists():
@@ -113,10 +113,10 @@ def test_words_that_a_message_lists():
     few, many = ["mass", "cg"], [f"{part}_{k}" for part in ("spring", "joint") for k in range(20)]
     assert nearest("thrust", few) == "known here: mass, cg"
     assert nearest("mas", few) == "did you mean 'mass'?"
-    told = nearest("the.joint.fails", many)
-    assert told.startswith("known here: joint_0, joint_1")
-    assert told.endswith("joint_19 and 20 more")
-    assert "spring" not in told
+    reported = nearest("the.joint.fails", many)
+    assert reported.startswith("known here: joint_0, joint_1")
+    assert reported.endswith("joint_19 and 20 more")
+    assert "spring" not in reported
     assert nearest("xyz", many).endswith("joint_3 and 16 more")
 
 
