@@ -23,8 +23,20 @@ RANDOM = "random"  # sampler of independent cases
 
 
 def tree_differences(one: Mapping[str, Any], two: Mapping[str, Any], path: str = "") -> list[str]:
-    """Return a sentence for each value that differs between two campaign trees, by its TOML
-    path."""
+    """List the differences of two campaign trees.
+
+    Parameters
+    ----------
+    one, two : mapping
+        TOML trees.
+    path : str
+        TOML path of the trees, put before the keys.
+
+    Returns
+    -------
+    list of str
+        ``path: old -> new`` for each value that differs.
+    """
     sentences = []
     for key in [*one, *(key for key in two if key not in one)]:
         toml_path = f"{path}.{key}" if path else key
@@ -204,8 +216,18 @@ def _proportion_difference(
 
 
 def dependence_warning(samplers: Sequence[str]) -> str:
-    """Return the warning on intervals of differences if cases of a run are not independent; empty
-    if they are. A table of samples is not examined."""
+    """Return the warning on intervals of differences if cases of a run are not independent.
+
+    Parameters
+    ----------
+    samplers : sequence of str
+        Of the runs. A table of samples is not examined.
+
+    Returns
+    -------
+    str
+        Empty if all cases are independent.
+    """
     if SALTELLI in samplers:
         return (
             "sampler saltelli: cases of a run differ in one parameter only, so these intervals are "
@@ -220,7 +242,19 @@ def dependence_warning(samplers: Sequence[str]) -> str:
 
 
 def render_comparison(table: pd.DataFrame, width: int = WIDTH) -> str:
-    """Render the differences of `compare` as a text table."""
+    """Render the differences of two runs as a text table.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `compare`.
+    width : int
+        Characters in a line.
+
+    Returns
+    -------
+    str
+    """
     head = ["outcome", "mean, first", "second", "second - first", "95 % interval", "sigma, first",
             "second", "pairs"]  # fmt: skip
     rows = [head]

@@ -162,7 +162,20 @@ def attribute_violations(
 def attribute_missing(
     metric: str, cases: Mapping[str, np.ndarray], inputs: Sequence[str], design: str = "random"
 ) -> tuple[int, list[Attribution]]:
-    """Count the ``ok`` cases without an outcome, and attribute them to inputs."""
+    """Count the ``ok`` cases without an outcome, and attribute them to inputs.
+
+    Parameters
+    ----------
+    metric : str
+        Outcome.
+    cases, inputs, design
+        As for `attribute_violations`.
+
+    Returns
+    -------
+    count : int
+    attributions : list of Attribution
+    """
     ok = ok_rows(cases)
     missing = np.isnan(column(cases, metric)[ok])
     if design in PATTERNS or not missing.any():
@@ -260,8 +273,18 @@ def _odds(inside: np.ndarray, cases: np.ndarray) -> np.ndarray:
 
 
 def attribution_table(attributions: Mapping[str, Sequence[Attribution]]) -> pd.DataFrame:
-    """Tabulate attributions by the name of what is violated, a row each; pairs fill
-    ``second_*``."""
+    """Tabulate attributions.
+
+    Parameters
+    ----------
+    attributions : mapping of str to sequence of Attribution
+        By the name of what is violated.
+
+    Returns
+    -------
+    DataFrame, a row per attribution
+        Pairs of inputs fill ``second_*``.
+    """
     rows = [
         {
             "violated": name,
@@ -295,7 +318,25 @@ def render_attribution(
     width: int = WIDTH,
     design: str = "random",
 ) -> str:
-    """Render attributions as text; ``keys`` maps inputs to their TOML paths."""
+    """Render attributions as text.
+
+    Parameters
+    ----------
+    what : str
+        Name of what is violated.
+    attributions : sequence of Attribution
+    keys : mapping of input column to TOML path
+    most : int
+        Largest number of attributions.
+    width : int
+        Characters in a line.
+    design : str
+        Sampler of the cases.
+
+    Returns
+    -------
+    str
+    """
     if design in PATTERNS:
         return f"{what}: {_PATTERNED.format(design=design)}"
     if not attributions:

@@ -211,7 +211,18 @@ def has_two_bounds(requirement: "Requirement | Verdict") -> bool:
 
 
 def margins(values: np.ndarray, requirement: "Requirement | Verdict") -> np.ndarray:
-    """Return the distances (n,) of values from the nearer bound, negative beyond it, NaN of NaN."""
+    """Return the distances of values from the nearer bound.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    requirement : Requirement or Verdict
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Negative beyond the bound, NaN of NaN.
+    """
     low, high = requirement.at_least, requirement.at_most
     below = values - low if low is not None else np.where(np.isnan(values), np.nan, math.inf)
     above = high - values if high is not None else np.where(np.isnan(values), np.nan, math.inf)
@@ -306,8 +317,21 @@ class Verdict:
 def design_value(
     counter: RequirementCounter, count: int, at_ranks: Callable[[np.ndarray], np.ndarray]
 ) -> float:
-    """Return the design value of ``count`` outcomes, or of their `margins` for two bounds; NaN if
-    none exists. ``at_ranks`` returns the values at sorted ranks."""
+    """Return the design value of a requirement.
+
+    Parameters
+    ----------
+    counter : RequirementCounter
+    count : int
+        Values of the outcome.
+    at_ranks : callable
+        Returns the values, or their `margins` for two bounds, at sorted zero-based ranks.
+
+    Returns
+    -------
+    float
+        NaN if there is none.
+    """
     item = counter.requirement
     if item.at_least is item.at_most is None:  # on a status
         return math.nan
@@ -464,7 +488,21 @@ def render_verdicts(
     width: int = WIDTH,
     population: str = ALL_CASES,
 ) -> str:
-    """Render verdicts as text; ``population`` names the cases they refer to."""
+    """Render verdicts as text.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+    units : mapping of outcome to unit
+    width : int
+        Characters in a line.
+    population : str
+        Name of the cases that the verdicts refer to.
+
+    Returns
+    -------
+    str
+    """
     parts = (_render_verdict(v, units.get(v.metric, ""), width, population) for v in verdicts)
     return "\n".join(["requirements", *parts])
 
@@ -486,7 +524,20 @@ def render_cases_needed(verdicts: Sequence[Verdict]) -> str:
 def requirement_sentence(
     item: Requirement | Verdict, unit: str, population: str = ALL_CASES
 ) -> str:
-    """Describe a requirement; ``population`` names the cases it refers to."""
+    """Describe a requirement in one sentence.
+
+    Parameters
+    ----------
+    item : Requirement or Verdict
+    unit : str
+        Of its outcome.
+    population : str
+        Name of the cases that it refers to.
+
+    Returns
+    -------
+    str
+    """
     bound = " and ".join(
         f"{sign} {number:g}{_spaced(unit)}"
         for sign, number in ((">=", item.at_least), ("<=", item.at_most))
@@ -576,8 +627,18 @@ def _spaced(unit: str) -> str:
 
 
 def format_proportion(value: float, rounding: Callable[[float], int] = round) -> str:
-    """Format a proportion with two digits, rounded by ``rounding`` so that a bound stays a
-    bound."""
+    """Format a proportion with two digits.
+
+    Parameters
+    ----------
+    value : float
+    rounding : callable
+        ``math.floor`` or ``math.ceil`` for a bound that must stay a bound.
+
+    Returns
+    -------
+    str
+    """
     if 0.0 < value < 1.0:
         unit = 10.0 ** (math.floor(math.log10(value)) - 1)
         value = rounding(value / unit * (1.0 - 1e-12 * (rounding is math.ceil))) * unit

@@ -149,8 +149,19 @@ def summarise(
     bounds: Mapping[str, float],
     requirements: Sequence[Requirement] = (),
 ) -> TableStatistics | StreamingStatistics:
-    """Return the statistics of a stored case table (`sepmc.campaign.store.shards.CaseColumns`):
-    exact up to `MAX_EXACT_CASES` cases, beyond that a `StreamingStatistics`."""
+    """Return the statistics of a stored case table.
+
+    Parameters
+    ----------
+    cases : `sepmc.campaign.store.shards.CaseColumns`
+    outcomes, audits, bounds, requirements
+        As for `TableStatistics`.
+
+    Returns
+    -------
+    TableStatistics or StreamingStatistics
+        Exact percentiles up to `MAX_EXACT_CASES` cases, those of a sketch beyond.
+    """
     if cases.rows <= MAX_EXACT_CASES:
         return TableStatistics(cases, outcomes, audits, bounds, requirements)
     stream = StreamingStatistics(outcomes, audits, bounds, requirements)

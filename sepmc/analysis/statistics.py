@@ -122,7 +122,18 @@ def ok_rows(cases: Mapping[str, Any]) -> np.ndarray:
 
 
 def column(cases: Any, name: str) -> np.ndarray:
-    """Return a column of a case table as floats; missing values of a nullable column are NaN."""
+    """Return a column of a case table as floats.
+
+    Parameters
+    ----------
+    cases : DataFrame or other mapping of name to column
+    name : str
+
+    Returns
+    -------
+    ndarray, shape (n_cases,)
+        Missing values of a nullable column are NaN.
+    """
     values = cases[name]
     return (
         values.to_numpy(dtype=float, na_value=np.nan)
@@ -154,7 +165,17 @@ def statistics_table(
 
 
 def histogram(x: np.ndarray) -> Histogram | None:
-    """Return the histogram of the finite values among x (n,), or None if there are none."""
+    """Return the histogram of finite values.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+
+    Returns
+    -------
+    Histogram or None
+        None without a finite value.
+    """
     x = x[np.isfinite(x)]
     if not x.size:
         return None
