@@ -1,24 +1,57 @@
 """sepmc: Monte Carlo of multi-body stage separation by the constraint force equation method."""
 
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign, load
+    from sepmc.campaign.definition import Case
+    from sepmc.campaign.execution.work_ranges import StaleWorkerError
+    from sepmc.campaign.result import Result
+    from sepmc.campaign.run_options import RunOptions
+    from sepmc.campaign.store.untrusted import StoreError
+    from sepmc.scene.messages import InputError, RunWarning, SceneError, SceneWarning
 
 try:
     __version__ = version("sepmc")
-except PackageNotFoundError:  # run from a bare tree
+except PackageNotFoundError:  # a source tree that is not installed
     __version__ = "0+unknown"
 
-__all__ = ["RunWarning", "SceneError", "SceneWarning", "__version__", "load"]
+__all__ = [
+    "Campaign",
+    "Case",
+    "InputError",
+    "Result",
+    "RunOptions",
+    "RunWarning",
+    "SceneError",
+    "SceneWarning",
+    "StaleWorkerError",
+    "StoreError",
+    "__version__",
+    "load",
+]
+
+# module of each public name, imported at first use: `import sepmc` stays light
+_MODULES = {
+    "Campaign": "campaign.campaign",
+    "Case": "campaign.definition",
+    "InputError": "scene.messages",
+    "Result": "campaign.result",
+    "RunOptions": "campaign.run_options",
+    "RunWarning": "scene.messages",
+    "SceneError": "scene.messages",
+    "SceneWarning": "scene.messages",
+    "StaleWorkerError": "campaign.execution.work_ranges",
+    "StoreError": "campaign.store.untrusted",
+    "load": "campaign.campaign",
+}
 
 
-def __getattr__(name: str):  # the heavy parts are imported when first used
-    if name == "load":
-        from sepmc.campaign.campaign import load  # noqa: PLC0415
-
-        return load
-    if name in ("RunWarning", "SceneError", "SceneWarning"):
-        from sepmc.scene import messages  # noqa: PLC0415
-
-        return getattr(messages, name)
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return getattr(import_module(f"sepmc.{_MODULES[name]}"), name)
     raise AttributeError(f"module 'sepmc' has no attribute {name!r}")
 
 

@@ -1,15 +1,15 @@
-"""Options as those name them who read a message: on the command line, or in Python."""
+"""Option names in messages, as on the command line or as in Python."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_commands = 0  # of the command line that are under way
+_commands = 0  # nested commands that are running
 
 
 @contextmanager
 def on_command_line() -> Iterator[None]:
-    """Messages are read at the command line meanwhile."""
+    """Write option names as on the command line within this context."""
     global _commands  # noqa: PLW0603
     _commands += 1
     try:
@@ -19,7 +19,7 @@ def on_command_line() -> Iterator[None]:
 
 
 def option(name: str, value: object = "") -> str:
-    """An option, and its value if one is given: ``--keep-columns`` or ``keep_columns``."""
+    """Return an option, with its value if given: ``--keep-columns`` or ``keep_columns``."""
     text = str(value)
     if _commands:
         return f"--{name.replace('_', '-')}" + (f" {text}" if text else "")
@@ -27,22 +27,38 @@ def option(name: str, value: object = "") -> str:
 
 
 def switch(name: str) -> str:
-    """An option that is on: ``--resume`` or ``resume=True``."""
+    """Return an option that is on: ``--resume`` or ``resume=True``."""
     return option(name) if _commands else f"{name}=True"
 
 
 def setting(path: str, value: object) -> str:
-    """A value that is put in place: ``--set run.cases=100`` or ``{"run.cases": 100}``."""
+    """Return a setting: ``--set run.cases=100`` or ``settings {"run.cases": 100}``."""
     return option("set", f"{path}={value}") if _commands else f'settings {{"{path}": {value}}}'
 
 
 def another_place() -> str:
-    """What to do where a folder holds something else."""
+    """Return the advice for a folder with other content."""
     return f"use {switch('overwrite')} or another {option('out')}"
 
 
+def exists(path: Path, resume: str = "", other: str | None = None) -> str:
+    """Return the message for an output that exists.
+
+    Parameters
+    ----------
+    path : Path
+    resume : str
+        Advice on resuming, placed before the advice to overwrite.
+    other : str, optional
+        Argument that gives the path; default the option ``out``.
+    """
+    ways = f"{resume}, {switch('overwrite')}" if resume else switch("overwrite")
+    return f"{path}: exists; add {ways} to replace it, or choose another {other or option('out')}"
+
+
 def flying_again(folder: Path, file: str | None = None) -> str:
-    """What flies what is missing in a run folder, by its own campaign or by another file."""
+    """Return the command that runs the missing cases of a folder, by its own campaign or by another
+    file."""
     if _commands:
         return f"sepmc campaign {file or folder} --out {folder} --resume"
     return f'sepmc.load("{file or folder}").run(out="{folder}", resume=True)'

@@ -6,6 +6,7 @@ of means (Student's t). Runs whose numbers mean different samples are compared a
 (Welch, Biometrika 34, 1947). Yes-or-no outcomes are compared as proportions.
 """
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -16,21 +17,32 @@ from sepmc.analysis.proportions import difference_interval, paired_interval
 from sepmc.analysis.statistics import column, ok_rows, student_half_width
 from sepmc.analysis.statistics_text import WIDTH, aligned, rounded
 from sepmc.scene.model import SALTELLI
+from sepmc.scene.setting_checks import split_units
+from sepmc.scene.units import UNITS, unit_kind
 from sepmc.schema import is_yes_or_no
 
 _ABSENT = "-"
+# numbers of a distribution that are in no unit
+_UNSCALED = ("weights", "truncate_sigma", "relative", "column")
 RANDOM = "random"  # sampler of independent cases
 
 
-def tree_differences(one: Mapping[str, Any], two: Mapping[str, Any], path: str = "") -> list[str]:
+def tree_differences(
+    one: Mapping[str, Any],
+    two: Mapping[str, Any],
+    path: tuple[str, ...] = (),
+    units: bool = False,
+) -> list[str]:
     """List the differences of two campaign trees.
 
     Parameters
     ----------
     one, two : mapping
         TOML trees.
-    path : str
+    path : tuple of str
         TOML path of the trees, put before the keys.
+    units : bool
+        True if a number in another unit differs even where its value in SI agrees to 1e-12.
 
     Returns
     -------
@@ -38,15 +50,45 @@ def tree_differences(one: Mapping[str, Any], two: Mapping[str, Any], path: str =
         ``path: old -> new`` for each value that differs.
     """
     sentences = []
-    for key in [*one, *(key for key in two if key not in one)]:
-        toml_path = f"{path}.{key}" if path else key
-        a, b = one.get(key, _ABSENT), two.get(key, _ABSENT)
-        a, b = _by_name(a), _by_name(b)
-        if isinstance(a, dict) and isinstance(b, dict):
-            sentences += tree_differences(a, b, toml_path)
-        elif a != b:
-            sentences.append(f"{toml_path}: {_brief(a)} -> {_brief(b)}")
+    other_key = {_without_units(path, key): key for key in two}
+    pairs = {key: key if key in two else other_key.get(_without_units(path, key)) for key in one}
+    added = [key for key in two if key not in pairs.values()]
+    for key, other in [*pairs.items(), *((key, key) for key in added)]:
+        a, b = _by_name(one.get(key, _ABSENT)), _by_name(two.get(other or key, _ABSENT))
+        same = a == b
+        if other not in (None, key):
+            same = not units and _same_in_si(a, b, _factor(path, key) / _factor(path, str(other)))
+        elif isinstance(a, dict) and isinstance(b, dict):
+            sentences += tree_differences(a, b, (*path, *key.split(".")), units)
+            continue
+        if not same:
+            renamed = "" if other in (None, key) else f"{other} = "
+            sentences.append(f"{'.'.join((*path, key))}: {_brief(a)} -> {renamed}{_brief(b)}")
     return sentences
+
+
+def _without_units(path: tuple[str, ...], key: str) -> tuple[str, ...]:
+    """Return the path of a key, with that of a dispersed parameter split, without units."""
+    return split_units((*path, *key.split(".")))[0]
+
+
+def _factor(path: tuple[str, ...], key: str) -> float:
+    """Return the factor to SI of the unit of a key."""
+    unit = split_units((*path, *key.split(".")))[1]
+    return UNITS[unit_kind(unit)][unit] if unit else 1.0
+
+
+def _same_in_si(a: Any, b: Any, factor: float) -> bool:
+    """Return True if a value times ``factor`` is another one: a number, a list of them, the
+    components of a vector or the numbers of a distribution."""
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        scaled = {key: 1.0 if key in _UNSCALED or a.get("relative") else factor for key in a}
+        return a.keys() == b.keys() and all(_same_in_si(a[k], b[k], scaled[k]) for k in a)
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(_same_in_si, a, b, [factor] * len(a)))
+    if isinstance(a, int | float) and isinstance(b, int | float):
+        return math.isclose(a * factor, b, rel_tol=1e-12)
+    return bool(a == b)
 
 
 def _by_name(value: Any) -> Any:

@@ -79,7 +79,7 @@ def rare_values(
     -------
     tuple of RareValue
     """
-    discrete = [each if each.law == "discrete" else None for each in dispersions]
+    discrete = [each if each.distribution == "discrete" else None for each in dispersions]
     result = [
         RareValue(
             f"{dispersion.parameter.key} = {value:g}",

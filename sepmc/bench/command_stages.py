@@ -16,7 +16,7 @@ from sepmc.campaign.campaign import load
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.store import manifests
 from sepmc.engine import dispatch
-from sepmc.scene.messages import nobody
+from sepmc.scene.messages import no_log
 
 _IMPORTS = "import numba, pandas, pyarrow"
 
@@ -110,7 +110,7 @@ def time_stages(file: str, cases: int, threads: int, folder: str) -> dict[str, f
         cases,
         threads=threads,
         out=Path(folder) / "stages",
-        announce=nobody,
+        announce=no_log,
         overwrite=(Path(folder) / "stages").exists(),
     )
     times["kernel"] = result.timing["kernel"]

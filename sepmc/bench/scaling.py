@@ -14,7 +14,7 @@ from sepmc.bench.clock import rounds, spread
 from sepmc.bench.study import Study
 from sepmc.campaign.campaign import Campaign
 from sepmc.engine.dispatch import use_threads
-from sepmc.scene.messages import nobody
+from sepmc.scene.messages import no_log
 from sepmc.scene.read import parse_campaign
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
@@ -87,9 +87,9 @@ def run_campaign(
 ) -> dict[str, float]:
     """Run a campaign in this process; return times, s, and peak memory, MB."""
     campaign = Campaign(parse_campaign(tree, name))
-    campaign.run(1, threads=threads, stats_only=True, announce=nobody)
+    campaign.run(1, threads=threads, stats_only=True, announce=no_log)
     timings = [
-        campaign.run(cases, threads=threads, stats_only=True, announce=nobody).timing
+        campaign.run(cases, threads=threads, stats_only=True, announce=no_log).timing
         for _ in range(repeats)
     ]
     kernel, sample = (median(t[stage] for t in timings) for stage in ("kernel", "sample"))

@@ -5,6 +5,8 @@ from typing import Any
 
 import pandas as pd
 
+from sepmc.text_table import text_table
+
 _FORMATS = {
     "error": "{:.1e}", "asked": "{:.0e}", "ms": "{:.3g}",
     "best_ms": "{:.3g}", "us_per_case": "{:.3g}", "time_ratio": "{:.3f}", "flop_ratio": "{:.3f}",
@@ -55,16 +57,9 @@ def render_table(name: str, frame: pd.DataFrame) -> str:
         }
     )
     cells = cells.loc[:, [bool((cells[column] != "").any()) for column in cells]]
-    widths = [max(len(str(column)), int(cells[column].str.len().max())) for column in cells]
-    aligners = [str.ljust if column in _TEXT_COLUMNS else str.rjust for column in cells]
+    left = [k for k, column in enumerate(cells) if column in _TEXT_COLUMNS]
     rows = [[str(column) for column in cells], *cells.to_numpy().tolist()]
-    lines = [
-        "  ".join(
-            align(cell, width) for align, cell, width in zip(aligners, row, widths, strict=True)
-        )
-        for row in rows
-    ]
-    return "\n".join([_TITLES[name], "", *(line.rstrip() for line in lines)])
+    return "\n".join([_TITLES[name], "", *text_table(rows, left)])
 
 
 def _cell(column: str, value: Any) -> str:

@@ -2,8 +2,9 @@
 alone."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.analysis.stopping import StoppingRule, parse_stopping_rule
+from sepmc.campaign import run_statistics
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Case, Definition
@@ -30,6 +32,7 @@ from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.execution.work_ranges import Executor
 from sepmc.campaign.label import as_text
 from sepmc.campaign.result import Result
+from sepmc.campaign.run_options import Progress, RunOptions
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.campaign.store.row_selection import ALL, KeepRules, parse_keep_rules
 from sepmc.campaign.store.sample_file import read_input_table
@@ -48,8 +51,6 @@ from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, Log, RunWarning, warn
 from sepmc.scene.read import find_file, parse_campaign, read_campaign
-
-Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
 
 
 def load(
@@ -204,107 +205,78 @@ class Campaign(Definition):
         threads: int | None = None,
         out: str | Path | None = None,
         *,
-        overwrite: bool = False,
-        resume: bool = False,
-        stats_only: bool = False,
-        until: str | None = None,
-        keep: str | None = None,
-        keep_columns: str | None = None,
-        float32: bool = False,
-        crew: Executor | None = None,
-        max_failures: int | None = None,
-        progress: Progress | None = None,
-        announce: Log | None = None,
+        options: RunOptions | None = None,
+        **fields: Any,
     ) -> Result:
-        """Fly the campaign.
+        """Run the campaign.
 
         Parameters
         ----------
-        cases : int, text or numbers, optional
-            How many cases, or which, as ``"25:50,73"`` or a list of their numbers, instead of those
+        cases : int, str or iterable of int, optional
+            Number of cases, or which cases, such as ``"25:50,73"`` or their numbers. Default: those
             of the file.
         seed : int, optional
-            Instead of that of the file.
+            Default: the seed of the file.
         threads : int, optional
-            All cores if None. The result does not depend on it.
+            Default: all cores. The result does not depend on it.
         out : path, optional
-            Run folder to write, whose rows are then read from there when asked for; None keeps
-            everything in memory.
-        overwrite, resume : bool
-            What to do with an existing ``out``: replace the run in it, or fly only its missing
-            cases.
-        stats_only : bool
-            Keep statistics, histograms, audit and counts only, in memory that does not grow with
-            the cases: no rows, no histories. Percentiles are exact up to 65,536
-            cases, then within 0.41 % of sigma; see `sepmc.analysis.quantile_sketch`.
-        until : str, optional
-            Fly no more of the cases than it takes to know a statistic:
-            ``"separation_speed_m_s:0.01"``, half of the 95 % interval of its mean in its unit, or
-            ``:1%``; of ``.sigma`` or a percentile, ``.p99``, instead of the mean; of the share of a
-            status. A mean or a sigma is not known before every value that the file gives a
-            probability occurred; see `sepmc.analysis.stopping`.
-        keep : str, optional
-            Statistics of all cases as with ``stats_only``, and of some also their rows, into the
-            folder ``kept`` of ``out``, in the column ``kept_as`` why: ``"failed"``, ``"violating"``
-            a requirement, the ``"worst:20"`` of each, ``"every:1000"``, ``"all"``, or several with
-            commas between; see `sepmc.campaign.store.row_selection.KeepRules`.
-        keep_columns : str, optional
-            Patterns of the names of columns that are kept of these: ``"in_*,separation_*"``.
-        float32 : bool
-            Their numbers in single precision.
-        crew : Crew, optional
-            Workers that fly the cases, into ``out``: those of `sepmc.cluster.crew`. Rows and
-            statistics are the same to the last bit on processors of one kind.
-        max_failures : int, optional
-            Stop soon after more cases than these did not come to their end, those that ``out``
-            holds already among them; what is flown is kept, and can be resumed.
-        progress : callable (done, total, failures), optional
-        announce : callable (text), optional
-            Told what begins, and that kernels must be compiled if so. Without it, notes on the run
-            are also given as warnings (`sepmc.RunWarning`).
+            Run folder to write; rows are read from there on demand. If None, all rows stay in
+            memory.
+        options : RunOptions, optional
+            All other options.
+        **fields
+            Fields of `RunOptions` by name, in place of those of ``options``:
+            ``run(out="runs/a", resume=True)``.
 
         Raises
         ------
         StoreError
             If ``out`` cannot be used as asked.
         ValueError
-            If cases, seed or threads are out of range.
+            If cases, seed, threads or an option is out of range.
+        TypeError
+            If ``fields`` has a name that is no field of `RunOptions`.
 
         Notes
         -----
-        Interrupted (Ctrl-C) with ``out`` given, all finished chunks are in the folder and
-        ``resume=True`` goes on from there, keeping cases as the run began: of one that counts them,
-        what is counted is written every ten seconds. With the same ``until`` it stops at the same
-        case, and with a narrower one it goes on from what is known; without one, an interrupted
-        run stops as it would have.
+        An interrupted run (Ctrl-C) with ``out`` stores all finished chunks, and ``resume=True``
+        runs the missing cases in the mode in which the run began. A run that stores statistics
+        only saves its state every ten seconds. Resumed with the same stopping rule ``until``, it
+        stops at the same case; with a narrower tolerance it continues from the known statistic;
+        without a rule, it follows the rule it began with.
         """
+        options = replace(options or RunOptions(), **fields)
+        stats_only, until, resume = options.stats_only, options.until, options.resume
         if resume and cases is None and out is not None:
             cases = previous_run.own_cases(self, as_path(out))
         numbers, total = self.select_cases(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
-        if max_failures is not None:
-            check_int("max_failures", max_failures, 0)
-        kept = None if keep is None else self._keep(keep, keep_columns, float32, out)
-        if kept is None and (keep_columns or float32):
-            raise InputError("keep_columns and float32 are of rows that are kept by keep")
+        if options.max_failures is not None:
+            check_int("max_failures", options.max_failures, 0)
+        kept = self._keep(options, out)
         if resume and out is not None:
             stats_only, kept, until = previous_run.original_mode(
                 as_path(out), stats_only, kept, until
             )
         stop = None if until is None else self.until(until, numbers)
-        _check_crew(crew, out, until, (stats_only or bool(kept)) and not numbers.are_first)
+        some_counted = (stats_only or bool(kept)) and not numbers.are_first
+        _check_executor(options.executor, out, until, some_counted)
         orders = ExecutionOptions(
             threads,
-            crew,
+            options.executor,
             stop,
-            max_failures,
+            options.max_failures,
             stats_only or kept is not None,
             kept,
-            progress,
-            announce,
+            options.progress,
+            options.announce,
         )
-        into = nullcontext() if out is None else folders.opened(as_path(out), overwrite, resume)
+        into = (
+            nullcontext()
+            if out is None
+            else folders.opened(as_path(out), options.overwrite, resume)
+        )
         with using_threads(threads), into as folder:
             return self._run(folder, SampleSpec(seed, numbers, total), resume, orders)
 
@@ -376,11 +348,13 @@ class Campaign(Definition):
             if folder:
                 runner.save()
                 runner.write_manifest(complete=runner.n_stored == runner.n_wanted)
+        output = runner.output()
+        statistics = run_statistics.write(folder, self, output.summary) if folder else None
         notes = [*runner.notes, *thread_notes(orders.threads)]
         _warn(notes, announce)
         return Result(
             self,
-            runner.output(),
+            output,
             timing,
             seed,
             runner.spec.numbers,
@@ -391,16 +365,24 @@ class Campaign(Definition):
             runner.accuracy,
             resumed=earlier.n_stored,
             stopped=runner.too_many_failed,
+            written=statistics,
         )
 
-    def _keep(self, keep: str, columns: str | None, single: bool, out: Any) -> KeepRules:
-        """Rules by which rows are kept. Raises InputError with what is allowed."""
+    def _keep(self, options: RunOptions, out: Any) -> KeepRules | None:
+        """Parse the rules for rows to store. Raises InputError if they are not valid."""
+        keep, columns = options.keep, options.keep_columns
+        if keep is None:
+            if columns or options.float32:
+                raise InputError("keep_columns and float32 are of rows that are kept by keep")
+            return None
         if out is None:
             raise InputError(f"keep = {keep}: rows are kept in a folder; give out")
         check_text("keep", keep, "failed,worst:20")
         if columns is not None:
             check_text("keep_columns", columns, "in_*,separation_*")
-        return parse_keep_rules(keep, columns, single, self.file.requirements, self.columns)
+        return parse_keep_rules(
+            keep, columns, options.float32, self.file.requirements, self.columns
+        )
 
     def rare(
         self,
@@ -459,12 +441,14 @@ class Campaign(Definition):
         return found
 
 
-def _check_crew(crew: Executor | None, out: Any, until: str | None, some_counted: bool) -> None:
+def _check_executor(
+    executor: Executor | None, out: Any, until: str | None, some_counted: bool
+) -> None:
     """Raise InputError if workers cannot fly what is asked for."""
-    if crew is None:
+    if executor is None:
         return
     if out is None:
-        raise InputError("crew: workers fly into a folder; give out")
+        raise InputError("executor: workers fly into a folder; give out")
     if until is not None:
         raise InputError(f"until = {until}: excludes workers, who fly ahead of what is known")
     if some_counted:

@@ -16,7 +16,8 @@ from sepmc.analysis import (
     requirements,
     sensitivity,
 )
-from sepmc.analysis.row_filter import describe_filter, filter_names, matching_rows
+from sepmc.analysis.row_filter import describe_filter, filter_names
+from sepmc.analysis.row_filter import matching_rows as matching
 from sepmc.analysis.row_statistics import index_by_case
 from sepmc.analysis.statistics import ok_rows, statistics
 from sepmc.campaign.case_selection import CaseSelection
@@ -24,6 +25,7 @@ from sepmc.campaign.definition import Case
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors, with_scales
 from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.sinks import RunOutput
+from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import shards
 from sepmc.engine.dispatch import check_int, check_text
 from sepmc.scene.limits import CASES
@@ -55,6 +57,7 @@ class Result:
     accuracy: AchievedAccuracy | None = None
     resumed: int = 0  # cases that the folder held already
     stopped: bool = False  # as more cases failed than may
+    written: RunStatistics | None = None  # the statistics in the folder
 
     def __repr__(self) -> str:
         counts = ", ".join(
@@ -104,24 +107,22 @@ class Result:
             return shards.read_histories(self.folder, held=self.kept.history_shards)
         return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
 
-    def statistics(self, *given: str) -> pd.DataFrame:
+    def statistics(self, *where: str) -> pd.DataFrame:
         """Statistics of every outcome, see `sepmc.analysis.statistics.statistics`, with its
         numerical ``error``, that in its unit, and whether it is ``constant``
         (`sepmc.analysis.constant_outcomes`): of all cases, or of those for which all terms
-        ``given`` hold, such as ``"joint.bolt.fails=1"``."""
-        if given:
+        of ``where`` hold, such as ``"joint.bolt.fails=1"``."""
+        if where:
             rows, outcomes = self._rows(), self.campaign.summary_inputs[0]
-            for term in given:
-                check_text("given", term, "joint.bolt.fails=1")
-            held = matching_rows(
-                rows, filter_names(self.campaign.file.dispersions, list(rows)), given
-            )
+            for term in where:
+                check_text("where", term, "joint.bolt.fails=1")
+            held = matching(rows, filter_names(self.campaign.file.dispersions, list(rows)), where)
             if not held.any():
-                warn(f"{describe_filter(given)}: holds in none of {len(held)} cases", RunWarning)
+                warn(f"{describe_filter(where)}: holds in none of {len(held)} cases", RunWarning)
             elif not ok_rows(rows)[held].any():
                 none = "none of them came to its end as asked, so there are no statistics"
                 warn(
-                    f"{describe_filter(given)}: {held.sum()} of {len(held)} cases; {none}",
+                    f"{describe_filter(where)}: {held.sum()} of {len(held)} cases; {none}",
                     RunWarning,
                 )
             kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
@@ -140,7 +141,7 @@ class Result:
         sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()
         return requirements.verdict_table(self.kept.summary.verdicts(errors, audited, sampler))
 
-    def drivers(self, outcome: str, indices: bool = True) -> pd.DataFrame:
+    def sensitivity(self, outcome: str, indices: bool = True) -> pd.DataFrame:
         """How much each input drives an outcome, a row each; see
         `sepmc.analysis.sensitivity.input_sensitivities`, which raises ValueError if the outcome
         does not vary by more than its numerical error."""
@@ -152,7 +153,7 @@ class Result:
             self._rows(), self._inputs, outcome, design, indices, correlated, within
         )
 
-    def laws(self) -> pd.DataFrame:
+    def fit(self) -> pd.DataFrame:
         """Shape of every outcome that is a number, and the law nearest to it, a row each; see
         `sepmc.analysis.distributions.fit_distributions`."""
         table = self.statistics()

@@ -1,68 +1,99 @@
-"""The command line: words in, exit code out. Nothing heavy is imported until a command needs it.
-
-Exit codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed; campaign
---check: a requirement is not shown), 2 bad input (nothing was flown), 3 flown but the audit failed
-or the accuracy asked was not met, 130 interrupted.
-"""
+"""The command line program `sepmc`. Heavy modules are imported by the commands that need them."""
 
 from typing import Any
 
 import click
 
-from sepmc import __version__, gc_tuning, wording
-from sepmc.cli import checks, folders, runs
-from sepmc.cli.render import plain_errors
+from sepmc import __version__, gc_tuning
+from sepmc.cli.bench import bench
+from sepmc.cli.campaign import campaign
+from sepmc.cli.check import check
+from sepmc.cli.compare import compare
+from sepmc.cli.compile import compile_
+from sepmc.cli.doctor import doctor
+from sepmc.cli.draw import draw
+from sepmc.cli.exits import MEANINGS, Program
+from sepmc.cli.fit import fit
+from sepmc.cli.plot import plot
+from sepmc.cli.replay import replay
+from sepmc.cli.report import report
+from sepmc.cli.run import run
+from sepmc.cli.sample import sample
+from sepmc.cli.sensitivity import sensitivity
+from sepmc.cli.stats import stats
+from sepmc.cli.template import list_campaigns, template
+from sepmc.cli.verify import stress, verify
+
+RENAMED_COMMANDS = {"laws": "fit", "drivers": "sensitivity"}
+RENAMED_OPTIONS = {
+    "--given": "--where",
+    "--least": "--min",
+    "--greatest": "--max",
+    "--film": "--animate",
+    "--plan": "--samples",
+}
 
 
-class _Program(click.Group):
-    """Commands whose errors end in a sentence, those of their options too."""
+class _Sepmc(Program):
+    """Program that names the successors of renamed commands and options."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Look up a command; raise UsageError for an earlier name."""
+        if new := RENAMED_COMMANDS.get(args[0]):
+            ctx.fail(f"{args[0]} was renamed: sepmc {new}")
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Read the options of a command, and run it."""
-        with wording.on_command_line(), plain_errors(quiet=False):
+        """Run a command; raise UsageError for an earlier name of an option."""
+        try:
             return super().invoke(ctx)
+        except click.NoSuchOption as error:
+            if new := RENAMED_OPTIONS.get(error.option_name):
+                message = f"{error.option_name} was renamed: {new}"
+                raise click.UsageError(message, error.ctx) from None
+            raise
 
 
 @click.group(
-    cls=_Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
-)
-@click.version_option(__version__, prog_name="sepmc")
-def main() -> None:
-    """Monte Carlo of multi-body stage separation by the constraint force equation method.
+    cls=_Sepmc,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    help=f"""Monte Carlo of multi-body stage separation by the constraint force equation method.
 
     \b
     Examples:
       sepmc campaign table2.toml --set body.upper.mass_kg=460 --out runs/heavy
       sepmc replay runs/heavy --case 17
 
-    FILE is a campaign file, a run folder, or the name of a shipped campaign (sepmc list). Exit
-    codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed; campaign
-    --check: a requirement is not shown), 2 bad input, 3 flown but the audit failed or the accuracy
-    asked was not met, 130 interrupted. SEPMC_CACHE_DIR moves the folder of compiled kernels.
-    """
+    FILE is a campaign file, a run folder, or the name of a shipped campaign (sepmc list).
+    {MEANINGS} SEPMC_CACHE_DIR moves the folder of compiled kernels.
+    """,
+)
+@click.version_option(__version__, prog_name="sepmc")
+def main() -> None:
+    """Prepare the process for a command."""
     gc_tuning.reduce_collections()
 
 
 for _command in (
-    runs.campaign,
-    runs.sample,
-    runs.run,
-    runs.replay,
-    folders.stats,
-    folders.plot,
-    folders.doctor,
-    folders.drivers,
-    folders.laws,
-    folders.compare,
-    folders.report,
-    checks.template,
-    checks.list_campaigns,
-    checks.check,
-    checks.draw,
-    checks.compile_,
-    checks.bench,
-    checks.verify,
-    checks.stress,
+    campaign,
+    sample,
+    run,
+    replay,
+    stats,
+    plot,
+    doctor,
+    sensitivity,
+    fit,
+    compare,
+    report,
+    template,
+    list_campaigns,
+    check,
+    draw,
+    compile_,
+    bench,
+    verify,
+    stress,
 ):
     main.add_command(_command)
 

@@ -1,49 +1,91 @@
-"""What `sepmc doctor --repair` does to a run folder."""
+"""`sepmc doctor`: check the files of a run, and repair them."""
 
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from sepmc.campaign.campaign import load
-from sepmc.campaign.store import folders, manifests
-from sepmc.cli.render import tell_results
+from sepmc.cli.exits import DONE, FAILED
+from sepmc.cli.figures import draw_figures
+from sepmc.cli.options import QUIET, RUN
+from sepmc.cli.render import logger
+from sepmc.cli.results import exit_code
 
-FIGURES = (".png", ".svg", ".pdf")
-TABLES = (".csv", ".html")
+if TYPE_CHECKING:
+    from sepmc.campaign.store.manifests import Finding
+    from sepmc.scene.messages import Log
+
+_FIGURES = (".png", ".svg", ".pdf")
+_TABLES = (".csv", ".html")
 
 
-def mend(folder: Path, found: Sequence[manifests.Finding], say: Callable[[str], None]) -> int:
-    """Make anew what was found wrong with a run folder; returns the exit code: 1 if it is not as it
-    was afterwards.
+@click.command(short_help="Check RUN, file by file, and repair it.")
+@RUN
+@click.option(
+    "--repair", is_flag=True, help="Run, count and draw again what is missing or was changed."
+)
+@QUIET
+def doctor(folder: Path, repair: bool, quiet: bool) -> None:
+    """Check RUN, file by file: report files that are missing, cut short, changed since they were
+    written, or never finished. Exit code 1 if there are any. With --repair they are made again,
+    to the same bits, except for the campaign file.
 
-    Raises
-    ------
-    StoreError
-        If what was flown is gone or was changed: nothing tells what it was.
+    \b
+    Example:
+      sepmc doctor runs/windy --repair
     """
-    for finding in found:
+    from sepmc.campaign.store import manifests
+
+    log = logger(quiet)
+    findings = manifests.diagnose(folder)
+    for finding in findings:
+        click.echo(finding.text)
+    if not findings:
+        log(f"{folder}: is as it was written")
+        return
+    if repair:
+        sys.exit(_repair(folder, findings, log))
+    advice = (finding.advice for finding in findings if not finding.repairable)
+    click.echo(next(advice, f"to repair it: sepmc doctor {folder} --repair"), err=True)
+    sys.exit(FAILED)
+
+
+def _repair(folder: Path, findings: "Sequence[Finding]", log: "Log") -> int:
+    """Make missing and changed files of a run folder again. Returns the exit code: 1 if faults are
+    left. Raises StoreError if the campaign file is missing or was changed."""
+    from sepmc.campaign.campaign import load
+    from sepmc.campaign.store import folders, manifests
+
+    for finding in findings:
         if not finding.repairable:
-            raise folders.StoreError(f"{finding.text}. It cannot be mended; {finding.advice}")
+            raise folders.StoreError(f"{finding.text}. It cannot be repaired; {finding.advice}")
     known = folders.ledger_is_intact(folder)
     manifests.ensure_ledger(folder)
     manifest = manifests.read_provenance(folder)
-    loaded = load(folder, verify=False)
-    result = loaded.run(
+    campaign = load(folder, verify=False)
+    result = campaign.run(
         manifest.get("numbers", manifest.get("cases")),
         manifest.get("seed"),
         out=folder,
         resume=True,
-        announce=say,
+        announce=log,
     )
     flown = sum(result.status_counts.values()) - result.resumed
-    figures = not known or any(finding.file.endswith(FIGURES) for finding in found)
-    tell_results(folder, loaded, result.kept.summary, lambda text: None, plots=figures)
-    say(f"{folder}: {flown} cases flown again{', figures drawn again' if figures else ''}")
-    lost = manifests.forget_damaged(folder, FIGURES + TABLES)
-    if lost:
-        say(f"not made again: {', '.join(lost)}; sepmc plot, drivers, laws and report make them")
+    run = result.written
+    assert run is not None
+    figures = not known or any(finding.file.endswith(_FIGURES) for finding in findings)
+    if figures:
+        drawn = draw_figures(
+            folder, campaign, run.summary, run.table, run.verdicts, log=logger(quiet=True)
+        )
+        manifests.record_derived(folder, drawn)
+    exit_code(run, must_pass=False)
+    log(f"{folder}: {flown} cases flown again{', figures drawn again' if figures else ''}")
+    if lost := manifests.forget_damaged(folder, _FIGURES + _TABLES):
+        log(f"not made again: {', '.join(lost)}; sepmc plot, sensitivity, fit and report make them")
     left = manifests.diagnose(folder)
     for finding in left:
         click.echo(finding.text, err=True)
-    return 1 if left else 0
+    return FAILED if left else DONE

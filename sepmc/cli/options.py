@@ -1,4 +1,4 @@
-"""Options that commands share, and how they read a campaign."""
+"""Options that commands share, and how commands load a campaign."""
 
 import warnings
 from pathlib import Path
@@ -7,31 +7,30 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from sepmc.wording import exists
+
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.case_selection import CaseSelection
 
 
-def _files(ctx: click.Context, param: click.Parameter, begun: str) -> list[CompletionItem]:
-    """What FILE can be completed to: shipped campaigns, and files and folders here."""
+def _files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete FILE: shipped campaigns, and local files and folders."""
     from sepmc.scene.read import shipped_campaigns
 
-    shipped = [name for name in shipped_campaigns() if name.startswith(begun)]
-    return [*map(CompletionItem, shipped), CompletionItem(begun, type="file")]
-
-
-FILE = click.argument("file", shell_complete=_files)
+    shipped = [name for name in shipped_campaigns() if name.startswith(incomplete)]
+    return [*map(CompletionItem, shipped), CompletionItem(incomplete, type="file")]
 
 
 class CaseNumbers(click.ParamType):
-    """How many cases, or which: 1000, 1e6, 25:50,73."""
+    """Number of cases, or which cases: 1000, 1e6, 25:50,73."""
 
     name = "N | A:B,C"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> "int | CaseSelection":
-        """The number, or the numbers."""
+        """Parse a number of cases or a selection."""
         from sepmc.campaign.case_selection import read
         from sepmc.scene.messages import InputError
 
@@ -41,41 +40,13 @@ class CaseNumbers(click.ParamType):
             self.fail(str(error).partition(": ")[2], param, ctx)
 
 
-CASES = click.option(
-    "--cases",
-    type=CaseNumbers(),
-    help="How many cases (1000, 1e6), or which (25:50,73: cases 25 to 49, and 73), instead of the "
-    "file's.",
-)
-SEED = click.option("--seed", type=click.IntRange(min=0), help="Seed, instead of the file's.")
-SAMPLER = click.option(
-    "--sampler",
-    type=click.Choice(("random", "lhs", "sobol", "saltelli")),
-    help="How cases are drawn, instead of the file's run.sampler.",
-)
-EVERY = click.option(
-    "--every-s",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=0.001,
-    show_default=True,
-    help="Time between rows.",
-)
-SETTINGS = click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="PATH=VALUE",
-    help="Put a value in place, e.g. body.upper.mass_kg=460.",
-)
-
-
-class Place(click.ParamType):
-    """A folder of this machine or of object storage."""
+class Folder(click.ParamType):
+    """Path of a folder, local or in object storage."""
 
     name = "path"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Its path."""
+        """Parse a path."""
         from sepmc.paths import PathError, as_path
 
         try:
@@ -84,22 +55,86 @@ class Place(click.ParamType):
             self.fail(str(error), param, ctx)
 
 
-RUN = click.argument("folder", metavar="RUN", type=Place())
+FILE = click.argument("file", shell_complete=_files)
+RUN = click.argument("folder", metavar="RUN", type=Folder())
+OUTCOMES = click.argument("outcomes", metavar="[OUTCOME]...", nargs=-1)
+CASES = click.option(
+    "--cases",
+    type=CaseNumbers(),
+    help="Number of cases (1000, 1e6), or which cases (25:50,73: cases 25 to 49, and 73). "
+    "Default: run.cases of the file.",
+)
+SEED = click.option(
+    "--seed", type=click.IntRange(min=0), help="Random seed. Default: run.seed of the file."
+)
+SAMPLER = click.option(
+    "--sampler",
+    type=click.Choice(("random", "lhs", "sobol", "saltelli")),
+    help="Sampling method. Default: run.sampler of the file.",
+)
+THREADS = click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    help="Threads. Default: all cores. The result does not depend on it.",
+)
+EVERY = click.option(
+    "--every-s",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=0.001,
+    show_default=True,
+    help="Time between rows of the history.",
+)
+SETTINGS = click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="PATH=VALUE",
+    help="Replace a value of the file, e.g. body.upper.mass_kg=460.",
+)
 OUT = click.option(
     "--out",
-    type=Place(),
-    help="Run folder to write, also s3://BUCKET/RUN; default runs/NAME-N.",
+    type=Folder(),
+    help="Run folder to write, also s3://BUCKET/RUN. Default: runs/NAME-N.",
 )
-OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace the run in --out.")
 NO_PLOTS = click.option("--no-plots", is_flag=True, help="Write no figures.")
 CHECK = click.option(
     "--check",
     "must_pass",
     is_flag=True,
-    help="Exit code 1 unless the cases show all that the file requires.",
+    help="Exit with code 1 unless the cases show every requirement of the file.",
 )
-BRIEF = click.option("--brief", is_flag=True, help="A row for each group of lines only.")
-QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+BRIEF = click.option("--brief", is_flag=True, help="Print one row per group of lines.")
+QUIET = click.option("--quiet", is_flag=True, help="Print errors only.")
+
+
+def overwrite_option(what: str) -> Any:
+    """Return the option ``--overwrite`` that replaces ``what``."""
+    return click.option("--overwrite", is_flag=True, help=f"Replace {what}.")
+
+
+OVERWRITE = overwrite_option("the run in --out")
+
+
+def out_file_option(default: str, kinds: str) -> Any:
+    """Return the option ``--out`` for a file of one of some ``kinds``."""
+    return click.option(
+        "--out",
+        type=click.Path(path_type=Path),
+        help=f"File to write: {kinds}. Default: {default}.",
+    )
+
+
+def check_out_file(
+    path: Path, endings: tuple[str, ...], overwrite: bool, other: str | None = None
+) -> None:
+    """Raise InputError unless a file has one of some ``endings`` (any if empty) and may be written.
+    ``other`` is the argument that gives the path, by default ``--out``."""
+    from sepmc.scene.messages import InputError
+
+    if endings and path.suffix.lower() not in endings:
+        raise InputError(f"{path}: must end in {', '.join(endings)}")
+    if path.exists() and not overwrite:
+        raise InputError(exists(path, other=other))
 
 
 def load_campaign(
@@ -107,43 +142,49 @@ def load_campaign(
     settings: tuple[str, ...],
     warn: bool = True,
     sampler: str | None = None,
-    plan: Path | None = None,
+    samples: Path | None = None,
     verify: bool = True,
 ) -> "Campaign":
-    """Read and validate, before anything is written; a run folder ``verify``-ed too."""
+    """Read and validate a campaign file, run folder or shipped campaign, and print its warnings if
+    ``warn``. The campaign of a run folder must be unchanged if ``verify``."""
     from sepmc.scene.messages import SceneWarning
     from sepmc.scene.read import parse_setting
 
-    given = dict(parse_setting(text) for text in settings)
+    values = dict(parse_setting(text) for text in settings)
     if sampler:
-        given["run.sampler"] = sampler
-    if plan:
-        given["run.samples"] = str(plan.absolute())
+        values["run.sampler"] = sampler
+    if samples:
+        values["run.plan"] = str(samples.absolute())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         from sepmc.campaign.campaign import load
 
-        loaded = load(file, given, verify)
+        campaign = load(file, values, verify)
     for warning in caught if warn else ():
         click.echo(f"warning: {warning.message}", err=True)
-    return loaded
+    return campaign
+
+
+def load_run(folder: Path) -> "Campaign":
+    """Read the campaign of a run folder, without warnings."""
+    return load_campaign(str(folder), (), warn=False)
 
 
 def redundant(campaign: "Campaign") -> list[str]:
-    """A sentence for each set of joints that hold a freedom twice."""
+    """Return a message for each set of joints that constrain a degree of freedom twice."""
     from sepmc.scene.redundancy import redundancies
 
-    return [found.sentence for found in redundancies(campaign.scene)]
+    return [redundancy.sentence for redundancy in redundancies(campaign.scene)]
 
 
 def undispersed(campaign: "Campaign") -> list[str]:
-    """A sentence for a campaign whose cases do not differ."""
+    """Return a message if no parameter of a campaign is dispersed."""
     if campaign.file.dispersions:
         return []
     return ["nothing is dispersed, so every case is the nominal one; give [dispersion]"]
 
 
 def check_required(campaign: "Campaign", must_pass: bool) -> None:
-    """There is nothing to check where nothing is required."""
+    """Raise UsageError if requirements must pass and the campaign has none."""
     if must_pass and not campaign.file.requirements:
         raise click.UsageError(f"--check needs a [[requirement]] in {campaign.name}")

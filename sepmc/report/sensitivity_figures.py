@@ -99,7 +99,7 @@ def tornado_figure(
     if isinstance(layout, ConstrainedLayoutEngine):  # names of inputs would touch the edge
         layout.set(w_pad=_PAD)
     order = (_LOWEST, _HIGHEST, _UNCERTAIN)
-    return save(figure, make_folder(folder) / f"drivers{suffix}", order)
+    return save(figure, make_folder(folder) / f"sensitivity{suffix}", order)
 
 
 def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:

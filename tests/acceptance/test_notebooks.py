@@ -11,8 +11,8 @@ NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 
 def test_there_are_five():
     assert [path.stem for path in NOTEBOOKS] == [
-        "drivers",
         "reconstruction",
+        "sensitivity",
         "single_run",
         "table2",
         "verdict",

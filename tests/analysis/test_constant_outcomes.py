@@ -7,19 +7,19 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 
 from sepmc.analysis import compare, constant_outcomes, distributions, sensitivity
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.statistics import statistics
 from sepmc.analysis.statistics_text import render_summary
 from sepmc.analysis.stopping import StoppingRule
+from sepmc.campaign import run_statistics
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.store import manifests, shards
+from sepmc.campaign.store import shards
 from sepmc.cli import app
 from sepmc.cli.figures import draw_figures
 from sepmc.cli.options import load_campaign
-from sepmc.cli.render import statistics_of, summary_of, verdicts_of
 from sepmc.report import convergence_figures, figures
 from sepmc.scene.read import parse_campaign
 
@@ -88,7 +88,7 @@ def run(tmp_path_factory):
     """A run of that scene, what the command printed, and its folder."""
     folder = tmp_path_factory.mktemp("sliding")
     (folder / "sliding.toml").write_text(SLIDING)
-    with flown_plainly():
+    with run_interpreted():
         called = call("campaign", folder / "sliding.toml", "--out", folder / "run")
     return folder / "run", called
 
@@ -230,36 +230,36 @@ def test_statistics_say_constant(run):
     assert frame.loc[[SPEED, GAP, VARIES], "constant"].tolist() == [True, True, False]
     again = call("stats", folder)
     assert f"{GAP}: constant 0 mm" in again.output
-    given = call("stats", folder, "--given", "initial.omega_deg_s.x>30")
+    given = call("stats", folder, "--where", "initial.omega_deg_s.x>30")
     assert f"{GAP}: constant 0 mm" in given.output
 
 
 def test_no_drivers_and_no_law_of_a_constant(run):
     """Neither the command nor the defaults tell drivers of a constant; laws say what it is."""
     folder, _ = run
-    called = call("drivers", folder, SPEED, VARIES, "--no-plots")
+    called = call("sensitivity", folder, SPEED, VARIES, "--no-plots")
     assert f"warning: {SPEED}: is constant" in called.output
     assert f"sensitivity of {SPEED}" not in called.output
     assert f"sensitivity of {VARIES}" in called.output
-    called = call("drivers", folder, "--no-plots")
+    called = call("sensitivity", folder, "--no-plots")
     assert f"sensitivity of {GAP}" not in called.output
-    lines = call("laws", folder, GAP).output.splitlines()
+    lines = call("fit", folder, GAP).output.splitlines()
     assert next(line for line in lines if line.startswith(GAP)).split()[5] == "constant"
-    frame = pd.read_csv(folder / "laws.csv", index_col="outcome")
+    frame = pd.read_csv(folder / "distributions.csv", index_col="outcome")
     assert frame.at[SPEED, "law"] == "constant"
     assert np.isnan(frame.at[SPEED, "skewness"])
 
 
 def test_python_says_so_too():
     """A result of a run that is kept in memory."""
-    with flown_plainly():
+    with run_interpreted():
         result = Campaign(parse_campaign(tomllib.loads(SLIDING), "sliding")).run(20)
     table = result.statistics()
     assert table.at[SPEED, "constant"]
     assert not table.at[VARIES, "constant"]
     with pytest.raises(ValueError, match="is constant"):
-        result.drivers(SPEED)
-    assert result.laws().at[SPEED, "law"] == "constant"
+        result.sensitivity(SPEED)
+    assert result.fit().at[SPEED, "law"] == "constant"
     assert "e-16" not in result._repr_html_()
 
 
@@ -275,10 +275,8 @@ def test_a_required_constant_is_drawn_as_one_value(run, monkeypatch):
     monkeypatch.setattr(convergence_figures, "save", keep)
     folder, _ = run
     loaded = load_campaign(str(folder), (), warn=False)
-    summary, accuracy = summary_of(folder, loaded), manifests.read_manifest(folder)["accuracy"]
-    stats = statistics_of(loaded, summary, accuracy)
-    verdicts = verdicts_of(loaded, summary, accuracy, stats, summary.audit())
-    draw_figures(folder, loaded, summary, stats, say=str, verdicts=verdicts, converging=True)
+    read = run_statistics.read_run(folder, loaded)
+    draw_figures(folder, loaded, read.summary, read.table, read.verdicts, log=str, converging=True)
     panel = kept["histograms.png"].axes[0]
     assert panel.get_title() == "n 20, constant 0 mm"
     assert not panel.patches
@@ -294,7 +292,7 @@ def test_a_required_constant_is_drawn_as_one_value(run, monkeypatch):
 def test_one_case_prints_no_noise(run, tmp_path):
     """A single run prints 0 where an outcome is below its error; files keep what was found."""
     folder, _ = run
-    with flown_plainly():
+    with run_interpreted():
         called = call("run", folder, "--case", 3, "--out", tmp_path / "one", "--no-plots")
     line = next(one for one in called.output.splitlines() if one.strip().startswith(SPEED))
     assert line.split() == [SPEED, "0"]
@@ -312,7 +310,7 @@ def test_what_two_runs_can_tell_apart():
 def test_counted_statistics_say_constant(tmp_path):
     """So does a run that keeps no rows, whose figures are drawn from its files."""
     (tmp_path / "sliding.toml").write_text(SLIDING)
-    with flown_plainly():
+    with run_interpreted():
         called = call(
             "campaign", tmp_path / "sliding.toml", "--out", tmp_path / "run", "--stats-only"
         )

@@ -71,9 +71,9 @@ def test_what_has_no_law():
     table = cases(few=np.where(np.arange(100) < 10, x, np.nan), same=np.repeat(x[:5], 20), x=x)
     table["status"] = np.where(np.arange(100) < 60, "ok", "unresolved")
     result = distributions.fit_distributions(table, ["few", "same", "x"])
-    assert list(result["law"]) == ["", "", result.loc["x", "law"]]
+    assert list(result["law"]) == ["too few cases", "discrete", "normal"]
     assert list(result["n"]) == [10, 60, 60]
-    assert result.loc["x", "law"]
+    assert result.loc["same", ["skewness", "p"]].isna().all()
 
 
 def test_text():
@@ -103,17 +103,17 @@ def test_through_a_run_folder(pair, plainly, tmp_path):
     settings = {"spring": [spring], "dispersion": laws_of_inputs, "solver.step_s": 0.05}
     settings["phase"] = [{"name": "free", "joints": {"pins": "slider"}}]
     result = pair(settings).run(cases=60, seed=3, out=tmp_path / "run")
-    called = CliRunner().invoke(app.main, ["laws", str(tmp_path / "run"), "separation_speed_m_s"])
+    called = CliRunner().invoke(app.main, ["fit", str(tmp_path / "run"), "separation_speed_m_s"])
     assert called.exit_code == 0, called.output
     assert "99.865 %: fitted" in called.stdout
     assert "not independent" not in called.stdout
-    kept = pd.read_csv(tmp_path / "run" / "laws.csv", index_col="outcome")
-    row = result.laws().loc["separation_speed_m_s"]
+    kept = pd.read_csv(tmp_path / "run" / "distributions.csv", index_col="outcome")
+    row = result.fit().loc["separation_speed_m_s"]
     assert kept.loc["separation_speed_m_s", "law"] == row["law"] != ""
     assert kept.loc["separation_speed_m_s", "p"] == row["p"] > distributions.LEVEL
-    wrong = CliRunner().invoke(app.main, ["laws", str(tmp_path / "run"), "separation_sped_m_s"])
+    wrong = CliRunner().invoke(app.main, ["fit", str(tmp_path / "run"), "separation_sped_m_s"])
     assert wrong.exit_code == 2
     assert "did you mean 'separation_speed_m_s'" in wrong.stderr
     pair(settings | {"run.sampler": "sobol"}).run(cases=32, out=tmp_path / "sobol")
-    called = CliRunner().invoke(app.main, ["laws", str(tmp_path / "sobol")])
+    called = CliRunner().invoke(app.main, ["fit", str(tmp_path / "sobol")])
     assert "run.sampler = 'sobol' are not independent" in called.stdout

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 
 import sepmc
 from sepmc.analysis.row_filter import matching_rows
@@ -69,7 +69,7 @@ def test_given_an_input(tmp_path):
     data = result.statistics("initial.alpha_deg>5")
     pd.testing.assert_frame_equal(data[list(expected)], expected)
     before = sorted(folder.iterdir())
-    words = ["stats", str(folder), "--given", "initial.alpha_deg>5", "--columns", "upper_pitch*"]
+    words = ["stats", str(folder), "--where", "initial.alpha_deg>5", "--columns", "upper_pitch*"]
     called = CliRunner().invoke(main, words)
     assert called.exit_code == 0, called.output
     violated = int((some["separation_speed_m_s"] > 0.5).sum())
@@ -80,15 +80,15 @@ def test_given_an_input(tmp_path):
     assert sorted(folder.iterdir()) == before
     called = CliRunner().invoke(main, [*words, "--json"])
     data = json.loads(called.stdout)
-    assert data["given"] == ["initial.alpha_deg>5"]
+    assert data["where"] == ["initial.alpha_deg>5"]
     assert data["cases"]["ok"] == len(some)
     assert data["requirements"][0]["violations"] == violated
     assert list(data["outcomes"]) == ["upper_pitch_deg"]
     assert data["outcomes"]["upper_pitch_deg"]["mean"] == expected.loc["upper_pitch_deg", "mean"]
-    called = CliRunner().invoke(main, ["stats", str(folder), "--given", "upper_pitch_deg>0"])
-    assert "chosen by what they did (upper_pitch_deg)" in called.output
-    assert "chosen by what they did" not in CliRunner().invoke(main, words).output
-    nobody = CliRunner().invoke(main, ["stats", str(folder), "--given", "case<0", "--json"])
+    called = CliRunner().invoke(main, ["stats", str(folder), "--where", "upper_pitch_deg>0"])
+    assert "selected by outcomes (upper_pitch_deg)" in called.output
+    assert "selected by outcomes" not in CliRunner().invoke(main, words).output
+    nobody = CliRunner().invoke(main, ["stats", str(folder), "--where", "case<0", "--json"])
     assert nobody.exit_code == 2
     assert "case<0: holds in none of 60 cases" in nobody.output
 
@@ -97,12 +97,12 @@ def test_given_what_makes_all_fail(tmp_path):
     """There are no statistics of cases that all ended otherwise; there are verdicts on them."""
     required = {"name": "parts", "metric": "never-released", "probability": 0.5}
     fails = {"dispersion.joint.pins.fails": {"discrete": [0, 1], "weights": [0.7, 0.3]}}
-    with flown_plainly(cases=4):
+    with run_interpreted(cases=4):
         sepmc.load("table2", {"requirement": [required], **fails}).run(20, out=tmp_path / "run")
-    words = ["stats", str(tmp_path / "run"), "--given", "joint.pins.fails=1"]
+    words = ["stats", str(tmp_path / "run"), "--where", "joint.pins.fails=1"]
     called = CliRunner().invoke(main, words)
     assert called.exit_code == 0, called.output
-    assert "none of them came to its end as asked" in called.output
+    assert "no statistics, as none of these cases completed" in called.output
     assert "FAIL        parts: never-released does not occur" in called.output
     output = json.loads(CliRunner().invoke(main, [*words, "--json"]).stdout)
     assert output["requirements"][0]["violations"] == output["cases"]["never-released"] > 0
@@ -128,19 +128,19 @@ def test_what_is_offered_has_its_unit(tmp_path):
         {"name": name, "metric": "separation_speed_m_s", "at_least": low}
         for name, low in (("slow", 0.1), ("slower", 0.05))
     ]
-    with flown_plainly(cases=4):
+    with run_interpreted(cases=4):
         campaign = sepmc.load("table2", {"dispersion": laws, "requirement": required})
         campaign.run(12, out=tmp_path / "run")
     refused = CliRunner().invoke(
-        main, ["stats", str(tmp_path / "run"), "--given", "body.upper.cg_in.y>-0.1"]
+        main, ["stats", str(tmp_path / "run"), "--where", "body.upper.cg_in.y>-0.1"]
     )
     assert refused.exit_code == 2
     assert "did you mean 'body.upper.cg_mm.y'?" in refused.output
     bare = CliRunner().invoke(
-        main, ["stats", str(tmp_path / "run"), "--given", "body.upper.cg.y>-50"]
+        main, ["stats", str(tmp_path / "run"), "--where", "body.upper.cg.y>-50"]
     )
     assert "body.upper.cg.y is taken in mm, as in_body_upper_cg_y_mm is" in bare.output
-    words = ["stats", str(tmp_path / "run"), "--given", "body.upper.cg_mm.y>-50"]
+    words = ["stats", str(tmp_path / "run"), "--where", "body.upper.cg_mm.y>-50"]
     full = " ".join(CliRunner().invoke(main, words).output.split())
     assert "is taken in" not in full
     # what such cases lack stands once, not with each requirement

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy import stats
 
 import sepmc
@@ -351,12 +351,12 @@ def test_through_a_run_folder(tmp_path):
     partly violate a requirement."""
     slow = {"name": "slow", "metric": "separation_speed_m_s", "at_least": 0.55}
     campaign = sepmc.load("table2", {"run.end_time_s": 0.26, "requirement": [slow]})
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=150, seed=7, out=tmp_path / "run")
-    called = call("drivers", tmp_path / "run", "separation_speed_m_s", "--no-plots")
+    called = call("sensitivity", tmp_path / "run", "separation_speed_m_s", "--no-plots")
     assert called.exit_code == 0, called.output
-    table = result.drivers("separation_speed_m_s")
-    kept = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    table = result.sensitivity("separation_speed_m_s")
+    kept = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     assert kept["input"].tolist() == table.index.tolist()
     assert_allclose(kept["rank"], table["rank"], rtol=1e-14)
     order = "by first-order index (lower bound), then by shift of the mean"
@@ -371,17 +371,17 @@ def test_through_a_run_folder(tmp_path):
     of_release = causes_kept[causes_kept["violated"] == "never-released"].iloc[0]
     assert of_release["input"] == first.inputs[0]
     assert f"never-released, {first.violations} of 150 cases: what sets" in called.stdout
-    assert not (tmp_path / "run" / "drivers.png").exists()
-    assert call("drivers", tmp_path / "run").exit_code == 0
-    assert (tmp_path / "run" / "drivers.png").stat().st_size > 20_000
-    called = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    assert not (tmp_path / "run" / "sensitivity.png").exists()
+    assert call("sensitivity", tmp_path / "run").exit_code == 0
+    assert (tmp_path / "run" / "sensitivity.png").stat().st_size > 20_000
+    called = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     one, other = called["outcome"].unique()[:2]
-    assert call("drivers", tmp_path / "run", other, "--no-plots").exit_code == 0
-    again = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    assert call("sensitivity", tmp_path / "run", other, "--no-plots").exit_code == 0
+    again = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     assert again["outcome"].unique()[-1] == other  # what was told of others stays
     pd.testing.assert_frame_equal(again[again["outcome"] == one], called[called["outcome"] == one])
     assert len(again) == len(called)
-    wrong = call("drivers", tmp_path / "run", "separation_sped_m_s")
+    wrong = call("sensitivity", tmp_path / "run", "separation_sped_m_s")
     assert wrong.exit_code == 2
     assert "did you mean 'separation_speed_m_s'" in wrong.stderr
     with pytest.raises(InputError, match="no such requirement or status; did you mean 'slow'"):
@@ -397,10 +397,10 @@ def test_a_saltelli_campaign(tmp_path):
     campaign = sepmc.load("table2", settings)
     with pytest.raises(InputError, match="groups of 4 cases: give a multiple, best 8 or 16"):
         campaign.run(cases=15)
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=256, out=tmp_path / "run")
     assert any("repeat each other" in note for note in result.notes)
-    table = result.drivers("upper_pitch_deg")
+    table = result.sensitivity("upper_pitch_deg")
     assert table.index[0] == "in_initial_pitch_deg"
     # ranks are of the cases that do not repeat each other: the first and the last of each four
     alone = result.to_pandas()[lambda rows: (rows["case"] % 4).isin([0, 3])]

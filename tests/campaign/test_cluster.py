@@ -45,7 +45,7 @@ def workers():
 
 
 def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
-    found = campaign.run(cases=CASES, out=tmp_path / "run", crew=workers)
+    found = campaign.run(cases=CASES, out=tmp_path / "run", executor=workers)
     assert same(alone.folder, tmp_path / "run")
     assert statistics_of(found) == statistics_of(alone)
     assert not manifests.diagnose(tmp_path / "run")
@@ -62,7 +62,7 @@ def test_statistics_alone(campaign, workers, tmp_path):
     cases = EXACT_VALUES + 9 * ACCUMULATION_BLOCK + 7
     given = {"cases": cases, "stats_only": True}
     one = campaign.run(**given)
-    other = campaign.run(**given, out=tmp_path / "run", crew=workers)
+    other = campaign.run(**given, out=tmp_path / "run", executor=workers)
     assert statistics_of(one) == statistics_of(other)
     assert one.status_counts == other.status_counts
     assert one.kept.summary.failed == other.kept.summary.failed
@@ -77,7 +77,7 @@ def test_a_worker_that_is_killed(campaign, alone, workers, tmp_path):
             os.kill(pids.pop(), signal.SIGKILL)
             pids.clear()
 
-    found = campaign.run(cases=CASES, out=tmp_path / "run", crew=workers, progress=progress)
+    found = campaign.run(cases=CASES, out=tmp_path / "run", executor=workers, progress=progress)
     assert not pids
     assert same(alone.folder, tmp_path / "run")
     assert statistics_of(found) == statistics_of(alone)
@@ -93,12 +93,12 @@ def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
             raise Enough
 
     with pytest.raises(Enough):
-        campaign.run(cases=CASES, out=tmp_path / "run", crew=workers, progress=progress)
+        campaign.run(cases=CASES, out=tmp_path / "run", executor=workers, progress=progress)
     assert 0 < len(shards.stored_cases(tmp_path / "run")) < CASES
     campaign.run(cases=CASES, out=tmp_path / "run", resume=True)
     assert same(alone.folder, tmp_path / "run")
     (tmp_path / "run" / "cases" / "part-0000000000.parquet").unlink()
-    campaign.run(cases=CASES, out=tmp_path / "run", resume=True, crew=workers)
+    campaign.run(cases=CASES, out=tmp_path / "run", resume=True, executor=workers)
     assert same(alone.folder, tmp_path / "run")
 
 
@@ -117,10 +117,10 @@ def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatc
                 raise InterruptedError
 
         with pytest.raises(InterruptedError):
-            campaign.run(**given, stats_only=True, crew=by, progress=progress)
+            campaign.run(**given, stats_only=True, executor=by, progress=progress)
     held = shards.accumulator_entry(tmp_path / "run").first
     assert EXACT_VALUES + ACCUMULATION_BLOCK < held < given["cases"]
-    result = campaign.run(**given, crew=workers)
+    result = campaign.run(**given, executor=workers)
     assert result.resumed == held
     whole = campaign.run(cases=given["cases"], stats_only=True)
     assert statistics_of(result) == statistics_of(whole)
@@ -141,7 +141,7 @@ def test_a_scheduler_that_is_started_again(campaign, alone, tmp_path):
 
     try:
         with crew(address=first.scheduler_address) as workers:
-            campaign.run(cases=CASES, out=tmp_path / "run", crew=workers, progress=progress)
+            campaign.run(cases=CASES, out=tmp_path / "run", executor=workers, progress=progress)
     finally:
         for cluster in held:
             cluster.close()
@@ -158,7 +158,7 @@ def test_a_worker_that_sees_another_folder(campaign, tmp_path):
             return super().map(job, function, ranges)
 
     with crew(1) as own, pytest.raises(StaleWorkerError, match="sees another campaign there"):
-        campaign.run(cases=CASES, out=tmp_path / "run", crew=Elsewhere(own.client, None, 1, 1))
+        campaign.run(cases=CASES, out=tmp_path / "run", executor=Elsewhere(own.client, None, 1, 1))
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_a_worker_that_sees_another_folder(campaign, tmp_path):
 def test_what_workers_do_not_fly(campaign, tmp_path, monkeypatch, given, said):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=said):
-        campaign.run(**{"cases": 9} | given, crew=DaskExecutor(None, None, 1, 1))
+        campaign.run(**{"cases": 9} | given, executor=DaskExecutor(None, None, 1, 1))
     assert not (tmp_path / "run").exists()
 
 
@@ -204,7 +204,7 @@ def test_too_many_failures_among_the_first_cases(tmp_path, orders):
     loaded = sepmc.load("table2", {**SETTINGS, "run.end_time_s": 0.26})
     with crew(2, threads=1) as workers:
         found = loaded.run(
-            cases=100_000, out=tmp_path / "run", crew=workers, max_failures=50, **orders
+            cases=100_000, out=tmp_path / "run", executor=workers, max_failures=50, **orders
         )
     assert found.stopped
     assert 50 < sum(found.status_counts.values()) < 100_000

@@ -78,8 +78,8 @@ def test_titles_are_those_of_before(whole, folder):
 def test_what_told_of_fewer_cases_goes(folder):
     """A run that grows keeps no table, figure or report of the cases it had; those that come later
     are known to its doctor."""
-    told = ["causes.csv", "laws.csv", "report.html"]
-    for words in (["drivers", folder], ["laws", folder], ["report", folder, "--no-replay"]):
+    told = ["causes.csv", "distributions.csv", "report.html"]
+    for words in (["sensitivity", folder], ["fit", folder], ["report", folder, "--no-replay"]):
         assert call(*map(str, words)) == 0
     assert all((folder / name).is_file() for name in told)
     assert call("doctor", str(folder)) == 0
@@ -94,8 +94,8 @@ def test_what_told_of_fewer_cases_goes(folder):
     assert not any((folder / name).exists() for name in told)
     assert (folder / "statistics.csv").is_file()
     assert call("doctor", str(folder)) == 0
-    assert call("laws", str(folder)) == 0
-    (folder / "laws.csv").write_text("")
+    assert call("fit", str(folder)) == 0
+    (folder / "distributions.csv").write_text("")
     assert call("doctor", str(folder)) == 1
     assert call("doctor", str(folder), "--repair") == 0
 

@@ -80,7 +80,7 @@ def test_the_same_rows(campaign, alone):
 
 def test_workers_write_it(campaign, alone):
     with crew(2, threads=1) as workers:
-        found = campaign.run(cases=CASES, out=as_path("s3://bucket/workers"), crew=workers)
+        found = campaign.run(cases=CASES, out=as_path("s3://bucket/workers"), executor=workers)
     same(found.folder, alone.folder)
     assert found.statistics().equals(alone.statistics())
 
@@ -117,7 +117,7 @@ def test_command_line(alone, tmp_path):
     assert f"wrote {where}" in told.output
     assert "is as it was written" in call("doctor", where).output
     assert call("plot", where).exit_code == 0
-    assert call("drivers", where).exit_code == 0
+    assert call("sensitivity", where).exit_code == 0
     ok = alone.to_pandas().query("status == 'ok'")["case"].iloc[0]
     one = call("replay", where, "--case", ok, "--no-plots", "--out", tmp_path / "one")
     assert one.exit_code == 0, one.output

@@ -1,6 +1,8 @@
 """The Python door: load, settings, cases, runs in memory or in a folder, single flights."""
 
 import json
+import subprocess
+import sys
 import tomllib
 import warnings
 from pathlib import Path
@@ -400,3 +402,21 @@ def test_a_case_beyond_all_campaigns_is_refused(pair, number):
     for ask in (pair().case, pair().simulate):
         with pytest.raises(InputError, match=r"case = \d+: must be >= 0 and <= 999999999"):
             ask(number)
+
+
+def test_public_names_are_imported_at_first_use():
+    code = (
+        "import sys, sepmc; heavy = {'numpy', 'numba', 'pandas', 'msgspec'} & set(sys.modules);"
+        "names = [getattr(sepmc, name) for name in sepmc.__all__]; sys.exit(bool(heavy))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_run_options_are_an_object_or_keywords(tmp_path):
+    campaign = sepmc.load("table2.toml", {"solver.step_s": 0.1, "run.history_step_s": 0.0})
+    options = sepmc.RunOptions(stats_only=True)
+    assert campaign.run(2, options=options).kept.rows is None
+    assert campaign.run(2, stats_only=True).kept.rows is None
+    assert campaign.run(2, options=options, stats_only=False).kept.rows is not None
+    with pytest.raises(TypeError, match="stats_onli"):
+        campaign.run(2, stats_onli=True)

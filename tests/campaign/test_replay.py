@@ -11,7 +11,7 @@ from PIL import Image
 import sepmc
 from sepmc.campaign.store import ledger, manifests, shards
 from sepmc.cli.app import main
-from sepmc.cli.figures import marks_of
+from sepmc.cli.figures import event_times
 from sepmc.report import animation, history_figures
 from sepmc.report.animation import _Frame
 from sepmc.report.style import make_axes
@@ -41,8 +41,8 @@ def values(folder, outcome):
 @pytest.mark.parametrize(
     ("words", "which"),
     [
-        (["--least", "upper_pitch_deg"], lambda f: values(f, "upper_pitch_deg").idxmin()),
-        (["--greatest", "upper_pitch_deg"], lambda f: values(f, "upper_pitch_deg").idxmax()),
+        (["--min", "upper_pitch_deg"], lambda f: values(f, "upper_pitch_deg").idxmin()),
+        (["--max", "upper_pitch_deg"], lambda f: values(f, "upper_pitch_deg").idxmax()),
         (["--worst", "slow"], lambda f: values(f, "separation_speed_m_s").idxmax()),
         (["--worst", "separation_speed_m_s"], lambda f: values(f, "separation_speed_m_s").idxmax()),
         (
@@ -97,8 +97,8 @@ def test_a_row_that_was_changed(folder, tmp_path):
     [
         (["--case", 4], "holds cases 5:45; --case 4 is none of them"),
         ([], "give one of --case, --worst"),
-        (["--case", 5, "--least", "upper_pitch_deg"], "give one of --case, --worst"),
-        (["--least", "upper_pich_deg"], "did you mean 'upper_pitch_deg'"),
+        (["--case", 5, "--min", "upper_pitch_deg"], "give one of --case, --worst"),
+        (["--min", "upper_pich_deg"], "did you mean 'upper_pitch_deg'"),
         (["--worst", "slowly"], "no such requirement; did you mean 'slow'"),
         (["--nearest", "upper_pitch_deg"], "must be OUTCOME:p99.73"),
         (["--nearest", "upper_pitch_deg:p101"], "must be a percentile from p0 to p100"),
@@ -124,7 +124,7 @@ def test_film(folder, tmp_path, monkeypatch):
     campaign = sepmc.load(folder)
     case = campaign.case(9)
     history = campaign.simulate(case, 0.05)
-    path = animation.animate(history, case.scene, "title", tmp_path / "film.gif")
+    path = animation.animate(history, case.scene, "title", tmp_path / "animation.gif")
     with Image.open(path) as film:
         assert film.n_frames == 3
         frames = []
@@ -147,7 +147,7 @@ def test_a_single_flight_has_no_rows(tmp_path):
     command("run", "table1.toml", "--out", tmp_path / "one", "--no-plots", "--every-s", 0.1)
     code, said = command("replay", tmp_path / "one", "--case", 0)
     assert code == 2
-    assert "holds a single flight; give the folder of a campaign" in said
+    assert "holds a single case; give the folder of a campaign" in said
 
 
 # a hinge of which a release, apart from the only phase, lets go
@@ -205,6 +205,6 @@ def test_figures_mark_releases_and_events(pair, tmp_path):
     history = pair(_LETS_GO).simulate(step_s=0.05)
     _figure, (ax,) = make_axes(1, 1, (4.0, 3.0))
     ax.set_xlim(0.0, 0.5)
-    history_figures._mark(ax, marks_of(history.attrs))
+    history_figures._mark(ax, event_times(history.attrs))
     _, names = ax.get_legend_handles_labels()
     assert names == ["release of pins (0.2 s)", "late (0.4 s)"]

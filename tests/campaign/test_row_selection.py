@@ -267,7 +267,7 @@ def test_command_line(tmp_path):
     assert manifest["complete"]
     assert not (tmp_path / "run" / "cases").exists()
     assert call("plot", tmp_path / "run").exit_code == 0
-    for command in ("stats", "drivers"):
+    for command in ("stats", "sensitivity"):
         said = call(command, tmp_path / "run")
         assert said.exit_code == 2
         assert "those rows that --keep chose, in selected/" in said.stderr

@@ -323,7 +323,7 @@ def test_a_run_tells_its_error(table2, settings, tmp_path):
         .invoke(app.main, ["stats", str(tmp_path / "run")], catch_exceptions=False)
         .stdout
     )
-    assert f"numerical error at most {worst:.1e} ({name})" in printed
+    assert f"numerical error <= {worst:.1e} ({name})" in printed
     assert ("; full system, " in printed) is (formulation == "full")
     assert all(name in printed for name in written["methods"])
     table = pd.read_csv(tmp_path / "run" / "statistics.csv", index_col="outcome")
@@ -432,7 +432,7 @@ def test_the_program_tells_it(tmp_path):
     ]
     found = CliRunner().invoke(app.main, arguments, catch_exceptions=False)
     assert found.exit_code == 0, found.output
-    assert "numerical error at most" in found.output
+    assert "numerical error <= " in found.output
     assert "asked 1e-09" in found.output
     checked = CliRunner().invoke(app.main, ["check", "table2.toml"], catch_exceptions=False).stdout
     assert "1e-09" in checked

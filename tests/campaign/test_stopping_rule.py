@@ -5,7 +5,7 @@ import json
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy.special import stdtrit
 from small_scenes import SPRUNG
 
@@ -48,7 +48,7 @@ def _plainly(monkeypatch):
     monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK", 16)
     for name, value in (("_SAVE_S", 0.0), ("_SHARD_S", 0.0), ("_FIRST", 8), ("_CALL_S", 1e-9)):
         monkeypatch.setattr(runner, name, value)
-    with flown_plainly():
+    with run_interpreted():
         yield
 
 
@@ -172,7 +172,7 @@ def test_values_that_were_rarely_drawn_are_told_beside_statistics(written, tmp_p
     assert said in " ".join(called.stderr.split())
     (told,) = json.loads((tmp_path / "run" / "statistics.json").read_text())["rarely_drawn"]
     assert said in told
-    figures._share_figures(
+    figures.draw_fractions(
         tmp_path / "run",
         sepmc.load(tmp_path / "run"),
         (),

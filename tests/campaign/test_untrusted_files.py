@@ -216,7 +216,7 @@ def folder(whole, tmp_path):
     return shutil.copytree(whole, tmp_path / "run")
 
 
-READERS = (["stats"], ["doctor"], ["doctor", "--repair"], ["laws"], ["replay", "--case", "1"])
+READERS = (["stats"], ["doctor"], ["doctor", "--repair"], ["fit"], ["replay", "--case", "1"])
 
 
 @pytest.mark.parametrize(

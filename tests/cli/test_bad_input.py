@@ -841,7 +841,7 @@ def test_almost_the_name_of_a_shipped_campaign(sepmc):
         (["--set", "body.upper.mass_kg=\udcff"], "body.upper.mass_kg"),  # UnicodeEncodeError
         (["--set", 'output.tip_off=["pinz"]'], "no such joint; did you mean 'pins'?"),
         (["--set", "dispersion.body.upper.mass_kg=5"], "such as { uniform = 20.0 }"),
-        (["--plan", "plan.md"], "must end in .parquet, .csv"),
+        (["--samples", "plan.md"], "must end in .parquet, .csv"),
         (["--cases", "9" * 20, "--out", "x"], "--cases"),  # writes a manifest, then numpy's message
     ],
 )

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 import sepmc as package
 from sepmc.campaign.campaign import Campaign
-from sepmc.cli import app, checks
+from sepmc.cli import app, check
 
 CASES = 50
 
@@ -243,8 +243,8 @@ def test_end_before_anything_is_flown(tmp_path, monkeypatch, end, code, word):
     result = CliRunner().invoke(
         app.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
     )
-    assert (result.exit_code, f"\n{word}; no case was flown yet" in result.stderr) == (code, True)
-    monkeypatch.setattr(checks, "load_campaign", end)
+    assert (result.exit_code, f"\n{word}; no case was run yet" in result.stderr) == (code, True)
+    monkeypatch.setattr(check, "load_campaign", end)
     result = CliRunner().invoke(app.main, ["check", "table2.toml"])
     assert (result.exit_code, result.stderr) == (code, f"\n{word}\n")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
@@ -327,7 +327,7 @@ def test_the_line_to_go_on_with_goes_on(tmp_path, monkeypatch):
     result = interrupt(
         monkeypatch, "campaign", "table2.toml", *options, "--no-plots", "--out", tmp_path / "run"
     )
-    call(*result.stderr.rsplit("Go on with: sepmc ", 1)[1].split(), "--no-plots")
+    call(*result.stderr.rsplit("Continue with: sepmc ", 1)[1].split(), "--no-plots")
     assert len(rows(tmp_path / "run")) == 6
 
 
@@ -516,3 +516,21 @@ def test_check_names_the_time_in_which_joints_are_late():
     result = call("check", "table2.toml", "--set", "joint.pins.delay_s=0.01")
     assert result.exit_code == 0, result.output
     assert "free (late joints)" in result.output
+
+
+@pytest.mark.parametrize(
+    ("words", "new"),
+    [
+        (["laws", "run"], "sepmc fit"),
+        (["drivers", "run"], "sepmc sensitivity"),
+        (["stats", "run", "--given", "x=1"], "--where"),
+        (["replay", "run", "--least", "x"], "--min"),
+        (["replay", "run", "--greatest", "x"], "--max"),
+        (["replay", "run", "--film", "gif"], "--animate"),
+        (["campaign", "table2.toml", "--plan", "x.csv"], "--samples"),
+    ],
+)
+def test_renamed_words_name_their_successors(words, new):
+    told = CliRunner().invoke(app.main, words)
+    assert told.exit_code == 2
+    assert f"was renamed: {new}" in told.output

@@ -24,7 +24,8 @@ _SETTINGS = ["--set=run.chunk=4", "--set=run.history_step_s=0.1"]
 _NEW = (
     "manifest.json.tmp", "checksums.jsonl.tmp", "campaign.toml.tmp", "statistics.csv.tmp",
     "cases/part-0000000099.parquet", "cases/part-0000000004.parquet.tmp", "report.html",
-    "drivers.csv", "causes.csv", "laws.csv", "samples.parquet", "history.parquet", "separation.png",
+    "sensitivity.csv", "causes.csv", "distributions.csv", "samples.parquet", "history.parquet",
+    "separation.png",
     "cases", "histories",
 )  # fmt: skip
 _LONG = ("replay", "campaign", "run", "compare", "plot", "report")  # they fly or draw
@@ -72,7 +73,7 @@ def _whole(place):
         [*fly, "--out", str(found["cases"])],
         [*one, "--out", str(found["single"])],
         ["sample", "table2.toml", "--cases", "8", "--out", plan],
-        [*fly[:2], "--plan", plan, "--quiet", "--no-plots", "--out", str(found["plan"])],
+        [*fly[:2], "--samples", plan, "--quiet", "--no-plots", "--out", str(found["plan"])],
         [*fly, "--stats-only", "--out", str(found["stats"])],
     ):
         done = CliRunner().invoke(app.main, words)
@@ -107,17 +108,17 @@ def _command(rng, folder, other):
     ways = (
         (10, ["stats", run]),
         (4, ["stats", run, "--json"]),
-        (4, ["stats", run, "--given", "upper_pitch_deg>0"]),
+        (4, ["stats", run, "--where", "upper_pitch_deg>0"]),
         (8, ["doctor", run]),
         (6, ["doctor", run, "--repair", "--quiet"]),
         (5, ["replay", run, "--case", "3", "--every-s", "0.1", "--no-plots", "--out", out]),
-        (3, ["replay", run, "--least", "separation_distance_mm", "--no-plots", "--out", out]),
+        (3, ["replay", run, "--min", "separation_distance_mm", "--no-plots", "--out", out]),
         (6, ["campaign", run, "--out", run, "--resume", "--no-plots", "--quiet"]),
         (3, ["campaign", run, "--out", run, "--overwrite", "--no-plots", "--quiet"]),
         (4, ["compare", run, str(other)]),
         (4, ["compare", str(other), run, "--out", out]),
-        (4, ["drivers", run, "--no-plots"]),
-        (4, ["laws", run]),
+        (4, ["sensitivity", run, "--no-plots"]),
+        (4, ["fit", run]),
         (3, ["run", run, "--case", "2", "--every-s", "0.1", "--no-plots", "--out", out]),
         (3, ["check", run, "--no-flight"]),
         (0.5, ["plot", run]),
@@ -386,7 +387,7 @@ def _campaign(folder, _, rng):
 
 def _vast(folder, _, rng):
     path = folder / rng.choice(
-        ("manifest.json", "checksums.jsonl", "campaign.toml", "samples.parquet", "drivers.csv",
+        ("manifest.json", "checksums.jsonl", "campaign.toml", "samples.parquet", "sensitivity.csv",
          "statistics.json", "history.parquet", "cases/part-0000000000.parquet", "statistics.csv")
     )  # fmt: skip
     path.parent.mkdir(exist_ok=True)

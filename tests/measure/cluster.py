@@ -39,7 +39,7 @@ def one_killed(campaign, folder, after, which):
         timer = threading.Timer(after, os.kill, (pids[which], signal.SIGKILL))
         timer.start()
         try:
-            return campaign.run(cases=CASES, out=folder, crew=workers)
+            return campaign.run(cases=CASES, out=folder, executor=workers)
         finally:
             timer.cancel()
 
@@ -73,7 +73,7 @@ def throughput(cases):
             for name, by in (("process", None), ("workers", workers)):
                 began = time.perf_counter()
                 result = campaign.run(
-                    cases=cases, out=folder, threads=2, stats_only=True, crew=by, overwrite=True
+                    cases=cases, out=folder, threads=2, stats_only=True, executor=by, overwrite=True
                 )
                 seconds[name].append(time.perf_counter() - began)
                 told.add(statistics_of(result))

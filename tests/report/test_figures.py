@@ -574,18 +574,18 @@ def test_a_second_process_draws_the_same(tmp_path):
     campaign = sepmc.load("table2.toml")
     result = campaign.run(cases=50, out=tmp_path / "run")
     given = tmp_path / "run", campaign, result.kept.summary
-    here = draw_figures(*given, alone=True)
+    here = draw_figures(*given, separate=True)
     drawn = {path: path.read_bytes() for path in here}
     assert {"histograms", "separation_speed", "hist_upper_roll_deg"} <= {p.stem for p in here}
     for path in here:
         path.unlink()
     with processes(1) as second:
-        assert draw_figures(*given, second=second, alone=True) == here
+        assert draw_figures(*given, second=second, separate=True) == here
         assert {path: path.read_bytes() for path in here} == drawn
         (process,) = second._processes.values()
         process.kill()
         process.join()
-        assert draw_figures(*given, second=second, alone=True) == here
+        assert draw_figures(*given, second=second, separate=True) == here
     assert {path: path.read_bytes() for path in here} == drawn
 
 

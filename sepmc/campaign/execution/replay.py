@@ -168,7 +168,7 @@ def worst_case(
             else:
                 text = f"is the worst of {verdict.name}"
             return int(verdict.worst_case), text
-    advice = "; without a requirement, ask for the least or greatest of an outcome"
+    advice = "; without a requirement, ask for the min or max of an outcome"
     raise InputError(f"worst = {query}: no such requirement; {nearest(query, names)}{advice}")
 
 

@@ -40,7 +40,7 @@ _FIGURES = (
     "pin_loads",
     "requirements",
     "convergence",
-    "drivers",
+    "sensitivity",
     "scatter",
     "rare",
 )
@@ -49,14 +49,14 @@ _FOLLOWING = (  # from the cases
     "statistics.json",
     HISTOGRAMS,
     HISTORY,
-    "drivers.csv",
+    "sensitivity.csv",
     "causes.csv",
-    "laws.csv",
+    "distributions.csv",
     "report.html",
     "rare.json",
     "rare.parquet",
-    "film.gif",
-    "film.mp4",
+    "animation.gif",
+    "animation.mp4",
     *(f"{name}.{ending}" for name in _FIGURES for ending in ("png", "svg", "pdf")),
 )
 # data folders and sample table of format 1, which overwriting removes too

@@ -1,0 +1,148 @@
+"""Statistics and verdicts of a run, and the files of them in its folder."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from sepmc.analysis.constant_outcomes import collapse_constant
+from sepmc.analysis.requirements import Verdict
+from sepmc.analysis.row_statistics import TableStatistics, summarise
+from sepmc.analysis.stored_statistics import histogram_table
+from sepmc.analysis.streaming import StreamingStatistics
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.execution.accuracy import with_errors, with_scales
+from sepmc.campaign.store import manifests, shards
+from sepmc.campaign.store.untrusted import StoreError
+
+
+@dataclass(frozen=True)
+class RunStatistics:
+    """Statistics of a run and what follows from them.
+
+    Parameters
+    ----------
+    summary : Rows or Stream
+        Source of the statistics.
+    table : DataFrame, a row per outcome
+        Statistics with numerical errors, and the reference of the campaign if it has one.
+    audit : DataFrame, a row per audit column
+    verdicts : list of Verdict
+        One per requirement.
+    manifest : mapping
+        Manifest of the run.
+    """
+
+    summary: TableStatistics | StreamingStatistics
+    table: pd.DataFrame
+    audit: pd.DataFrame
+    verdicts: list[Verdict]
+    manifest: Mapping[str, Any]
+
+    @property
+    def accuracy(self) -> Mapping[str, Any]:
+        """Accuracy record of the manifest."""
+        return self.manifest.get("accuracy") or {}
+
+    def as_json(self, units: dict[str, str], table: pd.DataFrame | None = None) -> dict[str, Any]:
+        """Content of ``statistics.json``, or the same for some rows of the ``table`` only."""
+        return shards.statistics_as_json(
+            self.table if table is None else table,
+            self.summary.counts,
+            units,
+            self.audit,
+            self.summary.failed,
+            [verdict.to_dict() for verdict in self.verdicts],
+            self.manifest.get("rarely_drawn", ()),
+        )
+
+
+def numerical_errors(accuracy: Mapping[str, Any]) -> dict[str, float]:
+    """Numerical error of each outcome by the accuracy record of a manifest; null is infinite."""
+    errors = accuracy.get("errors", {})
+    return {name: math.inf if error is None else error for name, error in errors.items()}
+
+
+def evaluate(
+    campaign: Definition,
+    summary: TableStatistics | StreamingStatistics,
+    manifest: Mapping[str, Any],
+    with_reference: bool = True,
+) -> RunStatistics:
+    """Compute statistics, audit and verdicts of a run.
+
+    Parameters
+    ----------
+    campaign : Definition
+    summary : Rows or Stream
+        All cases of the run, or some of them.
+    manifest : mapping
+        Manifest of the run.
+    with_reference : bool
+        Put the reference values of the campaign beside the statistics.
+    """
+    errors = numerical_errors(manifest.get("accuracy") or {})
+    table = summary.statistics(campaign.reference if with_reference else None)
+    table, audit = with_errors(campaign, errors, table), summary.audit()
+    scaled = with_scales(campaign, errors, table)
+    verdicts = summary.verdicts(scaled, audit, campaign.scene.run.sampler)
+    return RunStatistics(summary, table, audit, verdicts, manifest)
+
+
+def read_summary(folder: Path, campaign: Definition) -> TableStatistics | StreamingStatistics:
+    """Summarise the case rows of a run folder.
+
+    Raises
+    ------
+    StoreError
+        If the rows lack a column of the campaign.
+    """
+    cases = shards.CaseColumns(folder)
+    names = ("case", "status", *campaign.summary_inputs[0])
+    if missing := [name for name in names if name not in cases]:
+        raise StoreError(
+            f"{folder}: its cases have no column {missing[0]}: they were flown by another version "
+            "of sepmc, or changed; fly them again"
+        )
+    return summarise(cases, *campaign.summary_inputs)
+
+
+def read_run(folder: Path, campaign: Definition) -> RunStatistics:
+    """Evaluate the case rows of a run folder."""
+    manifest = manifests.read_manifest(folder)
+    return evaluate(campaign, read_summary(folder, campaign), manifest)
+
+
+def write(
+    folder: Path, campaign: Definition, summary: TableStatistics | StreamingStatistics
+) -> RunStatistics:
+    """Write ``statistics.csv`` and ``statistics.json`` of a run into its folder, and
+    ``histograms.csv`` if the folder has no case rows.
+
+    Raises
+    ------
+    StoreError
+        If the files cannot be written.
+    """
+    run = evaluate(campaign, summary, manifests.read_manifest(folder))
+    units = {column.name: column.unit for column in campaign.outcome_columns}
+    written = [folder / "statistics.csv", folder / "statistics.json"]
+    try:
+        shards.write_statistics(folder, run.table, units, run.as_json(units))
+        if run.manifest.get("stats_only"):
+            names = map(str, run.table.index)
+            bins = histogram_table(
+                {
+                    name: collapse_constant(summary.histogram(name), run.table, name)
+                    for name in names
+                }
+            )
+            written.append(shards.write_histograms(folder, bins))
+        manifests.record_derived(folder, written)
+    except OSError as error:
+        said = error.strerror or error
+        raise StoreError(f"{folder}: cannot be written: {said}") from None
+    return run

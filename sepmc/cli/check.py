@@ -1,0 +1,144 @@
+"""`sepmc check`: validate a file and describe its scene and kernel."""
+
+import warnings
+from itertools import islice
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sepmc.cli.options import FILE, SETTINGS, load_campaign, redundant, undispersed
+from sepmc.cli.render import warn
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign
+
+# cases per batch, and number of batches at most, to count inertias that no solid body has
+_BATCH, _BATCHES = 65_536, 16
+_ROUGH = 1e-4  # accuracy of the nominal case
+_WORK = 1.2e7  # kernel lines of the nominal case at most: 4 s
+
+
+@click.command(short_help="Validate FILE, and describe its scene and kernel.")
+@FILE
+@SETTINGS
+@click.option(
+    "--code", is_flag=True, help="Print the kernel generated for the scene, a Python module."
+)
+@click.option("--no-flight", is_flag=True, help="Do not simulate the nominal case.")
+def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> None:
+    """Validate FILE and show what it contains, and what its kernel computes and leaves out. Warns
+    of probable mistakes; for these, the nominal case is simulated roughly, in a few seconds.
+
+    \b
+    Examples:
+      sepmc check table2.toml --set body.upper.mass_kg=460
+      sepmc check table2.toml --code > kernel.py
+    """
+    campaign = load_campaign(file, settings)
+    from sepmc.kernel.spec.structure import make_kernel_spec
+
+    shape = make_kernel_spec(campaign.plan, campaign.dispersed)
+    if code:
+        from sepmc.campaign.execution.step_selection import kernel_text
+
+        for line in shape.names.legend:
+            click.echo(fill(line, 100, initial_indent="# ", subsequent_indent="#   "))
+        click.echo(kernel_text(campaign, history=campaign.scene.run.history_step > 0.0))
+        return
+    _show_scene(campaign, shape)
+    warnings_shown = _input_warnings(campaign)
+    warn(*warnings_shown)
+    if no_flight or _check_nominal(campaign, warnings_shown):
+        click.echo("can be flown")
+    else:
+        click.echo("can be read; whether it can be flown is not known")
+
+
+def _show_scene(campaign: "Campaign", shape: Any) -> None:
+    """Show scene, kernel, cases, dispersions and requirements of a campaign."""
+    from sepmc.analysis.requirements import requirement_sentence
+    from sepmc.campaign.execution.step_selection import stage_names
+    from sepmc.kernel.emit.module import features
+    from sepmc.kernel.spec.describe import lines
+    from sepmc.scene.units import unit_text
+
+    click.echo(f"{campaign.name}: {campaign.file.title or 'no title'}")
+    for line in lines(campaign.plan):
+        click.echo("  " + line)
+    click.echo("  kernel       generated for the scene (print it with --code)")
+    body_names = shape.names.back
+    for stage, stage_name in zip(shape.stages, stage_names(campaign), strict=True):
+        groups = [
+            " and ".join(body_names.get(body, body) for body in group)
+            for group in stage.groups
+            if len(group) > 1
+        ]
+        rotation = "; ".join(f"{group} rotate as one rigid group" for group in groups)
+        rows = f"{len(stage.rows)} constraint rows solved" if stage.rows else "no constraints"
+        click.echo(f"    {stage_name:14s} {rotation or 'all bodies rotate freely'}, {rows}")
+    included, left_out = features(shape)
+    click.echo(f"    includes       {', '.join(included)}")
+    click.echo(f"    left out       {', '.join(left_out)}")
+    selection, _ = campaign.select_cases()
+    which = "" if selection.are_first else f" ({selection})"
+    run = campaign.scene.run
+    click.echo(f"  cases        {selection.count}{which}, seed {run.seed}, sampler {run.sampler}")
+    dispersions = campaign.file.dispersions
+    click.echo(f"  dispersed    {len(dispersions)} parameters")
+    for dispersion in dispersions:
+        key, _, distribution = dispersion.sentence.partition(": ")
+        click.echo(f"    {key:44s} {distribution} {unit_text(dispersion.parameter.unit)}")
+    for copula in campaign.file.copulas:
+        keys = [dispersions[index].parameter.key for index in copula.places]
+        click.echo(f"    correlated: {', '.join(keys)}")
+    required = campaign.file.requirements
+    units = {column.name: column.unit for column in campaign.outcome_columns}
+    click.echo(f"  required     {len(required) or 'nothing'}")
+    for item in required:
+        click.echo("    " + requirement_sentence(item, units.get(item.metric, "")))
+
+
+def _input_warnings(campaign: "Campaign") -> list[str]:
+    """Return warnings on the samples and the file of a campaign."""
+    from sepmc.campaign.execution.diagnostics import file_notes, sampled
+    from sepmc.campaign.execution.runner import implausible_note
+
+    selection, total = campaign.select_cases()
+    implausible = count = 0
+    for first, end in islice(selection.pieces(_BATCH), _BATCHES):
+        samples = campaign.sample(first, end - first, None, total)
+        implausible += campaign.implausible_inertias(samples)
+        count += end - first
+    note = implausible_note(implausible, count)
+    return [
+        *sampled(campaign, selection),
+        *file_notes(campaign),
+        *undispersed(campaign),
+        *([note] if note else []),
+        *redundant(campaign),
+    ]
+
+
+def _check_nominal(campaign: "Campaign", known: list[str]) -> bool:
+    """Simulate the nominal case roughly, and print warnings that are not ``known``. Returns whether
+    the case ended within the work that a check may take."""
+    from sepmc.campaign.execution.diagnostics import of_nominal
+    from sepmc.campaign.execution.single_case import UnknownError
+    from sepmc.scene.messages import SceneWarning, no_log
+
+    with warnings.catch_warnings():  # those of the file are shown already
+        warnings.simplefilter("ignore", SceneWarning)
+        rough = campaign.with_settings({"solver.accuracy": _ROUGH})
+    try:
+        history = rough.simulate(step_s=rough.scene.run.end_time, announce=no_log, plain_work=_WORK)
+        attributes = history.attrs
+    except UnknownError as unknown:
+        click.echo("  nominal      not flown to its end")
+        warn(f"nominal flight not flown to its end: {unknown}")
+        return False
+    click.echo(f"  nominal      {attributes['status']}")
+    springs = attributes["springs"] if attributes["status"] in ("ok", "never-released") else None
+    messages = [*attributes["notes"], *of_nominal(campaign, attributes["outcomes"], springs)]
+    warn(*(message for message in messages if message not in known))
+    return True

@@ -1,0 +1,94 @@
+"""Forecast of a campaign: `sepmc campaign --dry-run`. Heavy modules are imported at use."""
+
+import shlex
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign
+    from sepmc.campaign.case_selection import CaseSelection
+
+_TIMED_S = 0.3  # time to spend on cases that measure the speed
+_FEWEST, _GROWTH = 1, 8  # cases of the first measurement, and growth to the next one
+
+
+def show_forecast(
+    campaign: "Campaign",
+    cases: "int | CaseSelection | None",
+    seed: int | None,
+    folder: Path,
+    stats_only: bool,
+    compile_command: Sequence[str],
+) -> None:
+    """Show rows, disk, memory and time of a campaign; write nothing. If its kernel is not compiled,
+    ``compile_command`` is shown in place of the time."""
+    from sepmc.campaign.execution.forecast import forecast, size_text, time_text
+    from sepmc.campaign.execution.step_selection import kernel_text, select_steps, units_to_compile
+
+    selection, total = campaign.select_cases(cases)
+    n, run = selection.count, campaign.scene.run
+    seed = run.seed if seed is None else seed
+    which = "" if selection.are_first else f" ({selection})"
+    click.echo(
+        f"{campaign.name}: {n} cases{which}, seed {seed}, sampler {run.sampler}, into {folder}"
+    )
+    inputs, outcomes = len(campaign.input_columns), len(campaign.outcome_columns)
+    audits = len(campaign.result_columns) - outcomes
+    click.echo(f"  a row     {inputs} inputs, {outcomes} outcomes, {audits} audit columns, status")
+    separation = campaign.stored_history_columns(not stats_only)
+    need = forecast(campaign, n, bool(separation))
+    disk = "some kB: statistics only"
+    if not stats_only:
+        disk = f"at most {size_text(n * need.row)} of cases"
+        disk += f" and {size_text(n * need.history)} of histories" if separation else ""
+    click.echo(f"  disk      {disk}")
+    click.echo(
+        f"  memory    {size_text(need.memory_bytes)}, in chunks of {min(n, need.shard_size)} cases"
+    )
+    missing, units = units_to_compile(kernel_text(campaign, history=bool(separation)))
+    if missing:
+        click.echo(f"  kernel    {missing} of {units} units to compile, half a core second each")
+        click.echo(f"  time      known once it is compiled: {shlex.join(compile_command)}")
+        return
+    click.echo(f"  kernel    compiled: {units} units in the cache")
+    start = time.perf_counter()
+    integration = select_steps(campaign, history=bool(separation), announce=None)
+    calibration_s = time.perf_counter() - start
+    case_s, timed = _time_per_case(campaign, integration, selection, seed, total, separation)
+    click.echo(
+        f"  time      {time_text(calibration_s)} of calibration cases, then "
+        f"{time_text(n * case_s)}: {1e6 * case_s:.3g} us a case, measured on {timed} cases"
+    )
+
+
+def _time_per_case(
+    campaign: "Campaign",
+    integration: Any,
+    selection: "CaseSelection",
+    seed: int,
+    total: int,
+    separation: list[Any],
+) -> tuple[float, int]:
+    """Measure the seconds to sample and integrate one case, and the number of cases measured."""
+    from sepmc.campaign.execution.integration import history_rows
+    from sepmc.campaign.execution.integration import integrate as integrate_samples
+
+    first, end = selection.ranges[0]
+
+    def integrate(count: int, rows: int = 0) -> None:
+        samples = campaign.in_si(campaign.sample(first, count, seed, total))
+        integrate_samples(campaign, integration, samples, rows)
+
+    integrate(1)  # start-up costs
+    rows = history_rows(campaign.scene) if separation else 0
+    count, seconds = _FEWEST, 0.0
+    while seconds < _TIMED_S and count < end - first:
+        count = min(_GROWTH * count, end - first)
+        start = time.perf_counter()
+        integrate(count, rows)
+        seconds = time.perf_counter() - start
+    return seconds / count, count

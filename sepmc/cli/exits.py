@@ -1,0 +1,107 @@
+"""Exit codes, and the errors that end a command with one sentence."""
+
+import errno
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sepmc import wording
+from sepmc.paths import is_storage_error
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+DONE, FAILED, BAD_INPUT, INVALID, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 130, 143
+MEANINGS = (
+    "Exit codes: 0 done; 1 no case completed, a requirement not shown (campaign --check), or a "
+    "line failed (verify, stress); 2 bad input; 3 the audit failed or the requested accuracy was "
+    "not met; 130 interrupted; 143 terminated."
+)
+
+# errors that a command reports by their message; by name, as their modules are slow to import
+_REPORTED = ("StoreError", "ClusterError", "StaleWorkerError")
+# write errors without a file name: a full disk, and no folder for temporary files
+_UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.ENOENT)
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: ends a command as Ctrl-C does, with its own exit code."""
+
+
+class Program(click.Group):
+    """Group of commands whose errors, those of options included, are single sentences."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Parse the options of a command and run it."""
+        with wording.on_command_line(), plain_errors():
+            return super().invoke(ctx)
+
+
+def stopped(error: KeyboardInterrupt) -> tuple[str, int]:
+    """Return the word for what stopped a command, and its exit code."""
+    if isinstance(error, Terminated):
+        return "terminated", TERMINATED
+    return "interrupted", INTERRUPTED
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Raise `Terminated` at SIGTERM within this context, unless a handler is installed."""
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+
+    def end(number: int, frame: "FrameType | None") -> None:
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Exit with a message and no traceback on bad input, unusable folders, Ctrl-C and SIGTERM."""
+    from sepmc.scene.messages import InputError, SceneError
+
+    try:
+        with _terminable():
+            yield
+    except KeyboardInterrupt as error:
+        word, code = stopped(error)
+        click.echo(f"\n{word}", err=True)
+        sys.exit(code)
+    except InputError as error:
+        for line in error.problems if isinstance(error, SceneError) else [error]:
+            click.echo(f"error: {line}", err=True)
+        sys.exit(BAD_INPUT)
+    except OSError as error:
+        if error.filename is None and error.errno not in _UNWRITABLE:
+            raise
+        path = "" if error.filename is None else f"{error.filename}: "
+        click.echo(f"error: {path}{error.strerror}", err=True)
+        sys.exit(BAD_INPUT)
+    except Exception as error:
+        names = [kind.__name__ for kind in type(error).__mro__]
+        if not (set(names) & set(_REPORTED) or is_storage_error(error)):
+            raise
+        click.echo(f"error: {error}", err=True)
+        sys.exit(BAD_INPUT)
+
+
+def first_fault(*faults: tuple[Any, int, str]) -> int:
+    """Print the message of the first fault (occurred, exit code, message) that occurred, and return
+    its exit code; 0 if there is none."""
+    for occurred, code, message in faults:
+        if occurred:
+            click.echo(f"error: {message}", err=True)
+            return code
+    return DONE

@@ -1,0 +1,128 @@
+"""Which inputs drive the outcomes of a run, and which distinguish its failures."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis import constant_outcomes, failure_attribution, sensitivity
+from sepmc.analysis.statistics import column, ok_rows
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.run_statistics import RunStatistics
+from sepmc.campaign.store import folders, shards
+from sepmc.cli.figures import ranked_outcomes, run_title
+from sepmc.cli.render import warn
+from sepmc.report.sensitivity_figures import scatter_figure, tornado_figure
+from sepmc.scene.messages import nearest
+from sepmc.scene.model import VIOLATION, Requirement
+from sepmc.schema import Status
+
+_DEFAULT = 4  # outcomes that are analysed unless some are named
+
+
+@dataclass
+class InputSensitivity:
+    """Sensitivities of outcomes, and attribution of failures."""
+
+    sensitivities: dict[str, pd.DataFrame]  # a row per input, by outcome
+    attributions: dict[str, list[failure_attribution.Attribution]]  # by kind of failure
+    failures: dict[str, str]  # sentence on the number of failed cases, by kind of failure
+    keys: dict[str, str]  # path of each input in the file, by column
+    design: str = "random"  # sampling design of the run
+
+    def texts(self, width: int) -> tuple[list[str], list[str]]:
+        """Render sensitivities and attributions as tables of ``width`` characters."""
+        return (
+            [
+                sensitivity.render_sensitivities(table, name, self.keys, width=width)
+                for name, table in self.sensitivities.items()
+            ],
+            [
+                failure_attribution.render_attribution(
+                    sentence, self.attributions[name], self.keys, width=width, design=self.design
+                )
+                for name, sentence in self.failures.items()
+            ],
+        )
+
+
+def check_outcomes(campaign: Campaign, names: tuple[str, ...]) -> None:
+    """Raise StoreError if a campaign lacks an outcome."""
+    known = [column.name for column in campaign.outcome_columns]
+    for name in names:
+        if name not in known:
+            raise folders.StoreError(f"{name}: no such outcome; {nearest(name, known)}")
+
+
+def analyse(
+    folder: Path, campaign: Campaign, run: RunStatistics, names: tuple[str, ...] = ()
+) -> InputSensitivity:
+    """Compute sensitivities of some outcomes, by default of the first four by rank, and attribute
+    violations and failures to inputs."""
+    rows, table, design = shards.CaseColumns(folder), run.table, campaign.design
+    check_outcomes(campaign, names)
+    keys = {d.parameter.column: d.parameter.key for d in campaign.file.dispersions}
+    sensitivities = {}
+    for name in names or ranked_outcomes(campaign, table)[:_DEFAULT]:
+        try:
+            sensitivities[name] = sensitivity.input_sensitivities(
+                rows,
+                list(keys),
+                name,
+                design,
+                correlated=campaign.correlated,
+                spread=constant_outcomes.max_spread(table, name),
+            )
+        except ValueError as error:
+            warn(str(error))
+    failed = [
+        label for label, count in run.summary.counts.items() if count and label != Status.OK.label
+    ]
+    required = campaign.file.requirements
+    attributions, failures = {}, {}
+    for item in [*required, *(Requirement(name=label, metric=label) for label in failed)]:
+        attributions[item.name] = failure_attribution.attribute_violations(
+            item, rows, list(keys), required, design
+        )
+        violates, known = failure_attribution.violation_masks(item, rows, required)
+        if count := int((violates & known).sum()):
+            unknown = rows.rows - int(known.sum())
+            why = "are not known to" if item.metric == VIOLATION else "have no such outcome"
+            others = f" ({unknown} others {why})" if unknown else ""
+            failures[item.name] = f"{item.name}, {count} of {known.sum()} cases{others}"
+        if item.metric in table.index:
+            count, of_missing = failure_attribution.attribute_missing(
+                item.metric, rows, list(keys), design
+            )
+            if count:
+                name = f"{item.name}, missing"
+                failures[name] = f"{item.name}, {count} ok cases without {item.metric}"
+                attributions[name] = of_missing
+    return InputSensitivity(sensitivities, attributions, failures, keys, design)
+
+
+def draw_sensitivities(
+    drivers: InputSensitivity, folder: Path, campaign: Campaign, into: Path, suffix: str = ".png"
+) -> list[Path]:
+    """Draw tornado charts, and outcomes over their leading inputs, into a folder."""
+    if not drivers.sensitivities:
+        return []
+    units = {c.name: c.unit for c in campaign.outcome_columns}
+    title = run_title(folder)
+    cases, required = shards.CaseColumns(folder), campaign.file.requirements
+    ok = ok_rows(cases)
+    by_metric: dict[str, np.ndarray] = {}
+    any_violation = np.zeros(cases.rows, dtype=bool)
+    for item in required:
+        violates = np.logical_and(*failure_attribution.violation_masks(item, cases, required))
+        by_metric[item.metric] = by_metric.get(item.metric, False) | violates
+        any_violation |= violates
+    violating = {name: by_metric.get(name, any_violation)[ok] for name in drivers.sensitivities}
+    inputs = {str(name) for table in drivers.sensitivities.values() for name in table.index}
+    rows = {name: column(cases, name)[ok] for name in {*drivers.sensitivities, *inputs}}
+    tables, keys = drivers.sensitivities, drivers.keys
+    return [
+        tornado_figure(tables, into, units, keys, title, suffix),
+        scatter_figure(tables, rows, violating, into, units, keys, title, suffix),
+    ]

@@ -1,0 +1,68 @@
+"""Progress on the terminal."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import click
+
+_EVERY_S = 5.0  # between lines of progress where there is no terminal
+
+
+@contextmanager
+def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
+    """Yield a function (done, total, failures) that shows a bar on a terminal, else lines."""
+    if quiet:
+        yield None
+        return
+    if sys.stderr.isatty():
+        from tqdm import tqdm
+
+        with tqdm(total=total, unit=" cases", dynamic_ncols=True) as bar:
+
+            def on_terminal(done: int, count: int, failures: int) -> None:
+                if done == 0:
+                    bar.reset(total=count)
+                    return
+                bar.set_postfix(failures=failures, refresh=False)
+                bar.update(done - bar.n)
+
+            yield on_terminal
+        return
+    started = last = 0.0
+
+    def in_lines(done: int, count: int, failures: int) -> None:
+        nonlocal started, last
+        now = time.perf_counter()
+        if done == 0:  # called once before the first chunk: compiling does not count
+            started = last = now
+            return
+        if now - last < _EVERY_S and done < count:
+            return
+        last = now
+        rate = done / max(now - started, 1e-9)
+        click.echo(
+            f"{done}/{count} cases, {rate:.0f} cases/s, {(count - done) / rate:.0f} s left, "
+            f"{failures} failures",
+            err=True,
+        )
+
+    yield in_lines
+
+
+@contextmanager
+def check_bar(total: int, quiet: bool) -> Iterator[Callable[[str], None] | None]:
+    """Yield a function (name) that advances a bar of named checks on a terminal; None elsewhere."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=total, leave=False) as bar:
+
+        def progress(name: str) -> None:
+            bar.set_description(name)
+            bar.update()
+
+        yield progress

@@ -1,0 +1,185 @@
+"""One case with its time history, in a folder of its own. Heavy modules are imported at use."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sepmc.cli.exits import FAILED
+from sepmc.cli.figures import clearance_bounds, event_times
+from sepmc.cli.options import undispersed
+from sepmc.cli.render import render_case_error, warn
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sepmc.campaign.campaign import Campaign
+    from sepmc.campaign.definition import Case
+    from sepmc.scene.messages import Log
+
+_MANIFEST = ("status", "compiled", "outcomes", "errors", "notes", "releases", "events")
+
+
+@dataclass(frozen=True)
+class SingleRun:
+    """Options of the simulation of a single case."""
+
+    number: int | None  # of the case; None is the nominal case
+    seed: int | None  # default: the seed of the campaign
+    every_s: float  # time between rows of the history
+    out: Path | None
+    overwrite: bool
+    plots: bool
+    run: Path | None = None  # whose row is checked, and whose nominal case is drawn behind
+    animate: str | None = None  # gif or mp4
+
+
+def simulate_single(campaign: "Campaign", single: SingleRun, log: "Log") -> int:
+    """Simulate a case, write its folder and show its outcomes. Returns the exit code: 1 if the
+    status is not ok, or the row differs from that of the run."""
+    from sepmc import schema
+    from sepmc.campaign.execution.accuracy import zero_below_error
+    from sepmc.campaign.store import folders, manifests
+    from sepmc.engine.dispatch import check_history_step
+    from sepmc.paths import is_local
+
+    number, every_s = single.number, single.every_s
+    check_history_step(every_s, campaign.scene, "--every-s")
+    title = "nominal case" if number is None else f"case {number}"
+    case = campaign.nominal() if number is None else campaign.case(number, single.seed)
+    folder = single.out or folders.next_folder(
+        campaign.name if number is None else f"{campaign.name}-case{number}"
+    )
+    if single.animate and not is_local(folder):
+        raise folders.StoreError(f"{folder}: an animation needs a local folder; give --out one")
+    with folders.opened(folder, single.overwrite, resumable=False):
+        start = time.perf_counter()
+        history = campaign.simulate(case, every_s, log)
+        seconds = time.perf_counter() - start
+        _write(folder, campaign, case, history, single)
+    attributes = history.attrs
+    status = schema.Status[attributes["status"].upper().replace("-", "_")]
+    log(f"{campaign.name}, {title}: {status.label}: {status.sentence}")
+    outcomes = zero_below_error(campaign, attributes["outcomes"], attributes["errors"])
+    for name, value in [*case.inputs.items(), *outcomes.items()]:
+        log(f"  {name:44s} {value:.9g}")
+    if number is not None and number not in campaign.numbers:
+        log(f"case {number} is not among those of the file ({campaign.numbers})")
+    warn(*attributes["notes"], *([] if number is None else undispersed(campaign)))
+    error = render_case_error(attributes["outcomes"], attributes["errors"], campaign)
+    if error is not None:
+        log(error)
+    how = "compiled" if attributes["compiled"] else "as plain Python"
+    log(f"kernel run {how}, in {seconds:.2f} s; {len(history)} rows")
+    same = single.run is None or number is None or _check_row(campaign, single.run, number, log)
+    written: list[Path] = []
+    if single.plots:
+        from sepmc.campaign.label import of_case
+        from sepmc.report.history_figures import run_figures
+
+        written += run_figures(
+            history,
+            folder,
+            campaign.plan.bodies,
+            list(campaign.plan.joints),
+            of_case(campaign.name, number, campaign.settings),
+            behind=None if single.run is None else campaign.simulate(None, every_s, log),
+            required=clearance_bounds(campaign),
+            marks=event_times(attributes),
+        )
+    if single.animate:
+        from sepmc.report import animation
+
+        path = folder / f"animation.{single.animate}"
+        animation.animate(history, case.scene, f"{campaign.name}, {title}", path)
+        written.append(path)
+    manifests.record_derived(folder, written)
+    log(f"wrote {folder}")
+    return 0 if status is schema.Status.OK and same else FAILED
+
+
+def _write(
+    folder: Path,
+    campaign: "Campaign",
+    case: "Case",
+    history: "pd.DataFrame",
+    single: SingleRun,
+) -> None:
+    """Write the history of a case, its campaign file and its manifest."""
+    from sepmc import schema
+    from sepmc.campaign.store import manifests, shards
+
+    meanings = {c.name: c.meaning for c in schema.history_columns(campaign.plan.contents)}
+    shards.write_history(folder, history, meanings)
+    if campaign.file.input_table:
+        shards.write_input_table(folder, campaign.file.input_table, campaign.input_columns)
+    seed = campaign.scene.run.seed if single.seed is None else single.seed
+    manifest = {
+        "campaign": campaign.name,
+        "digest": campaign.digest,
+        "case": single.number,
+        "seed": None if single.number is None else seed,
+        "settings": campaign.settings,
+        "inputs": case.inputs,
+        **{key: history.attrs[key] for key in _MANIFEST},
+        "bodies": campaign.plan.bodies,
+        "joints": list(campaign.plan.joints),
+        **manifests.versions(),
+    }
+    manifests.write_manifest(folder, manifest, shards.campaign_text(campaign.file))
+
+
+def _check_row(campaign: "Campaign", run: Path, number: int, log: "Log") -> bool:
+    """Integrate the row of a case again, and show whether its bits are those of the run."""
+    from sepmc.campaign.execution import replay
+    from sepmc.campaign.store import manifests
+
+    manifest = manifests.read_manifest(run)
+    total = manifest.get("of", manifest["cases"])
+    integration = replay.earlier_integration(campaign, log)
+    row = replay.compare_row(campaign, integration, run, number, manifest["seed"], total)
+    versions = _other_versions(manifest)
+    message = f"{row.sentence}{'; the run was made with ' + versions if versions else ''}"
+    if row.columns:
+        warn(message)
+    else:
+        log(message)
+    return not row.columns
+
+
+def _other_versions(manifest: dict[str, Any]) -> str:
+    """Return the versions and the machine of a run that differ from the present ones."""
+    from sepmc.campaign.store import manifests
+
+    before, present = (
+        {"sepmc": one.get("sepmc"), **one.get("versions", {}), "machine": one.get("machine")}
+        for one in (manifest["sessions"][-1], manifests.versions())
+    )
+    return ", ".join(f"{key} {before[key]}" for key in before if before[key] != present.get(key))
+
+
+def check_stored(
+    path: Path, number: int | None, seed: int | None, has_samples: bool = False
+) -> None:
+    """Raise StoreError if a path is a run folder without the case of a number; with a seed of its
+    own, any case is allowed. The cases of a rare-event folder need its table of inputs."""
+    from sepmc.campaign.case_selection import named
+    from sepmc.campaign.store import folders, manifests
+
+    if number is None or seed is not None or not (path / folders.MANIFEST).is_file():
+        return
+    manifest = manifests.read_manifest(path)
+    if "rare" in manifest:
+        if has_samples:
+            return
+        raise folders.StoreError(
+            f"{path}: holds {folders.RARE}, whose cases are those of rare.parquet: add "
+            "--set run.plan=rare.parquet"
+        )
+    count, which = manifest.get("cases"), manifest.get("numbers")
+    if which and number not in named(which):
+        raise folders.StoreError(f"{path}: holds cases {which}; --case {number} is none of them")
+    if not which and isinstance(count, int) and number >= count:
+        raise folders.StoreError(
+            f"{path}: holds cases 0 to {count - 1}; --case {number} is none of them"
+        )
