@@ -235,7 +235,7 @@ done:
 
 def test_flops_in_code():
     """Vectors of all lanes, and a loop over single ones."""
-    result = [flops.in_code(CODE, f"rates_{phase}") for phase in ("free", "pinned", "gone")]
+    result = [flops.flops_in_llvm(CODE, f"rates_{phase}") for phase in ("free", "pinned", "gone")]
     assert result == [4.0, 2.0, None]
 
 
@@ -354,7 +354,7 @@ def test_spread():
 @pytest.mark.parametrize(("spread", "warns"), [(0.02, False), (0.4, True), (np.nan, False)])
 def test_a_machine_that_is_not_quiet_is_told(spread, warns):
     frame = pd.DataFrame({"spread": [spread, spread, 9.0 if warns else spread]})
-    reported = text.unquiet("features", frame)
+    reported = text.noise_warning("features", frame)
     assert ("spreads over 40 % of their median" in reported) == warns
     assert bool(reported) == warns
 
@@ -365,7 +365,7 @@ def test_threads_that_bring_nothing_are_told(speed_up, warns):
     rendered = text.warnings("scaling", frame)
     assert [said.partition(":")[0] for said in rendered] == ["warning"] * warns
     assert not warns or "2 threads are 0.90 times as fast as one" in rendered[0]
-    assert text.idle_threads(frame[:2]) == ""
+    assert text.threads_warning(frame[:2]) == ""
 
 
 def test_parts_are_written_as_soon_as_they_are_there(tmp_path, monkeypatch):
