@@ -81,7 +81,7 @@ def test_six_pairs_need_students_law():
     assert_allclose([row["low"], row["high"]], [welch.low, welch.high])
 
 
-def test_small_samples_hold_what_they_say():
+def test_coverage_of_small_samples():
     """Of 4,000 repeats of five cases 95 % hold the true difference, paired or not."""
     rng, stored = np.random.default_rng(6), np.zeros(2)
     for _ in range(4000):
@@ -187,7 +187,7 @@ def test_coverage():
     assert_allclose(stored / 1000, 0.95, atol=2.0 * np.sqrt(0.95 * 0.05 / 1000) + 0.005)
 
 
-def test_what_files_do_not_share():
+def test_differences_of_files():
     one = {"run": {"cases": 5}, "spring": [{"name": "a", "force_N": 1.0}], "title": "t"}
     two = {"run": {"cases": 6, "seed": 1}, "spring": [{"name": "a", "force_N": 2.0}]}
     assert tree_differences(one, two) == [
@@ -320,7 +320,7 @@ def test_rows_that_were_resumed_or_kept(runs, tmp_path):
     assert_allclose(row["difference"], separate.mean())
 
 
-def test_what_is_said_of_samplers():
+def test_dependence_warning_by_sampler():
     assert dependence_warning(["random", "random"]) == ""
     assert dependence_warning(["sobol", "random"]).startswith("sampler sobol: ")
     assert dependence_warning(["lhs", "sobol"]).startswith("sampler lhs and sobol: ")

@@ -154,8 +154,8 @@ def test_times_of_extremes_are_constant_only_if_these_are():
     ("value", "error", "expected"),
     [(6e-20, 1e-15, 0.0), (-6e-20, 1e-15, 0.0), (83.69999999564, 2e-8, 83.7), (83.7, 0.4, 84.0)],
 )
-def test_a_value_is_told_to_its_error(value, error, expected):
-    """What is below its error is 0, and no digit is told that the error hides."""
+def test_a_value_is_rounded_to_its_error(value, error, expected):
+    """A value below its error is 0; digits below the error are dropped."""
     assert constant_outcomes.round_to_error(value, error) == expected
 
 
@@ -215,7 +215,7 @@ def test_a_constant_is_known_as_soon_as_it_is_looked_at():
     )
 
 
-def test_statistics_say_constant(run):
+def test_statistics_mark_constant(run):
     """On the screen, in both files and in Python; what varies is described as ever."""
     folder, reported = run
     assert reported.exit_code == 0
@@ -298,7 +298,7 @@ def test_one_case_prints_no_noise(run, tmp_path):
     assert line.split() == [SPEED, "0"]
 
 
-def test_what_two_runs_can_tell_apart():
+def test_joint_error_of_two_runs():
     """Both errors together; nothing of times of extremes, unless these are flat in both runs."""
     one, two = (described([1.0, x]) for x in (2.0, 3.0))
     sizes = one.at["y_mm", "error_size"] + two.at["y_mm", "error_size"]

@@ -65,7 +65,7 @@ def test_shape():
     assert row["p"] == 0.01
 
 
-def test_what_has_no_law():
+def test_no_fit():
     """Too few values, the same one again and again, and cases that failed."""
     x = np.random.default_rng(2).normal(size=100)
     table = cases(few=np.where(np.arange(100) < 10, x, np.nan), same=np.repeat(x[:5], 20), x=x)
@@ -77,7 +77,7 @@ def test_what_has_no_law():
 
 
 def test_text():
-    """What does not fit is said, beside where the point of all cases lies."""
+    """A poor fit is reported, beside the interval of the percentile of all cases."""
     rng = np.random.default_rng(3)
     table = cases(speed_m_s=rng.normal(2.0, 0.1, 2000), angle_deg=rng.uniform(0, 1, 2000))
     names = ["speed_m_s", "angle_deg"]

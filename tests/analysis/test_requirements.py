@@ -60,7 +60,7 @@ def verdict(values, requirement=CLEAR, statuses=None, error=1e-9, audit=None):
         (1, 11, NOT_SHOWN, -1, 377),
     ],
 )
-def test_what_is_shown(violations, count, said, allowed, more):
+def test_verdicts(violations, count, said, allowed, more):
     values = np.linspace(6.0, 9.0, count)
     values[:violations] = 4.0
     result = verdict(values)
@@ -73,7 +73,7 @@ def test_what_is_shown(violations, count, said, allowed, more):
     assert more is None or result.more == more
 
 
-def test_a_system_that_is_just_insufficient_passes_as_rarely_as_said():
+def test_consumer_risk_of_a_just_insufficient_system():
     """1 % violate; 1,000 campaigns of 400 cases: at most 10 % pass, and two standard errors."""
     random, passed = np.random.default_rng(4), 0
     for _ in range(1000):
@@ -84,7 +84,7 @@ def test_a_system_that_is_just_insufficient_passes_as_rarely_as_said():
     assert 0 < passed / 1000.0 <= 0.1 + 2.0 * math.sqrt(0.09 / 1000.0)
 
 
-def test_cases_that_show_nothing_violate():
+def test_unknown_cases_violate():
     """One was lost, one has no gap: of 230 none may."""
     values = np.full(232, 6.0)
     values[3] = math.nan
@@ -93,7 +93,7 @@ def test_cases_that_show_nothing_violate():
     assert (result.worst, result.worst_case) == (6.0, 0)
 
 
-def test_the_case_that_stands_for_violations_of_what_is_yes_or_no():
+def test_worst_case_of_a_yes_or_no_outcome():
     """The first that is known to violate, or else the first of which nothing is known; none if all
     hold. No value is the worst."""
 
@@ -111,7 +111,7 @@ def test_the_case_that_stands_for_violations_of_what_is_yes_or_no():
     assert found([0.0, 0.0], [True, True]) == (None, None, 0)
 
 
-def test_what_is_not_known_refutes_nothing():
+def test_unknown_cases_refute_nothing():
     """Cases that were lost neither show a requirement nor that it fails; two that violate do."""
     statuses = ["unresolved"] * 30 + ["ok"] * 20
     values = np.full(50, 6.0)

@@ -51,12 +51,12 @@ def test_terms(terms, found):
     ],
 )
 def test_terms_that_cannot_be(term, said):
-    """What is wrong with a term is told."""
+    """Errors of terms are reported."""
     with pytest.raises(InputError, match=said):
         matching_rows(ROWS, NAMES, [term])
 
 
-def test_given_an_input(tmp_path):
+def test_filter_by_an_input(tmp_path):
     """Given an input, by its key in the file, statistics are those of these rows alone, in Python
     and on the screen, with their verdicts; files of the run stay as they are."""
     required = {"name": "slow", "metric": "separation_speed_m_s", "at_most": 0.5}
@@ -93,7 +93,7 @@ def test_given_an_input(tmp_path):
     assert "case<0: holds in none of 60 cases" in nobody.output
 
 
-def test_given_what_makes_all_fail(tmp_path):
+def test_filter_by_a_failure_of_all_cases(tmp_path):
     """There are no statistics of cases that all ended otherwise; there are verdicts on them."""
     required = {"name": "parts", "metric": "never-released", "probability": 0.5}
     fails = {"dispersion.joint.pins.fails": {"discrete": [0, 1], "weights": [0.7, 0.3]}}
@@ -120,7 +120,7 @@ def test_words_that_a_message_lists():
     assert nearest("xyz", many).endswith("joint_3 and 16 more")
 
 
-def test_what_is_offered_has_its_unit(tmp_path):
+def test_suggestions_have_units(tmp_path):
     """In place of a refused unit the key of the file, and of a path without one it is told which
     unit its number is taken in; a key with its unit needs no word."""
     laws = {"body.upper.cg_mm.y": {"uniform": 5.0}}

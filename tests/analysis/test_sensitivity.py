@@ -112,7 +112,7 @@ def test_coverage_of_rank_intervals():
     assert abs(stored / 1000 - 0.95) < 2.0 * np.sqrt(0.95 * 0.05 / 1000) + 0.01
 
 
-def test_a_failure_that_few_cases_have_is_among_what_is_shown():
+def test_a_rare_failure_is_among_leading_inputs():
     """One that 4 of 4,000 cases have shifts the mean by 6 sigma, and is among the inputs that are
     shown and drawn, though others explain more of the variance; one that shifts nothing is not."""
     rng, n = np.random.default_rng(2), 4000
@@ -168,7 +168,7 @@ def test_inputs_that_shift_no_mean_are_shown_first():
     assert sum(name.startswith("e") for name in shown.index) >= 6
 
 
-def test_what_cannot_be_told():
+def test_refused_outcomes():
     cases = {"a": np.arange(50.0), "b": np.ones(50), "y": np.ones(50)}
     cases["status"] = np.array(["ok"] * 50)
     with pytest.raises(ValueError, match="y: does not vary"):
@@ -317,7 +317,7 @@ def test_a_group_that_drives_nothing():
     assert abs(np.mean(result)) < 2.0 * np.std(result) / np.sqrt(200.0)
 
 
-def test_what_inputs_do_together_is_said():
+def test_note_on_interactions():
     """y = a b of inputs about zero: no input explains anything by itself."""
     a, b = np.random.default_rng(7).normal(size=(2, 2000))
     cases = {"a": a, "b": b, "y": a * b, "status": np.array(["ok"] * 2000)}
@@ -411,7 +411,7 @@ def test_a_saltelli_campaign(tmp_path):
 
 @pytest.mark.parametrize("n", [1000, 10_000])
 @pytest.mark.parametrize("shape", ["exponential", "jump"])
-def test_a_first_order_index_of_what_is_steep(n, shape):
+def test_first_order_index_of_a_steep_outcome(n, shape):
     """Its interval holds the closed form as often as it says: ten waves by themselves would tell
     four fifths of the first at 10,000 cases. Where few cases decide the variance there is none."""
     own, other = np.array([1.0, 0.7, 0.4]), 0.3
@@ -441,7 +441,7 @@ def drawn(monkeypatch):
     return caught
 
 
-def test_bars_of_what_is_not_told_from_nothing_are_pale(tmp_path, drawn):
+def test_bars_without_significance_are_pale(tmp_path, drawn):
     """y = 3 a + b^2: a swings the mean, b has an index, c and d have neither; the indices stand
     beside, with the intervals of the table."""
     x = dict(zip("abcd", np.random.default_rng(1).normal(size=(4, 800)), strict=True))

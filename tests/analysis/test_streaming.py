@@ -54,7 +54,7 @@ CASE = st.tuples(st.sampled_from([0, 0, 0, 1, 5]), *[NUMBER] * 4)
     sizes=st.lists(st.integers(1, 20), min_size=1, max_size=4),
 )
 @settings(deadline=None, max_examples=150)
-def test_a_stream_knows_what_the_table_says(cases, sizes):
+def test_streaming_equals_table(cases, sizes):
     """Everything a table of rows gives, from any data with NaN and failed cases."""
     codes, data = np.array([case[0] for case in cases]), np.array([case[1:] for case in cases]).T
     stream, whole = streamed(codes, data, sizes), TableStatistics(table(codes, data), *COLUMNS)
@@ -148,7 +148,7 @@ def test_infinities_of_many():
     assert stream.histogram("speed_m_s") is None
 
 
-def test_the_same_bits_whatever_the_chunks():
+def test_same_bits_for_any_chunks():
     """Past the layout of the grid, with failed cases and values that are none."""
     rng = np.random.default_rng(3)
     n = EXACT_VALUES + 3 * ACCUMULATION_BLOCK + 17

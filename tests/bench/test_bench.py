@@ -190,7 +190,7 @@ def test_step_that_is_given():
 
 
 def test_features_change_the_scene(study):
-    """What is taken out is gone, its dispersions too, and what cannot go is told."""
+    """A removed feature and its dispersions are gone; an indispensable one is reported."""
     variants = {v.feature: v.campaign for v in features._variants(study, 0.01)}
     assert {
         features.ALL,
@@ -334,7 +334,7 @@ def test_rounds_take_turns():
     assert {name: len(times) for name, times in result.items()} == {"a": 2, "b": 2}
 
 
-def test_what_takes_long_is_repeated_less(monkeypatch):
+def test_long_tasks_are_repeated_less(monkeypatch):
     """Once at least, besides the first time."""
     monkeypatch.setattr(clock, "_MAX_S", 0.05)
     result = clock.rounds({"long": lambda: time.sleep(0.03), "short": lambda: None}, 4)
@@ -352,7 +352,7 @@ def test_spread():
 
 
 @pytest.mark.parametrize(("spread", "warns"), [(0.02, False), (0.4, True), (np.nan, False)])
-def test_a_machine_that_is_not_quiet_is_told(spread, warns):
+def test_noise_warning(spread, warns):
     frame = pd.DataFrame({"spread": [spread, spread, 9.0 if warns else spread]})
     reported = text.noise_warning("features", frame)
     assert ("spreads over 40 % of their median" in reported) == warns
@@ -360,7 +360,7 @@ def test_a_machine_that_is_not_quiet_is_told(spread, warns):
 
 
 @pytest.mark.parametrize(("speed_up", "warns"), [([1.0, 1.9], False), ([1.0, 0.9], True)])
-def test_threads_that_bring_nothing_are_told(speed_up, warns):
+def test_threads_warning(speed_up, warns):
     frame = pd.DataFrame({"threads": [2.0, 1.0, 2.0], "speed_up": [np.nan, *speed_up]})
     rendered = text.warnings("scaling", frame)
     assert [said.partition(":")[0] for said in rendered] == ["warning"] * warns
@@ -368,7 +368,7 @@ def test_threads_that_bring_nothing_are_told(speed_up, warns):
     assert text.threads_warning(frame[:2]) == ""
 
 
-def test_parts_are_written_as_soon_as_they_are_there(tmp_path, monkeypatch):
+def test_parts_are_written_at_once(tmp_path, monkeypatch):
     """A bench that stops leaves what it has measured."""
 
     def stop(*_):

@@ -303,7 +303,7 @@ def test_bands_say_once_of_how_many_cases_they_are(tmp_path, drawn, about, title
     assert drawn["separation_speed.png"].get_suptitle() == title
 
 
-def test_what_is_missing_is_left_out(tmp_path):
+def test_missing_columns_are_left_out(tmp_path):
     cases, histories = campaign()
     cases["never_s"] = np.nan
     assert campaign_figures(cases, None, tmp_path, {}, outcomes=["never_s", "not_a_column"]) == []

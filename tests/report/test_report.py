@@ -115,7 +115,7 @@ def test_joint_loads_that_are_not_unique_are_noted(pair, tmp_path):
     assert "constraint rows are redundant, among pins, bolt" in text
 
 
-def test_what_it_says(page):
+def test_content(page):
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
     assert "FAIL fast: separation_speed_m_s &gt;= 0.53 m/s in 90 % of all cases" in text
     assert "PASS slow: separation_speed_m_s &lt;= 10 m/s" in text
@@ -184,16 +184,16 @@ def test_names_in_a_drawing_do_not_cover_each_other(name, tmp_path, monkeypatch)
             assert not any(box.contains(*point) for box in boxes for point in along)
 
 
-@pytest.mark.parametrize(("name", "told"), [("srb", True), ("table1", False)])
-def test_several_of_one_place_are_told(name, told, tmp_path, monkeypatch):
-    """What "+5" means stands below, if there is such a name."""
+@pytest.mark.parametrize(("name", "noted"), [("srb", True), ("table1", False)])
+def test_labels_of_coincident_points(name, noted, tmp_path, monkeypatch):
+    """The meaning of "+5" is explained below the drawing if such a label exists."""
     figures = []
     monkeypatch.setattr(drawing_module, "save", lambda figure, path: figures.append(figure))
     campaign = sepmc.load(name)
     draw_vehicle(campaign.scene, campaign.file.dispersions, name, tmp_path / "vehicle.png")
     names = [text.get_text() for ax in figures[0].axes for text in ax.texts]
-    assert any(" +" in one for one in names) == told
-    assert ("+N: so many more" in figures[0].get_supxlabel()) == told
+    assert any(" +" in one for one in names) == noted
+    assert (drawing_module._COUNT_NOTE in figures[0].get_supxlabel()) == noted
 
 
 def test_thrust_is_drawn_as_it_acts():
