@@ -254,7 +254,7 @@ def test_causes_by_themselves_are_no_pairs():
     result = attribute_failures(cases, list(cases), violates)
     assert sorted(one.inputs for one in result) == [("fails",), ("thrust",)]
     text = causes_text("late", result, {"fails": "spring.aft.fails"})
-    assert "spring.aft.fails tells" in text
+    assert "spring.aft.fails explains" in text
     assert f"mostly where spring.aft.fails = 1: {int(fails.sum())} of the " in " ".join(
         text.split()
     )
@@ -370,7 +370,7 @@ def test_through_a_run_folder(tmp_path):
     causes_kept = pd.read_csv(tmp_path / "run" / "causes.csv")
     of_release = causes_kept[causes_kept["violated"] == "never-released"].iloc[0]
     assert of_release["input"] == first.inputs[0]
-    assert f"never-released, {first.violations} of 150 cases: what sets" in called.stdout
+    assert f"never-released, {first.violations} of 150 cases: inputs that" in called.stdout
     assert not (tmp_path / "run" / "sensitivity.png").exists()
     assert call("sensitivity", tmp_path / "run").exit_code == 0
     assert (tmp_path / "run" / "sensitivity.png").stat().st_size > 20_000
