@@ -59,7 +59,7 @@ def tornado_figure(
     Returns
     -------
     Path
-        ``drivers`` + suffix.
+        ``sensitivity`` + suffix.
     """
     columns = min(2, len(sensitivities))
     widths = [2.4, 1.0] * columns

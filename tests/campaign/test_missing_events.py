@@ -225,7 +225,7 @@ def test_what_sets_them_apart(run, expected):
     """The causes of a missing outcome are looked for, among cases that came to their end."""
     told = call("sensitivity", run[0], "--no-plots").output
     count = expected["event.far"]
-    assert f"calm, {count} ok cases without far_fore_omega_z_deg_s: what sets these" in told
+    assert f"calm, {count} ok cases without far_fore_omega_z_deg_s: inputs that" in told
     assert "spring.push.force_N tells " in told
 
 
