@@ -172,7 +172,7 @@ def test_drivers_and_laws_of_noise():
     table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-8, 1.0)})
     within = constant_outcomes.max_spread(table, "y_mm")
     with pytest.raises(ValueError, match="is constant, as its values differ by"):
-        sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", within=within)
+        sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", spread=within)
     assert (
         distributions.fit_distributions(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
     )
