@@ -178,7 +178,7 @@ def test_drivers_and_laws_of_noise():
     )
     table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-11, 1.0)})
     assert constant_outcomes.max_spread(table, "y_mm") == 0.0
-    result = sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", within=0.0)
+    result = sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", spread=0.0)
     assert result.at["in_x", "rank"] == pytest.approx(1.0)
 
 

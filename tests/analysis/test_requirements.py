@@ -14,6 +14,7 @@ import sepmc
 from sepmc.analysis import requirements
 from sepmc.analysis.proportions import binomial_interval
 from sepmc.analysis.requirements import FAIL, NONE, NOT_SHOWN, PASS, RequirementCounter
+from sepmc.analysis.requirements_text import render_verdicts
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.cli import app
@@ -142,7 +143,7 @@ def test_a_status_that_must_not_occur():
     # what became of the lost one is not known
     assert (result.violations, result.missing, result.verdict) == (3, 1, PASS)
     assert (result.worst, result.worst_case) == (None, 50)
-    text = requirements.render_verdicts([result], {})
+    text = render_verdicts([result], {})
     assert "never-released does not occur in 90 %" in text
     assert "1 of them ended in another way" in text
 
@@ -161,7 +162,7 @@ def test_two_bounds():
     ):
         result = verdict([outer] * 20 + [6.5] * 80, item)
         assert result.design_value == margin
-        assert f"90 % of all cases {said}, with 90 %" in requirements.render_verdicts(
+        assert f"90 % of all cases {said}, with 90 %" in render_verdicts(
             [result], {"gap_mm": "mm"}, 200
         )
 
@@ -173,7 +174,7 @@ def test_design_value():
     result = verdict(values, item)
     assert (result.design_value, result.violations, result.verdict) == (9_980.0, 14, PASS)
     assert result.worst == 9_999.0
-    text = requirements.render_verdicts([result], {"gap_mm": "mm"})
+    text = render_verdicts([result], {"gap_mm": "mm"})
     assert "14 of 10000 cases violate it, 19 may" in text
     assert "99.73 % of all cases are <= 9980 mm, with 90 %" in text
 
@@ -193,7 +194,7 @@ def test_no_verdict(values, more, why):
     result = verdict(values, **more)
     assert result.verdict == NONE
     assert why in result.why
-    assert why in requirements.render_verdicts([result], {})
+    assert why in render_verdicts([result], {})
 
 
 def test_an_error_that_does_not_matter():
@@ -325,7 +326,7 @@ def test_all_requirements_together():
     violates, known = requirements.violation_masks(ALL, table, [ALL, CLEAR, FAST, PARTS])
     assert np.flatnonzero(violates & known).tolist() == [5, 6, 7, 8]
     assert np.flatnonzero(~known).tolist() == [9]
-    text = " ".join(requirements.render_verdicts([result], {}).split())
+    text = " ".join(render_verdicts([result], {}).split())
     assert "clean: no other requirement is violated in 90 % of all cases" in text
     assert "1 of them did not finish or have no such outcome" in text
     for doubtful, said in ((5, PASS), (30, NONE)):  # of 200 cases 14 may violate

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from oracles.random_scenes.interpreted import run_interpreted
 
 import sepmc
-from sepmc.analysis.requirements import render_missing
+from sepmc.analysis.requirements_text import render_missing
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.campaign import campaign as campaigns
 from sepmc.campaign.execution.limit_state import MarginEvaluator, limit_state
