@@ -57,7 +57,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
 
 def _show_scene(campaign: "Campaign", shape: Any) -> None:
     """Show scene, kernel, cases, dispersions and requirements of a campaign."""
-    from sepmc.analysis.requirements import requirement_sentence
+    from sepmc.analysis.requirements_text import requirement_sentence
     from sepmc.campaign.execution.step_selection import stage_names
     from sepmc.kernel.emit.module import features
     from sepmc.kernel.spec.describe import lines
