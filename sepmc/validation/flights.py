@@ -19,7 +19,7 @@ Array = np.ndarray
 SCENES = Path(__file__).parent / "scenes"
 # Scale by unit of scenes with lengths of about 1 m and rates of about 1 rad/s.
 SIZES = {"m": 1.0, "mm": 1e3, "m/s": 1.0, "m/s2": 1.0, "deg": 57.3, "deg/s": 57.3, "s": 1.0}
-_CALIBRATION = CalibrationSize(3, 24)  # of interpreted runs
+_CALIBRATION = CalibrationSize(corners=3, sample=24)  # of interpreted runs
 
 
 class Track(NamedTuple):
