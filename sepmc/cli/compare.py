@@ -1,4 +1,4 @@
-"""`sepmc compare`: tree_differences between two runs."""
+"""`sepmc compare`: differences between two runs."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _SHOWN = 12  # outcomes on the screen and in the figure
 
 
-@click.command(short_help="Show the tree_differences between two runs.")
+@click.command(short_help="Show the differences between two runs.")
 @click.argument("one", metavar="RUN_A", type=Folder())
 @click.argument("two", metavar="RUN_B", type=Folder())
 @click.option(
@@ -28,7 +28,7 @@ _SHOWN = 12  # outcomes on the screen and in the figure
 )
 @overwrite_option("the comparison in --out")
 def compare(one: Path, two: Path, out: Path | None, overwrite: bool) -> None:
-    """Show the tree_differences between RUN_A and RUN_B: in their files, statuses, verdicts and
+    """Show the differences between RUN_A and RUN_B: in their files, statuses, verdicts and
     outcomes, with a 95 % interval of each difference. Cases of the same number are paired
     (Student's t) if both runs have the same inputs there except those that the files change, as
     with one seed; otherwise the samples are independent (Welch). Outcomes that are yes or no are
@@ -76,7 +76,7 @@ def compare(one: Path, two: Path, out: Path | None, overwrite: bool) -> None:
 
 
 def _show_differences(campaigns: "Sequence[Campaign]", runs: "Sequence[RunStatistics]") -> None:
-    """Show the tree_differences of two runs in files, statuses and verdicts."""
+    """Show the differences of two runs in files, statuses and verdicts."""
     from sepmc.analysis.compare import tree_differences
 
     trees = [_without_cases(each.file.tree) for each in campaigns]

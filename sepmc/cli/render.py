@@ -89,14 +89,14 @@ def render_accuracy(accuracy: Mapping[str, Any], phases: Sequence[str]) -> str:
         else ""
     )
     history = f"; of histories {_error(accuracy['history'])}" if "history" in accuracy else ""
-    collapse_constant = accuracy.get("worst_place")
+    flat = accuracy.get("worst_place")
     extremes = (
-        f"; of times and places of collapse_constant extremes, which are ill-conditioned, "
-        f"{_error(accuracy['errors'][collapse_constant])} ({collapse_constant})"
-        if collapse_constant
+        f"; of times and places of flat extremes, which are ill-conditioned, "
+        f"{_error(accuracy['errors'][flat])} ({flat})"
+        if flat
         else ""
     )
-    refined, fallback = accuracy.get("finer_cases"), accuracy.get("spare_cases")
+    refined, fallback = accuracy.get("n_refined"), accuracy.get("n_fallback")
     why = "for their error" if "step_s" in accuracy else "for their accuracy"
     others = f"; {refined} case{'s' * (refined != 1)} refined {why}" if refined else ""
     others += f"; {fallback} cases by a fallback kernel" if fallback else ""
