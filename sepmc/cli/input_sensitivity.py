@@ -72,7 +72,7 @@ def analyse(
                 name,
                 design,
                 correlated=campaign.correlated,
-                within=constant_outcomes.max_spread(table, name),
+                spread=constant_outcomes.max_spread(table, name),
             )
         except ValueError as error:
             warn(str(error))

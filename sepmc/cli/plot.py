@@ -19,7 +19,7 @@ from sepmc.cli.results import check_rows
     type=click.Choice(("png", "svg", "pdf")),
     default="png",
     show_default=True,
-    help="Format of the files; PNG at 300 resolution per inch.",
+    help="Format of the files; PNG at 300 dots per inch.",
 )
 def plot(folder: Path, every: bool, ending: str) -> None:
     """Draw the figures of RUN again from its files, for print: each histogram in a file of its own

@@ -20,7 +20,7 @@ from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.drawing import draw_vehicle
 from sepmc.report.history_figures import run_figures
-from sepmc.scene.messages import Log, nobody
+from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
 from sepmc.schema import Status
 
@@ -61,7 +61,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
         run.summary,
         run.table,
         run.verdicts,
-        log=nobody,
+        log=no_log,
         page=into,
         converging=True,
     )
@@ -93,19 +93,19 @@ def _content(
             for label, count in counts.items()
             if count and label != Status.OK.label
         ],
-        shares=render_proportions(run.table),
+        proportions=render_proportions(run.table),
         statistics=run.table,
-        telling=ranked_outcomes(campaign, run.table)[:_SHOWN],
+        leading=ranked_outcomes(campaign, run.table)[:_SHOWN],
         units=units,
-        every=table,
+        all_statistics=table,
         accuracy=render_accuracy(run.accuracy, phases(campaign, run.accuracy))
         if "errors" in run.accuracy
         else "",
         audit=render_audit(run.audit),
         sessions=manifest["sessions"],
         campaign=campaign.file.toml,
-        drivers=sensitivities,
-        causes=attributions,
+        sensitivities=sensitivities,
+        attributions=attributions,
         replays=worst,
     )
 

@@ -39,7 +39,7 @@ def get6(w, k):
 
 @formula
 def get9(w, k):
-    """Nine numbers of a lane, the first at w[k]."""
+    """Matrix (tuple of 9 by rows) of a lane, first element at w[k]."""
     a, b, c = get3(w, k), get3(w, k + 3 * LANES), get3(w, k + 6 * LANES)
     return (a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
 
@@ -58,7 +58,7 @@ def largest4(a):
 
 @formula
 def put9(w, k, a):
-    """Store nine numbers of a lane, the first at w[k]."""
+    """Store a matrix (tuple of 9 by rows) of a lane, first element at w[k]."""
     put3(w, k, (a[0], a[1], a[2]))
     put3(w, k + 3 * LANES, (a[3], a[4], a[5]))
     put3(w, k + 6 * LANES, (a[6], a[7], a[8]))

@@ -2,8 +2,11 @@
 are called changes nothing."""
 
 import ast
+import builtins
+import importlib
 import keyword
 import re
+import types
 
 import pytest
 from small_scenes import SCENES, scene
@@ -68,3 +71,49 @@ def test_a_body_may_be_called_anything(pair, name):
     ast.parse(step_selection.kernel_text(campaign))
     assert keyword.iskeyword("if")
     assert f"body1 {name}" in make_kernel_spec(campaign.plan, campaign.dispersed).names.legend[0]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_function_of_a_kernel_shadows_an_import(name):
+    """A function of a kernel that shadows a routine would call itself in its place."""
+    body = ast.parse(step_selection.kernel_text(scene(name), history=True)).body
+    imported = {
+        alias.asname or alias.name
+        for node in body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names
+    }
+    defined = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+    assert defined
+    assert not defined & imported
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_name_of_a_kernel_is_defined(name):
+    """Functions of a kernel are compiled when they are called: a missing name would wait till
+    then."""
+    tree = ast.parse(step_selection.kernel_text(scene(name), history=True))
+    namespace = set(dir(builtins))
+    modules = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                value = getattr(importlib.import_module(node.module), alias.name, None)
+                try:
+                    value = importlib.import_module(f"{node.module}.{alias.name}")
+                except ModuleNotFoundError:
+                    assert value is not None, alias.name
+                modules[alias.name] = value
+            namespace |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Import):
+            namespace |= {alias.asname or alias.name for alias in node.names}
+        elif isinstance(node, ast.FunctionDef):
+            namespace |= {node.name, *(argument.arg for argument in node.args.args)}
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            namespace.add(node.id)
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    assert {node.id for node in names} <= namespace
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            module = modules.get(node.value.id)
+            assert not isinstance(module, types.ModuleType) or hasattr(module, node.attr), node.attr

@@ -355,9 +355,7 @@ def test_names_are_not_units(pair):
 
 def test_every_key_stands_on_the_page():
     """docs/reference/keys.md names every key of the model, in one of its units at least."""
-    page = (Path(__file__).parents[2] / "docs" / "reference" / "keys.md").read_text(
-        encoding="utf-8"
-    )
+    page = Path(__file__).parents[2] / "docs" / "reference" / "keys.md"
     words = set(re.findall(r"\w+", page.read_text(encoding="utf-8")))
     tables = [t for _, t in inspect.getmembers(model, inspect.isclass) if t is not msgspec.Struct]
     tables = [t for t in tables if issubclass(t, msgspec.Struct) and not t.__name__.startswith("_")]

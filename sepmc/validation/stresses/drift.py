@@ -15,7 +15,7 @@ from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.layout import FULL_HISTORY
 from sepmc.schema import AUDIT_BOUNDS
 from sepmc.text_table import text_table
-from sepmc.validation.flights import NominalFlight, tensor, to_ground
+from sepmc.validation.flights import NominalRun, tensor, to_ground
 from sepmc.validation.stresses.line import EPS, Bound, Stress, judge, relative
 from sepmc.validation.stresses.scenes import (
     AFT,
@@ -45,7 +45,7 @@ class Hour:
 
     motion: str
     way: str
-    found: NominalFlight
+    found: NominalRun
     energy: float
     angular_momentum: float
     attitude: float  # NaN where there is no closed form
@@ -78,7 +78,7 @@ def motions() -> dict[str, Tree]:
     }
 
 
-def invariants(found: NominalFlight) -> tuple[np.ndarray, np.ndarray]:
+def invariants(found: NominalRun) -> tuple[np.ndarray, np.ndarray]:
     """Kinetic energy (n,) and angular momentum about the origin (n, 3), ground axes."""
     energy, spin = np.zeros(len(found.t)), np.zeros((len(found.t), 3))
     for name, data in found.scene.body.items():

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from sepmc.schema import AUDIT_BOUNDS, Status
 from sepmc.text_table import text_table
-from sepmc.validation.flights import NominalFlight
+from sepmc.validation.flights import NominalRun
 from sepmc.validation.line import CLOSE
 
 EPS = float(np.finfo(float).eps)
@@ -92,7 +92,7 @@ def judge(
     quantity: str,
     error: float,
     bound: Bound,
-    flown: NominalFlight,
+    flown: NominalRun,
     resolved: bool = False,
 ) -> Stress:
     """The line of a flight."""
@@ -119,6 +119,12 @@ def _told(line: Stress) -> str:
         if line.beyond
         else line.status
     )
+
+
+def counts(lines: Sequence[Stress]) -> tuple[int, int]:
+    """Number of accurate and of flagged lines."""
+    verdicts = [line.verdict for line in lines]
+    return verdicts.count(ACCURATE), verdicts.count(FLAGGED)
 
 
 def table(lines: Sequence[Stress]) -> str:
