@@ -168,7 +168,7 @@ def campaign(
                 loaded.until(options.until, loaded.select_cases(cases)[0])
                 click.echo(f"stops as soon as {options.until} is known, of at most:")
             counts = options.stats_only or bool(options.keep)
-            changed = [*settings, *([f"run.plan={samples}"] if samples else [])]
+            changed = [*settings, *([f"run.samples={samples}"] if samples else [])]
             command = ["sepmc", "compile", file, *(w for one in changed for w in ("--set", one))]
             command += ["--stats-only"] if counts else []
             show_forecast(loaded, cases, seed, folder, counts, command)

@@ -174,7 +174,7 @@ def check_stored(
             return
         raise folders.StoreError(
             f"{path}: holds {folders.RARE}, whose cases are those of rare.parquet: add "
-            "--set run.plan=rare.parquet"
+            "--set run.samples=rare.parquet"
         )
     count, which = manifest.get("cases"), manifest.get("numbers")
     if which and number not in parse(which):
