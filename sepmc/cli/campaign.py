@@ -233,9 +233,9 @@ def _executor(
     from sepmc.scene.messages import InputError
 
     try:
-        from sepmc.cluster import crew
+        from sepmc.cluster import dask_executor
     except ImportError:
         raise InputError(
             f"--workers and --cluster need Dask, the extra cluster: {EXTRA.format('cluster')}"
         ) from None
-    return crew(workers, address, threads)
+    return dask_executor(workers, address, threads)

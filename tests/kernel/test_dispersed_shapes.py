@@ -1,5 +1,5 @@
-"""Axes, outlines and winds that differ from case to case: every row as the independent flight has
-it."""
+"""Axes, outlines and winds that differ from case to case: every row agrees with the independent
+simulation."""
 
 import re
 

@@ -172,7 +172,7 @@ def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
     assert told() == ""
     early = told("run.end_time_s=0.15")
     assert "the nominal case has no pushed_upper_transverse_rate_deg_s" in early
-    assert "gap_clearance_mm is least as the nominal flight ends" in early
+    assert "gap_clearance_mm is smallest as the nominal flight ends" in early
     assert "motor.retro, cant_deg = 0: pushes its body toward" in told("motor.retro.cant_deg=0")
     wrong = told("requirement.clear.at_least=95")
     assert "requirement.clear.at_least = 95: the nominal case violates it" in wrong
@@ -185,10 +185,10 @@ def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
     with run_interpreted(cases=2):
         early = sepmc.load(file, {"run.end_time_s": 0.15}).run(cases=3, out=tmp_path / "early")
         late = sepmc.load(file).run(cases=2)
-    note = "gap_clearance_mm is least as the flight ends in 3 cases"
+    note = "gap_clearance_mm is smallest as the flight ends in 3 cases"
     assert [one for one in early.notes if one.startswith(note)]
     assert read_manifest(tmp_path / "early")["min_at_end"] == {"gap": 3}
-    assert not [one for one in late.notes if "is least as the flight ends" in one]
+    assert not [one for one in late.notes if "is smallest as the flight ends" in one]
 
 
 def test_check_flies_the_nominal_case():
