@@ -28,12 +28,7 @@ from numba.core.typed_passes import (
     NoPythonBackend,
     NopythonTypeInference,
 )
-from numba.core.untyped_passes import (
-    FixupArgs,
-    GenericRewrites,
-    IRProcessing,
-    TranslateByteCode,
-)
+from numba.core.untyped_passes import FixupArgs, GenericRewrites, IRProcessing, TranslateByteCode
 from numba.extending import lower_builtin, type_callable
 
 from sepmc.cache_folder import SETTING, cache_folder

@@ -4,7 +4,7 @@ import gc
 import tomllib
 
 import pytest
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from small_scenes import PAIR
 
 import sepmc
@@ -50,5 +50,5 @@ def pair():
 @pytest.fixture
 def plainly():
     """Campaigns are flown as plain Python meanwhile, in steps found from their first cases."""
-    with flown_plainly():
+    with run_interpreted():
         yield

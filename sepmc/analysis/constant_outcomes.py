@@ -1,9 +1,8 @@
-"""Outcomes that are constant: their values differ by no more than their numerical error.
+"""Constant outcomes: their values differ by no more than their numerical error.
 
-Two values that each err by at most e say nothing of a difference below 2 e. So an outcome is
-constant if its least and its greatest value are no further apart: what scatter there is may be
-round-off, and has no distribution and no drivers. One case that differs by more is enough for it to
-vary, however many do not.
+Two values with errors up to e say nothing about a difference below 2 e. So an outcome is constant
+if its minimum and maximum differ by at most that: any scatter may be round-off, and has no
+distribution and no sensitivity. One case that differs by more makes the outcome vary.
 """
 
 from collections.abc import Mapping
@@ -17,14 +16,14 @@ from sepmc.schema import is_yes_or_no
 if TYPE_CHECKING:
     from sepmc.analysis.statistics import Histogram
 
-# Round-off, of the scale of an outcome, which is 1e-4 of the largest of its unit or more: 1e-14 of
-# that. Separations of bodies that a joint holds scatter by 2e-16 of the vehicle, which halved steps
-# need not show.
+# Round-off relative to the scale of an outcome, which is at least 1e-4 of the largest of its unit:
+# 1e-14 of that. Separations of joined bodies scatter by 2e-16 of the vehicle, which halving the
+# steps need not show.
 _ROUND_OFF = 1e-10
-_PLACED = 0.01  # of a time or place of an extreme: less sure, the extreme is flat
-_DIGITS = 7  # that a constant is written with, at most
-# The outcome from whose extreme another one tells the time or the place, by the ends of both names.
-_EXTREMES = {
+_MAX_RELATIVE_ERROR = 0.01  # of the time or place of an extreme; above it the extreme is flat
+_DIGITS = 7  # largest number of digits of a constant
+# Suffix of a time or place of an extreme, and of the outcome with that extreme.
+_EXTREME_OF = {
     "_peak_force_time_s": "_peak_force_N",
     "_peak_moment_time_s": "_peak_moment_N_m",
     "_clearance_time_s": "_clearance_mm",
@@ -34,85 +33,87 @@ _EXTREMES = {
 }
 
 
-def error_size(share: float, scale: float, value: float) -> float:
-    """Numerical error of an outcome at a ``value``, in its unit, round-off included.
+def error_size(relative: float, scale: float, value: float) -> float:
+    """Return the numerical error of an outcome at a ``value``, in its unit, including round-off.
 
     Parameters
     ----------
-    share : float
-        Error as a share of the size of the outcome, or of the ``scale`` if that is larger
-        (`sepmc.campaign.execution.accuracy.errors`). Where it is not known or infinite, round-off
-        alone counts.
+    relative : float
+        Error relative to the size of the outcome, or to the ``scale`` if larger
+        (`sepmc.campaign.execution.accuracy.errors`). If not finite, round-off alone counts.
     scale, value : float
         In the unit of the outcome.
     """
-    known = share * max(abs(value), scale) if np.isfinite(share) else 0.0
-    return float(known + _ROUND_OFF * scale)
+    from_steps = relative * max(abs(value), scale) if np.isfinite(relative) else 0.0
+    return float(from_steps + _ROUND_OFF * scale)
 
 
 def with_constants(table: pd.DataFrame, errors: Mapping[str, tuple[float, float]]) -> pd.DataFrame:
-    """Statistics with two more columns: ``error_size``, the numerical error in the unit of each
-    outcome, and ``constant``, whether at least two cases have it and none differs from another by
-    more than twice that.
+    """Add the columns ``error_size`` and ``constant`` to a table of statistics.
 
-    When and where an extreme lies is as uncertain as the extreme is flat, from case to case by
-    another amount: it is called constant only if the extreme is, too.
+    ``error_size`` is the numerical error in the unit of the outcome; ``constant`` is True if at
+    least two cases have the outcome and none differs from another by more than twice the error. The
+    time and place of an extreme are uncertain where it is flat, by an amount that varies from case
+    to case: they are constant only if the extreme is, too.
 
     Parameters
     ----------
     table : DataFrame, one row per outcome
         From `sepmc.analysis.statistics.statistics`.
-    errors : mapping of outcome to (share, scale)
+    errors : mapping of outcome to (relative error, scale)
         See `error_size`.
     """
     names = list(map(str, table.index))
     low, high = (table[end].to_numpy(dtype=float) for end in ("min", "max"))
     largest = np.fmax(np.abs(low), np.abs(high))
     size = np.array([_size(name, errors, x) for name, x in zip(names, largest, strict=True)])
-    with np.errstate(invalid="ignore"):  # infinities have no distance from each other
-        near = high - low <= 2.0 * size
-    of_name = dict(zip(names, near, strict=True))
-    flat = np.array([of_name.get(_extreme(name) or name, True) for name in names], dtype=bool)
-    alike = (low == high) | (near & flat)
-    return table.assign(error_size=size, constant=(table["n"].to_numpy() > 1) & alike)
+    with np.errstate(invalid="ignore"):  # inf - inf
+        is_near = high - low <= 2.0 * size
+    near_by_name = dict(zip(names, is_near, strict=True))
+    extreme_is_near = np.array(
+        [near_by_name.get(_extreme(name) or name, True) for name in names], dtype=bool
+    )
+    is_constant = (low == high) | (is_near & extreme_is_near)
+    return table.assign(error_size=size, constant=(table["n"].to_numpy() > 1) & is_constant)
 
 
 def _size(name: str, errors: Mapping[str, tuple[float, float]], largest: float) -> float:
-    """The numerical error of an outcome, none of what is yes or no; NaN if no case has it."""
+    """Return the numerical error of an outcome: 0 if it is yes or no, NaN if no case has it."""
     if is_yes_or_no(name):
         return 0.0
     return error_size(*errors.get(name, (np.nan, 0.0)), largest) if np.isfinite(largest) else np.nan
 
 
 def _extreme(name: str) -> str | None:
-    """The outcome of whose extreme another one is the time or place; None if it is none."""
+    """Return the outcome whose extreme this one is the time or place of; None if there is none."""
     return next(
-        (name.removesuffix(end) + of for end, of in _EXTREMES.items() if name.endswith(end)), None
+        (name.removesuffix(end) + of for end, of in _EXTREME_OF.items() if name.endswith(end)), None
     )
 
 
 def is_constant(table: pd.DataFrame, name: str) -> bool:
-    """Whether a table of `with_constants` says so of an outcome; of any other table, no."""
+    """Return True if a table of `with_constants` marks an outcome as constant."""
     return "constant" in table and name in table.index and bool(table.at[name, "constant"])
 
 
 def max_spread(table: pd.DataFrame, name: str) -> float:
-    """How far the values of a constant outcome may be apart, in its unit; 0 of any other."""
+    """Return the largest difference between values of a constant outcome, in its unit; 0 for
+    others."""
     return 2.0 * float(table["error_size"][name]) if is_constant(table, name) else 0.0
 
 
 def joint_error(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
-    """How far an outcome of one run and of another may be apart by numerical error alone, in its
-    unit; 0 if that is not known, as of times and places of extremes that are not flat."""
-    alike = is_constant(one, name) and is_constant(two, name)
-    if _extreme(name) and not alike:
+    """Return the difference of an outcome between two runs that numerical error explains, in its
+    unit; 0 if unknown, as for times and places of extremes that are not flat."""
+    both_constant = is_constant(one, name) and is_constant(two, name)
+    if _extreme(name) and not both_constant:
         return 0.0
     sizes = [float(table["error_size"][name]) for table in (one, two)]
     return sum(sizes) if np.isfinite(sizes).all() else 0.0
 
 
 def round_to_error(value: float, error: float) -> float:
-    """A value to the digits that its numerical error leaves; 0 if it leaves none."""
+    """Round a value to the digits that its numerical error leaves; 0 if it leaves none."""
     if not np.isfinite(value) or abs(value) <= error:
         return 0.0 if abs(value) <= error else float(value)
     digits = np.log10(abs(value) / error) if error > 0.0 else np.inf
@@ -120,27 +121,27 @@ def round_to_error(value: float, error: float) -> float:
 
 
 def constant_value(table: pd.DataFrame, name: str) -> float:
-    """The one value of a constant outcome, see `round_to_error`."""
+    """Return the value of a constant outcome, rounded by `round_to_error`."""
     return round_to_error(float(table["mean"][name]), float(table["error_size"][name]))
 
 
 def with_constant_values(table: pd.DataFrame) -> pd.DataFrame:
-    """Statistics for a reader: those of a constant outcome are its one value, without a sigma."""
+    """Replace the statistics of constant outcomes by their value, with a sigma of 0."""
     if "constant" not in table:
         return table
-    found = table.copy()
-    rows = found["constant"].to_numpy(dtype=bool)
-    values = [constant_value(table, str(name)) for name in found.index[rows]]
-    for name in found:
+    result = table.copy()
+    mask = result["constant"].to_numpy(dtype=bool)
+    values = [constant_value(table, str(name)) for name in result.index[mask]]
+    for name in result:
         if name in ("mean", "min", "max") or str(name)[:2] in ("p0", "p1", "p5", "p9"):
-            found.loc[rows, name] = np.where(np.isnan(found[name][rows]), np.nan, values)
-    found.loc[rows, ["sigma", "mean_se", "sigma_se"]] = 0.0
-    return found
+            result.loc[mask, name] = np.where(np.isnan(result[name][mask]), np.nan, values)
+    result.loc[mask, ["sigma", "mean_se", "sigma_se"]] = 0.0
+    return result
 
 
 def render_constants(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> list[str]:
-    """The constant outcomes of a table of `with_constants`, a line each, but for those that are yes
-    or no."""
+    """Render the constant outcomes of a table of `with_constants`, a line each, without yes-or-no
+    ones."""
     return [
         f"{name}: {render_constant(table, name, units)}"
         for name in map(str, table.index)
@@ -149,22 +150,24 @@ def render_constants(table: pd.DataFrame, units: Mapping[str, str] | None = None
 
 
 def render_constant(table: pd.DataFrame, name: str, units: Mapping[str, str] | None = None) -> str:
-    """At what a constant outcome is constant, in words."""
+    """Describe the value of a constant outcome."""
     mean, error, n = (float(table[key][name]) for key in ("mean", "error_size", "n"))
     unit = (units or {}).get(name, "")
     unit = "" if unit == "1" else f" {unit}"
-    within = f"{n:.0f} values differ by no more than their numerical error, {error:.1g}{unit}"
-    if _extreme(name) and error > _PLACED * abs(mean):
-        return f"not known, as its extreme is flat ({within})"
-    alike = f"all {n:.0f} values are the same" if table.at[name, "sigma"] == 0.0 else within
-    return f"constant {constant_value(table, name):.{_DIGITS}g}{unit} ({alike})"
+    difference = f"{n:.0f} values differ by no more than their numerical error, {error:.1g}{unit}"
+    if _extreme(name) and error > _MAX_RELATIVE_ERROR * abs(mean):
+        return f"undetermined, as its extreme is flat ({difference})"
+    remark = f"all {n:.0f} values are equal" if table.at[name, "sigma"] == 0.0 else difference
+    return f"constant {constant_value(table, name):.{_DIGITS}g}{unit} ({remark})"
 
 
 def collapse_constant(
-    found: "Histogram | None", table: pd.DataFrame, name: str
+    histogram: "Histogram | None", table: pd.DataFrame, name: str
 ) -> "Histogram | None":
-    """The histogram of an outcome; if that is constant, of its one value, without bins."""
-    if found is None or not is_constant(table, name):
-        return found
-    value, none = constant_value(table, name), np.empty(0)
-    return found._replace(mean=value, sigma=0.0, low=value, high=value, edges=none, counts=none)
+    """Return the histogram of an outcome; that of a constant one has no bins."""
+    if histogram is None or not is_constant(table, name):
+        return histogram
+    value, empty = constant_value(table, name), np.empty(0)
+    return histogram._replace(
+        mean=value, sigma=0.0, low=value, high=value, edges=empty, counts=empty
+    )

@@ -85,7 +85,9 @@ COLUMNS = (
 )  # fmt: skip
 
 
-CONSTANT = "constant"  # reported in place of a distribution
+# reported in place of a distribution
+CONSTANT, DISCRETE, TOO_FEW = "constant", "discrete", "too few cases"
+_NOT_FITTED = (CONSTANT, DISCRETE, TOO_FEW)
 
 
 def fit_distributions(
@@ -110,8 +112,9 @@ def fit_distributions(
         ``normal_p``, the p value of a normal distribution; ``law``, the name of the nearest
         distribution, its ``location`` and ``scale`` (of the logarithm for lognormal and Weibull),
         its p value ``p``, and its quantiles ``p0_135`` and ``p99_865`` in the outcome's unit.
-        P values are limited to 0.01 and 0.25. ``law`` is empty for an outcome with fewer than
-        `MIN_CASES` values or fewer than n / 2 distinct ones.
+        P values are limited to 0.01 and 0.25. ``law`` is `TOO_FEW` for an outcome with fewer than
+        `MIN_CASES` values and `DISCRETE` for one with fewer than n / 2 distinct values; the other
+        columns are then NaN.
     """
     ok = ok_rows(cases)
     table_rows = [
@@ -128,8 +131,10 @@ def _fit_nearest(values: np.ndarray) -> dict[str, Any]:
     x = np.sort(values[np.isfinite(values)])
     n = len(x)
     row: dict[str, Any] = {"n": n, "law": ""}
-    if n < MIN_CASES or 2 * len(np.unique(x)) < n:
-        return row
+    if n < MIN_CASES:
+        return row | {"law": TOO_FEW}
+    if 2 * len(np.unique(x)) < n:
+        return row | {"law": DISCRETE}
     z = (x - x.mean()) / x.std()
     row |= {
         "skewness": (z**3).mean(),
@@ -195,9 +200,9 @@ def render_fits(
         if name_of_fit == CONSTANT:
             rows.append([*cells, *3 * ["-"], CONSTANT, *5 * ["-"]])
             continue
-        if not name_of_fit:
+        if name_of_fit in _NOT_FITTED:
             intervals = [part for end in ENDS for part in ("-", _interval(statistic_row, end))]
-            rows.append([*cells, *5 * ["-"], *intervals])
+            rows.append([*cells, *3 * ["-"], name_of_fit, "-", *intervals])
             continue
         cells += [f"{row[k]:.2f} +- {row[f'{k}_se']:.2f}" for k in ("skewness", "kurtosis")]
         cells += [_probability(row["normal_p"])]

@@ -1,12 +1,12 @@
-"""Quantiles and histograms of values that pass by once, in constant memory.
+"""Quantiles and histograms of streamed values, in constant memory.
 
-The first `EXACT_VALUES` values are kept, and while there are no more every answer is exact. Then a
-grid of `BINS` equal bins is laid out from them, over their central 99.9 % and a quarter of that on
-either side, and values are counted in it. By Chebyshev's inequality no 0.05 % and 99.95 % points
-are further than sqrt(2000) = 44.7 sigma from a mean, so a bin is never wider than 1.5 x 89.4 /
-32768 = 0.41 % of the sigma of those values, and a quantile never further off than a bin: for a
-normal law 0.03 % of sigma. What falls beyond the grid is counted in bins that grow with their
-distance from it, 64 to each doubling.
+The first `EXACT_VALUES` values are stored, and up to that number every result is exact. Then a grid
+of `BINS` equal bins is laid out over their central 99.9 % and a quarter of that range on either
+side, and values are counted in it. By Chebyshev's inequality the 0.05 % and 99.95 % points are
+within sqrt(2000) = 44.7 sigma of the mean, so a bin is never wider than 1.5 x 89.4 / 32768 = 0.41 %
+of the sigma of those values, and a quantile never off by more than a bin: for a normal distribution
+0.03 % of sigma. Values beyond the grid are counted in bins that grow with the distance from it, 64
+for each doubling.
 
 The result depends on the order of the values alone, not on how they were grouped.
 """
@@ -20,61 +20,61 @@ import numpy as np
 from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
 from sepmc.analysis.proportions import order_statistics
 
-EXACT_VALUES = 65536  # values kept before they are counted: 0.5 MB for each outcome
+EXACT_VALUES = 65536  # values stored before they are binned: 0.5 MB per outcome
 BINS = 32768
 _OCTAVE = 64  # bins of a tail for each doubling of the distance from the grid
-# a value repeated so often in the first ROOM is a point mass, and is answered as it is
+# a value repeated this often in the first EXACT_VALUES is a point mass, reported exactly
 _ATOM = EXACT_VALUES // 1000
 _NO_GRID = np.empty(0)
 
 
 class QuantileSketch:
-    """Counts of the values of one outcome; NaN is the caller's to leave out."""
+    """Sketch of the values of one outcome, without NaN."""
 
     def __init__(self) -> None:
-        self._waiting = np.empty(EXACT_VALUES)
+        self._buffer = np.empty(EXACT_VALUES)
         self._filled = 0
         self._grid: _Grid | None = None
 
     def __getstate__(self) -> list[np.ndarray]:
-        """What a pickle holds: no more than there are values."""
+        """Return the state for pickling; its size is that of the values."""
         return self.state()
 
     def __setstate__(self, state: list[np.ndarray]) -> None:
-        self._waiting, self._filled = np.empty(EXACT_VALUES), 0
+        self._buffer, self._filled = np.empty(EXACT_VALUES), 0
         self.restore(iter(state))
 
     def state(self) -> list[np.ndarray]:
-        """What it holds, for `restore`."""
-        return [self._waiting[: self._filled], *(self._grid.state() if self._grid else [_NO_GRID])]
+        """Return the state as arrays for `restore`."""
+        return [self._buffer[: self._filled], *(self._grid.state() if self._grid else [_NO_GRID])]
 
     def restore(self, arrays: Arrays) -> None:
-        """Hold what another one held."""
-        waiting = next(arrays)
-        self._waiting[: len(waiting)], self._filled = waiting, len(waiting)
-        known = next(arrays)
-        self._grid = _Grid.restored(known, arrays) if len(known) else None
+        """Load the state returned by `state`."""
+        buffered = next(arrays)
+        self._buffer[: len(buffered)], self._filled = buffered, len(buffered)
+        grid_state = next(arrays)
+        self._grid = _Grid.restored(grid_state, arrays) if len(grid_state) else None
 
     def add(self, values: np.ndarray) -> None:
-        """Take values, shape (n,), in the order of their cases."""
+        """Add values (n,) in the order of their cases."""
         while values.size:
             count = min(EXACT_VALUES - self._filled, values.size)
-            self._waiting[self._filled : self._filled + count] = values[:count]
+            self._buffer[self._filled : self._filled + count] = values[:count]
             self._filled += count
             values = values[count:]
             if self._filled == EXACT_VALUES:
                 self._count()
 
     def new_partial(self) -> "QuantileSketch | ValueList":
-        """What counts other values for this one to `merge`."""
+        """Return an empty accumulator of other values, to `merge` later."""
         if self._grid is None:
             return ValueList()
-        found = QuantileSketch()
-        found._grid = self._grid.empty()
-        return found
+        empty = QuantileSketch()
+        empty._grid = self._grid.empty()
+        return empty
 
     def merge(self, others: "QuantileSketch | ValueList") -> None:
-        """Take values that `apart` counted, whose cases come next."""
+        """Add the values of a `new_partial`, whose cases follow."""
         if isinstance(others, ValueList):
             for values in others:
                 self.add(values)
@@ -86,61 +86,61 @@ class QuantileSketch:
         self._grid.merge(others._grid)
 
     def percentiles(self, percents: Sequence[float]) -> np.ndarray:
-        """Sample percentiles, linear between order statistics as `numpy.percentile` has them; NaN
-        if there is no value."""
+        """Return sample percentiles, linear between order statistics as `numpy.percentile`; NaN
+        without values."""
         if self._grid is None:
-            x = self._waiting[: self._filled]
-            with np.errstate(invalid="ignore"):  # between two infinities there is no number
+            x = self._buffer[: self._filled]
+            with np.errstate(invalid="ignore"):  # NaN between two infinities
                 return np.percentile(x, percents) if x.size else np.full(len(percents), np.nan)
         self._count()
-        place = np.asarray(percents) / 100.0 * (self._grid.n - 1)
-        rank = np.floor(place)
-        below, above = (
+        position = np.asarray(percents) / 100.0 * (self._grid.n - 1)
+        rank = np.floor(position)
+        lower, upper = (
             self._grid.ranked(rank),
             self._grid.ranked(np.minimum(rank + 1.0, self._grid.n - 1.0)),
         )
         with np.errstate(invalid="ignore"):
-            return np.where(below == above, below, below + (place - rank) * (above - below))
+            return np.where(lower == upper, lower, lower + (position - rank) * (upper - lower))
 
-    def ranked(self, places: np.ndarray) -> np.ndarray:
-        """Values at places (k,) among all, rising, from 0."""
+    def ranked(self, ranks: np.ndarray) -> np.ndarray:
+        """Return the order statistics at zero-based ranks (k,)."""
         if self._grid is None:
-            return order_statistics(self._waiting[: self._filled], places)
+            return order_statistics(self._buffer[: self._filled], ranks)
         self._count()
-        return self._grid.ranked(places)
+        return self._grid.ranked(ranks)
 
     def histogram(self, edges: np.ndarray) -> np.ndarray:
-        """Number of values between rising edges (n + 1,), the last one closed; shape (n,)."""
+        """Return the counts (n,) between increasing edges (n + 1,); the last bin is closed."""
         if self._grid is None:
-            return np.histogram(self._waiting[: self._filled], edges)[0].astype(float)
+            return np.histogram(self._buffer[: self._filled], edges)[0].astype(float)
         self._count()
-        return np.diff(self._grid.below(edges))
+        return np.diff(self._grid.counts_below(edges))
 
     def _count(self) -> None:
-        """Put what waits into the grid."""
-        x, self._filled = self._waiting[: self._filled], 0
+        """Move the buffered values into the grid."""
+        x, self._filled = self._buffer[: self._filled], 0
         if self._grid is None:
             self._grid = _Grid(x)
         self._grid.count(x)
 
 
 class ValueList(list[np.ndarray]):
-    """Values as they come."""
+    """Values stored as they come."""
 
     def add(self, values: np.ndarray) -> None:
-        """As `QuantileSketch.add`."""
+        """Add values, as `QuantileSketch.add`."""
         if values.size:
             self.append(values.copy())
 
 
 class _Grid:
-    """Equal bins over the bulk of a law, bins that grow with the distance in its tails."""
+    """Equal bins over the bulk of a distribution, growing bins in its tails."""
 
     def __init__(self, sample: np.ndarray):
         x = np.sort(sample[np.isfinite(sample)])
         x = x if x.size else np.zeros(1)
         low, high = np.percentile(x, [0.05, 99.95])
-        if low == high:  # nearly all values are equal: what the others span, if there are others
+        if low == high:  # nearly all values are equal: use the range of the others, if any
             low, high = x[0], x[-1]
         reach = 0.25 * (high - low)
         self.start = low - reach
@@ -151,35 +151,35 @@ class _Grid:
         values, counts = np.unique(x, return_counts=True)
         self.atoms = values[counts > _ATOM]
         self.counts = np.zeros(BINS, dtype=np.int64)
-        # by bin: below and above the grid
+        # counts by bin, below and above the grid
         self.tails: tuple[Counter[int], Counter[int]] = (Counter(), Counter())
         self.infinite = [0, 0]  # minus and plus
-        # of these the extremes are of finite values
-        self.n, self.least, self.greatest = 0, np.inf, -np.inf
+        # the extremes are of finite values
+        self.n, self.min_value, self.max_value = 0, np.inf, -np.inf
 
     def state(self) -> list[np.ndarray]:
-        """What it holds, for `restored`: of the counts those that are not zero."""
-        there = np.flatnonzero(self.counts)
+        """Return the state for `restored`; only the counts that are not zero."""
+        occupied = np.flatnonzero(self.counts)
         tails = [np.array(list(tail.items()), dtype=float).ravel() for tail in self.tails]
         infinite = np.array(self.infinite, dtype=float)
-        counted = [there.astype(float), self.counts[there].astype(float)]
+        counted = [occupied.astype(float), self.counts[occupied].astype(float)]
         return [scalars(self), infinite, self.atoms, *counted, *tails]
 
     @classmethod
     def restored(cls, numbers: np.ndarray, arrays: Arrays) -> "_Grid":
-        """One that holds what another one held, whose ``numbers`` are the first of its `state`."""
-        found = cls(np.zeros(1))
-        set_scalars(found, numbers)
-        found.infinite = [int(count) for count in next(arrays).tolist()]
-        found.atoms, there = next(arrays), next(arrays).astype(np.int64)
-        found.counts[there] = next(arrays).astype(np.int64)
-        for tail in found.tails:
+        """Load a grid from the arrays of its `state`; ``numbers`` is the first."""
+        grid = cls(np.zeros(1))
+        set_scalars(grid, numbers)
+        grid.infinite = [int(count) for count in next(arrays).tolist()]
+        grid.atoms, occupied = next(arrays), next(arrays).astype(np.int64)
+        grid.counts[occupied] = next(arrays).astype(np.int64)
+        for tail in grid.tails:
             pairs = next(arrays).reshape(-1, 2).astype(np.int64)
-            tail.update({int(place): int(count) for place, count in pairs})
-        return found
+            tail.update({int(key): int(count) for key, count in pairs})
+        return grid
 
     def count(self, x: np.ndarray) -> None:
-        """Count values, shape (n,)."""
+        """Count values (n,)."""
         if not x.size:
             return
         self.n += x.size
@@ -189,9 +189,10 @@ class _Grid:
             x = x[np.isfinite(x)]
             if not x.size:
                 return
-        least, greatest = float(x.min()), float(x.max())
-        self.least, self.greatest = min(self.least, least), max(self.greatest, greatest)
-        if least < self.start or greatest >= self.end:
+        min_value, max_value = float(x.min()), float(x.max())
+        self.min_value = min(self.min_value, min_value)
+        self.max_value = max(self.max_value, max_value)
+        if min_value < self.start or max_value >= self.end:
             self._count_tail(0, self.start - x[x < self.start])
             self._count_tail(1, x[x >= self.end] - self.end)
             x = x[(x >= self.start) & (x < self.end)]
@@ -200,46 +201,44 @@ class _Grid:
         self.counts += np.bincount(bins, minlength=BINS)
 
     def empty(self) -> "_Grid":
-        """The same grid without values."""
-        found = copy(self)
-        found.counts = np.zeros(BINS, dtype=np.int64)
-        found.tails, found.infinite = (Counter(), Counter()), [0, 0]
-        found.n, found.least, found.greatest = 0, np.inf, -np.inf
-        return found
+        """Return the same grid without values."""
+        grid = copy(self)
+        grid.counts = np.zeros(BINS, dtype=np.int64)
+        grid.tails, grid.infinite = (Counter(), Counter()), [0, 0]
+        grid.n, grid.min_value, grid.max_value = 0, np.inf, -np.inf
+        return grid
 
     def merge(self, other: "_Grid") -> None:
-        """Count the values of the same grid."""
+        """Add the counts of the same grid."""
         self.n += other.n
         self.counts += other.counts
         for own, others in zip(self.tails, other.tails, strict=True):
             own.update(others)
         self.infinite = [a + b for a, b in zip(self.infinite, other.infinite, strict=True)]
-        self.least, self.greatest = (
-            min(self.least, other.least),
-            max(self.greatest, other.greatest),
-        )
+        self.min_value = min(self.min_value, other.min_value)
+        self.max_value = max(self.max_value, other.max_value)
 
     def _count_tail(self, side: int, distance: np.ndarray) -> None:
-        """Count distances from the grid: bin k holds 2^(k/64) - 1 to 2^((k+1)/64) - 1 widths of the
-        grid's bins."""
+        """Count distances from the grid: bin k contains 2^(k/64) - 1 to 2^((k+1)/64) - 1 bin
+        widths."""
         octaves = np.log2(self.width + distance) - np.log2(self.width)  # a quotient could overflow
         keys, counts = np.unique((_OCTAVE * octaves).astype(np.int64), return_counts=True)
         self.tails[side].update(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
 
     def bins(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Left and right edges of the bins that hold finite values, rising, and their counts. Where
-        a bin holds a value that many cases have, both edges are there."""
-        there = np.flatnonzero(self.counts)
+        """Return left and right edges of the occupied bins in increasing order, and their counts;
+        both edges are the value where the bin contains a point mass."""
+        occupied = np.flatnonzero(self.counts)
         parts = [
             (
-                self.start + there * self.width,
-                self.start + (there + 1) * self.width,
-                self.counts[there],
+                self.start + occupied * self.width,
+                self.start + (occupied + 1) * self.width,
+                self.counts[occupied],
             )
         ]
         for side, sign in ((0, -1.0), (1, 1.0)):
             keys = np.array(sorted(self.tails[side]), dtype=np.int64)
-            # the last bin may end beyond the numbers, and is cut below
+            # the last bin may end at infinity, and is clipped below
             with np.errstate(over="ignore"):
                 near, far = (
                     sign * self.width * np.expm1((keys + step) * (np.log(2.0) / _OCTAVE))
@@ -251,40 +250,42 @@ class _Grid:
             else:
                 parts.append((self.end + near, self.end + far, counts))
         left, right, counts = (np.concatenate(column) for column in zip(*parts, strict=True))
-        ends = np.clip([left, right], self.least, self.greatest)
-        placed = ends
+        clipped = np.clip([left, right], self.min_value, self.max_value)
+        edges = clipped
         for atom in self.atoms:
-            placed = np.where((ends[0] <= atom) & (atom <= ends[1]), atom, placed)
-        return *placed, counts
+            edges = np.where((clipped[0] <= atom) & (atom <= clipped[1]), atom, edges)
+        return *edges, counts
 
     def ranked(self, rank: np.ndarray) -> np.ndarray:
-        """Values of rank 0 to n - 1, shape (r,); those of one bin are taken to be spread evenly
-        over it."""
+        """Return values at ranks (r,), 0 to n - 1; values of one bin are spread evenly over it."""
         left, right, counts = self.bins()
         minus, plus = self.infinite
-        found = np.where(rank < minus, -np.inf, np.inf)
+        result = np.where(rank < minus, -np.inf, np.inf)
         finite = (rank >= minus) & (rank < self.n - plus)
         inside = rank[finite] - minus
-        ends = np.cumsum(counts)
-        i = np.searchsorted(ends, inside, side="right")
-        value = left[i] + (right[i] - left[i]) * (inside - (ends - counts)[i] + 0.5) / counts[i]
-        found[finite] = value
-        return found
+        cumulative = np.cumsum(counts)
+        i = np.searchsorted(cumulative, inside, side="right")
+        value = (
+            left[i] + (right[i] - left[i]) * (inside - (cumulative - counts)[i] + 0.5) / counts[i]
+        )
+        result[finite] = value
+        return result
 
-    def below(self, edges: np.ndarray) -> np.ndarray:
-        """Number of finite values below each edge, those of one bin evenly spread over it; all of
-        them at the last one."""
+    def counts_below(self, edges: np.ndarray) -> np.ndarray:
+        """Return the number of finite values below each edge, spread evenly over their bins; all of
+        them at the last edge."""
         left, right, counts = self.bins()
-        right = np.where(left == right, np.nextafter(right, np.inf), right)  # at it is not below it
-        ends = np.cumsum(counts)
-        found = np.interp(
+        # a value at an edge is not below it
+        right = np.where(left == right, np.nextafter(right, np.inf), right)
+        cumulative = np.cumsum(counts)
+        result = np.interp(
             edges,
             np.stack([left, right], 1).ravel(),
-            np.stack([ends - counts, ends], 1).ravel(),
+            np.stack([cumulative - counts, cumulative], 1).ravel(),
             left=0.0,
         )
-        found[0], found[-1] = (
-            (0.0 if edges[0] <= self.least else found[0]),
-            (float(ends[-1]) if edges[-1] >= self.greatest else found[-1]),
+        result[0], result[-1] = (
+            (0.0 if edges[0] <= self.min_value else result[0]),
+            (float(cumulative[-1]) if edges[-1] >= self.max_value else result[-1]),
         )
-        return np.rint(found)
+        return np.rint(result)

@@ -68,7 +68,7 @@ def rare_values(
     dispersions: Sequence[Dispersion], copulas: Sequence[Copula] = ()
 ) -> tuple[RareValue, ...]:
     """Return the values, and pairs of values, of probability below 1."""
-    discrete = [each if each.law == "discrete" else None for each in dispersions]
+    discrete = [each if each.distribution == "discrete" else None for each in dispersions]
     result = [
         RareValue(
             f"{dispersion.parameter.key} = {value:g}",

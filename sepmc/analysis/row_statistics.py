@@ -1,4 +1,4 @@
-"""Statistics of cases whose rows are there, column by column."""
+"""Statistics of cases whose rows are stored, column by column."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
@@ -25,27 +25,27 @@ from sepmc.analysis.streaming import MAX_NAMED, StreamingStatistics
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 
-# cases whose columns are sorted whole, 4 MB each; of more the percentiles are those of a
-# `QuantileSketch`
+# cases with exact percentiles, 4 MB a column; of more they are those of a `QuantileSketch`
 MAX_EXACT_CASES = 500_000
 
 
 def index_by_case(columns: Mapping[str, Any]) -> pd.DataFrame:
-    """A table of cases, a row each, whose index is their number."""
+    """Return a table of cases indexed by case number."""
     table = pd.DataFrame(columns)
     table.index = pd.Index(table["case"].to_numpy())
     return table
 
 
 class TableStatistics:
-    """Statistics, audit and histograms of a case table; one column is looked at at a time.
+    """Statistics, audit and histograms of a case table; reads one column at a time.
 
     Parameters
     ----------
     cases : mapping of name to column, shape (n_cases,)
-    outcomes, audits : names of its columns
-    bounds : bound of each audit column that has one
-    requirements : what verdicts are given on
+    outcomes, audits : sequence of str
+        Names of its columns.
+    bounds : mapping of audit column to bound
+    requirements : sequence of Requirement
     """
 
     def __init__(
@@ -61,12 +61,12 @@ class TableStatistics:
 
     @cached_property
     def counts(self) -> dict[str, int]:
-        """Cases of each status: ok first, then the failures, most frequent first."""
+        """Cases of each status: ok first, then the others by frequency."""
         return of.status_counts(self.cases)
 
     @cached_property
     def failed(self) -> dict[str, list[int]]:
-        """Numbers of the first cases of each status but ok."""
+        """Numbers of the first `MAX_NAMED` cases of each status except ok."""
         statuses, numbers = np.asarray(self.cases["status"]), np.asarray(self.cases["case"])
         return {
             label: numbers[statuses == label][:MAX_NAMED].tolist()
@@ -79,51 +79,66 @@ class TableStatistics:
         reference: Mapping[str, Mapping[str, float]] | None = None,
         confidence: float = CONFIDENCE,
     ) -> pd.DataFrame:
-        """See `sepmc.analysis.statistics.statistics`."""
+        """Return the table of `sepmc.analysis.statistics.statistics`."""
         return of.statistics(self.cases, self.outcomes, reference, confidence)
 
     def audit(self) -> pd.DataFrame:
-        """See `sepmc.analysis.statistics.audit`."""
+        """Return the table of `sepmc.analysis.statistics.audit`."""
         return of.audit(self.cases, self.bounds, self.audits)
 
     def verdicts(
         self, errors: Errors, audit: pd.DataFrame, sampler: str = "random"
     ) -> list[Verdict]:
-        """Verdicts on the requirements, given the ``audit`` and how cases were drawn; outcomes have
-        such numerical ``errors``."""
-        why, every = no_verdict_reason(audit, sampler), requirement_counters(self.requirements)
+        """Return the verdicts on the requirements.
+
+        Parameters
+        ----------
+        errors : mapping
+            Numerical errors of outcomes, see `sepmc.analysis.requirements.Errors`.
+        audit : DataFrame
+            From `audit`.
+        sampler : str
+            Value of ``run.sampler``.
+
+        Returns
+        -------
+        list of Verdict
+        """
+        reason = no_verdict_reason(audit, sampler)
+        counters = requirement_counters(self.requirements)
         labels = np.asarray(self.cases["status"])
 
         def values(name: str) -> np.ndarray | None:
             return of.column(self.cases, name) if name in self.outcomes else None
 
         count_cases(
-            every,
+            counters,
             np.asarray(self.cases["case"]),
             self._ok,
             values,
             lambda name: labels == name,
         )
         return [
-            judge(tally, errors, self._design(tally, x), why, self._lacking(x))
-            for tally in every
-            for x in (values(tally.requirement.metric),)
+            judge(counter, errors, self._design(counter, x), reason, self._lacking(x))
+            for counter in counters
+            for x in (values(counter.requirement.metric),)
         ]
 
     def _lacking(self, values: np.ndarray | None) -> int:
-        """How many ok cases have no value; 0 if there are no values."""
+        """Return the number of ok cases without a value; 0 for a status."""
         return 0 if values is None else int(np.count_nonzero(self._ok & np.isnan(values)))
 
-    def _design(self, tally: RequirementCounter, values: np.ndarray | None) -> float:
+    def _design(self, counter: RequirementCounter, values: np.ndarray | None) -> float:
+        """Return the design value of a requirement, NaN for a status."""
         if values is None:
             return np.nan
-        known = values[self._ok & ~np.isnan(values)]
-        if has_two_bounds(tally.requirement):
-            known = margins(known, tally.requirement)
-        return design_value(tally, len(known), partial(order_statistics, known))
+        present = values[self._ok & ~np.isnan(values)]
+        if has_two_bounds(counter.requirement):
+            present = margins(present, counter.requirement)
+        return design_value(counter, len(present), partial(order_statistics, present))
 
     def histogram(self, name: str) -> of.Histogram | None:
-        """Histogram of the finite values of an outcome, or None if it has none."""
+        """Return the histogram of the finite values of an outcome, or None if it has none."""
         return of.histogram(of.column(self.cases, name)[self._ok])
 
     @cached_property
@@ -138,8 +153,8 @@ def summarise(
     bounds: Mapping[str, float],
     requirements: Sequence[Requirement] = (),
 ) -> TableStatistics | StreamingStatistics:
-    """Statistics of a stored case table (`sepmc.campaign.store.shards.CaseColumns`): exact up to
-    `MAX_EXACT_CASES` cases, from then on by a `StreamingStatistics`."""
+    """Return the statistics of a stored case table (`sepmc.campaign.store.shards.CaseColumns`):
+    exact up to `MAX_EXACT_CASES` cases, beyond that a `StreamingStatistics`."""
     if cases.rows <= MAX_EXACT_CASES:
         return TableStatistics(cases, outcomes, audits, bounds, requirements)
     stream = StreamingStatistics(outcomes, audits, bounds, requirements)

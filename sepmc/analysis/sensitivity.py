@@ -1,12 +1,11 @@
-"""Which inputs drive an outcome, from the rows of a campaign.
+"""Sensitivity of an outcome to its inputs, from the rows of a campaign.
 
-Rank correlation (Spearman 1904) and partial rank correlation, in which the other inputs are held
-fixed (Saltelli et al., Global Sensitivity Analysis, Wiley 2008, 1.2.3), tell direction and strength
-of what rises or falls all along; the first-order index, the share of the outcome's variance that an
-input explains by itself, also what does not. Between the lowest and the highest tenth of an input
-the outcome's mean swings from one end of its tornado bar to the other; of an input of few values,
-as a failure mode is, between the lowest and the highest. A Saltelli campaign also gives total
-indices: with all that an input does together with others.
+Rank correlation (Spearman 1904) and partial rank correlation, with the other inputs fixed (Saltelli
+et al., Global Sensitivity Analysis, Wiley 2008, 1.2.3), give direction and strength of monotonic
+effects; the first-order index, the fraction of the outcome's variance that an input explains alone,
+covers others too. The outcome's means over the lowest and highest tenth of an input are the ends of
+its tornado bar; for an input of few values, such as a failure mode, those over its lowest and
+highest value. A Saltelli campaign also gives total indices, which include interactions.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,17 +32,17 @@ from sepmc.analysis.variance_indices import (
 )
 from sepmc.scene.model import SALTELLI
 
-_FEWEST = 20  # cases from which anything is told
-_TENTH = 0.1  # of the cases, at either end of an input
-_MANY = 20  # cases of each value of an input, on average, from which its values are groups
-# from it on first-order indices say what drives an outcome
-_EXPLAINED = 0.7
-_NAMED = 4  # inputs that vary together, by name
+_MIN_CASES = 20  # fewer cases give no result
+_TENTH = 0.1  # fraction of the cases at either end of an input
+_MIN_PER_VALUE = 20  # mean cases per value of an input from which its values are groups
+# sum of first-order indices that needs no note
+_MIN_EXPLAINED = 0.7
+_MAX_NAMED = 4  # correlated inputs named in a note
 COLUMNS = (
     "rank", "rank_low", "rank_high", "partial", "mean_low", "mean_high", "shift", "first",
     "first_low", "first_high", "total", "total_low", "total_high",
 )  # fmt: skip
-_ENDS = ["first_low", "first_high", "total_low", "total_high"]
+_INTERVAL_COLUMNS = ["first_low", "first_high", "total_low", "total_high"]
 
 
 def input_sensitivities(
@@ -53,39 +52,41 @@ def input_sensitivities(
     sampler: str = "random",
     indices: bool = True,
     correlated: Sequence[Sequence[str]] = (),
-    within: float = 0.0,
+    spread: float = 0.0,
 ) -> pd.DataFrame:
-    """How much each input drives an outcome.
+    """Compute the sensitivity of an outcome to each input.
 
     Parameters
     ----------
     cases : mapping of name to column, shape (n_cases,)
-        ``status``, the inputs and the outcome; rows that are not ``ok`` or do not have the outcome
-        are left out.
-    inputs : names of the dispersed inputs
-    outcome : name of a column
-    sampler : how the cases were drawn, a key of `sepmc.analysis.variance_indices.ESTIMATORS`; those
-    of
-        ``saltelli`` give total indices
-    indices : whether to compute indices, which take longest
-    correlated : inputs that are known to vary together, group by group
-    within : how far values may be apart by numerical error, if it is known that none are further
-        (`sepmc.analysis.constant_outcomes.max_spread`)
+        ``status``, the inputs and the outcome; rows that are not ``ok`` or have no outcome are left
+        out.
+    inputs : sequence of str
+        Names of the dispersed inputs.
+    outcome : str
+    sampler : str
+        A key of `sepmc.analysis.variance_indices.ESTIMATORS`; ``saltelli`` gives total indices.
+    indices : bool
+        Compute variance indices, which take longest.
+    correlated : sequence of sequences of str
+        Groups of inputs known to be correlated.
+    spread : float
+        Largest difference between values of a constant outcome
+        (`sepmc.analysis.constant_outcomes.max_spread`).
 
     Returns
     -------
-    DataFrame, a row per input, what drives most first
-        ``rank`` with a 95 % interval ``rank_low``, ``rank_high`` (Bonett and Wright, Psychometrika
-        65, 2000); ``partial``; ``mean_low`` and ``mean_high``, the outcome's means over the tenths
-        of the cases in which the input is lowest and highest (over its lowest and highest value, if
-        these are few), in its unit, and ``shift``, how far these are apart at least, with 95 %
-        (Welch, Biometrika 34, 1947); all of these of the independent cases of a Saltelli design
-        alone; ``first`` with a 95 % interval (see `sepmc.analysis.variance_indices`), NaN if no
-        estimator is valid for the cases; ``total`` with a 95 % interval, NaN unless the sampler is
-        ``saltelli``; intervals are NaN where few cases decide the variance. ``attrs["mean"]`` is
-        the outcome's mean, ``attrs["cases"]`` how many cases have it, and how many are ok;
-        ``attrs["correlated"]`` inputs that vary together, ``attrs["said"]`` what limits the
-        indices, a sentence or none.
+    DataFrame, a row per input, the most influential first
+        ``rank`` correlation with a 95 % interval ``rank_low``, ``rank_high`` (Bonett and Wright,
+        Psychometrika 65, 2000); ``partial`` rank correlation; ``mean_low`` and ``mean_high``, the
+        outcome's means over the cases with the lowest and highest tenth of the input (or its lowest
+        and highest of few values), in its unit; ``shift``, the lower 95 % bound of their difference
+        (Welch, Biometrika 34, 1947). All these are of the independent cases of a Saltelli design.
+        ``first``-order index with a 95 % interval (`sepmc.analysis.variance_indices`), NaN if no
+        estimator is valid for the sampler; ``total`` index with a 95 % interval, NaN unless the
+        sampler is ``saltelli``. Intervals are NaN where outliers determine the variance.
+        ``attrs``: ``mean`` of the outcome; ``cases``, the numbers of cases with the outcome and of
+        ok cases; ``correlated`` inputs; ``note``, a limitation of the indices or an empty string.
 
     Raises
     ------
@@ -93,201 +94,214 @@ def input_sensitivities(
         If the outcome does not vary by more than its numerical error, or too few cases have it.
     """
     y = column(cases, outcome)
-    there = ok_rows(cases) & np.isfinite(y)
-    if np.count_nonzero(there) < _FEWEST:
-        raise ValueError(f"{outcome}: fewer than {_FEWEST} cases have it")
+    has_outcome = ok_rows(cases) & np.isfinite(y)
+    if np.count_nonzero(has_outcome) < _MIN_CASES:
+        raise ValueError(f"{outcome}: fewer than {_MIN_CASES} cases have it")
     x = np.array([column(cases, name) for name in inputs]).reshape(len(inputs), len(y))
-    varied = [i for i, row in enumerate(x[:, there]) if row.min() < row.max()]
-    span = float(np.ptp(y[there]))
-    if 0.0 < span <= within:
+    varied = [i for i, row in enumerate(x[:, has_outcome]) if row.min() < row.max()]
+    value_range = float(np.ptp(y[has_outcome]))
+    if 0.0 < value_range <= spread:
         raise ValueError(
-            f"{outcome}: is constant, as its values differ by {span:.1g} and their numerical error "
-            f"is {0.5 * within:.1g}; so nothing drives it"
+            f"{outcome}: is constant, as its values differ by {value_range:.1g} and their "
+            f"numerical error is {0.5 * spread:.1g}; so no input affects it"
         )
-    if not varied or span == 0.0:
+    if not varied or value_range == 0.0:
         raise ValueError(f"{outcome}: does not vary, or no input does")
     names = [inputs[i] for i in varied]
     table = pd.DataFrame(np.nan, index=pd.Index(names, name="input"), columns=list(COLUMNS))
-    known, outcomes = x[varied][:, there], y[there]
+    varied_inputs, outcomes = x[varied][:, has_outcome], y[has_outcome]
     if sampler == SALTELLI:
-        apart = independent_rows(cases, len(inputs), sampler)
-        known, outcomes = x[varied][:, there & apart], y[there & apart]
+        independent = independent_rows(cases, len(inputs), sampler)
+        rows = has_outcome & independent
+        varied_inputs, outcomes = x[varied][:, rows], y[rows]
         if not len(outcomes) or outcomes.min() == outcomes.max():
-            raise ValueError(f"{outcome}: does not vary in cases that do not repeat each other")
-    _by_rank(table, known, outcomes)
-    # whether an input has so few values that cases with the same are groups
-    few = np.array([len(np.unique(row)) * _MANY <= len(row) for row in known])
-    tenths = [_tails(row, outcomes, of_few) for row, of_few in zip(known, few, strict=True)]
-    table[["mean_low", "mean_high", "shift"]] = tenths
-    pairs, even = dependence(known)
-    valid = ESTIMATORS[sampler]
-    said = valid.said
-    if indices and valid.first == BY_GROUPS:
+            raise ValueError(f"{outcome}: does not vary in independent cases")
+    _by_rank(table, varied_inputs, outcomes)
+    # inputs with so few values that cases of a value form a group
+    has_few_values = np.array(
+        [len(np.unique(row)) * _MIN_PER_VALUE <= len(row) for row in varied_inputs]
+    )
+    end_means = [
+        _end_means(row, outcomes, few)
+        for row, few in zip(varied_inputs, has_few_values, strict=True)
+    ]
+    table[["mean_low", "mean_high", "shift"]] = end_means
+    pairs, too_even = dependence(varied_inputs)
+    estimator = ESTIMATORS[sampler]
+    note = estimator.note
+    if indices and estimator.first == BY_GROUPS:
         numbers = np.asarray(cases["case"]) if "case" in cases else np.arange(len(y))
-        said = _by_saltelli(table, numbers, x, varied, np.where(there, y, np.nan))
-    elif indices and valid.first == BY_ROWS and even:
-        said = PATTERNED.format(what="run.samples" if sampler == PLAN else "what the cases give")
-    elif indices and valid.first == BY_ROWS:
-        _by_rows(table, known, outcomes, few)
-    if table["first"].notna().any() and (unsure := few_cases_warning(known[few], outcomes)):
-        table[_ENDS] = np.nan
-        said = unsure
-    table.attrs["said"] = said if indices else ""
-    of_pairs = {names[k] for pair in pairs for k in pair} if sampler != SALTELLI else set()
-    together = of_pairs | {name for group in correlated for name in group}
-    table.attrs["correlated"] = [name for name in names if name in together]
+        note = _by_saltelli(table, numbers, x, varied, np.where(has_outcome, y, np.nan))
+    elif indices and estimator.first == BY_ROWS and too_even:
+        note = PATTERNED.format(what="run.samples" if sampler == PLAN else "the sample of cases")
+    elif indices and estimator.first == BY_ROWS:
+        _by_rows(table, varied_inputs, outcomes, has_few_values)
+    if table["first"].notna().any() and (
+        warning := few_cases_warning(varied_inputs[has_few_values], outcomes)
+    ):
+        table[_INTERVAL_COLUMNS] = np.nan
+        note = warning
+    table.attrs["note"] = note if indices else ""
+    paired = {names[k] for pair in pairs for k in pair} if sampler != SALTELLI else set()
+    correlated_inputs = paired | {name for group in correlated for name in group}
+    table.attrs["correlated"] = [name for name in names if name in correlated_inputs]
     table.attrs["mean"] = float(outcomes.mean())
-    table.attrs["cases"] = int(np.count_nonzero(there)), int(np.count_nonzero(ok_rows(cases)))
-    # a large index of few cases may be none
-    sure = table["first_low"].clip(lower=0.0).fillna(0.0)
-    return table.iloc[np.lexsort((-table["rank"].abs(), -table["shift"], -sure))]
+    table.attrs["cases"] = int(np.count_nonzero(has_outcome)), int(np.count_nonzero(ok_rows(cases)))
+    # sort by the lower bound: a large index of few cases may be chance
+    lower_bound = table["first_low"].clip(lower=0.0).fillna(0.0)
+    return table.iloc[np.lexsort((-table["rank"].abs(), -table["shift"], -lower_bound))]
 
 
-def leading_inputs(table: pd.DataFrame, most: int) -> pd.DataFrame:
-    """The ``most`` inputs of `input_sensitivities` that do most, in its order: the first of it, but
-    a place in four for those of the others that surely shift the mean farthest, as a failure of few
-    cases may that explains little of the variance."""
-    kept = most - max(1, most // 4)
-    others = table.iloc[kept:]["shift"].sort_values(ascending=False, kind="stable").index
-    return table[table.index.isin([*table.index[:kept], *others[: most - kept]])]
+def leading_inputs(table: pd.DataFrame, count: int) -> pd.DataFrame:
+    """Return the ``count`` leading inputs of `input_sensitivities`: the first ones, and for a
+    quarter of the places those of the others with the largest ``shift``, as a rare failure may
+    shift the mean and explain little of the variance."""
+    n_by_index = count - max(1, count // 4)
+    others = table.iloc[n_by_index:]["shift"].sort_values(ascending=False, kind="stable").index
+    return table[table.index.isin([*table.index[:n_by_index], *others[: count - n_by_index]])]
 
 
-def order_description(table: pd.DataFrame, most: int) -> str:
-    """In what order `leading_inputs` has inputs."""
-    given = table["first_low"].notna().any()
-    first = "the surest first-order index first" if given else "what surely shifts its mean first"
-    return first + ("" if len(table) <= most else ", then what else shifts its mean most")
+def order_description(table: pd.DataFrame, count: int) -> str:
+    """Describe the order of `leading_inputs`."""
+    has_intervals = table["first_low"].notna().any()
+    rule = f"by {'first-order index' if has_intervals else 'shift of the mean'} (lower bound)"
+    return rule + ("" if len(table) <= count else ", then by shift of the mean")
 
 
 def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
-    """Rank correlations of inputs (d, n) with an outcome (n,)."""
+    """Set the rank correlations of inputs (d, n) with an outcome (n,)."""
     from scipy.stats import rankdata  # noqa: PLC0415  (1 s)
 
     ranks = np.array([rankdata(row) for row in (*x, y)])
     correlation = np.corrcoef(ranks)
     rank = correlation[-1, :-1]
-    width = TWO_SIDED * np.sqrt((1.0 + 0.5 * rank**2) / (len(y) - 3.0))
-    within = np.arctanh(np.clip(rank, -1.0 + 1e-15, 1.0 - 1e-15))
-    table["rank"], table["rank_low"] = rank, np.tanh(within - width)
-    table["rank_high"] = np.tanh(within + width)
+    half_width = TWO_SIDED * np.sqrt((1.0 + 0.5 * rank**2) / (len(y) - 3.0))
+    transformed = np.arctanh(np.clip(rank, -1.0 + 1e-15, 1.0 - 1e-15))
+    table["rank"], table["rank_low"] = rank, np.tanh(transformed - half_width)
+    table["rank_high"] = np.tanh(transformed + half_width)
     if np.linalg.cond(correlation[:-1, :-1]) < 1e10:
-        # an outcome that follows from the inputs altogether leaves nothing unexplained
+        # regularise: an outcome that the inputs explain completely makes the matrix singular
         precision = np.linalg.inv(correlation + 1e-12 * np.eye(len(correlation)))
         scale = np.sqrt(np.diag(precision))
         table["partial"] = -precision[-1, :-1] / (scale[-1] * scale[:-1])
 
 
-def _tails(x: np.ndarray, y: np.ndarray, of_few: bool) -> tuple[float, float, float]:
-    """Means of an outcome where an input, ``of_few`` values or many, is lowest, and highest, and
-    how far they are apart at least: the near end of Student's interval with the freedoms of the
-    fewer cases, no less than 0. Cases of one of few values vary as all do, at least."""
+def _end_means(x: np.ndarray, y: np.ndarray, few: bool) -> tuple[float, float, float]:
+    """Return the outcome's means at the lowest and highest values of an input, and the lower 95 %
+    bound of their difference, at least 0.
+
+    The bound uses Student's t with the degrees of freedom of the smaller end. For an input of
+    ``few`` values the variance at an end is at least that of all cases.
+    """
     from scipy.special import ndtr, stdtrit  # noqa: PLC0415  (0.1 s)
 
-    low, high = (x.min(), x.max()) if of_few else np.quantile(x, (_TENTH, 1.0 - _TENTH))
+    low, high = (x.min(), x.max()) if few else np.quantile(x, (_TENTH, 1.0 - _TENTH))
     ends = y[x <= low], y[x >= high]
-    first, last, fewer = float(ends[0].mean()), float(ends[1].mean()), min(map(len, ends))
-    if fewer == 1:
-        return first, last, 0.0
-    # few cases can be alike by chance
-    least = y.var(ddof=1) if of_few else 0.0
-    spread = np.sqrt(sum(max(end.var(ddof=1), least) / len(end) for end in ends))
-    reach = stdtrit(fewer - 1, ndtr(TWO_SIDED)) * spread
-    return first, last, max(abs(last - first) - float(reach), 0.0)
+    low_mean, high_mean, n_min = float(ends[0].mean()), float(ends[1].mean()), min(map(len, ends))
+    if n_min == 1:
+        return low_mean, high_mean, 0.0
+    # few cases can be equal by chance
+    min_variance = y.var(ddof=1) if few else 0.0
+    error = np.sqrt(sum(max(end.var(ddof=1), min_variance) / len(end) for end in ends))
+    half_width = stdtrit(n_min - 1, ndtr(TWO_SIDED)) * error
+    return low_mean, high_mean, max(abs(high_mean - low_mean) - float(half_width), 0.0)
 
 
-def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, few: np.ndarray) -> None:
-    """First-order indices from independent cases, of inputs of ``few`` values (d,) or many."""
-    estimators = [grouped_index if of_few else ordered_index for of_few in few]
-    found = np.array([of(row, y) for of, row in zip(estimators, x, strict=True)])
-    _put(table, "first", *found.T)
+def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, has_few_values: np.ndarray) -> None:
+    """Set the first-order indices from independent cases."""
+    estimators = [grouped_index if few else ordered_index for few in has_few_values]
+    indices = np.array([estimate(row, y) for estimate, row in zip(estimators, x, strict=True)])
+    _set_index(table, "first", *indices.T)
 
 
 def _by_saltelli(
     table: pd.DataFrame, numbers: np.ndarray, x: np.ndarray, varied: list[int], y: np.ndarray
 ) -> str:
-    """First-order and total indices from whole groups of a Saltelli design. Returns what is to be
-    said of it."""
+    """Set first-order and total indices from complete groups of a Saltelli design; return the
+    note."""
     try:
         groups = saltelli_groups(numbers, x, y)
     except ValueError as error:
         return f"first-order and total indices are not given: {error}"
     first, total = saltelli_indices(groups)
-    _put(table, "first", *first[:, varied])
-    _put(table, "total", *total[:, varied])
-    left = groups.left_out
-    return f"indices are of whole groups of cases: {left} groups are left out" if left else ""
+    _set_index(table, "first", *first[:, varied])
+    _set_index(table, "total", *total[:, varied])
+    n_left_out = groups.left_out
+    note = f"indices are of complete groups of cases: {n_left_out} groups are left out"
+    return note if n_left_out else ""
 
 
-def _put(table: pd.DataFrame, name: str, index: np.ndarray, half: np.ndarray) -> None:
-    table[name], table[f"{name}_low"], table[f"{name}_high"] = index, index - half, index + half
+def _set_index(table: pd.DataFrame, name: str, index: np.ndarray, half_width: np.ndarray) -> None:
+    """Set an index and its interval."""
+    table[name] = index
+    table[f"{name}_low"], table[f"{name}_high"] = index - half_width, index + half_width
 
 
 def render_sensitivities(
     table: pd.DataFrame,
     outcome: str,
     keys: Mapping[str, str],
-    most: int = 8,
+    count: int = 8,
     width: int = WIDTH,
 ) -> str:
-    """What drives an outcome, as an engineer reads it in a terminal; inputs by their ``keys``."""
+    """Render the sensitivity of an outcome as a text table; ``keys`` maps inputs to TOML paths."""
     head = ["input", "first-order", "total", "rank", "partial", "mean, lowest to highest tenth"]
     scale = float(np.nanmax(np.abs(table["mean_high"] - table["mean_low"])))
     rows = [
         [
             keys.get(str(name), str(name)),
-            _with_half(row, "first"),
-            _with_half(row, "total"),
+            _format_index(row, "first"),
+            _format_index(row, "total"),
             f"{row['rank']:.2f}",
             f"{row['partial']:.2f}",
             f"{rounded(row['mean_low'], scale)} to {rounded(row['mean_high'], scale)}",
         ]
-        for name, row in leading_inputs(table, most).iterrows()
+        for name, row in leading_inputs(table, count).iterrows()
     ]
-    kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
-    lines = aligned([[row[k] for k in kept] for row in [head, *rows]], width - 2)
-    left = len(table) - len(rows)
-    having, ok = table.attrs["cases"]
-    some = f"; of the {having} of {ok} ok cases that have it" if having < ok else ""
+    columns = [k for k in range(len(head)) if any(row[k] for row in rows)]
+    lines = aligned([[row[k] for k in columns] for row in [head, *rows]], width - 2)
+    n_hidden = len(table) - len(rows)
+    n_with_outcome, ok = table.attrs["cases"]
+    subset = f"; {n_with_outcome} of {ok} ok cases have it" if n_with_outcome < ok else ""
     return "\n".join(
         [
-            f"what drives {outcome}: {order_description(table, most)}{some}",
+            f"sensitivity of {outcome}: {order_description(table, count)}{subset}",
             *(f"  {line}".rstrip() for line in lines),
         ]
-        + ([f"  and {left} more inputs"] if left > 0 else [])
+        + ([f"  and {n_hidden} more inputs"] if n_hidden > 0 else [])
         + [
-            fill(each, width, initial_indent="  ", subsequent_indent="  ")
-            for each in index_notes(table, keys)
+            fill(note, width, initial_indent="  ", subsequent_indent="  ")
+            for note in index_notes(table, keys)
         ]
     )
 
 
 def index_notes(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
-    """Sentences on what indices of `input_sensitivities` mean, or why there are none; inputs by
-    ``keys``."""
-    lines = [table.attrs["said"]] if table.attrs["said"] else []
+    """Return notes on the indices of `input_sensitivities`; ``keys`` maps inputs to TOML paths."""
+    lines = [table.attrs["note"]] if table.attrs["note"] else []
     if not table["first"].notna().any():
         return lines
-    together = float(table["first"].clip(lower=0.0).sum())
+    total = float(table["first"].clip(lower=0.0).sum())
     if correlated := table.attrs["correlated"]:
         names = [keys.get(name, name) for name in correlated]
-        named = ", ".join(names[:_NAMED]) + (
-            f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        named = ", ".join(names[:_MAX_NAMED]) + (
+            f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
         )
         lines.append(
-            f"{named} vary together: the first-order index of each also holds what it tells of the "
-            f"others, so indices do not add up (here to {together:.2f})"
+            f"{named} are correlated: the first-order index of each includes the effect of the "
+            f"others, so indices do not add up to 1 (here to {total:.2f})"
         )
-    elif together < _EXPLAINED and table["total"].isna().all():
+    elif total < _MIN_EXPLAINED and table["total"].isna().all():
         lines.append(
-            f"first-order indices add up to {together:.2f}: what is left is due to inputs "
-            "together, or to chance; run.sampler saltelli flies cases that tell total indices"
+            f"first-order indices add up to {total:.2f}: the rest is due to "
+            "interactions or chance; run.sampler saltelli gives total indices"
         )
     return lines
 
 
-def _with_half(row: pd.Series, name: str) -> str:
-    """An index and half its interval, if that is known; nothing if neither is."""
+def _format_index(row: pd.Series, name: str) -> str:
+    """Format an index and half its interval; empty if NaN."""
     if np.isnan(row[name]):
         return ""
-    half = row[f"{name}_high"] - row[name]
-    return f"{row[name]:.3f}" + ("" if np.isnan(half) else f" +- {half:.3f}")
+    half_width = row[f"{name}_high"] - row[name]
+    return f"{row[name]:.3f}" + ("" if np.isnan(half_width) else f" +- {half_width:.3f}")

@@ -11,6 +11,7 @@ from sepmc.analysis import constant_outcomes
 from sepmc.analysis.proportions import CONFIDENCE, binomial_interval, upper_bound
 from sepmc.analysis.statistics import OK, PERCENTILES, REFERENCED
 from sepmc.schema import is_yes_or_no
+from sepmc.text_table import text_table
 
 WIDTH = 118  # default width of tables, in characters
 # 1 / 0.00135: with fewer values the 0.135 % and 99.865 % points lie between the two extreme values
@@ -204,10 +205,7 @@ def aligned(rows: Sequence[Sequence[str]], width: int = WIDTH) -> list[str]:
     lines: list[str] = []
     for block in blocks:
         lines += [""] if lines else []
-        lines += [
-            "  ".join(row[k].rjust(widths[k]) if k else row[k].ljust(widths[k]) for k in block)
-            for row in rows
-        ]
+        lines += text_table([[row[k] for k in block] for row in rows])
     return lines
 
 

@@ -1,8 +1,8 @@
-"""Statistics of cases that pass by once, in memory that does not grow with them.
+"""Single-pass statistics of a campaign, in constant memory.
 
-Cases are taken in grains of `ACCUMULATION_BLOCK`, counted from the first case whatever the chunks
-they come in, so the result is the same bits for any chunk size. Measured: 140 ns a case for 21
-outcomes and 11 audit columns on one thread; shared among two it takes longer, 200 ns.
+Cases are added in blocks of `ACCUMULATION_BLOCK`, counted from the first case whatever the chunks
+they come in, so the result has the same bits for any chunk size. Measured: 140 ns a case for 21
+outcomes and 11 audit columns on one thread; 200 ns on two.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,41 +39,40 @@ from sepmc.analysis.statistics import (
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 
-ACCUMULATION_BLOCK = 16384  # 128 kB a column: three of them fit into a level 2 cache of 1 MB
-MAX_NAMED = 20  # failed cases of each status that are named
+ACCUMULATION_BLOCK = 16384  # cases: 128 kB a column, so that three fit into a level 2 cache of 1 MB
+MAX_NAMED = 20  # failed cases listed per status
 _LABELS = list(dict.fromkeys(status.label for status in Status))
 
 
-class _Takes(Protocol):
+class _MomentAccumulator(Protocol):
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Take values without NaN, shape (n,), and the numbers of their cases, rising."""
+        """Add values (n,) without NaN, and their case numbers in increasing order."""
 
 
-class _Counts(Protocol):
+class _QuantileAccumulator(Protocol):
     def add(self, values: np.ndarray) -> None:
-        """Take values, shape (n,), in the order of their cases."""
+        """Add values (n,) in the order of their cases."""
 
 
 class _BlockCounters:
-    """What counts cases, a grain at a time: by outcome ``moments``, ``sketches`` and, by
-    requirement of two bounds, those of ``margins``; tallies of requirements, audits, and how cases
-    ended."""
+    """Accumulators of one block at a time: ``moments`` and ``sketches`` by outcome, sketches of
+    ``margins`` by requirement with two bounds, requirement counters, audits and statuses."""
 
     def __init__(
         self,
-        moments: Mapping[str, _Takes],
-        sketches: Mapping[str, _Counts],
-        margins: Mapping[str, _Counts],
+        moments: Mapping[str, _MomentAccumulator],
+        sketches: Mapping[str, _QuantileAccumulator],
+        margins: Mapping[str, _QuantileAccumulator],
         audits: Mapping[str, AuditSummary],
         requirements: Sequence[Requirement],
     ):
         self._moments, self._sketches, self._margins = moments, sketches, margins
-        self.audits, self.tallies = audits, requirement_counters(requirements)
+        self.audits, self.counters = audits, requirement_counters(requirements)
         self.by_code = np.zeros(len(Status), dtype=np.int64)
         self.failed: dict[str, list[int]] = {}
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
-        """Take a grain: numbers and status codes, shape (n,), and columns, shape (k, n)."""
+        """Add a block: case numbers and status codes (n,), and columns (k, n)."""
         counts = np.bincount(codes, minlength=len(self.by_code))
         self.by_code += counts
         ok: slice | np.ndarray = slice(None)
@@ -81,90 +80,90 @@ class _BlockCounters:
             ok = codes == Status.OK
             for code in (np.flatnonzero(counts[1:]) + 1).tolist():
                 self._name(Status(code).label, numbers[codes == code])
-        places = {name: k for k, name in enumerate(self._moments)}
+        indices = {name: k for k, name in enumerate(self._moments)}
         count_cases(
-            self.tallies,
+            self.counters,
             numbers,
             codes == Status.OK,
-            lambda name: columns[places[name]] if name in places else None,
+            lambda name: columns[indices[name]] if name in indices else None,
             lambda name: np.isin(codes, [int(status) for status in Status if status.label == name]),
         )
         numbers = numbers[ok]
         for (name, moments), column in zip(self._moments.items(), columns, strict=False):
             x, cases = column[ok], numbers
-            lost = np.isnan(x)
-            if lost.any():
-                x, cases = x[~lost], cases[~lost]
+            absent = np.isnan(x)
+            if absent.any():
+                x, cases = x[~absent], cases[~absent]
             moments.add(x, cases)
             self._sketches[name].add(x)
-            for item in (tally.requirement for tally in self.tallies):
+            for item in (counter.requirement for counter in self.counters):
                 if item.metric == name and item.name in self._margins:
                     self._margins[item.name].add(margins(x, item))
         for worst, column in zip(self.audits.values(), columns[len(self._moments) :], strict=True):
             worst.add(column[ok], numbers)
 
     def merge(self, others: "_BlockCounters") -> None:
-        """Take what does not depend on grains of cases that come next."""
+        """Add what does not depend on blocks, of cases that follow."""
         self.by_code += others.by_code
         for label, numbers in others.failed.items():
             self._name(label, np.array(numbers, dtype=np.int64))
-        for own, tally in zip(self.tallies, others.tallies, strict=True):
-            own.merge(tally)
+        for own, counter in zip(self.counters, others.counters, strict=True):
+            own.merge(counter)
         for name, worst in self.audits.items():
             worst.merge(others.audits[name])
 
     def state(self) -> list[np.ndarray]:
-        """What it holds besides what is given to it, for `restore`."""
+        """Return the state without that of the accumulators passed to it, as arrays for
+        `restore`."""
         named = [[_LABELS.index(label), *numbers] for label, numbers in self.failed.items()]
         own = [self.by_code, [len(named)], *named]
-        tallied = [array for tally in self.tallies for array in tally.state()]
+        tallied = [array for counter in self.counters for array in counter.state()]
         return [*(np.array(one, dtype=float) for one in own), *tallied]
 
     def restore(self, arrays: Arrays) -> None:
-        """Hold what another one held."""
+        """Load the state returned by `state`."""
         self.by_code[:] = next(arrays)
         for _ in range(int(next(arrays)[0])):
             label, *numbers = next(arrays).astype(np.int64).tolist()
             self.failed[_LABELS[label]] = numbers
-        for tally in self.tallies:
-            tally.restore(arrays)
+        for counter in self.counters:
+            counter.restore(arrays)
 
     def _name(self, label: str, numbers: np.ndarray) -> None:
-        """Name cases that ended so, if not enough are named."""
+        """List failed cases of a status, up to `MAX_NAMED`."""
         named = self.failed.setdefault(label, [])
         named += numbers[: MAX_NAMED - len(named)].tolist()
 
 
 class PartialStatistics:
-    """Counts whole grains of cases for a `StreamingStatistics`, which takes them: elsewhere, or
-    later."""
+    """Statistics of whole blocks of cases, for `StreamingStatistics` to merge."""
 
-    def __init__(self, stream: "StreamingStatistics"):
-        self.groups = {name: GroupList() for name in stream.moments}
-        self.sketches = {name: sketch.new_partial() for name, sketch in stream.sketches.items()}
-        self.margins = {name: sketch.new_partial() for name, sketch in stream.margins.items()}
-        audits = {name: worst.new_partial() for name, worst in stream.audits.items()}
-        requirements = [tally.requirement for tally in stream.tallies]
+    def __init__(self, streaming: "StreamingStatistics"):
+        self.groups = {name: GroupList() for name in streaming.moments}
+        self.sketches = {name: sketch.new_partial() for name, sketch in streaming.sketches.items()}
+        self.margins = {name: sketch.new_partial() for name, sketch in streaming.margins.items()}
+        audits = {name: worst.new_partial() for name, worst in streaming.audits.items()}
+        requirements = [counter.requirement for counter in streaming.counters]
         self.counters = _BlockCounters(
             self.groups, self.sketches, self.margins, audits, requirements
         )
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
-        """As `StreamingStatistics.add`; the first one is that of a grain."""
+        """Add cases as `StreamingStatistics.add`; the first one is the first of a block."""
         for first in range(0, len(numbers), ACCUMULATION_BLOCK):
-            grain = slice(first, first + ACCUMULATION_BLOCK)
-            self.counters.add(numbers[grain], codes[grain], columns[:, grain])
+            block = slice(first, first + ACCUMULATION_BLOCK)
+            self.counters.add(numbers[block], codes[block], columns[:, block])
 
 
 class StreamingStatistics:
-    """Takes the cases of a campaign in their order, and gives what `TableStatistics` of
-    `sepmc.analysis.row_statistics` gives: statistics, audit, histograms.
+    """Single-pass counterpart of `sepmc.analysis.row_statistics.TableStatistics`.
 
     Parameters
     ----------
-    outcomes, audits : names of the columns that are added, in their order
-    bounds : bound of each audit column that has one
-    requirements : what verdicts are given on
+    outcomes, audits : sequence of str
+        Names of the columns that are added, in their order.
+    bounds : mapping of audit column to bound
+    requirements : sequence of Requirement
     """
 
     def __init__(
@@ -183,8 +182,8 @@ class StreamingStatistics:
         self._counters = _BlockCounters(
             self.moments, self.sketches, self.margins, self.audits, requirements
         )
-        self.tallies, self.failed = self._counters.tallies, self._counters.failed
-        self._held = np.empty((len(outcomes) + len(audits), ACCUMULATION_BLOCK))
+        self.counters, self.failed = self._counters.counters, self._counters.failed
+        self._buffer = np.empty((len(outcomes) + len(audits), ACCUMULATION_BLOCK))
         self._numbers, self._codes, self._filled = (
             np.empty(ACCUMULATION_BLOCK, dtype=np.int64),
             np.empty(ACCUMULATION_BLOCK, dtype=np.int64),
@@ -192,11 +191,11 @@ class StreamingStatistics:
         )
 
     def new_partial(self) -> PartialStatistics:
-        """What counts cases for this one to `merge`."""
+        """Return an accumulator of other cases, to `merge` later."""
         return PartialStatistics(self)
 
     def merge(self, others: PartialStatistics) -> None:
-        """Take cases that come next, after whole grains, counted by what was made with `apart`."""
+        """Add cases that follow, counted by a `new_partial` after whole blocks."""
         assert self._filled == 0
         for name, moments in self.moments.items():
             for group in others.groups[name]:
@@ -208,68 +207,70 @@ class StreamingStatistics:
         self._counters.merge(others.counters)
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
-        """Take cases: their numbers and status codes, shape (n,), and columns, shape (k, n), each
-        row contiguous."""
-        done, count = 0, len(numbers)
-        while done < count:
-            if (
-                self._filled == 0 and count - done >= ACCUMULATION_BLOCK
-            ):  # whole grains need no copy
+        """Add case numbers and status codes (n,), and columns (k, n) with contiguous rows."""
+        begin, count = 0, len(numbers)
+        while begin < count:
+            # whole blocks need no copy
+            if self._filled == 0 and count - begin >= ACCUMULATION_BLOCK:
                 self._counters.add(
-                    numbers[done : done + ACCUMULATION_BLOCK],
-                    codes[done : done + ACCUMULATION_BLOCK],
-                    columns[:, done : done + ACCUMULATION_BLOCK],
+                    numbers[begin : begin + ACCUMULATION_BLOCK],
+                    codes[begin : begin + ACCUMULATION_BLOCK],
+                    columns[:, begin : begin + ACCUMULATION_BLOCK],
                 )
-                done += ACCUMULATION_BLOCK
+                begin += ACCUMULATION_BLOCK
                 continue
-            part = min(ACCUMULATION_BLOCK - self._filled, count - done)
-            here, there = slice(self._filled, self._filled + part), slice(done, done + part)
-            self._numbers[here], self._codes[here], self._held[:, here] = (
-                numbers[there],
-                codes[there],
-                columns[:, there],
-            )
-            self._filled, done = self._filled + part, done + part
+            length = min(ACCUMULATION_BLOCK - self._filled, count - begin)
+            target = slice(self._filled, self._filled + length)
+            source = slice(begin, begin + length)
+            self._numbers[target], self._codes[target] = numbers[source], codes[source]
+            self._buffer[:, target] = columns[:, source]
+            self._filled, begin = self._filled + length, begin + length
             if self._filled == ACCUMULATION_BLOCK:
                 self._flush()
 
     def state(self) -> list[np.ndarray]:
-        """What it holds, for `restore`."""
-        held = slice(0, self._filled)
-        waiting = self._numbers[held], self._codes[held], self._held[:, held].ravel()
-        own = [array for part in self._parts for array in part.state()]
-        return [*(array.astype(float) for array in waiting), *own]
+        """Return the state as arrays for `restore`."""
+        filled = slice(0, self._filled)
+        buffered = self._numbers[filled], self._codes[filled], self._buffer[:, filled].ravel()
+        arrays = [array for one in self._accumulators for array in one.state()]
+        return [*(array.astype(float) for array in buffered), *arrays]
 
     def restore(self, arrays: Arrays) -> None:
-        """Hold what another one held, of the same outcomes and requirements. Raises ValueError if
-        that cannot be."""
+        """Load the state returned by `state`, of the same outcomes and requirements.
+
+        Raises
+        ------
+        ValueError
+            If the arrays do not fit.
+        """
         try:
             numbers, codes, columns = next(arrays), next(arrays), next(arrays)
             self._filled = len(numbers)
-            held = slice(0, self._filled)
+            filled = slice(0, self._filled)
             if not np.isin(codes, np.arange(len(self._counters.by_code))).all():
-                raise ValueError("what is counted has a status that is none")
-            self._numbers[held], self._codes[held] = numbers, codes
-            self._held[:, held] = columns.reshape(len(self._held), -1)
-            for part in self._parts:
-                part.restore(arrays)
+                raise ValueError("the accumulator state contains an invalid status")
+            self._numbers[filled], self._codes[filled] = numbers, codes
+            self._buffer[:, filled] = columns.reshape(len(self._buffer), -1)
+            for accumulator in self._accumulators:
+                accumulator.restore(arrays)
         except (StopIteration, LookupError, ArithmeticError, TypeError) as error:
-            raise ValueError(f"what is counted cannot be read: {error}") from None
+            raise ValueError(f"the accumulator state cannot be read: {error}") from None
 
     @property
-    def _parts(self) -> list[Any]:
-        counted = (self.moments, self.sketches, self.margins, self.audits)
-        return [*(one for each in counted for one in each.values()), self._counters]
+    def _accumulators(self) -> list[Any]:
+        """All accumulators in the order of the state."""
+        groups = (self.moments, self.sketches, self.margins, self.audits)
+        return [*(one for group in groups for one in group.values()), self._counters]
 
     def _flush(self) -> None:
-        """Take what is held, a grain or the last part of one."""
+        """Add the buffered cases, a block or the last part of one."""
         count, self._filled = self._filled, 0
         if count:
-            self._counters.add(self._numbers[:count], self._codes[:count], self._held[:, :count])
+            self._counters.add(self._numbers[:count], self._codes[:count], self._buffer[:, :count])
 
     @property
     def counts(self) -> dict[str, int]:
-        """Cases of each status: ok first, then the failures, most frequent first."""
+        """Cases of each status: ok first, then the others by frequency."""
         self._flush()
         failures = [
             (int(self._counters.by_code[status]), status.label)
@@ -284,7 +285,7 @@ class StreamingStatistics:
         reference: Mapping[str, Mapping[str, float]] | None = None,
         confidence: float = CONFIDENCE,
     ) -> pd.DataFrame:
-        """As `sepmc.analysis.statistics.statistics`; percentiles are those of a
+        """Return the table of `sepmc.analysis.statistics.statistics`; percentiles are those of a
         `QuantileSketch`."""
         self._flush()
         percents = list(PERCENTILES.values())
@@ -297,32 +298,36 @@ class StreamingStatistics:
         return statistics_table(rows, list(self.moments), reference)
 
     def audit(self) -> pd.DataFrame:
-        """As `sepmc.analysis.statistics.audit`."""
+        """Return the table of `sepmc.analysis.statistics.audit`."""
         self._flush()
         return audit_table(self.audits)
 
     def verdicts(
         self, errors: Errors, audit: pd.DataFrame, sampler: str = "random"
     ) -> list[Verdict]:
-        """As `sepmc.analysis.row_statistics.TableStatistics.verdicts`; design values are those of a
-        `QuantileSketch`."""
+        """Return the verdicts as `sepmc.analysis.row_statistics.TableStatistics.verdicts`; design
+        values are those of a `QuantileSketch`."""
         why = no_verdict_reason(audit, sampler)
-        return [judge(t, errors, self._design(t), why, self._lacking(t)) for t in self.tallies]
+        return [
+            judge(counter, errors, self._design(counter), why, self._lacking(counter))
+            for counter in self.counters
+        ]
 
-    def _lacking(self, tally: RequirementCounter) -> int:
-        """How many ok cases do not have the outcome that a requirement is on."""
-        known = self.moments.get(tally.requirement.metric)
-        return 0 if known is None else int(self._counters.by_code[Status.OK]) - known.n
+    def _lacking(self, counter: RequirementCounter) -> int:
+        """Return the number of ok cases without the outcome of a requirement."""
+        accumulator = self.moments.get(counter.requirement.metric)
+        return 0 if accumulator is None else int(self._counters.by_code[Status.OK]) - accumulator.n
 
-    def _design(self, tally: RequirementCounter) -> float:
-        name = tally.requirement.metric
+    def _design(self, counter: RequirementCounter) -> float:
+        """Return the design value of a requirement, NaN if there is none."""
+        name = counter.requirement.metric
         if name not in self.moments:
             return float("nan")
-        known = self.margins.get(tally.requirement.name, self.sketches[name])
-        return design_value(tally, self.moments[name].n, known.ranked)
+        accumulator = self.margins.get(counter.requirement.name, self.sketches[name])
+        return design_value(counter, self.moments[name].n, accumulator.ranked)
 
     def histogram(self, name: str) -> Histogram | None:
-        """Histogram of an outcome, or None if it has no value or an infinite one."""
+        """Return the histogram of an outcome, or None if it has no value or an infinite one."""
         self._flush()
         row = {"mean": np.nan, "sigma": np.nan} | self.moments[name].row()
         if not row["n"] or not np.isfinite(row["mean"]):

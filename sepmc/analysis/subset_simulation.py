@@ -1,13 +1,13 @@
-"""Probabilities too small to count: subset simulation over independent standard normal variables.
+"""Subset simulation: probabilities too small to count, over independent standard normal variables.
 
-A case violates if its margin is below zero. Trial chains go down in levels, each with a tenth of
-the cases of the one before (Au and Beck, Probabilistic Engineering Mechanics 16 (2001) 263), by
-conditional moves whose size adapts (Papaioannou, Betz, Zwirglmaier and Straub, Probabilistic
-Engineering Mechanics 41 (2015) 89). They leave thresholds and sizes of moves only. With these,
-fixed, independent replicas start anew: every level takes as many of the cases within it, at random,
-as it has chains, and keeps all states of the chains (Dau and Chopin, J. R. Stat. Soc. B 84 (2022)
-114). So the product of the shares is an unbiased estimate of the probability, however well the
-chains mix, and the interval rests on the spread of independent estimates alone.
+A case violates if its margin is negative. Trial chains descend in levels, each with a tenth of the
+cases of the one before (Au and Beck, Probabilistic Engineering Mechanics 16 (2001) 263), by
+conditional moves of adaptive size (Papaioannou, Betz, Zwirglmaier and Straub, Probabilistic
+Engineering Mechanics 41 (2015) 89). They give thresholds and step sizes only. With these fixed,
+independent replicas start anew: every level resamples as many of the cases within it as it has
+chains, and keeps all states of the chains (Dau and Chopin, J. R. Stat. Soc. B 84 (2022) 114). So
+the product of the fractions is an unbiased estimate of the probability, however well the chains
+mix, and the interval rests on the spread of independent estimates alone.
 """
 
 import math
@@ -17,33 +17,31 @@ from typing import Self
 
 import numpy as np
 
-from sepmc.analysis.proportions import CONFIDENCE
-from sepmc.analysis.proportions import binomial_interval as of_shares
+from sepmc.analysis.proportions import CONFIDENCE, binomial_interval
 from sepmc.analysis.statistics import TWO_SIDED
 
-REPLICAS = 10  # twenty, each of half the size: 92 to 96 % of intervals hold, not 94 to 97 %
-LENGTH = 10  # states of a chain; a tenth of the cases go on. A fifth of them: 4 % more spread
-_ACCEPTED = 0.44  # of the moves of trial chains: Papaioannou et al., section 3.3
+REPLICAS = 10  # coverage 94 to 97 %; with twenty of half the size 92 to 96 %
+LENGTH = 10  # states of a chain, 1 / fraction of seeds; with a fifth as seeds 4 % more spread
+_ACCEPTED = 0.44  # acceptance rate of trial chains: Papaioannou et al., section 3.3
 _FIRST_STEP = 0.6
-_MOST_LEVELS = 16  # 1e-16: beyond, numbers below 1 have no digits for probabilities
-_TRIALS = (300, 3000)  # cases of a level of trial chains, at least and at most
-_LEAST = 100  # cases of a level of a replica
-_SHARED = 0.5  # of the trial cases within the bound have no margin: these hide the others
-_APART = 0.8  # relative spread of replicas: 0.35 where all is well, with 1e5 flights for 1e-6
-_HARDLY = 0.15  # of the moves accepted
-_FEW = 5  # first cases a replica from which all that violate come; some 20 where all is well
+_MAX_LEVELS = 16  # a probability of 1e-16, the resolution of floats near 1
+_TRIAL_CASES = (300, 3000)  # cases of a level of trial chains, at least and at most
+_MIN_CASES = 100  # smallest number of cases of a level of a replica
+_MAX_UNKNOWN = 0.5  # largest fraction of trial cases beyond the bound without a margin
+_MAX_SPREAD = 0.8  # relative spread of replicas: typically 0.35, with 1e5 flights for 1e-6
+_MIN_ACCEPTED = 0.15  # smallest acceptance rate without a warning
+_MIN_ORIGINS = 5  # ancestors of violating cases per replica; typically 20
 
-# from scores (n, d) to margins (n,), NaN where a case has none, and what is to be told of each case
-# (n, k)
+# maps scores (n, d) to margins (n,), NaN where a case has none, and records (n, k)
 LimitFunction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-NamedGenerator = Callable[[str], np.random.Generator]  # by the name of what it is for
+NamedGenerator = Callable[[str], np.random.Generator]  # random generators by name
 
 
 @dataclass(frozen=True)
 class ChainStates:
-    """Cases that chains stand at: ``scores`` (n, d), ``margin`` (n,), what is ``records`` of them
-    (n, k), the ``number`` (n,) of the flight, the ``level`` (n,) it was flown for, and the place
-    (n,) of the first case, its ``origin``."""
+    """States of chains: ``scores`` (n, d), ``margin`` (n,), ``records`` (n, k), ``number`` (n,) of
+    the flight, ``level`` (n,) it was flown for, and ``origin`` (n,), the index of the first
+    ancestor."""
 
     scores: np.ndarray
     margin: np.ndarray
@@ -52,27 +50,29 @@ class ChainStates:
     level: np.ndarray
     origin: np.ndarray
 
-    def at(self, places: np.ndarray) -> Self:
-        """Those at some places, in that order."""
-        return type(self)(*(getattr(self, f.name)[places] for f in fields(self)))
+    def at(self, indices: np.ndarray) -> Self:
+        """Return the states at indices, in that order."""
+        return type(self)(*(getattr(self, f.name)[indices] for f in fields(self)))
 
     def moved(self, to: Self, accepted: np.ndarray) -> Self:
-        """Where chains stand after a move, which some of them (n,) accept."""
+        """Return the states after a move, which some of them (n,) accept."""
         pairs = ((getattr(self, f.name), getattr(to, f.name)) for f in fields(self))
         choice = (np.where(accepted if a.ndim == 1 else accepted[:, None], b, a) for a, b in pairs)
         return type(self)(*choice)
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """Parts one after the other."""
-        return cls(*(np.concatenate([getattr(one, f.name) for one in parts]) for f in fields(cls)))
+    def joined(cls, states: Sequence[Self]) -> Self:
+        """Concatenate states."""
+        return cls(*(np.concatenate([getattr(one, f.name) for one in states]) for f in fields(cls)))
 
 
 @dataclass(frozen=True)
 class LevelSchedule:
-    """The way down: ``thresholds`` of the margin, and the sizes of moves (d,) within each. Cases
-    without a margin count as ``worst``. ``known`` and ``unknown``: trial cases that violate at the
-    end, and that have no margin there; ``reached``: whether the bound was."""
+    """Thresholds of the levels, and step sizes (d,) within each.
+
+    Cases without a margin count as ``worst``. ``known`` and ``unknown`` are the numbers of trial
+    cases at the end that violate and that have no margin; ``reached`` is True if the bound was.
+    """
 
     thresholds: list[float]
     steps: list[np.ndarray]
@@ -84,10 +84,23 @@ class LevelSchedule:
 
 @dataclass(frozen=True)
 class Level:
-    """A level: its ``threshold`` of the margin, the last one 0; the share of cases of the level
-    before that come so far, its ``probability``, and the share of all, ``reached``, by replica too
-    (r,); the share of moves accepted in the level before (NaN: it has none), and how many different
-    cases within the threshold there were to go on from."""
+    """A level of the replicas.
+
+    Parameters
+    ----------
+    threshold : float
+        Of the margin; 0 at the last level.
+    probability : float
+        Fraction of the cases of the level before that reach it.
+    reached : float
+        Fraction of all cases that reach it.
+    replicas : ndarray, shape (r,)
+        ``reached`` by replica.
+    acceptance : float
+        Acceptance rate in the level before; NaN for the first.
+    seeds : int
+        Distinct cases within the threshold.
+    """
 
     threshold: float
     probability: float
@@ -99,10 +112,23 @@ class Level:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What replicas say, (r,) each: ``known``, the probability of a margin below zero, and
-    ``unknown``, that of no margin (0 if these are kept out). ``last`` are the cases of the last
-    level, of a ``replica`` (n,) and with a ``weight`` (n,) each: the weights of those that violate
-    add up to the estimate. ``origins``: first cases from which all that violate come."""
+    """Estimate of a probability from independent replicas.
+
+    Parameters
+    ----------
+    known, unknown : ndarray, shape (r,)
+        Probability of a negative margin, and of no margin (0 if these are excluded), by replica.
+    levels : tuple of Level
+    last : ChainStates
+        Cases of the last level, with their ``replica`` (n,) and ``weight`` (n,); the weights of
+        violating cases add up to the estimate.
+    origins : int
+        First ancestors of the violating cases.
+    size : int
+        Cases of a level of a replica.
+    reached : bool
+        True if the trial chains reached the bound.
+    """
 
     known: np.ndarray
     unknown: np.ndarray
@@ -116,204 +142,214 @@ class Estimate:
 
     @property
     def probability(self) -> float:
-        """Of a margin below zero."""
+        """Probability of a negative margin."""
         return float(self.known.mean())
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval of the probability of a margin below zero."""
+        """95 % interval of the probability of a negative margin."""
         return self._interval(self.known)
 
     @property
     def interval_with_unknown(self) -> tuple[float, float]:
-        """95 % interval of the probability of a margin below zero, or none."""
+        """95 % interval of the probability of a negative margin, or none."""
         return self._interval(self.known + self.unknown)
 
-    def _interval(self, found: np.ndarray) -> tuple[float, float]:
-        if len(self.levels) == 1:  # plain cases, which can be counted
-            cases = self.size * len(found)
-            return of_shares(round(float(found.mean()) * cases), cases)
-        if not found.any():  # no more than come to the last threshold that any came to
+    def _interval(self, estimates: np.ndarray) -> tuple[float, float]:
+        """Return the 95 % interval of estimates (r,)."""
+        if len(self.levels) == 1:  # direct Monte Carlo
+            cases = self.size * len(estimates)
+            return binomial_interval(round(float(estimates.mean()) * cases), cases)
+        if not estimates.any():  # bounded by the probability of the last threshold reached
             reached = [level.replicas for level in self.levels if level.reached > 0.0]
             return 0.0, mean_interval(reached[-1])[1] if reached else 1.0
-        return mean_interval(found)
+        return mean_interval(estimates)
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the replicas, as a share of their mean; NaN if that is 0."""
+        """Standard deviation of the replicas relative to their mean; NaN if that is 0."""
         mean = self.probability
         return float(self.known.std(ddof=1)) / mean if mean else math.nan
 
 
-def mean_interval(found: np.ndarray, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Interval of a mean of independent estimates (r,) of a positive number, some above 0.
+def mean_interval(estimates: np.ndarray, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Return the interval of the mean of independent positive estimates (r,).
 
-    Their mean times exp(+-t s), with Student's t of r - 1 and the standard error s of the mean as a
-    share of it: estimates scatter as their logarithms do. Coverage: `tests/measure/rare.py`.
+    The mean times exp(+-t s), with Student's t of r - 1 degrees of freedom and the relative
+    standard error s of the mean: estimates scatter as their logarithms do. Coverage:
+    `tests/measure/rare.py`.
     """
     from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s that other commands do not need)
 
-    count, mean = len(found), float(found.mean())
-    error = float(found.std(ddof=1)) / math.sqrt(count) / mean
-    reach = float(stdtrit(count - 1, 0.5 + 0.5 * confidence)) * error
-    return mean * math.exp(-reach), min(1.0, mean * math.exp(reach))
+    count, mean = len(estimates), float(estimates.mean())
+    error = float(estimates.std(ddof=1)) / math.sqrt(count) / mean
+    half_width = float(stdtrit(count - 1, 0.5 + 0.5 * confidence)) * error
+    return mean * math.exp(-half_width), min(1.0, mean * math.exp(half_width))
 
 
 def equivalent_direct_cases(probability: float, interval: tuple[float, float]) -> float:
-    """How many cases that are counted would give an interval as narrow, in the logarithm; NaN if it
-    begins or ends at 0."""
+    """Return the number of direct Monte Carlo cases that give an interval as narrow in the
+    logarithm; NaN if an end is 0."""
     low, high = interval
     if not 0.0 < low < high:
         return math.nan
-    half = 0.5 * math.log(high / low) / TWO_SIDED
-    return (1.0 - probability) / probability / half**2
+    sigma = 0.5 * math.log(high / low) / TWO_SIDED
+    return (1.0 - probability) / probability / sigma**2
 
 
 def estimate(
-    limit: LimitFunction, dimensions: int, random: NamedGenerator, most: int
+    limit: LimitFunction, dimensions: int, random: NamedGenerator, max_flights: int
 ) -> tuple[Estimate, Estimate, int]:
-    """The probability that the margin is below zero.
+    """Estimate the probability of a negative margin.
 
     Parameters
     ----------
-    limit : what gives margins
-    dimensions : of the scores, independent standard normal variables
-    random : generators by name; a name that was asked for before starts anew
-    most : flights allowed
+    limit : LimitFunction
+    dimensions : int
+        Number of scores, independent standard normal variables.
+    random : NamedGenerator
+        A name that was used before starts anew.
+    max_flights : int
 
     Returns
     -------
     known, all_of : Estimate
-        Of the cases that violate, and of these and those without a margin: the same, unless the
-        latter are so many that they hide the others.
+        Of violating cases, and of these and those without a margin: the same, unless the latter are
+        so many that they hide the others.
     flights : int
     """
-    flown = _FlightCounter(limit)
-    trials = LENGTH * round(min(max(most // 100, _TRIALS[0]), _TRIALS[1]) / LENGTH)
-    depth = _depth(most, trials)
-    courses = [_levels(flown, dimensions, random("levels"), trials, depth, -math.inf)]
-    if courses[0].unknown > _SHARED * (courses[0].known + courses[0].unknown):
-        own, depth = random("levels without unknown"), _depth((most - flown.count) // 2, trials)
-        courses.insert(0, _levels(flown, dimensions, own, trials, depth, math.inf))
-    for_each = (most - flown.count) // len(courses)
-    found = [
-        _replicas(flown, dimensions, random, _size(course, for_each), course) for course in courses
+    counter = _FlightCounter(limit)
+    trial_cases = LENGTH * round(float(np.clip(max_flights // 100, *_TRIAL_CASES)) / LENGTH)
+    depth = _depth(max_flights, trial_cases)
+    schedules = [_levels(counter, dimensions, random("levels"), trial_cases, depth, -math.inf)]
+    if schedules[0].unknown > _MAX_UNKNOWN * (schedules[0].known + schedules[0].unknown):
+        generator = random("levels without unknown")
+        depth = _depth((max_flights - counter.count) // 2, trial_cases)
+        schedules.insert(0, _levels(counter, dimensions, generator, trial_cases, depth, math.inf))
+    per_schedule = (max_flights - counter.count) // len(schedules)
+    estimates = [
+        _replicas(counter, dimensions, random, _level_size(schedule, per_schedule), schedule)
+        for schedule in schedules
     ]
-    return found[0], found[-1], flown.count
+    return estimates[0], estimates[-1], counter.count
 
 
-def _depth(flights: int, trials: int) -> int:
-    """How many levels so many flights can go down, if trial chains have so many cases a level."""
-    levels = (flights / (trials + _LEAST * REPLICAS) - 1.0) / (1.0 - 1.0 / LENGTH)
-    return max(0, min(_MOST_LEVELS, int(levels)))
+def _depth(flights: int, trial_cases: int) -> int:
+    """Return the number of levels that ``flights`` allow."""
+    levels = (flights / (trial_cases + _MIN_CASES * REPLICAS) - 1.0) / (1.0 - 1.0 / LENGTH)
+    return max(0, min(_MAX_LEVELS, int(levels)))
 
 
-def estimate_warnings(found: Estimate) -> list[str]:
-    """Sentences on what makes an estimate doubtful."""
-    said, low, high = [], float(found.known.min()), float(found.known.max())
-    if not found.reached:
-        threshold = found.levels[-2].threshold if len(found.levels) > 1 else math.inf
+def estimate_warnings(estimate: Estimate) -> list[str]:
+    """Return warnings on a doubtful estimate."""
+    warnings, low, high = [], float(estimate.known.min()), float(estimate.known.max())
+    if not estimate.reached:
+        threshold = estimate.levels[-2].threshold if len(estimate.levels) > 1 else math.inf
         margin = f" a margin of {threshold:.4g}" if math.isfinite(threshold) else " all cases"
-        said.append(
-            f"few cases violate of those that trial chains came to, within{margin}: more flights "
-            "may tell it better"
-            if found.known.any()
-            else f"trial chains did not come beyond the bound, only to{margin}: it may never be "
-            "violated, jump there, or take more flights"
+        warnings.append(
+            f"few of the cases that trial chains reached violate, within{margin}: more flights "
+            "may improve the estimate"
+            if estimate.known.any()
+            else f"trial chains did not reach the bound, only{margin}: it may be out of reach, lie "
+            "at a jump of the margin, or take more flights"
         )
-    if found.known.any() and len(found.levels) > 1:
-        if low == 0.0 or found.spread > _APART:
-            said.append(
+    if estimate.known.any() and len(estimate.levels) > 1:
+        if low == 0.0 or estimate.spread > _MAX_SPREAD:
+            warnings.append(
                 f"replicas disagree, from {low:.2e} to {high:.2e}: the interval may be too narrow, "
-                "as some may not have found all ways to violate; allow more flights"
+                "as some may have missed a failure mode; allow more flights"
             )
-        if found.origins < _FEW * len(found.known):
-            said.append(
-                f"all cases that violate come from {found.origins} first cases in "
-                f"{len(found.known)} replicas: allow more flights"
+        if estimate.origins < _MIN_ORIGINS * len(estimate.known):
+            warnings.append(
+                f"all violating cases descend from {estimate.origins} first cases in "
+                f"{len(estimate.known)} replicas: allow more flights"
             )
     stuck = [
         f"{level.acceptance:.2f} at a margin of {level.threshold:.4g}"
-        for level in found.levels
-        if level.acceptance < _HARDLY
+        for level in estimate.levels
+        if level.acceptance < _MIN_ACCEPTED
     ]
     if stuck:
-        said.append(f"chains hardly move: of their moves they accept {', '.join(stuck)}")
-    return said
+        warnings.append(f"chains hardly move: their acceptance rate is {', '.join(stuck)}")
+    return warnings
 
 
 class _FlightCounter:
-    """Flies, and numbers what is flown."""
+    """Evaluates the limit function and numbers its evaluations."""
 
     def __init__(self, limit: LimitFunction):
         self.limit, self.count = limit, 0
 
-    def fly(self, scores: np.ndarray, level: int, origin: np.ndarray) -> ChainStates:
+    def evaluate(self, scores: np.ndarray, level: int, origin: np.ndarray) -> ChainStates:
+        """Return the states of scores (n, d)."""
         margin, records = self.limit(scores)
         number = np.arange(self.count, self.count + len(scores))
         self.count += len(scores)
         return ChainStates(scores, margin, records, number, np.full(len(scores), level), origin)
 
 
-def _order(states: ChainStates, worst: float) -> np.ndarray:
-    """Margins (n,), and ``worst`` of what has none."""
+def _ordering(states: ChainStates, worst: float) -> np.ndarray:
+    """Return the margins (n,), ``worst`` where there is none."""
     return np.where(np.isnan(states.margin), worst, states.margin)
 
 
 def _levels(
-    flown: _FlightCounter,
+    flights: _FlightCounter,
     dimensions: int,
     random: np.random.Generator,
     size: int,
     depth: int,
     worst: float,
 ) -> LevelSchedule:
-    """The way down that trial chains find, with so many cases a level, and so many levels at
-    most."""
-    states = flown.fly(random.standard_normal((size, dimensions)), 0, np.arange(size))
+    """Find thresholds and step sizes with trial chains of ``size`` cases a level, at most ``depth``
+    levels."""
+    states = flights.evaluate(random.standard_normal((size, dimensions)), 0, np.arange(size))
     thresholds: list[float] = []
     steps: list[np.ndarray] = []
     scale, chains = _FIRST_STEP, size // LENGTH
     while True:
-        order = _order(states, worst)
-        unknown, known = np.isnan(states.margin).sum(), np.count_nonzero(states.margin < 0.0)
-        reached = np.count_nonzero(order < 0.0) >= chains
-        threshold = None if reached else _next(order, chains, thresholds)
+        ordering = _ordering(states, worst)
+        n_unknown, n_known = np.isnan(states.margin).sum(), np.count_nonzero(states.margin < 0.0)
+        reached = np.count_nonzero(ordering < 0.0) >= chains
+        threshold = None if reached else _next_threshold(ordering, chains, thresholds)
         if threshold is None or len(thresholds) == depth:
-            return LevelSchedule(thresholds, steps, worst, int(known), int(unknown), bool(reached))
+            return LevelSchedule(
+                thresholds, steps, worst, int(n_known), int(n_unknown), bool(reached)
+            )
         thresholds.append(threshold)
-        seeds = states.at(_drawn(np.flatnonzero(order <= threshold), chains, random))
-        own = seeds.scores.std(axis=0)
-        parts = [seeds]
+        seeds = states.at(_resample(np.flatnonzero(ordering <= threshold), chains, random))
+        sigma = seeds.scores.std(axis=0)
+        chain = [seeds]
         for k in range(1, LENGTH):
-            step = np.minimum(1.0, scale * own)
+            step = np.minimum(1.0, scale * sigma)
             noise = random.standard_normal(seeds.scores.shape)
-            states, accepted = _moved(flown, parts[-1], step, noise, threshold, worst, len(steps))
-            parts.append(states)
+            states, accepted = _moved(flights, chain[-1], step, noise, threshold, worst, len(steps))
+            chain.append(states)
             scale *= math.exp((accepted - _ACCEPTED) / math.sqrt(k))
-        steps.append(np.minimum(1.0, scale * own))
-        states = ChainStates.joined(parts)
+        steps.append(np.minimum(1.0, scale * sigma))
+        states = ChainStates.joined(chain)
 
 
-def _next(order: np.ndarray, chains: int, before: list[float]) -> float | None:
-    """The threshold that so many cases come to, beyond those ``before``; None if there is none."""
-    rising = np.sort(order)
-    last = before[-1] if before else rising[-1]  # what all come to is no level
-    if rising[chains - 1] < last:
-        return max(0.0, float(rising[chains - 1]))
-    beyond = rising[rising < last]  # many cases are alike
+def _next_threshold(ordering: np.ndarray, chains: int, before: list[float]) -> float | None:
+    """Return the threshold that ``chains`` cases reach, beyond those ``before``; None if there is
+    none."""
+    ascending = np.sort(ordering)
+    last = before[-1] if before else ascending[-1]  # a threshold that all cases reach is no level
+    if ascending[chains - 1] < last:
+        return max(0.0, float(ascending[chains - 1]))
+    beyond = ascending[ascending < last]  # many cases are equal
     return max(0.0, float(beyond[-1])) if len(beyond) and beyond[-1] >= 0.0 else None
 
 
-def _drawn(places: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
-    """So many of the places, each as often as the others, as far as that goes."""
-    whole, rest = divmod(count, len(places))
-    some = random.permutation(places)[:rest]
-    return np.concatenate([np.tile(places, whole), some])
+def _resample(indices: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
+    """Resample ``count`` of the indices, each as often as possible equally."""
+    whole, remainder = divmod(count, len(indices))
+    extra = random.permutation(indices)[:remainder]
+    return np.concatenate([np.tile(indices, whole), extra])
 
 
 def _moved(
-    flown: _FlightCounter,
+    flights: _FlightCounter,
     states: ChainStates,
     step: np.ndarray,
     noise: np.ndarray,
@@ -321,59 +357,66 @@ def _moved(
     worst: float,
     level: int,
 ) -> tuple[ChainStates, float]:
-    """Where chains stand after a conditional move of size ``step`` (d,), and the share accepted:
-    all that is within the threshold, as the move leaves the normal law as it is."""
+    """Make a conditional move of size ``step`` (d,), which preserves the normal distribution; all
+    moves within the threshold are accepted. Return states and acceptance rate."""
     scores = np.sqrt(1.0 - step**2) * states.scores + step * noise
-    to = flown.fly(scores, level + 1, states.origin)
-    accepted = _order(to, worst) <= threshold
-    return states.moved(to, accepted), float(accepted.mean())
+    proposed = flights.evaluate(scores, level + 1, states.origin)
+    accepted = _ordering(proposed, worst) <= threshold
+    return states.moved(proposed, accepted), float(accepted.mean())
 
 
-def _size(course: LevelSchedule, flights: int) -> int:
-    """Cases of a level of a replica, of so many flights in all: seeds are flown already."""
-    of_each = 1.0 + len(course.thresholds) * (1.0 - 1.0 / LENGTH)
-    return LENGTH * max(1, int(flights / REPLICAS / of_each / LENGTH))
+def _level_size(schedule: LevelSchedule, flights: int) -> int:
+    """Return the cases of a level of a replica for a number of flights; seeds are not flown
+    again."""
+    cases_per_seed = 1.0 + len(schedule.thresholds) * (1.0 - 1.0 / LENGTH)
+    return LENGTH * max(1, int(flights / REPLICAS / cases_per_seed / LENGTH))
 
 
 def _replicas(
-    flown: _FlightCounter, dimensions: int, random: NamedGenerator, size: int, course: LevelSchedule
+    flights: _FlightCounter,
+    dimensions: int,
+    random: NamedGenerator,
+    size: int,
+    schedule: LevelSchedule,
 ) -> Estimate:
-    """Go down a course by independent replicas, of so many cases a level each, side by side."""
-    apart = "" if course.worst < 0.0 else " without unknown"
-    each = [random(f"replica {k}{apart}") for k in range(REPLICAS)]
+    """Run the replicas side by side through a schedule, ``size`` cases a level each."""
+    suffix = "" if schedule.worst < 0.0 else " without unknown"
+    generators = [random(f"replica {k}{suffix}") for k in range(REPLICAS)]
     chains, reached = size // LENGTH, np.ones(REPLICAS)
 
     def noise(count: int) -> np.ndarray:
-        return np.concatenate([one.standard_normal((count, dimensions)) for one in each])
+        return np.concatenate([one.standard_normal((count, dimensions)) for one in generators])
 
-    states = flown.fly(noise(size), 0, np.arange(size * REPLICAS))
+    states = flights.evaluate(noise(size), 0, np.arange(size * REPLICAS))
     replica = np.repeat(np.arange(REPLICAS), size)
     levels: list[Level] = []
     acceptance = math.nan
-    for number, (threshold, step) in enumerate(zip(course.thresholds, course.steps, strict=True)):
-        order = _order(states, course.worst)
-        within = order <= threshold
+    for number, (threshold, step) in enumerate(
+        zip(schedule.thresholds, schedule.steps, strict=True)
+    ):
+        ordering = _ordering(states, schedule.worst)
+        within = ordering <= threshold
         reached = reached * np.bincount(replica, within, REPLICAS) / size
         levels.append(_level(threshold, states, within, reached, levels, acceptance))
-        places = []
-        for k, one in enumerate(each):
+        indices = []
+        for k, generator in enumerate(generators):
             own = np.flatnonzero(within & (replica == k))
-            if not len(own):  # it estimates 0; its chains stand still
+            if not len(own):  # estimate 0: its chains stay
                 own = np.flatnonzero(replica == k)
-            places.append(_drawn(own, chains, one))
-        parts, moves = [states.at(np.concatenate(places))], []
+            indices.append(_resample(own, chains, generator))
+        chain, acceptances = [states.at(np.concatenate(indices))], []
         for _ in range(1, LENGTH):
             after, accepted = _moved(
-                flown, parts[-1], step, noise(chains), threshold, course.worst, number
+                flights, chain[-1], step, noise(chains), threshold, schedule.worst, number
             )
-            parts.append(after)
-            moves.append(accepted)
-        states, acceptance = ChainStates.joined(parts), float(np.mean(moves))
+            chain.append(after)
+            acceptances.append(accepted)
+        states, acceptance = ChainStates.joined(chain), float(np.mean(acceptances))
         replica = np.tile(np.repeat(np.arange(REPLICAS), chains), LENGTH)
     violates = states.margin < 0.0
     known, unknown = (
-        reached * np.bincount(replica, what, REPLICAS) / size
-        for what in (violates, np.isnan(states.margin) & (course.worst < 0.0))
+        reached * np.bincount(replica, mask, REPLICAS) / size
+        for mask in (violates, np.isnan(states.margin) & (schedule.worst < 0.0))
     )
     levels.append(_level(0.0, states, violates, known, levels, acceptance))
     live = violates & (known[replica] > 0.0)
@@ -386,26 +429,26 @@ def _replicas(
         (reached / size / REPLICAS)[replica],
         len(np.unique(states.origin[live])),
         size,
-        course.reached,
+        schedule.reached,
     )
 
 
 def _level(
     threshold: float,
     states: ChainStates,
-    within: np.ndarray,
+    mask: np.ndarray,
     reached: np.ndarray,
-    before: Sequence[Level],
+    levels: Sequence[Level],
     acceptance: float,
 ) -> Level:
-    """A level that some cases (n,) of the one before come to."""
+    """Build the level that some cases (n,) of the one before reach."""
     mean = float(reached.mean())
-    share = before[-1].reached if before else 1.0
+    previous = levels[-1].reached if levels else 1.0
     return Level(
         threshold,
-        mean / share if share else math.nan,
+        mean / previous if previous else math.nan,
         mean,
         reached,
         acceptance,
-        len(np.unique(states.number[within])),
+        len(np.unique(states.number[mask])),
     )

@@ -1,9 +1,8 @@
-"""First-order and total indices of variance, each by an estimator that is valid for how the cases
-were drawn and for what the input is like.
+"""First-order and total variance indices, by estimators valid for the sampler and the input.
 
-The first-order index of an input is Var(E[Y | X]) / Var(Y). Of independent rows it is found from
-the residual variance: cases are put in the order of the input (ties in random order), half the mean
-square difference of outcomes k places apart is extrapolated to k = 0 (Tong and Wang, Biometrika 92,
+The first-order index of an input is Var(E[Y | X]) / Var(Y). For independent rows it follows from
+the residual variance: cases are sorted by the input (ties in random order), half the mean square
+difference of outcomes k positions apart is extrapolated to k = 0 (Tong and Wang, Biometrika 92,
 2005), and the interval follows from the influence function 2 f Y - f^2 - S Y^2 with f = E[Y | X]
 (Da Veiga and Gamboa, J. Nonparametric Statistics 25, 2013).
 """
@@ -21,16 +20,16 @@ BY_ROWS, BY_GROUPS, NONE = "rows", "groups", ""
 
 
 class ValidEstimator(NamedTuple):
-    """Estimator of first-order indices that is valid for a sampler (by groups: of total ones, too),
-    and a sentence on what follows from how the cases were drawn; empty if nothing is to be said."""
+    """Estimator of first-order indices that is valid for a sampler (by groups: total indices, too),
+    and a ``note`` on the cases of that sampler, empty if there is none."""
 
     first: str
-    said: str = ""
+    note: str = ""
 
 
 PATTERNED = (
     "first-order indices are not given: {what} is patterned, and an input without effect can "
-    "take on the effect of two others together; use run.sampler random, lhs or saltelli"
+    "appear to have that of two others together; use run.sampler random, lhs or saltelli"
 )
 # Coverage of 95 % intervals: python tests/measure/sensitivity.py
 ESTIMATORS: Mapping[str, ValidEstimator] = {
@@ -44,68 +43,73 @@ ESTIMATORS: Mapping[str, ValidEstimator] = {
     SOBOL: ValidEstimator(NONE, PATTERNED.format(what="a Sobol sequence")),
     SALTELLI: ValidEstimator(BY_GROUPS),
 }
-# Fourth cumulant of an outcome less the means of its groups, over its squared variance and over the
-# cases, from which on few of them decide its variance: 95 % intervals of indices hold 70 to 91 %,
-# below it 92 % and more (tests/measure/sensitivity.py)
-MOST_TAILED = 0.01
-# samplers whose cases are not independent, so that no test of chance holds for counts of them
+# Largest fourth cumulant of an outcome (less the means of its groups) over its squared variance and
+# over n with which intervals are given: the coverage of 95 % intervals is 92 % and more, above it
+# 70 to 91 % (tests/measure/sensitivity.py)
+MAX_TAIL = 0.01
+# samplers of dependent cases, for which tests of counts are invalid
 PATTERNS = (SOBOL, SALTELLI)
-MOST_LEFT_OUT = 0.05  # of the groups of a Saltelli design, before the rest no longer stand for all
-_LAGS, _LAGS_OF_ROOT = (4, 64), 0.5  # fewest and most places apart; over the root of the cases
+MAX_LEFT_OUT = 0.05  # largest fraction of incomplete groups of a Saltelli design
+_LAG_LIMITS, _LAGS_PER_ROOT = (4, 64), 0.5  # limits of the largest lag; lag over sqrt(n)
 
 
 def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """First-order index of an input of many values, and half of its 95 % interval.
+    """Return the first-order index of an input of many values, and half its 95 % interval.
 
     Parameters
     ----------
     x, y : ndarray, shape (n,)
         Input and outcome of independent cases, in any order.
+
+    Returns
+    -------
+    index, half_width : float
     """
     n = len(y)
-    y = _standard(y[_ordered(x, y)])
-    most = int(np.clip(round(_LAGS_OF_ROOT * np.sqrt(n)), *_LAGS))
-    lags, squares = np.arange(1.0, most + 1.0), np.concatenate(([0.0], np.cumsum(y * y)))
-    apart = np.array(
+    y = _standard(y[_order(x, y)])
+    max_lag = int(np.clip(round(_LAGS_PER_ROOT * np.sqrt(n)), *_LAG_LIMITS))
+    lags, squares = np.arange(1.0, max_lag + 1.0), np.concatenate(([0.0], np.cumsum(y * y)))
+    differences = np.array(
         [
             (squares[n] - squares[k] + squares[n - k] - 2.0 * (y[k:] @ y[:-k])) / (2.0 * (n - k))
-            for k in range(1, most + 1)
+            for k in range(1, max_lag + 1)
         ]
     )
-    # weights that give the value at lag 0 of a line, and of a parabola, through the differences
+    # weights of a line and of a parabola through the differences, extrapolated to lag 0
     line, parabola = (np.linalg.pinv(np.vander(lags, k, increasing=True))[0] for k in (2, 3))
-    index = 1.0 - float(line @ apart)
-    mean = _neighbours(y, most)
-    left = (y - mean) ** 2
-    fourth = float(np.mean(left[1:] * left[:-1]))  # residual variance squared, where it varies too
-    bent, bending = float((parabola - line) @ apart), parabola - line
-    bias = max(bent**2 - 4.0 * fourth * float(bending @ bending) / n, 0.0)
+    index = 1.0 - float(line @ differences)
+    mean = _neighbour_mean(y, max_lag)
+    residual = (y - mean) ** 2
+    # squared residual variance, valid where it varies
+    fourth = float(np.mean(residual[1:] * residual[:-1]))
+    curvature, weights = float((parabola - line) @ differences), parabola - line
+    bias = max(curvature**2 - 4.0 * fourth * float(weights @ weights) / n, 0.0)
     influence = 2.0 * mean * y - mean**2 - index * y * y
-    by_chance = fourth * float(line @ line) / n + bias
-    # what chance in the mean of neighbours adds to the influence
-    return index, _half(influence, 2.0 * fourth / most, by_chance)
+    chance_variance = fourth * float(line @ line) / n + bias
+    # minus the variance that chance in the mean of neighbours adds to the influence
+    return index, _half_width(influence, 2.0 * fourth / max_lag, chance_variance)
 
 
 def grouped_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """First-order index of an input of few values, and half of its 95 % interval: epsilon squared,
-    the variance between groups less what chance gives them (Kelley, PNAS 21, 1935)."""
+    """Return the first-order index of an input of few values, and half its 95 % interval: epsilon
+    squared, the variance between groups corrected for chance (Kelley, PNAS 21, 1935)."""
     n, group, y = len(y), np.unique(x, return_inverse=True)[1], _standard(y)
     size = np.bincount(group)
     mean = np.bincount(group, y) / size
     within = np.bincount(group, (y - mean[group]) ** 2)
     pooled = float(within.sum()) / (n - len(size))
     index = 1.0 - pooled
-    # a group of few cases varies as all do, at least
+    # the variance of a small group is at least the pooled one
     fourth = float(np.sum(np.maximum(within / size, pooled) ** 2))
-    of_case = mean[group]
-    influence = 2.0 * of_case * y - of_case**2 - index * y * y
-    by_chance = 2.0 * fourth * (1.0 - 1.0 / len(size)) / n**2
-    return index, _half(influence, 4.0 * fourth / n, by_chance)
+    case_mean = mean[group]
+    influence = 2.0 * case_mean * y - case_mean**2 - index * y * y
+    chance_variance = 2.0 * fourth * (1.0 - 1.0 / len(size)) / n**2
+    return index, _half_width(influence, 4.0 * fourth / n, chance_variance)
 
 
 def independent_rows(cases: Mapping[str, np.ndarray], inputs: int, sampler: str) -> np.ndarray:
-    """Which cases (n,) do not repeat others: all, but of a group of a Saltelli design the first and
-    the last, which the rest repeat in all inputs but one, or in one."""
+    """Return the mask (n,) of cases that do not repeat others: all, but of a group of a Saltelli
+    design the first and the last, as the rest repeat these in all inputs but one."""
     count = len(cases["status"])
     if sampler != SALTELLI:
         return np.ones(count, dtype=bool)
@@ -114,8 +118,8 @@ def independent_rows(cases: Mapping[str, np.ndarray], inputs: int, sampler: str)
 
 
 class SaltelliGroups(NamedTuple):
-    """Whole groups of a Saltelli design: outcomes (groups, inputs + 2), how many groups were left
-    out as a case of theirs has no outcome, and of which sequence each is (groups,)."""
+    """Complete groups of a Saltelli design: outcomes (groups, inputs + 2), number of groups left
+    out for a missing outcome, and the sequence of each group (groups,)."""
 
     outcomes: np.ndarray
     left_out: int
@@ -123,10 +127,12 @@ class SaltelliGroups(NamedTuple):
 
 
 def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> SaltelliGroups:
-    """Groups of a Saltelli design, by the ``numbers`` (n,) of its cases.
+    """Return the groups of a Saltelli design.
 
     Parameters
     ----------
+    numbers : ndarray, shape (n,), int
+        Case numbers.
     x : ndarray, shape (inputs, n)
     y : ndarray, shape (n,)
         NaN where a case does not have the outcome.
@@ -134,15 +140,16 @@ def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Saltel
     Raises
     ------
     ValueError
-        If inputs are not those of such a design, or too few groups are whole.
+        If inputs are not those of such a design, or too few groups are complete.
     """
     size = len(x) + 2
     order = np.argsort(numbers, kind="stable")
     group = numbers[order] // size
-    kept = np.isin(group, np.unique(group)[np.unique(group, return_counts=True)[1] == size])
-    if not kept.any():
-        raise ValueError("no group of the Saltelli design is whole")
-    x, y = x[:, order][:, kept].reshape(len(x), -1, size), y[order][kept].reshape(-1, size)
+    whole_groups = np.isin(group, np.unique(group)[np.unique(group, return_counts=True)[1] == size])
+    if not whole_groups.any():
+        raise ValueError("no group of the Saltelli design is complete")
+    x = x[:, order][:, whole_groups].reshape(len(x), -1, size)
+    y = y[order][whole_groups].reshape(-1, size)
     first, last = x[:, :, 0], x[:, :, -1]
     for k in range(len(x)):
         changed = np.where(np.arange(len(x))[:, None] == k, last, first)
@@ -151,98 +158,107 @@ def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Saltel
                 "the inputs are not those of a Saltelli design (run.samples gives some of them)"
             )
     whole = np.isfinite(y).all(axis=1)
-    left_out = len(y) - int(whole.sum())
-    parts = len(np.unique(group)) - len(y)
-    if left_out > MOST_LEFT_OUT * len(y):
+    n_left_out = len(y) - int(whole.sum())
+    n_incomplete = len(np.unique(group)) - len(y)
+    if n_left_out > MAX_LEFT_OUT * len(y):
         raise ValueError(
-            f"{left_out} of {len(y)} groups of the Saltelli design have a case without this "
-            "outcome: the others do not stand for all"
+            f"{n_left_out} of {len(y)} groups of the Saltelli design have a case without this "
+            "outcome: the others do not represent all"
         )
-    replicates = group[kept].reshape(-1, size)[whole, 0] % REPLICATES
+    replicates = group[whole_groups].reshape(-1, size)[whole, 0] % REPLICATES
     if len(np.unique(replicates)) < REPLICATES:
         raise ValueError(
-            f"no group of some of the {REPLICATES} sequences of the Saltelli design is whole"
+            f"no group of some of the {REPLICATES} sequences of the Saltelli design is complete"
         )
-    return SaltelliGroups(y[whole], left_out + parts, replicates)
+    return SaltelliGroups(y[whole], n_left_out + n_incomplete, replicates)
 
 
-def saltelli_indices(found: SaltelliGroups) -> tuple[np.ndarray, np.ndarray]:
-    """First-order and total indices of a Saltelli design (Saltelli et al., Computer Physics
-    Communications 181, 2010, equations b and f), each (2, inputs): index, half of its interval by
-    Student's law, from the sequences, of which each is scrambled for itself. The groups of one are
-    not independent: pairs of its dimensions have patterns, and the interval that independent groups
-    would have held an index of 0 in 46 % (256 groups, a product of two inputs)."""
-    every = found.outcomes
-    both = every[:, [0, -1]]
-    mean, variance = both.mean(), both.var()
-    a, b = (every[:, k] - mean for k in (0, -1))
-    spread = 0.5 * (a * a + b * b)
+def saltelli_indices(groups: SaltelliGroups) -> tuple[np.ndarray, np.ndarray]:
+    """Return first-order and total indices of a Saltelli design, each (2, inputs): index,
+    half-width.
+
+    Equations b and f of Saltelli et al., Computer Physics Communications 181, 2010. The interval is
+    Student's, from the independently scrambled sequences. The groups of one sequence are dependent,
+    as pairs of its dimensions have patterns: intervals that assume independent groups covered an
+    index of 0 in 46 % (256 groups, a product of two inputs).
+    """
+    outcomes = groups.outcomes
+    independent = outcomes[:, [0, -1]]
+    mean, variance = independent.mean(), independent.var()
+    a, b = (outcomes[:, k] - mean for k in (0, -1))
+    half_square = 0.5 * (a * a + b * b)
 
     def ratio(product: np.ndarray) -> tuple[float, float]:
         index = float(product.mean() / variance)
-        influence = (product - index * spread) / variance
-        parts = np.bincount(found.replicates, influence) * REPLICATES / len(influence)
+        influence = (product - index * half_square) / variance
+        parts = np.bincount(groups.replicates, influence) * REPLICATES / len(influence)
         return index, float(
             student_half_width(REPLICATES - 1) * parts.std(ddof=1) / np.sqrt(REPLICATES)
         )
 
-    changed = (every[:, 1:-1] - mean).T
+    changed = (outcomes[:, 1:-1] - mean).T
     first, total = zip(
-        *((ratio(b * (one - a)), ratio(0.5 * (a - one) ** 2)) for one in changed), strict=True
+        *((ratio(b * (column - a)), ratio(0.5 * (a - column) ** 2)) for column in changed),
+        strict=True,
     )
     return np.array(first).T, np.array(total).T
 
 
 def few_cases_warning(grouped: np.ndarray, y: np.ndarray) -> str:
-    """The sentence that intervals of indices are not given, as few cases far from the others decide
-    the variance of an outcome (n,), or nothing. Inputs of few values, ``grouped`` (d, n), explain
-    what lies far by themselves: of each of their values there are cases enough."""
-    most, y = MOST_TAILED * len(y), _standard(y)
+    """Return the warning that intervals of indices are not given, as outliers determine the
+    variance of an outcome (n,); empty if they do not.
+
+    Inputs of few values, ``grouped`` (d, n), explain their outliers: each of their values has cases
+    enough.
+    """
+    limit, y = MAX_TAIL * len(y), _standard(y)
     for row in grouped:
         group = np.unique(row, return_inverse=True)[1]
         y = y - (np.bincount(group, y) / np.bincount(group))[group]
     tail = float(np.mean(y**4) - 3.0 * np.mean(y**2) ** 2)
-    if tail <= most:
+    if tail <= limit:
         return ""
     return (
-        f"indices are given without intervals: few of {len(y)} cases, far from the others, decide "
-        f"the variance (excess kurtosis {tail:.3g}; intervals hold up to {most:.3g})"
+        f"indices are given without intervals: a few outliers among {len(y)} cases determine the "
+        f"variance (excess kurtosis {tail:.3g}; intervals are valid up to {limit:.3g})"
     )
 
 
 def _standard(y: np.ndarray) -> np.ndarray:
-    """An outcome less its mean, over its sigma."""
+    """Return an outcome minus its mean, over its sigma."""
     y = y - y.mean()
     return np.asarray(y / np.sqrt(y @ y / (len(y) - 1)))
 
 
-def _ordered(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Places of cases in the order of an input; ties in a random order that does not depend on how
-    the rows stand."""
+def _order(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the indices that sort cases by an input; ties in a random order that is independent of
+    the order of the rows."""
     rows = np.lexsort((y, x))
     return rows[np.lexsort((np.random.default_rng(1).random(len(x)), x[rows]))]
 
 
-def _neighbours(y: np.ndarray, most: int) -> np.ndarray:
-    """Mean of the cases up to ``most`` places before and after each, without itself."""
+def _neighbour_mean(y: np.ndarray, max_lag: int) -> np.ndarray:
+    """Return the mean of up to ``max_lag`` cases before and after each, without itself."""
     n = len(y)
-    low, high = np.maximum(np.arange(n) - most, 0), np.minimum(np.arange(n) + most + 1, n)
+    low, high = np.maximum(np.arange(n) - max_lag, 0), np.minimum(np.arange(n) + max_lag + 1, n)
     sums = np.concatenate(([0.0], np.cumsum(y)))
     return np.asarray((sums[high] - sums[low] - y) / (high - low - 1))
 
 
-def _half(influence: np.ndarray, too_much: float, more: float) -> float:
-    """Half of a 95 % interval of a mean with such an ``influence`` (n,) of each case, of whose
-    variance ``too_much`` is left out, and ``more`` added to that of the mean. Student's law has the
-    freedoms that the kurtosis leaves to the variance (Satterthwaite, Biometrics 2, 1946)."""
+def _half_width(influence: np.ndarray, excess: float, added: float) -> float:
+    """Return half the 95 % interval of a mean from the ``influence`` (n,) of each case.
+
+    ``excess`` is subtracted from the variance of the influence, ``added`` added to that of the
+    mean. Degrees of freedom follow from the kurtosis (Satterthwaite, Biometrics 2, 1946).
+    """
     n = len(influence)
     influence = influence - influence.mean()
     variance = float(np.mean(influence**2))
-    of_mean = max(variance - too_much, 0.0) / n
-    if of_mean + more == 0.0:
+    mean_variance = max(variance - excess, 0.0) / n
+    if mean_variance + added == 0.0:
         return 0.0
-    freedoms = np.inf
-    if of_mean > 0.0:
+    degrees = np.inf
+    if mean_variance > 0.0:
         kurtosis = float(np.mean(influence**4)) / variance**2
-        freedoms = 2.0 * n / max(kurtosis - 1.0, 1e-9) * (1.0 + more / of_mean) ** 2
-    return float(student_half_width(np.clip(freedoms, 2.0, 1e9)) * np.sqrt(of_mean + more))
+        degrees = 2.0 * n / max(kurtosis - 1.0, 1e-9) * (1.0 + added / mean_variance) ** 2
+    return float(student_half_width(np.clip(degrees, 2.0, 1e9)) * np.sqrt(mean_variance + added))

@@ -1,5 +1,5 @@
-"""The same bits, however a campaign is cut up: threads, chunks, order of the cases, one case
-alone."""
+"""Bit equality of results for any number of threads, chunk size and order of cases, and for one
+case alone."""
 
 from collections.abc import Callable, Iterator
 
@@ -8,20 +8,21 @@ import numpy as np
 from sepmc.bench.study import SolverVariant, Study
 from sepmc.engine.dispatch import use_threads
 
-MOST = 2000  # cases flown each time
+MAX_CASES = 2000  # cases flown each time
 CHUNKS = (1, 7, 64, 1000)
 ALONE = (0, 3, -1)
 
 
 def same_bits(study: Study) -> dict[str, bool]:
-    """Whether outcomes and statuses are the same to the last bit, by what is varied."""
-    draws = study.draws[: min(MOST, study.own_cases)]
-    way = SolverVariant(study.flight, study.campaign, len(draws))
+    """Return True for each kind of change that leaves outcomes and statuses the same to the last
+    bit."""
+    inputs = study.inputs[: min(MAX_CASES, study.own_cases)]
+    variant = SolverVariant(study.flight, study.campaign, len(inputs))
     use_threads(study.threads)
-    whole = _flown(way, draws)
+    expected = _integrate(variant, inputs)
     return {
-        what: all(_same(flown(), wanted(whole)) for flown, wanted in trials)
-        for what, trials in _trials(study, way, draws).items()
+        change: all(_identical(run(), select(expected)) for run, select in trials)
+        for change, trials in _trials(study, variant, inputs).items()
     }
 
 
@@ -29,61 +30,68 @@ RowBatch = tuple[np.ndarray, np.ndarray]
 Trial = tuple[Callable[[], RowBatch], Callable[[RowBatch], RowBatch]]
 
 
-def _trials(study: Study, way: SolverVariant, draws: np.ndarray) -> dict[str, Iterator[Trial]]:
+def _trials(study: Study, variant: SolverVariant, inputs: np.ndarray) -> dict[str, Iterator[Trial]]:
+    """Return by kind of change the runs, each with the selection of the expected rows."""
+
     def all_of(rows: RowBatch) -> RowBatch:
         return rows
 
-    def on_one() -> RowBatch:
+    def on_one_thread() -> RowBatch:
         use_threads(1)
         try:
-            return _flown(way, draws)
+            return _integrate(variant, inputs)
         finally:
             use_threads(study.threads)
 
     def in_chunks(size: int) -> Callable[[], RowBatch]:
-        most = draws[: 200 * size]  # small chunks need not cover all
-        return lambda: _joined([_flown(way, most[i : i + size]) for i in range(0, len(most), size)])
+        subset = inputs[: 200 * size]  # small chunks need not cover all
+        return lambda: _concatenate(
+            [_integrate(variant, subset[i : i + size]) for i in range(0, len(subset), size)]
+        )
 
     def alone(i: int) -> Callable[[], RowBatch]:
-        return lambda: _flown(way, draws[i : i + 1] if i >= 0 else draws[i:])
+        return lambda: _integrate(variant, inputs[i : i + 1] if i >= 0 else inputs[i:])
 
     return {
-        f"1 thread, not {study.threads}": iter([(on_one, all_of)]),
+        f"1 thread, not {study.threads}": iter([(on_one_thread, all_of)]),
         f"chunks of {', '.join(map(str, CHUNKS))}": iter(
-            [(in_chunks(n), lambda rows, n=n: _part(rows, slice(0, 200 * n))) for n in CHUNKS]
+            [(in_chunks(n), lambda rows, n=n: _select(rows, slice(0, 200 * n))) for n in CHUNKS]
         ),
         "cases in reversed order": iter(
             [
                 (
-                    lambda: _flown(way, np.asfortranarray(draws[::-1])),
-                    lambda rows: _part(rows, slice(None, None, -1)),
+                    lambda: _integrate(variant, np.asfortranarray(inputs[::-1])),
+                    lambda rows: _select(rows, slice(None, None, -1)),
                 )
             ]
         ),
         "one case alone": iter(
             [
-                (alone(i), lambda rows, i=i: _part(rows, slice(i, i + 1 if i >= 0 else None)))
+                (alone(i), lambda rows, i=i: _select(rows, slice(i, i + 1 if i >= 0 else None)))
                 for i in ALONE
             ]
         ),
     }
 
 
-def _flown(way: SolverVariant, draws: np.ndarray) -> RowBatch:
-    block = way.fly(draws)
+def _integrate(variant: SolverVariant, inputs: np.ndarray) -> RowBatch:
+    """Return outcomes and statuses of cases."""
+    block = variant.fly(inputs)
     return block.outcomes, block.status
 
 
-def _part(rows: RowBatch, which: slice) -> RowBatch:
-    return rows[0][which], rows[1][which]
+def _select(batch: RowBatch, rows: slice) -> RowBatch:
+    """Select rows of outcomes and statuses."""
+    return batch[0][rows], batch[1][rows]
 
 
-def _joined(parts: list[RowBatch]) -> RowBatch:
+def _concatenate(parts: list[RowBatch]) -> RowBatch:
+    """Concatenate batches of rows."""
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
-def _same(one: RowBatch, other: RowBatch) -> bool:
-    """Bit for bit: a NaN is itself, 0 is not -0."""
+def _identical(one: RowBatch, other: RowBatch) -> bool:
+    """Compare bit for bit: NaN equals itself, 0 differs from -0."""
     return all(
         a.shape == b.shape
         and np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes()

@@ -1,38 +1,46 @@
-"""Taking times."""
+"""Wall-clock timing."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median, quantiles
 
 
-def seconds(work: Callable[[], object]) -> float:
-    """Wall time of some work."""
-    began = time.perf_counter()
-    work()
-    return time.perf_counter() - began
+def seconds(task: Callable[[], object]) -> float:
+    """Return the wall time of a task, s."""
+    start = time.perf_counter()
+    task()
+    return time.perf_counter() - start
 
 
-def rounds(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, list[float]]:
-    """Wall times, s, of several works by name: each once that does not count, then ``repeats``
-    rounds of all; fewer of what takes more than `_MOST_S` together, but one at least.
+def rounds(tasks: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, list[float]]:
+    """Time several tasks in rounds.
 
-    In rounds, because what slows a machine for a second then slows all works alike, and ratios
-    between them stay fair.
+    Parameters
+    ----------
+    tasks : mapping of name to callable
+    repeats : int
+        Rounds after a warm-up; fewer, but at least one, for a task that takes more than `_MAX_S`.
+
+    Returns
+    -------
+    dict of name to list of float
+        Wall times, s. In rounds, a disturbance of the machine affects all tasks alike, so that
+        ratios stay valid.
     """
-    found: dict[str, list[float]] = {name: [] for name in works}
-    first = {name: seconds(work) for name, work in works.items()}
+    times: dict[str, list[float]] = {name: [] for name in tasks}
+    first = {name: seconds(task) for name, task in tasks.items()}
     for k in range(repeats):
-        for name, work in works.items():
-            if k == 0 or (k + 1) * first[name] <= _MOST_S:
-                found[name].append(seconds(work))
-    return found
+        for name, task in tasks.items():
+            if k == 0 or (k + 1) * first[name] <= _MAX_S:
+                times[name].append(seconds(task))
+    return times
 
 
-_MOST_S = 15.0
+_MAX_S = 15.0
 
 
 def spread(times: Sequence[float]) -> float:
-    """How far the middle half of some times lies apart, over their median; NaN of a single one."""
+    """Return the interquartile range of times over their median; NaN for a single one."""
     if len(times) < 2:
         return float("nan")
     low, _, high = quantiles(times, n=4, method="inclusive")

@@ -1,5 +1,4 @@
-"""Where the time of a command goes: stages of a campaign in a fresh process, and whole commands,
-warm and cold."""
+"""Time by stage of a campaign in a fresh process, and of whole commands, warm and cold."""
 
 import sys
 import tempfile
@@ -17,17 +16,27 @@ from sepmc.campaign.campaign import load
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.store import manifests
 from sepmc.engine import dispatch
-from sepmc.scene.messages import nobody
+from sepmc.scene.messages import no_log
 
 _IMPORTS = "import numba, pandas, pyarrow"
 
 
 def measure(study: Study, history_step: float) -> pd.DataFrame:
-    """One row a stage or command: median time in s, how often it was taken, and of what it is a
-    part.
+    """Measure stages and commands.
 
-    Stages are those of a process that flies the study's cases into a folder, everything compiled
-    before. Of a cold command kernels are compiled, into an empty cache folder.
+    Stages are those of a process that runs the study's cases into a folder with a warm cache. A
+    cold command compiles its kernels into an empty cache folder.
+
+    Parameters
+    ----------
+    study : Study
+    history_step : float
+        Step of the histories, s.
+
+    Returns
+    -------
+    DataFrame, a row per stage or command
+        Median and smallest time in s, repeats and their spread.
     """
     campaign = study.with_settings({"run.history_step_s": history_step, "run.cases": study.cases})
     with tempfile.TemporaryDirectory() as folder:
@@ -35,13 +44,13 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
         file.write_text(campaign.file.toml, encoding="utf-8")
         runs = [
             subprocess_calls.call(
-                "stages:stages_here", [str(file), study.cases, study.threads, folder]
+                "command_stages:time_stages", [str(file), study.cases, study.threads, folder]
             )
             for _ in range(study.repeats + 1)
         ][1:]
         rows = [_row(stage, "stage", [run[stage] for run in runs]) for stage in runs[0]]
         out = f"{folder}/out"
-        flown = [
+        command = [
             sys.executable,
             "-m",
             "sepmc",
@@ -54,7 +63,7 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
         ]
         commands = {
             "sepmc campaign FILE --no-plots": lambda: subprocess_calls.run(
-                [*flown, "--out", out, *(["--overwrite"] if Path(out).exists() else [])]
+                [*command, "--out", out, *(["--overwrite"] if Path(out).exists() else [])]
             ),
             "sepmc --help": lambda: subprocess_calls.run([sys.executable, "-m", "sepmc", "--help"]),
             f"python -c '{_IMPORTS}'": lambda: subprocess_calls.run(
@@ -66,13 +75,13 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
             for name, times in rounds(commands, study.repeats).items()
         ]
         if not study.quick:
-            rows += _cold(study, [*flown, "--out", f"{folder}/cold"], Path(folder))
+            rows += _cold(study, [*command, "--out", f"{folder}/cold"], Path(folder))
     return pd.DataFrame(rows)
 
 
 def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]]:
-    """The campaign with an empty cache folder, and what of it was compiling."""
-    study.say("flying with an empty cache folder ...")
+    """Time the campaign with an empty cache folder, and its compilation."""
+    study.say("running with an empty cache folder ...")
     cache = {"SEPMC_CACHE_DIR": str(folder / "cache")}
     whole = seconds(lambda: subprocess_calls.run(command, cache))
     compiling = manifests.read_manifest(folder / "cold")["sessions"][-1]["timing_s"]["compile"]
@@ -83,6 +92,7 @@ def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]
 
 
 def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
+    """Build a row of the table."""
     return {
         "stage": name,
         "kind": kind,
@@ -93,33 +103,33 @@ def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
     }
 
 
-def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, float]:
-    """Times, s, of the stages of a campaign in this fresh process. The package is imported already,
-    so its import is timed apart."""
-    found = {"import": import_seconds()}
+def time_stages(file: str, cases: int, threads: int, folder: str) -> dict[str, float]:
+    """Return the times, s, of the stages of a campaign in this fresh process, except imports, which
+    are timed in another."""
+    times = {"import": import_seconds()}
     campaign = load(file)
     history = campaign.scene.run.history_step > 0.0
-    began = time.perf_counter()
+    start = time.perf_counter()
     dispatch.load_kernel(step_selection.kernel_text(campaign, history=history))
-    found["load kernel"] = time.perf_counter() - began
-    found["pilot"] = seconds(lambda: step_selection.select_steps(campaign, history))
+    times["load kernel"] = time.perf_counter() - start
+    times["pilot"] = seconds(lambda: step_selection.select_steps(campaign, history))
     sample_inputs(campaign, 1)
-    found["sample"] = seconds(lambda: sample_inputs(campaign, cases))
+    times["sample"] = seconds(lambda: sample_inputs(campaign, cases))
     result = campaign.run(
         cases,
         threads=threads,
         out=Path(folder) / "stages",
-        announce=nobody,
+        announce=no_log,
         overwrite=(Path(folder) / "stages").exists(),
     )
-    found["kernel"] = result.timing["kernel"]
-    found["write"] = result.timing["write"]
-    found["statistics"] = seconds(lambda: (result.statistics(), result.kept.summary.audit()))
-    return found
+    times["kernel"] = result.timing["kernel"]
+    times["write"] = result.timing["write"]
+    times["statistics"] = seconds(lambda: (result.statistics(), result.kept.summary.audit()))
+    return times
 
 
 def import_seconds() -> float:
-    """Seconds to import what a campaign needs, in another fresh process."""
+    """Return the time to import what a campaign needs, in a fresh process, s."""
     program = (
         "import time; t = time.perf_counter(); import sepmc.campaign.campaign, "
         "sepmc.engine.blocks; print(time.perf_counter() - t)"

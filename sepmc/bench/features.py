@@ -1,5 +1,4 @@
-"""What each feature of a scene costs: the same cases flown in the same steps with and without
-it."""
+"""Cost of each feature of a scene: the same cases in the same steps with and without it."""
 
 import copy
 from collections.abc import Callable
@@ -23,12 +22,12 @@ from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 
 ALL, HISTORIES = "everything", "histories"
-_HISTORY_ROWS = 50  # if the scene asks for none
+_HISTORY_ROWS = 50  # if the scene has no histories
 
 
 @dataclass(frozen=True)
 class Variant:
-    """The campaign with a feature taken out, or with histories; ``change`` says how."""
+    """A campaign without a feature, or with histories; ``change`` describes the difference."""
 
     feature: str
     change: str
@@ -36,101 +35,120 @@ class Variant:
 
 
 def measure(study: Study, history_step: float) -> pd.DataFrame:
-    """One row a feature: time and flops without it, and their ratios to those of the whole scene.
+    """Measure time and flops without each feature.
 
-    The kernel of each is written and compiled for what is left; nothing but the kernel is timed, in
-    the steps of the whole scene, and by one thread: two may meet on one core for a whole part.
+    The kernel of each variant is emitted and compiled; only the kernel is timed, in the steps of
+    the whole scene and on one thread, as two may share a core.
+
+    Parameters
+    ----------
+    study : Study
+    history_step : float
+        Step of the histories, s; 0 for the default.
+
+    Returns
+    -------
+    DataFrame, a row per feature
+        With ratios to the whole scene.
     """
     variants = _variants(study, history_step)
     counts = _counts(study, variants)
-    flights = {v.feature: _flight(study, v) for v in variants}
+    runs = {v.feature: _run_of(study, v) for v in variants}
     use_threads(1)
-    found = rounds(flights, study.repeats)
+    times_by_feature = rounds(runs, study.repeats)
     use_threads(study.threads)
-    times = {name: median(those) for name, those in found.items()}
+    times = {name: median(values) for name, values in times_by_feature.items()}
     cases = study.own_cases
     rows = []
-    for variant, counted in zip(variants, counts, strict=True):
+    for variant, count in zip(variants, counts, strict=True):
         rows.append({
             "feature": variant.feature,
             "change": variant.change,
             "ms": 1e3 * PER * times[variant.feature] / cases,
             "time_ratio": times[variant.feature] / times[ALL],
-            "flops_per_evaluation": counted.evaluation if counted else np.nan,
-            "flops_per_case": counted.total if counted else np.nan,
-            "flop_ratio": counted.total / counts[0].total if counted and counts[0] else np.nan,
-            "evaluations": sum(counted.evaluations.values()) if counted else np.nan,
+            "flops_per_evaluation": count.evaluation if count else np.nan,
+            "flops_per_case": count.total if count else np.nan,
+            "flop_ratio": count.total / counts[0].total if count and counts[0] else np.nan,
+            "evaluations": sum(count.evaluations.values()) if count else np.nan,
             "cases": cases,
-            "spread": spread(found[variant.feature]),
+            "spread": spread(times_by_feature[variant.feature]),
         })  # fmt: skip
     return pd.DataFrame(rows)
 
 
 def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
-    """Each takes the time of a compilation, in a process of its own; so many at once as there are
-    threads. Equal kernels are one."""
-    # its elimination is in loops, and their code does not tell how often they run
+    """Count the operations of each variant, in one process per thread; equal kernels are counted
+    once."""
+    # its elimination is in loops, whose code does not show the number of iterations
     if study.formulation == FULL:
         return [None] * len(variants)
-    wanted = [
+    counted = [
         v
         for v in variants
         if v.feature in (ALL, "atmosphere") or not (study.quick or v.feature == HISTORIES)
     ]
-    wanted = [v for v in wanted if _has_stages(study, v.campaign)]
-    texts = {v.feature: kernel_text(v.campaign) for v in wanted}
-    first = {text: v for v in reversed(wanted) for text in [texts[v.feature]]}
+    counted = [v for v in counted if _has_same_segments(study, v.campaign)]
+    texts = {v.feature: kernel_text(v.campaign) for v in counted}
+    unique = {text: v for v in reversed(counted) for text in [texts[v.feature]]}
     study.say(
-        f"counting the operations of {len(first)} kernels (some twenty seconds each, once) ..."
+        f"counting the operations of {len(unique)} kernels (some twenty seconds each, once) ..."
     )
     with ThreadPoolExecutor(study.threads) as pool:
-        found = dict(
+        counts = dict(
             zip(
-                first,
-                pool.map(lambda v: flops.count(v.campaign, study.flight), first.values()),
+                unique,
+                pool.map(lambda v: flops.count(v.campaign, study.flight), unique.values()),
                 strict=True,
             )
         )
-    return [found.get(texts.get(v.feature, "")) for v in variants]
+    return [counts.get(texts.get(v.feature, "")) for v in variants]
 
 
-def _flight(study: Study, variant: Variant) -> Callable[[], object]:
-    """Flies the cases by the kernel alone: cases that it loses are not flown again."""
+def _run_of(study: Study, variant: Variant) -> Callable[[], object]:
+    """Return a callable that runs the cases by the kernel alone, without refinement."""
     campaign = variant.campaign
-    known = {d.parameter.path for d in campaign.file.dispersions}
+    paths = {d.parameter.path for d in campaign.file.dispersions}
     columns = [
-        i for i, d in enumerate(study.campaign.file.dispersions) if d.parameter.path in known
+        i for i, d in enumerate(study.campaign.file.dispersions) if d.parameter.path in paths
     ]
-    draws, run = np.asfortranarray(study.draws[: study.own_cases, columns]), campaign.scene.run
-    room = (
-        int(run.end_time / run.history_step + 1e-9) + 1
-        if run.history_step > 0.0 and campaign.plan.joints
+    inputs = np.asfortranarray(study.inputs[: study.own_cases, columns])
+    settings = campaign.scene.run
+    history_rows = (
+        int(settings.end_time / settings.history_step + 1e-9) + 1
+        if settings.history_step > 0.0 and campaign.plan.joints
         else 0
     )
     flight, kernel = study.flight, study.flight.kernel
     if variant.feature != ALL:
-        text = kernel_text(campaign, flight.one_method, history=room > 0)
+        text = kernel_text(campaign, flight.one_method, history=history_rows > 0)
         kernel = load_kernel(text, study.say)
     methods = by_name(kernel, flight.method_names)
     return lambda: integrate_cases(
-        kernel, campaign.plan, flight.steps, flight.durations, campaign.slots, draws, room, methods
+        kernel,
+        campaign.plan,
+        flight.steps,
+        flight.durations,
+        campaign.slots,
+        inputs,
+        history_rows,
+        methods,
     )
 
 
-def _has_stages(study: Study, campaign: Campaign) -> bool:
-    """Whether the kernel of a campaign has as many stages as the study's: only then can it fly in
-    its steps."""
+def _has_same_segments(study: Study, campaign: Campaign) -> bool:
+    """Return True if the kernel of a campaign has as many segments as the study's, so that the
+    steps apply."""
     return len(stage_names(campaign)) == study.flight.kernel.n_segments
 
 
 def _variants(study: Study, history_step: float) -> list[Variant]:
-    """The whole scene first, then without each feature that it has; one that cannot go is told and
-    left out."""
+    """Return the whole scene, then a variant without each of its features; invalid ones are
+    reported and left out."""
     scene = study.campaign.scene
-    found = [Variant(ALL, "the scene as it is, without histories", study.campaign)]
+    variants = [Variant(ALL, "the scene as it is, without histories", study.campaign)]
     aerodynamic = [name for name, body in scene.body.items() if body.aerodynamics is not None]
     air = scene.environment
-    asked: list[tuple[str, bool, str, tuple[str, ...], dict[str, Any]]] = [
+    candidates: list[tuple[str, bool, str, tuple[str, ...], dict[str, Any]]] = [
         (
             "aerodynamics",
             bool(aerodynamic),
@@ -163,45 +181,45 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
         ("springs", bool(scene.spring), "no spring", ("spring",), {}),
         ("loads", bool(scene.load), "no load", ("load",), {}),
     ]
-    for feature, there, change, gone, settings in asked:
-        if there:
+    for feature, present, change, removed, settings in candidates:
+        if present:
             try:
-                campaign = _without(study.campaign, gone, settings)
+                campaign = _without(study.campaign, removed, settings)
             except SceneError as error:
                 study.say(
-                    f"cost of {feature}: the scene cannot be flown without: {error.problems[0]}"
+                    f"cost of {feature}: the scene is invalid without it: {error.problems[0]}"
                 )
                 continue
-            if not _has_stages(study, campaign):
+            if not _has_same_segments(study, campaign):
                 study.say(
-                    f"cost of {feature}: without it the flight has other stages, so its steps are "
-                    "not those of the whole scene"
+                    f"cost of {feature}: without it the flight has other segments, so its steps "
+                    "are not those of the whole scene"
                 )
                 continue
-            found.append(Variant(feature, change, campaign))
-    if study.campaign.plan.joints and _has_stages(study, study.campaign):
-        every = history_step or scene.run.end_time / _HISTORY_ROWS
-        histories = study.with_settings({"run.history_step_s": every})
-        found.append(Variant(HISTORIES, f"with a row every {every:g} s", histories))
-    return found
+            variants.append(Variant(feature, change, campaign))
+    if study.campaign.plan.joints and _has_same_segments(study, study.campaign):
+        step = history_step or scene.run.end_time / _HISTORY_ROWS
+        histories = study.with_settings({"run.history_step_s": step})
+        variants.append(Variant(HISTORIES, f"with a row every {step:g} s", histories))
+    return variants
 
 
-def _without(campaign: Campaign, gone: tuple[str, ...], settings: dict[str, Any]) -> Campaign:
-    """A campaign without some tables, and without the dispersions of what stood in them."""
+def _without(campaign: Campaign, removed: tuple[str, ...], settings: dict[str, Any]) -> Campaign:
+    """Return a campaign without some tables and their dispersions."""
     tree = copy.deepcopy(campaign.file.tree)
-    for path in gone:
+    for path in removed:
         node, *rest = tree, *path.split(".")
         for key in rest[:-1]:
             node = node.get(key, {})
         node.pop(rest[-1], None)
-    inside = tuple(f"{path}." for path in gone)
+    prefixes = tuple(f"{path}." for path in removed)
     tree["dispersion"] = (
         {
-            path: law
-            for path, law in tree.get("dispersion", {}).items()
-            if not path.startswith(inside)
+            path: value
+            for path, value in tree.get("dispersion", {}).items()
+            if not path.startswith(prefixes)
         }
-        if inside
+        if prefixes
         else tree.get("dispersion", {})
     )
     return Campaign(parse_campaign(tree, campaign.name, settings, campaign.name))

@@ -1,15 +1,15 @@
-"""Floating-point operations of a case, counted, not timed.
+"""Floating-point operations of a case, counted rather than timed.
 
-An evaluation of the rates of a phase is one function of a scene's own kernel, straight-line code
-over the lanes. Its operations are counted in the optimised LLVM code: an addition, subtraction,
-multiplication, division or square root is one on each lane, so that a fused multiply-add is two,
-and comparisons, signs and roundings are none. How many evaluations a case takes is counted by
-flying it with the JIT off. The sums of the stages follow from the method's tableau: for each number
-that a phase integrates two for every coefficient that is not zero, and one to scale by the step.
-Not counted are the set-up, corrections, foretelling of events, and outcomes.
+An evaluation of the rates of a phase is one function of the kernel, straight-line code over the
+lanes. Its operations are counted in the optimised LLVM code: an addition, subtraction,
+multiplication, division or square root counts one per lane, so that a fused multiply-add is two;
+comparisons, signs and roundings count none. The evaluations of a case are counted by running it
+with the JIT off. The stage sums follow from the tableau of the method: two operations for each
+nonzero coefficient of each integrated number, and one to scale by the step. Set-up, corrections,
+event prediction and outcomes are not counted.
 
-Numba shows the code of what it has compiled itself, not of what was linked, so a process compiles
-the function again; the count is kept beside the kernel.
+Numba exposes only code that it compiled itself, not linked code, so a process compiles the function
+again; the count is cached beside the kernel.
 """
 
 import collections
@@ -44,8 +44,8 @@ _ARITHMETIC = re.compile(
 
 @dataclass(frozen=True)
 class Flops:
-    """Counts of one case: ``evaluations`` and flops of one, by phase; of all evaluations; of the
-    sums of stages."""
+    """Operations of one case: ``evaluations`` and flops of one of them by phase, flops of all
+    evaluations (``rates``) and of the stage sums (``sums``)."""
 
     evaluations: dict[str, int]
     each: dict[str, float]
@@ -54,115 +54,126 @@ class Flops:
 
     @property
     def total(self) -> float:
-        """Flops of a case: all evaluations and the sums of stages."""
+        """Flops of a case: evaluations and stage sums."""
         return self.rates + self.sums
 
     @property
     def evaluation(self) -> float:
-        """Flops of an evaluation, the mean over those of a case."""
+        """Mean flops of an evaluation."""
         return self.rates / max(1, sum(self.evaluations.values()))
 
 
 def count(campaign: Campaign, flight: Integration) -> Flops | None:
-    """Operations of a case of a campaign flown as ``flight`` has it; None if the compiled code does
-    not show them."""
+    """Count the operations of a case; None if the compiled code does not show them."""
     shape = make_kernel_spec(campaign.plan, campaign.dispersed)
-    called = shape.names.of["phase"]
+    phase_names = shape.names.of["phase"]
     solver = flight.one_method
     context = Context(shape, solver or campaign.scene.solver.method, NO_HISTORY)
-    flown = {s.phase: context.alias_of(s) or s.name for s in shape.segments if not s.late}
-    found = _each(kernel_text(campaign, solver), flown)
-    if set(found) != set(called.values()):
+    segment_of_phase = {
+        s.phase: context.alias_of(s) or s.name for s in shape.segments if not s.late
+    }
+    flops = _flops_by_phase(kernel_text(campaign, solver), segment_of_phase)
+    if set(flops) != set(phase_names.values()):
         return None
-    names, each = list(called), {name: found[written] for name, written in called.items()}
-    asked = [campaign.file.tree, campaign.name, flight.steps.tolist(), flight.durations.tolist()]
-    asked += [solver, flight.method_names]
-    taken = subprocess_calls.call("flops:evaluations_here", asked, {"NUMBA_DISABLE_JIT": "1"})
-    rates = sum(taken[name] * each[name] for name in names)
+    names, each = list(phase_names), {name: flops[written] for name, written in phase_names.items()}
+    arguments = [
+        campaign.file.tree,
+        campaign.name,
+        flight.steps.tolist(),
+        flight.durations.tolist(),
+    ]
+    arguments += [solver, flight.method_names]
+    evaluations = subprocess_calls.call(
+        "flops:count_evaluations", arguments, {"NUMBA_DISABLE_JIT": "1"}
+    )
+    rates = sum(evaluations[name] * each[name] for name in names)
     sums = 0.0
     for segment, name in zip(shape.segments, flight.method_names, strict=True):
         if not segment.late:
             rk = method(name)
             rows = (*rk.a[1 : rk.stages, : rk.stages], rk.b)
-            of_a_step = sum(2 * int(np.count_nonzero(row)) + 1 for row in rows)
-            steps_made = taken[shape.names.back[segment.phase]] / rk.stages
-            sums += steps_made * of_a_step * shape.active_size(segment)
-    return Flops({name: taken[name] for name in names}, each, rates, float(sums))
+            flops_per_step = sum(2 * int(np.count_nonzero(row)) + 1 for row in rows)
+            steps = evaluations[shape.names.back[segment.phase]] / rk.stages
+            sums += steps * flops_per_step * shape.active_size(segment)
+    return Flops({name: evaluations[name] for name in names}, each, rates, float(sums))
 
 
-def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
-    """Flops of an evaluation by phase, where the code shows them; ``flown`` names the stage whose
-    function it is. From the count kept beside its piece of the kernel if there is one."""
+def _flops_by_phase(text: str, segment_of_phase: dict[str, str]) -> dict[str, float]:
+    """Return the flops of an evaluation by phase, where the code shows them, from the cache if
+    possible."""
     texts = {piece.name: piece.text for piece in split(text)}
-    found: dict[str, float | None] = {}
-    for phase, stage in flown.items():
-        piece = texts[f"rates_{stage}"]
-        kept = kernel_cache.CACHE_FOLDER / f"{kernel_cache.write_modules([piece])[0]}.flops.json"
-        if kept.is_file():
-            found[phase] = json.loads(kept.read_text(encoding="utf-8"))
+    by_phase: dict[str, float | None] = {}
+    for phase, segment in segment_of_phase.items():
+        piece = texts[f"rates_{segment}"]
+        cache_file = (
+            kernel_cache.CACHE_FOLDER / f"{kernel_cache.write_modules([piece])[0]}.flops.json"
+        )
+        if cache_file.is_file():
+            by_phase[phase] = json.loads(cache_file.read_text(encoding="utf-8"))
             continue
-        found[phase] = subprocess_calls.call("flops:flops_here", [piece], {BARE: "1"})
-        if found[phase] is not None:
-            kept.write_text(json.dumps(found[phase]), encoding="utf-8")
-    return {phase: flops for phase, flops in found.items() if flops is not None}
+        by_phase[phase] = subprocess_calls.call("flops:count_flops", [piece], {BARE: "1"})
+        if by_phase[phase] is not None:
+            cache_file.write_text(json.dumps(by_phase[phase]), encoding="utf-8")
+    return {phase: flops for phase, flops in by_phase.items() if flops is not None}
 
 
-def flops_here(piece: str) -> float | None:
-    """Flops of an evaluation by a piece of a kernel, which is compiled here."""
+def count_flops(piece: str) -> float | None:
+    """Return the flops of an evaluation by a compile unit, compiled in this process."""
     module = kernel_cache.load_module(kernel_cache.write_modules([piece])[0])
-    return in_code(getattr(module, ENTRY)._library.get_llvm_str(), ENTRY)
+    return flops_in_llvm(getattr(module, ENTRY)._library.get_llvm_str(), ENTRY)
 
 
-def in_code(code: str, name: str) -> float | None:
-    """Flops for one lane of a function, in LLVM code; None if it is not there."""
-    found = [  # as Numba mangles it: its length, itself, its version
-        _of_a_lane(match[0])
+def flops_in_llvm(code: str, name: str) -> float | None:
+    """Return the flops per lane of a function in LLVM code; None if it is absent."""
+    counts = [  # mangled by Numba: length, name, version
+        _flops_per_lane(match[0])
         for match in _FUNCTION.finditer(code)
         if f"{len(name)}{name}B" in match[1]
     ]
-    return max(found, default=None)  # what calls it from outside has none
+    return max(counts, default=None)  # wrappers of the function have none
 
 
-def _of_a_lane(body: str) -> float:
+def _flops_per_lane(body: str) -> float:
+    """Return the flops per lane of a function body."""
     widths = [int(width or 1) for width in _ARITHMETIC.findall(body)]
-    # then an operation serves its own lanes in a turn, and all turns serve all
-    looped = " phi " in body
-    return float(len(widths)) if looped else sum(widths) / LANES
+    # an iteration handles its own lanes, all iterations all of them
+    is_loop = " phi " in body
+    return float(len(widths)) if is_loop else sum(widths) / LANES
 
 
-def evaluations_here(
+def count_evaluations(
     tree: dict[str, Any],
     name: str,
     steps: list[int],
-    usual: list[float],
+    durations: list[float],
     solver: str | None,
     methods: list[str],
 ) -> dict[str, int]:
-    """Evaluations that a case takes, by phase. With the JIT off, where the kernel's functions are
-    plain Python."""
+    """Return the evaluations of a case by phase; needs the JIT off, so that kernel functions are
+    Python."""
     campaign = Campaign(parse_campaign(tree, name))
     kernel = interpreted.load(kernel_text(campaign, solver))
     module = kernel.plain
-    seen: collections.Counter[str] = collections.Counter()
+    calls: collections.Counter[str] = collections.Counter()
 
     def counted(phase: str, function: Any) -> Any:
         def rates(*arguments: Any) -> Any:
-            seen[phase] += 1
+            calls[phase] += 1
             return function(*arguments)
 
         return rates
 
-    called = make_kernel_spec(campaign.plan, campaign.dispersed).names.of["phase"]
-    for phase, written in called.items():
+    phase_names = make_kernel_spec(campaign.plan, campaign.dispersed).names.of["phase"]
+    for phase, written in phase_names.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
-    drawn = campaign.sample(0, 1) * campaign.factors
+    inputs = campaign.sample(0, 1) * campaign.factors
     integrate_cases(
         kernel,
         campaign.plan,
         np.array(steps, dtype=np.int64),
-        np.array(usual),
+        np.array(durations),
         campaign.slots,
-        drawn,
+        inputs,
         methods=by_name(kernel, methods),
     )
-    return {phase: seen[phase] for phase in called}
+    return {phase: calls[phase] for phase in phase_names}

@@ -1,4 +1,4 @@
-"""The folder of a bench."""
+"""Output folder of a benchmark."""
 
 from pathlib import Path
 
@@ -8,25 +8,30 @@ SUMMARY = "bench.json"
 
 
 def open_folder(folder: Path, overwrite: bool = False) -> Path:
-    """Make a folder ready to be written; only what a bench has made in it is replaced, and only if
-    so asked.
+    """Prepare a folder for writing; replaces only files of an earlier bench, and only with
+    ``overwrite``.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
     StoreError
-        If it holds something else, or a bench and ``overwrite`` is not given, or cannot be written.
+        If it contains other files, or a bench and ``overwrite`` is False, or is not writable.
     """
     if folder.exists() and not folder.is_dir():
-        raise StoreError(f"{folder}: is a file; give --out a folder")
+        raise StoreError(f"{folder}: is a file; --out must be a folder")
     if folder.is_dir() and any(folder.iterdir()):
         if not (folder / SUMMARY).is_file():
             raise StoreError(
-                f"{folder}: holds other files and no {SUMMARY}, so it is not a bench; choose "
+                f"{folder}: contains other files and no {SUMMARY}, so it is not a bench; choose "
                 "another --out"
             )
         if not overwrite:
             raise StoreError(
-                f"{folder}: holds a bench; add --overwrite to replace it, or choose another --out"
+                f"{folder}: contains a bench; add --overwrite to replace it, or choose another "
+                "--out"
             )
     make_writable(folder)
     for old in [folder / SUMMARY, *folder.glob("*.parquet"), *folder.glob("*.png")]:

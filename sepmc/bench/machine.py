@@ -1,4 +1,4 @@
-"""The machine a bench runs on, and the most it can do."""
+"""Description and peak performance of the machine."""
 
 import os
 import platform
@@ -15,7 +15,7 @@ _PASSES = 10_000  # some 3 ms
 
 
 def describe(threads: int) -> dict[str, Any]:
-    """Processor, threads and versions."""
+    """Return processor, threads and versions."""
     return {
         "cpu": _cpu(),
         "cores": os.cpu_count(),
@@ -26,6 +26,7 @@ def describe(threads: int) -> dict[str, Any]:
 
 
 def _cpu() -> str:
+    """Return the name of the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -40,8 +41,8 @@ def _cpu() -> str:
 
 
 def fused_peak(threads: int, repeats: int) -> dict[str, float]:
-    """Measured Gflop/s of fused multiply-adds on so many threads, the best and the median of some
-    repeats; an FMA counts as two."""
+    """Return the measured Gflop/s of fused multiply-adds, best and median of the repeats; an FMA
+    counts as two."""
     use_threads(threads)
     numbers = peak.blocks(threads)
     times = rounds({"": lambda: peak.multiply_add(numbers, _PASSES, 0.5, 0.5)}, max(repeats, 7))[""]

@@ -1,5 +1,4 @@
-"""What all parts of a bench share: the campaign, its cases, how it is flown by default, how often
-things are timed."""
+"""Study: the campaign, cases, default steps and repeats that all parts of a benchmark share."""
 
 import time
 from dataclasses import dataclass, replace
@@ -15,35 +14,35 @@ from sepmc.engine.dispatch import Block
 from sepmc.scene.messages import Log
 from sepmc.schema import Status
 
-FULL = "full"  # the formulation that takes some 50 times as long as the reduced one
-# of so many cases one is flown by the full formulation, but no fewer than these; times are scaled
-_PART, _FEWEST = 16, 16
-# A way that takes longer is flown by fewer cases, but no fewer than these; cases that are timed.
-_LONG_S, _FEW, _TIMED = 0.3, 200, 1000
+FULL = "full"  # formulation that takes some 50 times as long as the reduced one
+# the full formulation runs 1 / _FULL_FRACTION of the cases, at least these; times are scaled
+_FULL_FRACTION, _MIN_FULL_CASES = 16, 16
+# a variant that takes longer runs fewer cases, at least these; cases timed for an estimate
+_MAX_VARIANT_S, _MIN_CASES, _MAX_TIMED = 0.3, 200, 1000
 
 
 @dataclass(frozen=True)
 class Study:
-    """One bench.
+    """Common data of one benchmark.
 
     Attributes
     ----------
     campaign : Campaign
         Without histories.
-    flight : Flight
-        How the pilot would have it flown.
-    draws : ndarray, shape (cases, d)
-        SI, stored by column, as a campaign hands them to the kernel.
+    flight : Integration
+        Kernel, methods and steps selected for the campaign.
+    inputs : ndarray, shape (cases, d)
+        SI, stored by column, as a campaign passes them to the kernel.
     repeats, threads : int
     quick : bool
         Fewer settings, and nothing that takes minutes.
     say : callable
-        Told what is done.
+        Receives progress messages.
     """
 
     campaign: Campaign
     flight: Integration
-    draws: np.ndarray
+    inputs: np.ndarray
     repeats: int
     threads: int
     quick: bool
@@ -52,7 +51,7 @@ class Study:
     @property
     def cases(self) -> int:
         """Number of cases."""
-        return len(self.draws)
+        return len(self.inputs)
 
     @property
     def method(self) -> str:
@@ -61,80 +60,80 @@ class Study:
 
     @property
     def formulation(self) -> str:
-        """Formulation of the equations, as the scene has it."""
+        """Formulation of the equations in the scene."""
         return self.campaign.scene.solver.formulation
 
     @cached_property
     def seconds(self) -> float:
-        """That a case takes as it is flown by default, about."""
-        few = self.draws[: self.part(self.formulation)][:_TIMED]
-        self.default.fly(few)  # what comes only once
-        began = time.perf_counter()
-        self.default.fly(few)
-        return (time.perf_counter() - began) / len(few)
+        """Approximate time of a case in the default variant, s."""
+        subset = self.inputs[: self.part(self.formulation)][:_MAX_TIMED]
+        self.default.fly(subset)  # warm-up
+        start = time.perf_counter()
+        self.default.fly(subset)
+        return (time.perf_counter() - start) / len(subset)
 
     def affordable(self, evaluations: int) -> int:
-        """How many of the cases are flown where a case takes so many evaluations: all, or as many
-        as take a third of a second."""
-        each = self.seconds * evaluations / max(1, self.default.evaluations)
-        return min(self.cases, max(_FEW, int(_LONG_S / each)))
+        """Return the number of cases, of so many evaluations each, that take a third of a second,
+        at most all."""
+        seconds_per_case = self.seconds * evaluations / max(1, self.default.evaluations)
+        return min(self.cases, max(_MIN_CASES, int(_MAX_VARIANT_S / seconds_per_case)))
 
     def part(self, formulation: str) -> int:
-        """How many of the cases a formulation flies: all, or a part of them."""
+        """Return the number of cases that a formulation runs."""
         return (
-            min(self.cases, max(_FEWEST, self.cases // _PART))
+            min(self.cases, max(_MIN_FULL_CASES, self.cases // _FULL_FRACTION))
             if formulation == FULL
             else self.cases
         )
 
     @property
     def own_cases(self) -> int:
-        """How many of the cases the scene's own formulation flies."""
+        """Number of cases that the scene's own formulation runs."""
         return self.part(self.formulation)
 
     @property
     def default(self) -> "SolverVariant":
-        """The way that the pilot chose."""
+        """Variant with the selected steps."""
         return SolverVariant(
             self.flight, self.campaign, self.own_cases, self.campaign.scene.solver.accuracy, True
         )
 
     @cached_property
     def units(self) -> list[str]:
-        """Units of the outcomes, in the order of their columns."""
+        """Units of the outcomes, by column."""
         return [c.unit for c in self.campaign.outcome_columns]
 
     @cached_property
     def names(self) -> list[str]:
-        """Names of the outcomes, in the order of their columns."""
+        """Names of the outcomes, by column."""
         return [c.name for c in self.campaign.outcome_columns]
 
     def with_settings(self, settings: dict[str, Any]) -> Campaign:
-        """The campaign with other values."""
+        """Return the campaign with other settings."""
         return self.campaign.with_settings(settings)
 
-    def error(self, found: Block, reference: np.ndarray, sound: np.ndarray) -> tuple[float, str]:
-        """Largest error of the outcomes of a block, and of which; of the cases that it and the
-        reference flew to the end. Times and places of extremes, which no step settles, do not
-        count."""
-        n = min(len(found.status), len(sound))
+    def error(self, block: Block, reference: np.ndarray, valid: np.ndarray) -> tuple[float, str]:
+        """Return the largest error of the outcomes of a block, and the outcome; over the cases that
+        finished in it and in the reference, without times and places of extremes, which do not
+        converge with the steps."""
+        n = min(len(block.status), len(valid))
         return self.error_of(
-            found.outcomes[:n, : len(self.names)], found.status[:n] == Status.OK, reference, sound
+            block.outcomes[:n, : len(self.names)], block.status[:n] == Status.OK, reference, valid
         )
 
     def error_of(
-        self, found: np.ndarray, ok: np.ndarray, reference: np.ndarray, sound: np.ndarray
+        self, outcomes: np.ndarray, ok: np.ndarray, reference: np.ndarray, valid: np.ndarray
     ) -> tuple[float, str]:
-        """The same of outcomes (n, o) of the first n cases. The scatter of an outcome is that of
-        all cases of the reference."""
-        both = np.flatnonzero(ok & sound[: len(found)])
-        if not len(both):
+        """Return the same for outcomes (n, o) of the first n cases; scaled by the scatter over all
+        cases of the reference."""
+        common = np.flatnonzero(ok & valid[: len(outcomes)])
+        if not len(common):
             return np.inf, ""
-        whole = reference.copy()
-        whole[both] = found[both]
+        values = reference.copy()
+        values[common] = outcomes[common]
         errors = relative_error(
-            whole[sound],
-            reference[sound],
+            values[valid],
+            reference[valid],
             self.units,
             scene_scales(self.campaign.scene, self.units),
         )
@@ -144,13 +143,12 @@ class Study:
 
 @dataclass(frozen=True)
 class SolverVariant:
-    """A way to fly: a flight, the campaign with the method and formulation that it was planned for,
-    and how many of the cases."""
+    """Method, formulation and steps, and the number of cases to run."""
 
     flight: Integration
     campaign: Campaign
     cases: int
-    asked: float = np.nan  # accuracy that the pilot was given
+    asked: float = np.nan  # accuracy requested of the step selection
     default: bool = False
 
     @property
@@ -165,8 +163,7 @@ class SolverVariant:
 
     @property
     def setting(self) -> str:
-        """Steps, in words: the scene's own step, if it has one, or else how many each stage
-        takes."""
+        """Steps in words: the scene's fixed step, or the number of each segment."""
         if self.flight.step is not None:
             return f"step {self.flight.step:.4g} s"
         steps, names = self.flight.steps.tolist(), self.flight.method_names
@@ -178,13 +175,13 @@ class SolverVariant:
 
     @property
     def evaluations(self) -> int:
-        """About how many a case takes; with a step that is given, only in proportion."""
+        """Approximate evaluations of a case; for a fixed step only in proportion."""
         return self.flight.evaluations
 
     def by_formulation(self, study: Study, other: str) -> "SolverVariant":
-        """The same steps by the other formulation of the equations, with nothing flown again."""
-        given = {"solver.method": self.method, "solver.formulation": other}
-        campaign = study.with_settings(given)
+        """Return the same steps with the other formulation of the equations."""
+        settings = {"solver.method": self.method, "solver.formulation": other}
+        campaign = study.with_settings(settings)
         flight = replace(
             unpacked(campaign, self.flight.packed, history=False, announce=study.say),
             limits=None,
@@ -194,11 +191,11 @@ class SolverVariant:
         )
         return SolverVariant(flight, campaign, study.part(other), self.asked)
 
-    def fly(self, draws: np.ndarray) -> Block:
-        """Fly as many cases as the way has, the first of ``draws`` (n, d), SI."""
-        return integrate(self.campaign, self.flight, draws[: self.cases])
+    def fly(self, inputs: np.ndarray) -> Block:
+        """Integrate the first ``cases`` of the inputs (n, d), SI."""
+        return integrate(self.campaign, self.flight, inputs[: self.cases])
 
 
 def sample_inputs(campaign: Campaign, count: int) -> np.ndarray:
-    """The first ``count`` cases of a campaign, (count, d), SI."""
+    """Return the inputs of the first ``count`` cases of a campaign, (count, d), SI."""
     return campaign.sample(0, count) * campaign.factors

@@ -1,9 +1,11 @@
-"""Tables of a bench as text."""
+"""Text tables of a benchmark."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
+
+from sepmc.text_table import text_table
 
 _FORMATS = {
     "error": "{:.1e}", "asked": "{:.0e}", "ms": "{:.3g}",
@@ -13,9 +15,9 @@ _FORMATS = {
     "kernel_s": "{:.4f}", "sample_s": "{:.4f}", "peak_MB": "{:.0f}", "speed_up": "{:.2f}",
     "compile_s": "{:.2f}", "over_ours": "{:.3g}", "spread": "{:.2f}",
 }  # fmt: skip
-QUIET = 0.1  # spread of repeats, in the median row of a part, up to which a machine is quiet
-FASTER = 1.1  # that more threads are than one, at least
-_SHOWN = {
+MAX_QUIET_SPREAD = 0.1  # largest median spread of repeats without a warning
+MIN_SPEED_UP = 1.1  # smallest speed-up of several threads without a warning
+_COLUMNS = {
     "work_precision": [
         "formulation",
         "method",
@@ -66,7 +68,7 @@ _SHOWN = {
         "note",
     ],
 }
-_WORDS = (
+_TEXT_COLUMNS = (
     "formulation",
     "method",
     "setting",
@@ -82,7 +84,7 @@ _WORDS = (
 )
 _TITLES = {
     "work_precision": "Work-precision: error against the reference, kernel time for 10,000 cases "
-    "(ms, median; spread: the middle half of its repeats, over that)",
+    "(ms, median; spread: interquartile range of its repeats over the median)",
     "features": "Cost of each feature: time and operations without it, over those of the whole "
     "scene, in the same steps, one thread",
     "stages": "Time by stage and by command (s, median)",
@@ -93,27 +95,23 @@ _TITLES = {
 TABLES = tuple(_TITLES)
 
 
-def table(name: str, frame: pd.DataFrame) -> str:
-    """A part of the bench under its title; what does not apply is -."""
-    shown = pd.DataFrame(
+def render_table(name: str, frame: pd.DataFrame) -> str:
+    """Render a part of the benchmark under its title; "-" marks missing values."""
+    cells = pd.DataFrame(
         {
             column: [_cell(column, value) for value in frame[column]]
-            for column in _SHOWN[name]
+            for column in _COLUMNS[name]
             if column in frame
         }
     )
-    shown = shown.loc[:, [bool((shown[column] != "").any()) for column in shown]]
-    wide = [max(len(str(column)), int(shown[column].str.len().max())) for column in shown]
-    sides = [str.ljust if column in _WORDS else str.rjust for column in shown]
-    rows = [[str(column) for column in shown], *shown.to_numpy().tolist()]
-    lines = [
-        "  ".join(side(cell, width) for side, cell, width in zip(sides, row, wide, strict=True))
-        for row in rows
-    ]
-    return "\n".join([_TITLES[name], "", *(line.rstrip() for line in lines)])
+    cells = cells.loc[:, [bool((cells[column] != "").any()) for column in cells]]
+    left = [k for k, column in enumerate(cells) if column in _TEXT_COLUMNS]
+    rows = [[str(column) for column in cells], *cells.to_numpy().tolist()]
+    return "\n".join([_TITLES[name], "", *text_table(rows, left)])
 
 
 def _cell(column: str, value: Any) -> str:
+    """Format a value of a column."""
     if isinstance(value, bool) or type(value).__name__ == "bool":
         return {"scaled": "scaled", "default": "<- default"}[column] if value else ""
     if pd.isna(value):
@@ -122,37 +120,38 @@ def _cell(column: str, value: Any) -> str:
 
 
 def warnings(name: str, frame: pd.DataFrame) -> list[str]:
-    """What is to be told of a part besides its numbers."""
-    return [said for said in (unquiet(name, frame), idle_threads(frame)) if said]
+    """Return the warnings on a part."""
+    return [warning for warning in (noise_warning(name, frame), threads_warning(frame)) if warning]
 
 
-def unquiet(name: str, frame: pd.DataFrame) -> str:
-    """A warning if the repeats of a part lie far apart; empty if they do not."""
+def noise_warning(name: str, frame: pd.DataFrame) -> str:
+    """Return a warning if the repeats of a part scatter widely, else an empty string."""
     spreads = frame["spread"].dropna() if "spread" in frame else pd.Series(dtype=float)
-    if not len(spreads) or spreads.median() <= QUIET:
+    if not len(spreads) or spreads.median() <= MAX_QUIET_SPREAD:
         return ""
     return (
-        f"warning: the machine was not quiet: the middle half of the repeats of {name} spreads "
-        f"over {100.0 * spreads.median():.0f} % of their median; ratios within a part are fairer "
+        f"warning: the machine was busy: the interquartile range of the repeats of {name} is "
+        f"{100.0 * spreads.median():.0f} % of their median; ratios within a part are more reliable "
         "than times"
     )
 
 
-def idle_threads(frame: pd.DataFrame) -> str:
-    """A warning if more threads are no faster than one; empty if they are."""
-    found = frame["speed_up"].dropna() if "speed_up" in frame else pd.Series(dtype=float)
-    if len(found) < 2 or found.iloc[-1] > FASTER:
+def threads_warning(frame: pd.DataFrame) -> str:
+    """Return a warning if several threads are no faster than one, else an empty string."""
+    speed_ups = frame["speed_up"].dropna() if "speed_up" in frame else pd.Series(dtype=float)
+    if len(speed_ups) < 2 or speed_ups.iloc[-1] > MIN_SPEED_UP:
         return ""
     return (
-        f"warning: {frame['threads'].iloc[-1]:.0f} threads are {found.iloc[-1]:.2f} times as fast "
-        "as one: something else takes the processors, or they are halves of one core"
+        f"warning: {frame['threads'].iloc[-1]:.0f} threads are {speed_ups.iloc[-1]:.2f} times as "
+        "fast as one: other processes use the cores, or they are threads of one core"
     )
 
 
-def headlines(told: Mapping[str, Any]) -> str:
-    """What is to be remembered, a line each."""
-    return "\n".join(f"  {name:44s} {_number(value)}" for name, value in told.items())
+def render_headlines(headlines: Mapping[str, Any]) -> str:
+    """Render the most important numbers, a line each."""
+    return "\n".join(f"  {name:44s} {_number(value)}" for name, value in headlines.items())
 
 
 def _number(value: Any) -> str:
+    """Format a number with four significant digits."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""Error over time for every method, number of steps and formulation."""
+"""Work-precision: error over time for every method, number of steps and formulation."""
 
 from dataclasses import replace
 from functools import partial
@@ -15,113 +15,122 @@ from sepmc.campaign.execution.step_selection import Integration, select_steps
 from sepmc.engine.dispatch import Block, progress_reporter
 from sepmc.kernel.spec.methods import AUTO, METHODS
 
-# asked of the pilot, to get steps that a user might fly with
+# requested of the step selection, for steps that a user might get
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
-PER = 10_000  # cases that times are told for
-_EVERY_S = 20.0  # between two words on how far the ways are
-_MOST_AGAIN = 0.5  # of the cases may be flown again: then the steps are not those of the way
-_MOST = 25  # times as many evaluations as by default are left out
+PER = 10_000  # cases that reported times refer to
+_MESSAGE_S = 20.0  # between progress messages
+_MAX_REFINED = 0.5  # fraction of refined cases above which steps are not those of the variant
+_MAX_WORK = 25  # variants with more than this multiple of the default evaluations are left out
 
 
 def measure(study: Study, reference: Reference) -> pd.DataFrame:
-    """One row a way to fly; times are medians, for 10,000 cases, ms; ``scaled`` if fewer than the
-    study's were flown."""
-    ways = _variants(study, "reduced")
+    """Measure the variants of method, steps and formulation.
+
+    Returns
+    -------
+    DataFrame, a row per variant
+        Median times in ms for 10,000 cases; ``scaled`` if fewer than the study's cases were run.
+    """
+    variants = _variants(study, "reduced")
     if study.formulation == FULL:
-        ways += _variants(study, FULL)
-    else:  # at the steps that reduced equations are flown in: they agree to round-off
-        own = [way for way in ways if way.method == study.method and np.isfinite(way.asked)]
-        ways += [way.by_formulation(study, FULL) for way in own]
-    return rows_of(study, reference, _without(reference, study, ways))
+        variants += _variants(study, FULL)
+    else:  # at the steps of the reduced formulation, which agrees to round-off
+        own = [v for v in variants if v.method == study.method and np.isfinite(v.asked)]
+        variants += [variant.by_formulation(study, FULL) for variant in own]
+    return rows_of(study, reference, _without_reference(reference, study, variants))
 
 
 def own_variants(study: Study, reference: Reference) -> list[SolverVariant]:
-    """Ways to fly by the scene's own formulation; not that of the reference."""
-    return _without(reference, study, _variants(study, study.formulation))
+    """Return the variants of the scene's own formulation, without that of the reference."""
+    return _without_reference(reference, study, _variants(study, study.formulation))
 
 
-def _without(reference: Reference, study: Study, ways: list[SolverVariant]) -> list[SolverVariant]:
+def _without_reference(
+    reference: Reference, study: Study, variants: list[SolverVariant]
+) -> list[SolverVariant]:
+    """Leave out the variant that is the reference."""
     known = (study.formulation, METHOD, reference.setting)
-    return [way for way in ways if (way.formulation, way.method, way.setting) != known]
+    return [v for v in variants if (v.formulation, v.method, v.setting) != known]
 
 
-def rows_of(study: Study, reference: Reference, ways: list[SolverVariant]) -> pd.DataFrame:
-    """Fly some ways and time them, in rounds; a row each."""
-    flown, tell = [], progress_reporter(study.say, _EVERY_S)
-    for number, way in enumerate(ways):
-        block = way.fly(study.draws)
-        tell(partial(_so_far, number + 1, len(ways)))
-        if way.default or _flown_again(block) <= _MOST_AGAIN:
-            flown.append((way, block))
+def rows_of(study: Study, reference: Reference, variants: list[SolverVariant]) -> pd.DataFrame:
+    """Run and time variants in rounds; return a row each."""
+    blocks, report = [], progress_reporter(study.say, _MESSAGE_S)
+    for number, variant in enumerate(variants):
+        block = variant.fly(study.inputs)
+        report(partial(_progress, number + 1, len(variants)))
+        if variant.default or _refined_fraction(block) <= _MAX_REFINED:
+            blocks.append((variant, block))
         else:
-            study.say(
-                f"left out, most cases are flown again in finer steps: {way.method}, {way.setting}"
-            )
+            study.say(f"left out, as most cases are refined: {variant.method}, {variant.setting}")
     times = rounds(
-        {str(i): partial(way.fly, study.draws) for i, (way, _) in enumerate(flown)}, study.repeats
+        {str(i): partial(variant.fly, study.inputs) for i, (variant, _) in enumerate(blocks)},
+        study.repeats,
     )
     rows = []
-    for i, (way, block) in enumerate(flown):
-        error, worst = study.error(block, reference.outcomes, reference.sound)
-        rows.append(_row(way, times[str(i)], error, worst, way.cases < study.cases))
+    for i, (variant, block) in enumerate(blocks):
+        error, worst = study.error(block, reference.outcomes, reference.valid)
+        rows.append(_row(variant, times[str(i)], error, worst, variant.cases < study.cases))
     return pd.DataFrame(rows)
 
 
-def _so_far(done: int, total: int, seconds: float) -> str:
-    return f"{done} of {total} ways flown in {seconds:.0f} s ..."
+def _progress(done: int, total: int, seconds: float) -> str:
+    """Describe the progress."""
+    return f"{done} of {total} variants run in {seconds:.0f} s ..."
 
 
-def _flown_again(block: Block) -> float:
-    """Share of the cases of a block that were flown again."""
+def _refined_fraction(block: Block) -> float:
+    """Return the fraction of refined cases of a block."""
     assert block.refinement is not None
     return block.refinement.n_refined / len(block.status)
 
 
 def _row(
-    way: SolverVariant, times: list[float], error: float, worst: str, few: bool
+    variant: SolverVariant, times: list[float], error: float, worst: str, few: bool
 ) -> dict[str, Any]:
-    scale = 1e3 * PER / way.cases
+    """Build a row of the table."""
+    scale = 1e3 * PER / variant.cases
     return {
-        "formulation": way.formulation,
-        "method": way.method,
-        "setting": way.setting,
-        "asked": way.asked,
+        "formulation": variant.formulation,
+        "method": variant.method,
+        "setting": variant.setting,
+        "asked": variant.asked,
         "error": error,
         "worst_outcome": worst,
         "ms": scale * median(times),
         "best_ms": scale * min(times),
-        "us_per_case": 1e6 * median(times) / way.cases,
-        "cases": way.cases,
+        "us_per_case": 1e6 * median(times) / variant.cases,
+        "cases": variant.cases,
         "scaled": few,
         "repeats": len(times),
         "spread": spread(times),
-        "default": way.default,
+        "default": variant.default,
     }
 
 
 def _variants(study: Study, formulation: str) -> list[SolverVariant]:
-    """Each method in the steps that the pilot chooses for several accuracies, and in multiples of
-    those for the accuracy asked. By the full formulation only the scene's own method, without
-    multiples."""
-    every = [*sorted(METHODS, key=lambda m: METHODS[m]().order), AUTO]
-    methods = [study.method] if study.quick or formulation == FULL else every
-    return [way for method in methods for way in _of_method(study, method, formulation)]
+    """Return each method in the steps selected for several accuracies and in multiples of those of
+    the scene; for the full formulation only the scene's method, without multiples."""
+    all_methods = [*sorted(METHODS, key=lambda m: METHODS[m]().order), AUTO]
+    methods = [study.method] if study.quick or formulation == FULL else all_methods
+    return [variant for method in methods for variant in _of_method(study, method, formulation)]
 
 
 def _of_method(study: Study, method: str, formulation: str) -> list[SolverVariant]:
+    """Return the variants of one method."""
     campaign = study.with_settings({"solver.method": method, "solver.formulation": formulation})
-    cases, most = study.part(formulation), _MOST * study.default.evaluations
+    cases, max_evaluations = study.part(formulation), _MAX_WORK * study.default.evaluations
     if (method, formulation) == (study.method, study.formulation):
         first = study.default
     else:
         first = SolverVariant(
             select_steps(campaign, announce=study.say), campaign, cases, study.default.asked
         )
-    ways = [first]
-    if first.flight.step is None:  # the pilot has something to choose
+    variants = [first]
+    if first.flight.step is None:  # steps are selected, not fixed
         for accuracy in ACCURACIES[::8] if study.quick else ACCURACIES:
             if accuracy != first.asked:
-                ways.append(
+                variants.append(
                     SolverVariant(
                         select_steps(campaign.with_settings({"solver.accuracy": accuracy})),
                         campaign,
@@ -129,36 +138,34 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
                         accuracy,
                     )
                 )
-            if ways[-1].evaluations > most:
-                break  # it takes still more for the next ones
+            if variants[-1].evaluations > max_evaluations:
+                break  # the next accuracies take still more
     if formulation != FULL:
-        ways += [SolverVariant(flight, campaign, cases) for flight in _multiples(first.flight)]
-    found: dict[tuple[Any, ...], SolverVariant] = {}
-    for way in ways:
-        found.setdefault((*way.flight.steps.tolist(), *way.flight.method_names), way)
-    for way in found.values():
-        if way.evaluations > most:
+        variants += [SolverVariant(flight, campaign, cases) for flight in _multiples(first.flight)]
+    unique: dict[tuple[Any, ...], SolverVariant] = {}
+    for variant in variants:
+        unique.setdefault((*variant.flight.steps.tolist(), *variant.flight.method_names), variant)
+    for variant in unique.values():
+        if variant.evaluations > max_evaluations:
             study.say(
-                f"left out, more than {_MOST} times the work of the default: {way.formulation}, "
-                f"{way.method}, {way.setting}"
+                f"left out, more than {_MAX_WORK} times the work of the default: "
+                f"{variant.formulation}, {variant.method}, {variant.setting}"
             )
-    left = [way for way in found.values() if way.evaluations <= most]
+    affordable = [variant for variant in unique.values() if variant.evaluations <= max_evaluations]
     if formulation != FULL:
-        left = [
-            way
-            if way.default
-            else replace(way, cases=min(way.cases, study.affordable(way.evaluations)))
-            for way in left
+        affordable = [
+            v if v.default else replace(v, cases=min(v.cases, study.affordable(v.evaluations)))
+            for v in affordable
         ]
-    return sorted(left, key=lambda way: way.evaluations)
+    return sorted(affordable, key=lambda variant: variant.evaluations)
 
 
 def _multiples(flight: Integration) -> list[Integration]:
-    """A flight in half, twice and four times as many steps; a step that the scene gives is only
+    """Return an integration in half, twice and four times the steps; a fixed step is only
     divided."""
     half = np.maximum(1, np.round(0.5 * flight.steps)).astype(np.int64)
     fewer = [replace(flight, steps=half)] if flight.step is None else []
     return [
-        replace(one, limits=None, angles={}, most=np.inf)
-        for one in (*fewer, flight.refined(2), flight.refined(4))
+        replace(multiple, limits=None, angles={}, most=np.inf)
+        for multiple in (*fewer, flight.refined(2), flight.refined(4))
     ]

@@ -181,23 +181,23 @@ def _mix(rows: np.ndarray, copula: Copula, scores: Sequence[np.ndarray] | np.nda
 def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
     """Values of a law at probabilities ``u``, in the unit of the parameter's key; shape of u."""
     numbers = dispersion.numbers
-    if dispersion.law == "uniform":
+    if dispersion.distribution == "uniform":
         low, high = numbers
         return low + u * (high - low)
-    if dispersion.law == "triangular":
+    if dispersion.distribution == "triangular":
         low, mode, high = numbers
         if high == low:
             return np.full_like(u, low)
         left = (mode - low) / (high - low)
         rising = low + np.sqrt(u * (high - low) * (mode - low))
         return np.where(u < left, rising, high - np.sqrt((1.0 - u) * (high - low) * (high - mode)))
-    if dispersion.law == "normal":
+    if dispersion.distribution == "normal":
         from scipy.special import ndtr, ndtri  # noqa: PLC0415  (0.1 s that other laws do not need)
 
         mean, sigma, cut = numbers
         tail = ndtr(-cut)
         return mean + sigma * ndtri(tail + u * (1.0 - 2.0 * tail))
-    if dispersion.law == "discrete":
+    if dispersion.distribution == "discrete":
         edges = np.cumsum(dispersion.weights) / np.sum(dispersion.weights)
         return np.array(numbers)[
             np.minimum(np.searchsorted(edges, u, side="right"), len(numbers) - 1)
@@ -269,6 +269,6 @@ def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ..
 
 def _ends(law: Dispersion) -> np.ndarray:
     """Least and largest value (2,) of a law, in the unit of the parameter's key."""
-    if law.law == "discrete":
+    if law.distribution == "discrete":
         return np.array([min(law.numbers), max(law.numbers)])
     return quantile(law, np.array([_RARE, 1.0 - _RARE]))

@@ -121,30 +121,24 @@ def _input_warnings(campaign: "Campaign") -> list[str]:
 
 
 def _check_nominal(campaign: "Campaign", known: list[str]) -> bool:
-    """Simulate the nominal case roughly, and print warnings that are not ``known``.
-
-    Returns
-    -------
-    bool
-        Whether the case ended within the work that a check may take.
-    """
+    """Simulate the nominal case roughly, and print warnings that are not ``known``. Returns whether
+    the case ended within the work that a check may take."""
     from sepmc.campaign.execution.diagnostics import of_nominal
     from sepmc.campaign.execution.single_case import UnknownError
-    from sepmc.scene.messages import SceneWarning, nobody
+    from sepmc.scene.messages import SceneWarning, no_log
 
     with warnings.catch_warnings():  # those of the file are shown already
         warnings.simplefilter("ignore", SceneWarning)
         rough = campaign.with_settings({"solver.accuracy": _ROUGH})
     try:
-        found = rough.simulate(
-            step_s=rough.scene.run.end_time, announce=nobody, plain_work=_WORK
-        ).attrs
+        history = rough.simulate(step_s=rough.scene.run.end_time, announce=no_log, plain_work=_WORK)
+        attributes = history.attrs
     except UnknownError as unknown:
         click.echo("  nominal      not flown to its end")
         warn(f"nominal flight not flown to its end: {unknown}")
         return False
-    click.echo(f"  nominal      {found['status']}")
-    springs = found["springs"] if found["status"] in ("ok", "never-released") else None
-    messages = [*found["notes"], *of_nominal(campaign, found["outcomes"], springs)]
+    click.echo(f"  nominal      {attributes['status']}")
+    springs = attributes["springs"] if attributes["status"] in ("ok", "never-released") else None
+    messages = [*attributes["notes"], *of_nominal(campaign, attributes["outcomes"], springs)]
     warn(*(message for message in messages if message not in known))
     return True

@@ -136,13 +136,13 @@ def _sampling(manifest: Mapping[str, Any], campaign: "Campaign") -> tuple[Any, .
 def _distributions(campaign: "Campaign") -> dict[str, tuple[Any, ...]]:
     """Return the distribution of each input, by column, with its correlations."""
     dispersions = campaign.file.dispersions
-    found: dict[str, tuple[Any, ...]] = {
-        d.parameter.column: (d.law, d.numbers, d.weights) for d in dispersions
+    distributions: dict[str, tuple[Any, ...]] = {
+        d.parameter.column: (d.distribution, d.numbers, d.weights) for d in dispersions
     }
     for copula in campaign.file.copulas:
         names = tuple(dispersions[index].parameter.column for index in copula.places)
-        found |= {name: (*found[name], names, copula.factor) for name in names}
-    return found
+        distributions |= {name: (*distributions[name], names, copula.factor) for name in names}
+    return distributions
 
 
 def _samples(

@@ -53,18 +53,8 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
 
 
 def _repair(folder: Path, findings: "Sequence[Finding]", log: "Log") -> int:
-    """Make the files of a run folder again that were found missing or changed.
-
-    Returns
-    -------
-    int
-        Exit code: 1 if the folder still has faults.
-
-    Raises
-    ------
-    StoreError
-        If the campaign file is missing or was changed.
-    """
+    """Make missing and changed files of a run folder again. Returns the exit code: 1 if faults are
+    left. Raises StoreError if the campaign file is missing or was changed."""
     from sepmc.campaign.campaign import load
     from sepmc.campaign.store import folders, manifests
 

@@ -24,19 +24,8 @@ def show_forecast(
     stats_only: bool,
     compile_command: Sequence[str],
 ) -> None:
-    """Show rows, disk, memory and time of a campaign. Writes nothing.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    cases, seed : optional
-        As for `Campaign.run`.
-    folder : Path
-        Run folder that would be written.
-    stats_only : bool
-    compile_command : sequence of str
-        Command that compiles the kernel; shown in place of the time if the kernel is not compiled.
-    """
+    """Show rows, disk, memory and time of a campaign; write nothing. If its kernel is not compiled,
+    ``compile_command`` is shown in place of the time."""
     from sepmc.campaign.execution.forecast import forecast, size_text, time_text
     from sepmc.campaign.execution.step_selection import kernel_text, select_steps, units_to_compile
 

@@ -98,12 +98,8 @@ def plain_errors() -> Iterator[None]:
 
 
 def first_fault(*faults: tuple[Any, int, str]) -> int:
-    """Print the message of the first fault that occurred, and return its exit code; 0 if none.
-
-    Parameters
-    ----------
-    *faults : tuple (occurred, exit code, message)
-    """
+    """Print the message of the first fault (occurred, exit code, message) that occurred, and return
+    its exit code; 0 if there is none."""
     for occurred, code, message in faults:
         if occurred:
             click.echo(f"error: {message}", err=True)

@@ -155,13 +155,8 @@ def clearance_bounds(campaign: "Campaign") -> dict[str, list[float]]:
 
 
 def event_times(history: Mapping[Any, Any]) -> dict[str, float]:
-    """Return the times (s) of releases and events by their label in figures.
-
-    Parameters
-    ----------
-    history : mapping
-        ``attrs`` of a history, or the manifest of a single case.
-    """
+    """Return the times (s) of releases and events by their label in figures, from the ``attrs`` of
+    a history or the manifest of a single case."""
     releases = {f"release of {joint}": t for joint, t in history.get("releases", {}).items()}
     times = {**releases, **history.get("events", {})}
     return {name: float(t) for name, t in times.items() if t is not None and math.isfinite(t)}
@@ -221,24 +216,9 @@ def draw_fractions(
     suffix: str,
     constants: Mapping[str, float],
 ) -> list[Path]:
-    """Draw the fraction of cases beyond each requirement, and how the means of some outcomes
-    converge; nothing if the run has no rows.
-
-    Parameters
-    ----------
-    folder : Path
-        Run folder.
-    campaign : Campaign
-    verdicts : sequence of Verdict
-    converged : sequence of str
-        Outcomes whose means are drawn.
-    into : Path
-        Folder of the figures.
-    suffix : str
-        Ending of the files.
-    constants : mapping of str to float
-        Values of constant outcomes.
-    """
+    """Draw the fraction of cases beyond each requirement, and how the means of the ``converged``
+    outcomes converge; nothing if the run has no rows. ``constants`` maps constant outcomes to their
+    values."""
     import numpy as np
 
     from sepmc.analysis.statistics import column, ok_rows
@@ -275,11 +255,9 @@ def run_title(folder: Path) -> str:
 
 
 def ranked_outcomes(campaign: "Campaign", table: "pd.DataFrame") -> list[str]:
-    """Return the names of outcomes in the order in which a review asks for them.
-
-    Required outcomes come first; then those with a reference, or, without one, those that vary by
-    more than their numerical error, by rank. Outcomes that are yes or no are left out.
-    """
+    """Return the names of outcomes in the order in which a review asks for them: required outcomes,
+    then those with a reference or, without one, those that vary by more than their numerical error,
+    by rank. Outcomes that are yes or no are left out."""
     from sepmc.analysis.constant_outcomes import is_constant
 
     names = [str(name) for name in table.index if not is_yes_or_no(str(name))]

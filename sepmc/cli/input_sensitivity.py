@@ -23,27 +23,13 @@ _DEFAULT = 4  # outcomes that are analysed unless some are named
 
 @dataclass
 class InputSensitivity:
-    """Sensitivities of outcomes, and attribution of failures.
+    """Sensitivities of outcomes, and attribution of failures."""
 
-    Parameters
-    ----------
-    sensitivities : dict of str to DataFrame
-        A row per input, by outcome.
-    attributions : dict of str to list of Attribution
-        Inputs that distinguish the failed cases, by kind of failure.
-    failures : dict of str to str
-        Sentence on the number of failed cases, by kind of failure.
-    keys : dict of str to str
-        Path of each input in the file, by column.
-    design : str
-        Sampling design of the run.
-    """
-
-    sensitivities: dict[str, pd.DataFrame]
-    attributions: dict[str, list[failure_attribution.Attribution]]
-    failures: dict[str, str]
-    keys: dict[str, str]
-    design: str = "random"
+    sensitivities: dict[str, pd.DataFrame]  # a row per input, by outcome
+    attributions: dict[str, list[failure_attribution.Attribution]]  # by kind of failure
+    failures: dict[str, str]  # sentence on the number of failed cases, by kind of failure
+    keys: dict[str, str]  # path of each input in the file, by column
+    design: str = "random"  # sampling design of the run
 
     def texts(self, width: int) -> tuple[list[str], list[str]]:
         """Render sensitivities and attributions as tables of ``width`` characters."""
@@ -72,17 +58,8 @@ def check_outcomes(campaign: Campaign, names: tuple[str, ...]) -> None:
 def analyse(
     folder: Path, campaign: Campaign, run: RunStatistics, names: tuple[str, ...] = ()
 ) -> InputSensitivity:
-    """Compute sensitivities of outcomes, and attribute violations and failures to inputs.
-
-    Parameters
-    ----------
-    folder : Path
-        Run folder with case rows.
-    campaign : Campaign
-    run : RunStatistics
-    names : tuple of str
-        Outcomes; default the first four by rank.
-    """
+    """Compute sensitivities of some outcomes, by default of the first four by rank, and attribute
+    violations and failures to inputs."""
     rows, table, design = shards.CaseColumns(folder), run.table, campaign.design
     check_outcomes(campaign, names)
     keys = {d.parameter.column: d.parameter.key for d in campaign.file.dispersions}
@@ -95,7 +72,7 @@ def analyse(
                 name,
                 design,
                 correlated=campaign.correlated,
-                within=constant_outcomes.max_spread(table, name),
+                spread=constant_outcomes.max_spread(table, name),
             )
         except ValueError as error:
             warn(str(error))
@@ -126,22 +103,10 @@ def analyse(
 
 
 def draw_sensitivities(
-    found: InputSensitivity, folder: Path, campaign: Campaign, into: Path, suffix: str = ".png"
+    drivers: InputSensitivity, folder: Path, campaign: Campaign, into: Path, suffix: str = ".png"
 ) -> list[Path]:
-    """Draw tornado charts, and outcomes over their leading inputs.
-
-    Parameters
-    ----------
-    found : InputSensitivity
-    folder : Path
-        Run folder.
-    campaign : Campaign
-    into : Path
-        Folder of the figures.
-    suffix : str
-        Ending of the files.
-    """
-    if not found.sensitivities:
+    """Draw tornado charts, and outcomes over their leading inputs, into a folder."""
+    if not drivers.sensitivities:
         return []
     units = {c.name: c.unit for c in campaign.outcome_columns}
     title = run_title(folder)
@@ -153,11 +118,11 @@ def draw_sensitivities(
         violates = np.logical_and(*failure_attribution.violation_masks(item, cases, required))
         by_metric[item.metric] = by_metric.get(item.metric, False) | violates
         any_violation |= violates
-    violation_masks = {name: by_metric.get(name, any_violation)[ok] for name in found.sensitivities}
-    inputs = {str(name) for table in found.sensitivities.values() for name in table.index}
-    rows = {name: column(cases, name)[ok] for name in {*found.sensitivities, *inputs}}
-    tables, keys = found.sensitivities, found.keys
+    violating = {name: by_metric.get(name, any_violation)[ok] for name in drivers.sensitivities}
+    inputs = {str(name) for table in drivers.sensitivities.values() for name in table.index}
+    rows = {name: column(cases, name)[ok] for name in {*drivers.sensitivities, *inputs}}
+    tables, keys = drivers.sensitivities, drivers.keys
     return [
         tornado_figure(tables, into, units, keys, title, suffix),
-        scatter_figure(tables, rows, violation_masks, into, units, keys, title, suffix),
+        scatter_figure(tables, rows, violating, into, units, keys, title, suffix),
     ]

@@ -127,18 +127,8 @@ def out_file_option(default: str, kinds: str) -> Any:
 def check_out_file(
     path: Path, endings: tuple[str, ...], overwrite: bool, other: str | None = None
 ) -> None:
-    """Raise InputError unless a file may be written.
-
-    Parameters
-    ----------
-    path : Path
-    endings : tuple of str
-        Allowed endings; any if empty.
-    overwrite : bool
-        Whether the file may exist.
-    other : str, optional
-        Argument that gives the path; default ``--out``.
-    """
+    """Raise InputError unless a file has one of some ``endings`` (any if empty) and may be written.
+    ``other`` is the argument that gives the path, by default ``--out``."""
     from sepmc.scene.messages import InputError
 
     if endings and path.suffix.lower() not in endings:
@@ -155,21 +145,8 @@ def load_campaign(
     samples: Path | None = None,
     verify: bool = True,
 ) -> "Campaign":
-    """Read and validate a campaign, and print its warnings.
-
-    Parameters
-    ----------
-    file : str
-        Campaign file, run folder or shipped campaign.
-    settings : tuple of str
-        Values of ``--set``.
-    warn : bool
-        Whether to print warnings.
-    sampler, samples : optional
-        Values of ``--sampler`` and ``--samples``.
-    verify : bool
-        Whether the campaign of a run folder must be unchanged.
-    """
+    """Read and validate a campaign file, run folder or shipped campaign, and print its warnings if
+    ``warn``. The campaign of a run folder must be unchanged if ``verify``."""
     from sepmc.scene.messages import SceneWarning
     from sepmc.scene.read import parse_setting
 

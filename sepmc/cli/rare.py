@@ -36,19 +36,8 @@ _EXCLUDED = {
 
 
 def estimate_rare_event(requirement: str, parameters: Mapping[str, Any]) -> int:
-    """Estimate the probability of violating a requirement, into a folder.
-
-    Parameters
-    ----------
-    requirement : str
-    parameters : mapping
-        Parameters of `sepmc campaign`.
-
-    Returns
-    -------
-    int
-        Exit code.
-    """
+    """Estimate the probability of violating a requirement, into a folder, by the ``parameters`` of
+    `sepmc campaign`. Returns the exit code."""
     for other, name in _EXCLUDED.items():
         if parameters[other]:
             raise click.UsageError(f"--rare and --{name} exclude each other")

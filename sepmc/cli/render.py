@@ -69,15 +69,8 @@ def render_timing(result: "Result") -> str:
 
 
 def render_accuracy(accuracy: Mapping[str, Any], phases: Sequence[str]) -> str:
-    """Return the steps and the numerical error of a run as a sentence.
-
-    Parameters
-    ----------
-    accuracy : mapping
-        Accuracy record of a manifest.
-    phases : sequence of str
-        Names of the phases that were integrated.
-    """
+    """Return the steps and the numerical error of a run as a sentence, from the accuracy record of
+    its manifest and the names of its phases."""
     # manifests without "methods" have one method for all phases
     methods = accuracy.get("methods") or len(phases) * [accuracy["method"]]
     steps, same = accuracy.get("steps", ()), len(set(methods)) == 1

@@ -71,23 +71,8 @@ def replay(
 
 
 def _select(folder: Path, campaign: "Campaign", way: str, target: str) -> tuple[int, str]:
-    """Select a case of a run.
-
-    Parameters
-    ----------
-    folder : Path
-    campaign : Campaign
-    way : str
-        worst, min, max or nearest.
-    target : str
-        Requirement or outcome.
-
-    Returns
-    -------
-    number : int
-    sentence : str
-        Why it is this case.
-    """
+    """Select a case of a run by a way (worst, min, max or nearest) and a requirement or outcome;
+    return its number and the reason."""
     from sepmc.campaign import run_statistics
     from sepmc.campaign.execution import replay
     from sepmc.campaign.execution.accuracy import with_scales

@@ -20,7 +20,7 @@ from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.drawing import draw_vehicle
 from sepmc.report.history_figures import run_figures
-from sepmc.scene.messages import Log, nobody
+from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
 from sepmc.schema import Status
 
@@ -33,28 +33,17 @@ _ROWS = 400  # of their histories
 
 
 def write_report(folder: Path, campaign: Campaign, replays: bool, log: Log) -> Path:
-    """Write the report of a run, and return its path.
-
-    A second process draws the vehicle and the outcomes, while this one computes the rest.
-
-    Parameters
-    ----------
-    folder : Path
-        Run folder with case rows.
-    campaign : Campaign
-    replays : bool
-        Whether to simulate the worst cases again, for their figures.
-    log : callable (text)
-    """
+    """Write the report of a run, with its worst cases simulated again if ``replays``; return its
+    path. A second process draws the vehicle and the outcomes meanwhile."""
     with TemporaryDirectory() as temporary, processes(1) as second:
         into = Path(temporary)
         drawn = second.submit(_draw_run, folder, into)
         run = run_statistics.read_run(folder, campaign)
-        found = analyse(folder, campaign, run)
+        drivers = analyse(folder, campaign, run)
         worst = _draw_worst(campaign, run, into, log) if replays else []
-        content = _content(campaign, run, found, worst)
-        drivers = draw_sensitivities(found, folder, campaign, into, ".svg")
-        path = page.write_report(content, folder / "report.html", *drawn.result(), drivers)
+        content = _content(campaign, run, drivers, worst)
+        figures = draw_sensitivities(drivers, folder, campaign, into, ".svg")
+        path = page.write_report(content, folder / "report.html", *drawn.result(), figures)
         manifests.record_derived(folder, [path])
         return path
 
@@ -72,7 +61,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
         run.summary,
         run.table,
         run.verdicts,
-        log=nobody,
+        log=no_log,
         page=into,
         converging=True,
     )
@@ -80,11 +69,11 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
 
 
 def _content(
-    campaign: Campaign, run: RunStatistics, found: InputSensitivity, worst: list[page.CaseReplay]
+    campaign: Campaign, run: RunStatistics, drivers: InputSensitivity, worst: list[page.CaseReplay]
 ) -> page.ReportContent:
     """Collect the content of a report."""
     manifest, counts = run.manifest, run.summary.counts
-    sensitivities, attributions = found.texts(WIDTH)
+    sensitivities, attributions = drivers.texts(WIDTH)
     units = {column.name: column.unit for column in campaign.outcome_columns}
     source = campaign.file.reference.source if campaign.file.reference else "reference"
     sentences = {status.label: status.sentence for status in Status}

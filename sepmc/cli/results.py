@@ -21,13 +21,7 @@ ACCURACY_FAULT = "the requested accuracy was not met; see the warning above"
 
 
 def check_rows(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a run folder with case rows.
-
-    Raises
-    ------
-    StoreError
-        If the folder has no case rows.
-    """
+    """Return the manifest of a run folder. Raises StoreError if the folder has no case rows."""
     from sepmc.campaign.store import folders, manifests
 
     manifest = manifests.read_manifest(folder)
@@ -55,17 +49,8 @@ def check_rows(folder: Path) -> dict[str, Any]:
 def show_results(
     folder: Path, campaign: "Campaign", run: "RunStatistics", log: "Log", columns: str | None = None
 ) -> None:
-    """Show statistics, failures, audit, numerical error and verdicts of a run.
-
-    Parameters
-    ----------
-    folder : Path
-    campaign : Campaign
-    run : RunStatistics
-    log : callable (text)
-    columns : str, optional
-        Patterns of the outcomes to show, separated by commas.
-    """
+    """Show statistics, failures, audit, numerical error and verdicts of a run; statistics of the
+    outcomes that match the patterns ``columns`` only, if given."""
     from sepmc.analysis import requirements
     from sepmc.analysis.statistics_text import render_audit, render_summary
     from sepmc.schema import Status
@@ -96,14 +81,8 @@ def phases(campaign: "Campaign", accuracy: Any) -> list[str]:
 
 
 def exit_code(run: "RunStatistics", must_pass: bool) -> int:
-    """Print the first fault of a run, and return its exit code; 0 if there is none.
-
-    Parameters
-    ----------
-    run : RunStatistics
-    must_pass : bool
-        Whether a requirement that is not shown is a fault.
-    """
+    """Print the first fault of a run, and return its exit code; 0 if there is none. A requirement
+    that is not shown is a fault if it ``must_pass``."""
     from sepmc.analysis.requirements import PASS
     from sepmc.schema import Status
 

@@ -53,24 +53,24 @@ def sensitivity(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None
 
     campaign = load_run(folder)
     run = run_statistics.read_run(folder, campaign)
-    found = analyse(folder, campaign, run, outcomes)
-    for text in [text for texts in found.texts(screen_width()) for text in texts]:
+    drivers = analyse(folder, campaign, run, outcomes)
+    for text in [text for texts in drivers.texts(screen_width()) for text in texts]:
         show(text)
     written = [folder / "causes.csv"]
-    if found.sensitivities:
+    if drivers.sensitivities:
         noted = {
-            name: table.assign(note=" ".join(index_notes(table, found.keys)))
-            for name, table in found.sensitivities.items()
+            name: table.assign(note=" ".join(index_notes(table, drivers.keys)))
+            for name, table in drivers.sensitivities.items()
         }
         table = pd.concat(noted, names=["outcome", "input"]).reset_index()
         before = _stored(folder, list(table.columns)) if outcomes else table[:0]
-        table = pd.concat([before[~before["outcome"].isin(found.sensitivities)], table])
+        table = pd.concat([before[~before["outcome"].isin(drivers.sensitivities)], table])
         folders.write_text(folder / _TABLE, table.to_csv(index=False))
         written.insert(0, folder / _TABLE)
-    causes = failure_attribution.attribution_table(found.attributions)
+    causes = failure_attribution.attribution_table(drivers.attributions)
     folders.write_text(folder / "causes.csv", causes.to_csv(index=False))
     if not no_plots:
-        written += draw_sensitivities(found, folder, campaign, folder)
+        written += draw_sensitivities(drivers, folder, campaign, folder)
     manifests.record_derived(folder, written)
     for path in written:
         click.echo(path)

@@ -22,43 +22,21 @@ _MANIFEST = ("status", "compiled", "outcomes", "errors", "notes", "releases", "e
 
 @dataclass(frozen=True)
 class SingleRun:
-    """Which case to simulate, and what to write.
+    """Options of the simulation of a single case."""
 
-    Parameters
-    ----------
-    number : int or None
-        Number of the case; None is the nominal case.
-    seed : int or None
-        Default: the seed of the campaign.
-    every_s : float
-        Time between rows of the history, s.
-    out : Path or None
-        Folder to write.
-    overwrite, plots : bool
-    run : Path, optional
-        Run folder whose row of this case is checked, and whose nominal case is drawn behind it.
-    animate : str, optional
-        Format of an animation, gif or mp4.
-    """
-
-    number: int | None
-    seed: int | None
-    every_s: float
+    number: int | None  # of the case; None is the nominal case
+    seed: int | None  # default: the seed of the campaign
+    every_s: float  # time between rows of the history
     out: Path | None
     overwrite: bool
     plots: bool
-    run: Path | None = None
-    animate: str | None = None
+    run: Path | None = None  # whose row is checked, and whose nominal case is drawn behind
+    animate: str | None = None  # gif or mp4
 
 
 def simulate_single(campaign: "Campaign", single: SingleRun, log: "Log") -> int:
-    """Simulate a case, write its folder and show its outcomes.
-
-    Returns
-    -------
-    int
-        Exit code: 1 if the status is not ok, or the row differs from that of the run.
-    """
+    """Simulate a case, write its folder and show its outcomes. Returns the exit code: 1 if the
+    status is not ok, or the row differs from that of the run."""
     from sepmc import schema
     from sepmc.campaign.execution.accuracy import zero_below_error
     from sepmc.campaign.store import folders, manifests
@@ -79,19 +57,19 @@ def simulate_single(campaign: "Campaign", single: SingleRun, log: "Log") -> int:
         history = campaign.simulate(case, every_s, log)
         seconds = time.perf_counter() - start
         _write(folder, campaign, case, history, single)
-    found = history.attrs
-    status = schema.Status[found["status"].upper().replace("-", "_")]
+    attributes = history.attrs
+    status = schema.Status[attributes["status"].upper().replace("-", "_")]
     log(f"{campaign.name}, {title}: {status.label}: {status.sentence}")
-    outcomes = zero_below_error(campaign, found["outcomes"], found["errors"])
+    outcomes = zero_below_error(campaign, attributes["outcomes"], attributes["errors"])
     for name, value in [*case.inputs.items(), *outcomes.items()]:
         log(f"  {name:44s} {value:.9g}")
     if number is not None and number not in campaign.numbers:
         log(f"case {number} is not among those of the file ({campaign.numbers})")
-    warn(*found["notes"], *([] if number is None else undispersed(campaign)))
-    error = render_case_error(found["outcomes"], found["errors"], campaign)
+    warn(*attributes["notes"], *([] if number is None else undispersed(campaign)))
+    error = render_case_error(attributes["outcomes"], attributes["errors"], campaign)
     if error is not None:
         log(error)
-    how = "compiled" if found["compiled"] else "as plain Python"
+    how = "compiled" if attributes["compiled"] else "as plain Python"
     log(f"kernel run {how}, in {seconds:.2f} s; {len(history)} rows")
     same = single.run is None or number is None or _check_row(campaign, single.run, number, log)
     written: list[Path] = []
@@ -107,7 +85,7 @@ def simulate_single(campaign: "Campaign", single: SingleRun, log: "Log") -> int:
             of_case(campaign.name, number, campaign.settings),
             behind=None if single.run is None else campaign.simulate(None, every_s, log),
             required=clearance_bounds(campaign),
-            marks=event_times(found),
+            marks=event_times(attributes),
         )
     if single.animate:
         from sepmc.report import animation
@@ -183,17 +161,8 @@ def _other_versions(manifest: dict[str, Any]) -> str:
 def check_stored(
     path: Path, number: int | None, seed: int | None, has_samples: bool = False
 ) -> None:
-    """Raise StoreError if a path is a run folder without the case of a number.
-
-    Parameters
-    ----------
-    path : Path
-        Campaign file or run folder.
-    number, seed : int or None
-        The case; any case is allowed with a seed of its own.
-    has_samples : bool
-        Whether the campaign has a table of inputs.
-    """
+    """Raise StoreError if a path is a run folder without the case of a number; with a seed of its
+    own, any case is allowed. The cases of a rare-event folder need its table of inputs."""
     from sepmc.campaign.case_selection import named
     from sepmc.campaign.store import folders, manifests
 

@@ -19,7 +19,7 @@ from sepmc.engine.host_process import loading
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.checks import MOST_ROWS
-from sepmc.scene.messages import InputError, shorten
+from sepmc.scene.messages import InputError, Log, shorten
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
@@ -144,11 +144,11 @@ class Block:
 
 def integrate_cases(
     kernel: Kernel,
-    plan: ParameterLayout,
+    layout: ParameterLayout,
     steps: np.ndarray,
     typical: np.ndarray,
     slots: np.ndarray,
-    draws: np.ndarray,
+    samples: np.ndarray,
     n_rows: int = 0,
     methods: np.ndarray | None = None,
 ) -> tuple[Block, np.ndarray]:
@@ -157,7 +157,7 @@ def integrate_cases(
     Parameters
     ----------
     kernel : Kernel
-    plan : Plan
+    layout : ParameterLayout
     steps : ndarray of int, shape (segments,)
         Steps of each segment. With a ``solver.step`` in the scene that is the length of the
         segments' steps, and ``steps`` divide it.
@@ -165,7 +165,7 @@ def integrate_cases(
         Typical duration of each segment, s (`sepmc.engine.blocks.integrate`).
     slots : ndarray of int, shape (d,)
         Positions of the sampled values in the parameter vector.
-    draws : ndarray, shape (n, d)
+    samples : ndarray, shape (n, d)
         Sampled values in SI units; fastest if stored by column.
     n_rows : int
         Rows of the separation history of a case; 0 for none.
@@ -175,12 +175,12 @@ def integrate_cases(
     Returns
     -------
     block : Block
-        Its status is FINER_STEPS or ANOTHER_KERNEL of `sepmc.routines.layout`, below 0, where the
-        kernel rejects a case.
+        Its status is below 0 where the kernel rejects a case: FINER_STEPS of
+        `sepmc.routines.layout`, or a variant of `sepmc.kernel.spec.variant`.
     ends : ndarray, shape (segments, n)
         Times at which segments end, s: ends of phases, and delayed releases.
     """
-    n, columns = len(draws), schema.result_columns(plan.contents)
+    n, columns = len(samples), schema.result_columns(layout.contents)
     # the kernel writes all outcomes but the last, the estimated error
     outcomes, status = (
         np.empty((len(columns) + kernel.n_indicators, n)),
@@ -188,23 +188,13 @@ def integrate_cases(
     )
     outcomes[len(columns) - 1] = np.nan
     ends = np.empty((kernel.n_segments, n))
-    width = 2 * len(plan.joints) if n_rows else 0
+    width = 2 * len(layout.joints) if n_rows else 0
     history = np.full((n, n_rows, width), np.nan)
     _call(
-        kernel,
-        plan,
-        steps,
-        typical,
-        slots,
-        draws,
-        plan.scene.run.history_step,
-        outcomes,
-        ends,
-        history,
-        status,
-        methods,
-    )
-    rows = np.broadcast_to(np.arange(n_rows) * plan.scene.run.history_step, (n, n_rows))
+        kernel, layout, steps, typical, slots, samples, layout.scene.run.history_step, outcomes,
+        ends, history, status, methods,
+    )  # fmt: skip
+    rows = np.broadcast_to(np.arange(n_rows) * layout.scene.run.history_step, (n, n_rows))
     phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, n_rows))
     valid = np.where(status > Status.NEVER_RELEASED, 0, n_rows)
     block = Block(
@@ -215,7 +205,7 @@ def integrate_cases(
 
 def integrate_nominal(
     kernel: Kernel,
-    plan: ParameterLayout,
+    layout: ParameterLayout,
     steps: np.ndarray,
     typical: np.ndarray,
     instants: np.ndarray,
@@ -225,7 +215,7 @@ def integrate_nominal(
     Parameters
     ----------
     kernel : Kernel
-    plan : Plan
+    layout : ParameterLayout
     steps : ndarray of int, shape (segments,)
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s.
@@ -245,26 +235,17 @@ def integrate_nominal(
     rows : ndarray, shape (m, columns)
         History rows in SI units; NaN if the case ended before.
     """
-    columns, none = len(schema.result_columns(plan.contents)), np.empty(0, dtype=np.int64)
+    columns, none = len(schema.result_columns(layout.contents)), np.empty(0, dtype=np.int64)
     outcomes, status = (
         np.full((columns + kernel.n_indicators, 1), np.nan),
         np.zeros(1, dtype=np.int64),
     )
     ends = np.empty((kernel.n_segments + kernel.n_changes, 1))
-    history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
+    history = np.full((1, len(instants), len(schema.history_columns(layout.contents))), np.nan)
     _call(
-        kernel,
-        plan,
-        steps,
-        typical,
-        none,
-        np.empty((1, 0)),
-        instants,
-        outcomes,
-        ends,
-        history,
+        kernel, layout, steps, typical, none, np.empty((1, 0)), instants, outcomes, ends, history,
         status,
-    )
+    )  # fmt: skip
     return (
         outcomes[:columns, 0],
         int(status[0]),
@@ -276,11 +257,11 @@ def integrate_nominal(
 
 def _call(
     kernel,
-    plan,
+    layout,
     steps,
     typical,
     slots,
-    draws,
+    samples,
     history_times,
     outcomes,
     ends,
@@ -292,15 +273,15 @@ def _call(
     from sepmc.engine.blocks import integrate  # noqa: PLC0415
 
     model, nominal, sampled = (
-        plan.model,
-        np.ascontiguousarray(plan.nominal),
-        np.ascontiguousarray(draws.T),
+        layout.model,
+        np.ascontiguousarray(layout.nominal),
+        np.ascontiguousarray(samples.T),
     )
-    if plan.scene.solver.step is not None:
+    if layout.scene.solver.step is not None:
         times, steps, pace = (
             int(steps.max()),
             np.full(kernel.n_segments, _NO_LIMIT),
-            np.full(kernel.n_segments, plan.scene.solver.step),
+            np.full(kernel.n_segments, layout.scene.solver.step),
         )
     else:
         times, pace = 1, np.zeros(kernel.n_segments)
@@ -433,9 +414,7 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
         _interpreting.reset(before)
 
 
-def progress_reporter(
-    log: Callable[[str], None] | None, every_s: float
-) -> Callable[[Callable[[float], str]], None]:
+def progress_reporter(log: Log | None, every_s: float) -> Callable[[Callable[[float], str]], None]:
     """Create a function that logs progress at most once per interval.
 
     Parameters
@@ -462,7 +441,7 @@ def progress_reporter(
     return report
 
 
-def load_kernel(text: str, log: Callable[[str], None] | None = None) -> Kernel:
+def load_kernel(text: str, log: Log | None = None) -> Kernel:
     """Load a kernel from the disk cache, after compiling the units that are missing there.
 
     Parameters

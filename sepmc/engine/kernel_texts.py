@@ -12,12 +12,12 @@ from sepmc.routines.layout import NO_HISTORY
 _WRITERS = ("kernel/**/*.py", "schema.py")
 
 
-def written(shape: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
+def written(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
     """Text of a kernel (`sepmc.kernel.emit.module.emit`), loaded from the cache folder or written.
 
     Parameters
     ----------
-    shape : Shape
+    spec : KernelSpec
         Structure of the kernel.
     method_name : str
         Integration method.
@@ -33,7 +33,7 @@ def written(shape: KernelSpec, method_name: str, history: int = NO_HISTORY) -> s
     from sepmc.engine.cache_files import put_sealed, read_sealed  # noqa: PLC0415
     from sepmc.jit import CACHE_FOLDER, digest_of  # noqa: PLC0415
 
-    structure = shape.layout, shape.names, sorted(shape.dispersed), shape.variant
+    structure = spec.layout, spec.names, sorted(spec.dispersed), spec.variant
     key = pickle.dumps((*structure, method_name, history))
     digest = hashlib.sha256(key + digest_of(_WRITERS)).hexdigest()[:32]
     path = CACHE_FOLDER / f"text_{digest}.sealed"
@@ -43,6 +43,6 @@ def written(shape: KernelSpec, method_name: str, history: int = NO_HISTORY) -> s
     with loading:  # emitting imports formulas
         from sepmc.kernel.emit.module import emit  # noqa: PLC0415
 
-        text = emit(shape, method_name, history)
+        text = emit(spec, method_name, history)
     put_sealed(path, text.encode())
     return text

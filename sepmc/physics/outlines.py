@@ -36,7 +36,7 @@ def gap(a, b):
 
     Accurate to 1e-12 of itself; for parts of metres in near contact to 1e-9 m (999 of 1000 random
     pairs; worst of 400,000: 1.3e-6 m). Checked against closed forms, planes that separate the
-    parts, and minimisation over both, in `tests/routines/test_splines_and_outlines.py`.
+    parts, and minimisation over both, in `tests/physics/test_outlines.py`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Outcomes of two runs over each other."""
+"""Outcomes of two runs in the same axes."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,26 +14,30 @@ def overlay_figure(
     units: Mapping[str, str],
     names: tuple[str, str],
 ) -> Path:
-    """Draw how outcomes of two runs are distributed into ``compare.png``; returns its path.
+    """Draw the cumulative distributions of outcomes of two runs into ``compare.png``; return its
+    path.
 
     Parameters
     ----------
-    values : mapping of outcome to its values in the first run (n,) and in the second (m,), finite
-    folder : made if it is not there
-    units : of the outcomes
-    names : of the runs
+    values : mapping of outcome to (ndarray, shape (n,), ndarray, shape (m,))
+        Finite values in the first and in the second run.
+    folder : Path
+        Created if missing.
+    units : mapping of outcome to unit
+    names : tuple of str
+        Of the runs.
     """
     columns = min(3, len(values))
     figure, axes = make_axes(-(-len(values) // columns), columns, (3.8, 3.0))
-    for ax, (outcome, both) in zip(axes, values.items(), strict=False):
-        for x, colour, style, name in zip(both, (BLUE, VERMILION), ("-", "--"), names, strict=True):
-            ordered = np.sort(np.append(x, x.min()))  # from 0 up
-            share = np.arange(len(x) + 1) / len(x)
-            ax.step(ordered, share, where="post", color=colour, linestyle=style, label=name)
+    for ax, (outcome, pair) in zip(axes, values.items(), strict=False):
+        for x, colour, style, name in zip(pair, (BLUE, VERMILION), ("-", "--"), names, strict=True):
+            ordered = np.sort(np.append(x, x.min()))  # so that the curve starts at 0
+            fraction = np.arange(len(x) + 1) / len(x)
+            ax.step(ordered, fraction, where="post", color=colour, linestyle=style, label=name)
         unit = units.get(outcome, "")
         words = to_words(outcome, unit)
         ax.set_xlabel(f"{words} ({unit})" if unit else words)
-        ax.set_ylabel("share of cases below")
+        ax.set_ylabel("fraction of cases below")
         ax.set_ylim(0.0, 1.0)
     for ax in axes[len(values) :]:
         ax.remove()

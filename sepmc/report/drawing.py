@@ -1,5 +1,5 @@
-"""The vehicle as it starts, from the side, from above and from behind: outlines, centres of mass,
-joints, springs, motors with their thrust, loads; where centres of mass vary, how far."""
+"""Drawing of the vehicle at the start, in side, top and rear view: outlines, centres of mass with
+their dispersion, joints, springs, motors with their thrust, and loads."""
 
 import math
 from collections.abc import Sequence
@@ -17,115 +17,122 @@ from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, save, set_
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
 
-_SEVERAL = "NAME +N: so many more of its kind at or near this place"
-_ARROW, _APART = 0.09, 0.05  # of the vehicle's length: arrows, places that are taken for one
-_MARK, _THIN = 7.0, 2.0  # pixels about places, and lines, that a name had better not cover
+_COUNT_NOTE = "NAME +N: N more of its kind at or near this point"
+_ARROW, _MERGE_DISTANCE = 0.09, 0.05  # of the vehicle's length: arrows; points merged to one label
+_MARK_RADIUS, _LINE_RADIUS = 7.0, 2.0  # pixels, of marks and lines in the placement of labels
 Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class _View:
-    """Which coordinates of a layout point (station, y, z) lie across and up; words for both."""
+    """Coordinates of a layout point (station, y, z) along the axes of a view, and their labels."""
 
     across: int
     up: int
     labels: tuple[str, str]
 
     def at(self, point: Sequence[float]) -> tuple[float, float]:
+        """Return the coordinates of a layout point in this view."""
         return point[self.across], point[self.up]
 
 
-# where the middle of a name may stand from its place: so far beyond its edge, in points, and in so
-# many directions
-_FAR, _DIRECTIONS = (7, 14, 24, 36, 50, 66, 84, 106, 130), 24
-_LEADER = 20  # points: a name that stands farther has a line to its place
-_BEHIND = {"facecolor": "white", "alpha": 0.7, "linewidth": 0.0, "pad": 0.5}  # names
-_PAD = np.array([4.0, 1.0])  # pixels about a name
-# what an area costs that a name shares with another name, or that lies outside, or with a mark, or
-# with a line; and a name that is far from its place
-_ON_NAMES, _ON_MARKS, _ON_LINES, _AWAY = 20.0, 4.0, 1.0, 1.0
+# candidate positions of a label: distances of its edge from the mark, in points, and directions
+_LABEL_DISTANCES, _DIRECTIONS = (7, 14, 24, 36, 50, 66, 84, 106, 130), 24
+_LEADER_DISTANCE = 20  # points: a label farther away has a leader line
+# background of labels
+_LABEL_BOX = {"facecolor": "white", "alpha": 0.7, "linewidth": 0.0, "pad": 0.5}
+_PAD = np.array([4.0, 1.0])  # pixels around a label
+# cost of the area that a label shares with other labels (or has outside the axes), marks and lines;
+# and of its distance from the mark
+_COST_LABEL, _COST_MARK, _COST_LINE, _COST_DISTANCE = 20.0, 4.0, 1.0, 1.0
 
 
 class _Labels:
-    """Names beside places of a view; of those whose places are the same, the first and how many
-    there are more."""
+    """Labels of points in a view; points closer than ``merge_distance`` share a label with a
+    count."""
 
-    def __init__(self, ax: Axes, apart: float):
-        self.ax, self.apart = ax, apart
+    def __init__(self, ax: Axes, merge_distance: float):
+        self.ax, self.merge_distance = ax, merge_distance
         self.names: dict[tuple[int, int, str], tuple[tuple[float, float], list[str], str]] = {}
         self.marks: list[tuple[float, float]] = []
         self.lines: list[np.ndarray] = []
 
     def add(self, at: tuple[float, float], name: str, colour: str) -> None:
-        """A name of a place."""
-        cell = (round(at[0] / self.apart), round(at[1] / self.apart), colour)
+        """Add a label of a point."""
+        cell = (round(at[0] / self.merge_distance), round(at[1] / self.merge_distance), colour)
         self.names.setdefault(cell, (at, [], colour))[1].append(name)
         self.marks.append(at)
 
     def line(self, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """A line that names had better not cover."""
+        """Add a line that labels should not cover."""
         self.lines.append(np.array([start, end]))
 
     def write(self) -> None:
-        """Write each name where it covers least of those before it and of places, and lies within
-        the axes and near its place; the axes have been laid out."""
+        """Place each label inside the axes and near its point, where it overlaps least with marks,
+        lines and earlier labels; needs the final layout of the axes."""
         canvas = self.ax.figure.canvas
         assert isinstance(canvas, FigureCanvasAgg)
-        renderer, within = canvas.get_renderer(), np.array([self.ax.get_window_extent().extents])
-        dot = canvas.figure.dpi / 72.0  # pixels a point
+        renderer, bounds = canvas.get_renderer(), np.array([self.ax.get_window_extent().extents])
+        scale = canvas.figure.dpi / 72.0  # pixels per point
         marks = self.ax.transData.transform(self.marks).reshape(-1, 2)
-        lines = [_dotted(*self.ax.transData.transform(one)) for one in self.lines]
-        marked, taken, leaders = _about(marks, _MARK), np.empty((0, 4)), np.empty((0, 4))
-        crossed = np.concatenate([np.empty((0, 4)), *lines])
-        turns = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False) + np.pi / 4.0
-        along = np.column_stack([np.cos(turns), np.sin(turns)])
+        lines = [_boxes_along(*self.ax.transData.transform(one)) for one in self.lines]
+        mark_boxes = _boxes_around(marks, _MARK_RADIUS)
+        label_boxes, leaders = np.empty((0, 4)), np.empty((0, 4))
+        line_boxes = np.concatenate([np.empty((0, 4)), *lines])
+        angles = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False) + np.pi / 4.0
+        directions = np.column_stack([np.cos(angles), np.sin(angles)])
         for at, names, colour in self.names.values():
             text = self.ax.annotate(
                 names[0] + (f" +{len(names) - 1}" if len(names) > 1 else ""), at, (0, 0),
                 textcoords="offset points", fontsize=7.5, color=colour, zorder=6, ha="center",
-                va="center", bbox=_BEHIND,
+                va="center", bbox=_LABEL_BOX,
             )  # fmt: skip
-            text.set_in_layout(False)  # it lies within
+            text.set_in_layout(False)  # it is inside the axes
             half = np.array(text.get_window_extent(renderer).size) / 2.0
-            # the nearest middles in each direction at which the place is so far beyond the edge
-            beside = np.vstack([along * far * dot + np.sign(along.round(9)) * half for far in _FAR])
-            middle = self.ax.transData.transform(at) + beside
-            found = _about(middle, half + _PAD)
-            outside = _common(found, found).diagonal() - _common(found, within)[:, 0]
-            # a name across a leader would be taken for the one that it leads to
-            both = np.vstack([taken, leaders])
-            cost = _ON_NAMES * (4.0 * outside + _common(found, both).sum(axis=1))
-            cost += _ON_MARKS * _common(found, marked).sum(axis=1)
-            cost += _ON_LINES * _common(found, crossed).sum(axis=1)
-            far = np.hypot(*np.maximum(np.abs(beside) - half, 0.0).T)
-            place = self.ax.transData.transform(at)
-            edges = np.clip(0.0, beside - half, beside + half)  # where a line to it would end
-            over = np.array([_common(_dotted(place, place + e), both).sum() for e in edges])
-            cost += _ON_NAMES * (far >= _LEADER * dot) * over
-            least = int(np.argmin(cost + _AWAY * far * half[1]))
-            text.set_position(beside[least] / dot)
-            if far[least] >= _LEADER * dot:
-                leaders = np.vstack([leaders, _dotted(place, place + edges[least])])
+            # centres of the label at these distances of its edge in each direction
+            corners = np.sign(directions.round(9)) * half
+            offsets = np.vstack([directions * far * scale + corners for far in _LABEL_DISTANCES])
+            centres = self.ax.transData.transform(at) + offsets
+            boxes = _boxes_around(centres, half + _PAD)
+            outside = _overlap(boxes, boxes).diagonal() - _overlap(boxes, bounds)[:, 0]
+            # a label across a leader would seem to belong to it
+            obstacles = np.vstack([label_boxes, leaders])
+            cost = _COST_LABEL * (4.0 * outside + _overlap(boxes, obstacles).sum(axis=1))
+            cost += _COST_MARK * _overlap(boxes, mark_boxes).sum(axis=1)
+            cost += _COST_LINE * _overlap(boxes, line_boxes).sum(axis=1)
+            distance = np.hypot(*np.maximum(np.abs(offsets) - half, 0.0).T)
+            anchor = self.ax.transData.transform(at)
+            edges = np.clip(0.0, offsets - half, offsets + half)  # ends of leader lines
+            leader_overlap = np.array(
+                [_overlap(_boxes_along(anchor, anchor + e), obstacles).sum() for e in edges]
+            )
+            cost += _COST_LABEL * (distance >= _LEADER_DISTANCE * scale) * leader_overlap
+            best = int(np.argmin(cost + _COST_DISTANCE * distance * half[1]))
+            text.set_position(offsets[best] / scale)
+            if distance[best] >= _LEADER_DISTANCE * scale:
+                leaders = np.vstack([leaders, _boxes_along(anchor, anchor + edges[best])])
                 self.ax.annotate(
-                    "", at, edges[least] / dot, textcoords="offset points", zorder=5,
+                    "", at, edges[best] / scale, textcoords="offset points", zorder=5,
                     arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5},
                 ).set_in_layout(False)  # fmt: skip
-            taken = np.vstack([taken, found[least]])
+            label_boxes = np.vstack([label_boxes, boxes[best]])
 
 
-def _about(middles: np.ndarray, half: float | np.ndarray) -> np.ndarray:
-    """Boxes (n, 4), of two corners each, about middles (n, 2), of half their width and height."""
-    return np.hstack([middles - half, middles + half])
+def _boxes_around(centres: np.ndarray, half: float | np.ndarray) -> np.ndarray:
+    """Return boxes (n, 4), as two corners, around centres (n, 2) with half their width and
+    height."""
+    return np.hstack([centres - half, centres + half])
 
 
-def _dotted(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Boxes (n, 4) in a row along a line, in pixels."""
-    count = int(np.hypot(*(end - start)) / (2.0 * _THIN)) + 1
-    return _about(start + (end - start) * ((np.arange(count) + 0.5) / count)[:, None], _THIN)
+def _boxes_along(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return boxes (n, 4) in a row along a line, in pixels."""
+    count = int(np.hypot(*(end - start)) / (2.0 * _LINE_RADIUS)) + 1
+    fractions = ((np.arange(count) + 0.5) / count)[:, None]
+    return _boxes_around(start + (end - start) * fractions, _LINE_RADIUS)
 
 
-def _common(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Areas (n, m) that boxes (n, 4) have in common with others (m, 4), of two corners each."""
+def _overlap(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return the common areas (n, m) of boxes (n, 4) and others (m, 4)."""
     low = np.maximum(boxes[:, None, :2], others[:, :2])
     high = np.minimum(boxes[:, None, 2:], others[:, 2:])
     return np.prod(np.maximum(high - low, 0.0), axis=2)
@@ -137,14 +144,22 @@ _END = _View(2, 1, ("z, right (m)", "y, up (m)"))
 
 
 def draw_vehicle(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: Path) -> Path:
-    """Draw a scene; returns the path.
+    """Draw a scene.
 
     Parameters
     ----------
-    scene : with its nominal values
-    dispersions : those of centres of mass are drawn as ellipses to their ends, or to three sigma
-    title : above the drawing
-    path : of the file; its ending says which kind
+    scene : Scene
+        With its nominal values.
+    dispersions : sequence of Dispersion
+        Those of centres of mass are drawn as ellipses to their ends, or to three sigma.
+    title : str
+    path : Path
+        The suffix selects the format.
+
+    Returns
+    -------
+    Path
+        ``path``.
     """
     figure = Figure(figsize=(11.0, 6.2), layout="constrained")
     FigureCanvasAgg(figure)
@@ -155,34 +170,34 @@ def draw_vehicle(scene: Scene, dispersions: Sequence[Dispersion], title: str, pa
         d.parameter.path: (d.reach[0] * d.parameter.factor, d.reach[1] * d.parameter.factor)
         for d in dispersions
     }
-    written = []
-    for place, view in views:
-        ax = figure.add_subplot(place)
-        labels = _Labels(ax, _APART * size)
+    labelled = []
+    for cell, view in views:
+        ax = figure.add_subplot(cell)
+        labels = _Labels(ax, _MERGE_DISTANCE * size)
         _outlines(labels, scene, view)
         _masses(labels, scene, view, reach)
         _joints(labels, scene, view)
         _forces(labels, scene, view, _ARROW * size)
-        written.append(labels)
+        labelled.append(labels)
         ax.set(xlabel=view.labels[0], ylabel=view.labels[1])
         ax.set_aspect("equal", adjustable="datalim")
-        # from behind, the vehicle is as wide as its view, and names stand beside it
+        # in rear view the vehicle fills the width, and labels stand beside it
         ax.margins(0.16 if view is _END else 0.08, 0.12)
         ax.grid(True, color="#e4e4e4", linewidth=0.5)
         ax.set_axisbelow(True)
         ax.spines[["top", "right"]].set_visible(False)
         ax.tick_params(labelsize=9)
     set_title(figure, title)
-    if any(len(names) > 1 for labels in written for _, names, _ in labels.names.values()):
-        figure.supxlabel(_SEVERAL, fontsize=9)
-    figure.draw_without_rendering()  # it is laid out: names know how much room they have
-    for labels in written:
+    if any(len(names) > 1 for labels in labelled for _, names, _ in labels.names.values()):
+        figure.supxlabel(_COUNT_NOTE, fontsize=9)
+    figure.draw_without_rendering()  # lays out the axes, which the placement of labels needs
+    for labels in labelled:
         labels.write()
     return save(figure, path)
 
 
 def _size(scene: Scene) -> float:
-    """Length of the vehicle, m."""
+    """Return the length of the vehicle, m."""
     stations = [body.cg[0] for body in scene.body.values()]
     stations += [motor.station for motor in scene.motor]
     stations += [joint.point[0] for joint in scene.joint.values()]
@@ -193,7 +208,7 @@ def _size(scene: Scene) -> float:
 
 
 def _outlines(labels: _Labels, scene: Scene, view: _View) -> None:
-    """Parts of bodies: filled, or dashed where they are hollow."""
+    """Draw the parts of bodies: filled, or dashed if hollow."""
     for number, body in enumerate(scene.body.values()):
         tint, edge = TINTS[number % len(TINTS)], EDGES[number % len(EDGES)]
         for part in body.outline:
@@ -210,18 +225,19 @@ def _outlines(labels: _Labels, scene: Scene, view: _View) -> None:
 
 
 def _shapes(part: Part, view: _View, style: dict[str, object]) -> list[Polygon | Circle]:
+    """Return the shapes of a part in a view."""
     if part.stations is None or part.radii is None:
         return []
     y, z = part.offset
     if view is _END:
         return [Circle((z, y), radius, **style) for radius in part.radii if radius > 0.0]
-    middle = y if view is _SIDE else z
+    centre = y if view is _SIDE else z
     (front, aft), (first, second) = part.stations, part.radii
     corners = [
-        (front, middle + first),
-        (aft, middle + second),
-        (aft, middle - second),
-        (front, middle - first),
+        (front, centre + first),
+        (aft, centre + second),
+        (aft, centre - second),
+        (front, centre - first),
     ]
     return [Polygon(corners, closed=True, **style)]
 
@@ -229,7 +245,7 @@ def _shapes(part: Part, view: _View, style: dict[str, object]) -> list[Polygon |
 def _masses(
     labels: _Labels, scene: Scene, view: _View, reach: dict[str, tuple[float, float]]
 ) -> None:
-    """Centres of mass, and how far they vary."""
+    """Draw the centres of mass and their dispersion."""
     for number, (name, body) in enumerate(scene.body.items()):
         edge, at = EDGES[number % len(EDGES)], view.at(body.cg)
         labels.ax.plot(*at, marker="o", ms=9, mfc="white", mec=edge, mew=1.6, zorder=4)
@@ -241,12 +257,13 @@ def _masses(
             for axis, x in zip("xyz", body.cg, strict=True)
         ]
         if any(low < high for low, high in ends):
-            middle = view.at([(low + high) / 2.0 for low, high in ends])
+            centre = view.at([(low + high) / 2.0 for low, high in ends])
             width, height = view.at([high - low for low, high in ends])
-            labels.ax.add_patch(Ellipse(middle, width, height, fill=False, edgecolor=edge, lw=0.8))
+            labels.ax.add_patch(Ellipse(centre, width, height, fill=False, edgecolor=edge, lw=0.8))
 
 
 def _joints(labels: _Labels, scene: Scene, view: _View) -> None:
+    """Draw the joints."""
     ax = labels.ax
     for name, joint in scene.joint.items():
         at = view.at(joint.point)
@@ -259,10 +276,10 @@ def _joints(labels: _Labels, scene: Scene, view: _View) -> None:
 
 
 def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
-    """Springs, motors and loads as arrows of one length, in the direction of their force."""
+    """Draw springs, motors and loads as arrows of equal length in the direction of their force."""
     for spring in scene.spring:
         # body x points forward, stations count aft
-        axis = _unit(spring.axis) if spring.axis else _between(spring.point, spring.second_point)
+        axis = _unit(spring.axis) if spring.axis else _direction(spring.point, spring.second_point)
         if spring.bodies[1] != GROUND:
             _arrow(labels, view, spring.point, axis, length, GREEN, spring.name)
     for motor in scene.motor:
@@ -276,21 +293,23 @@ def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
 def _arrow(
     labels: _Labels, view: _View, point: Point, along: Point, length: float, colour: str, name: str
 ) -> None:
+    """Draw a labelled arrow from a layout point."""
     ax, start = labels.ax, view.at(point)
     step = view.at((-along[0] * length, along[1] * length, along[2] * length))
-    if math.hypot(*step) < 0.05 * length:  # seen along it
+    if math.hypot(*step) < 0.05 * length:  # seen end-on
         ax.plot(*start, marker="x", ms=5, color=colour, zorder=4)
         return
     end = (start[0] + step[0], start[1] + step[1])
     arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
     ax.annotate("", end, start, arrowprops=arrow, zorder=4)
-    ax.plot(*zip(start, end, strict=True), alpha=0.0)  # what the limits take into account
+    ax.plot(*zip(start, end, strict=True), alpha=0.0)  # includes the arrow in the axis limits
     labels.line(start, end)
     labels.add(end, name, colour)
 
 
 def _nozzle(motor: Motor) -> Point:
-    """Where a motor's force acts (`sepmc.physics.propulsion.thrust_arm`), layout coordinates."""
+    """Return the point of a motor's force in layout coordinates
+    (`sepmc.physics.propulsion.thrust_arm`)."""
     y, z = motor.offset
     return (
         motor.station,
@@ -299,13 +318,14 @@ def _nozzle(motor: Motor) -> Point:
     )
 
 
-def _between(first: Point, second: Point | None) -> Point:
-    """From one layout point to another, body axes."""
+def _direction(first: Point, second: Point | None) -> Point:
+    """Return the unit vector from one layout point to another, body axes."""
     end = second or first
-    apart = (first[0] - end[0], end[1] - first[1], end[2] - first[2])
-    return _unit(apart) if any(apart) else (1.0, 0.0, 0.0)
+    difference = (first[0] - end[0], end[1] - first[1], end[2] - first[2])
+    return _unit(difference) if any(difference) else (1.0, 0.0, 0.0)
 
 
 def _unit(vector: Sequence[float]) -> Point:
+    """Return the unit vector."""
     x, y, z = np.array(vector) / np.linalg.norm(vector)
     return float(x), float(y), float(z)

@@ -1,6 +1,5 @@
-"""Figures of a campaign and of a single run, after Figs 2 to 11 of Wang, Li, Liu, Journal of System
-Simulation 31(4), 2019.
-"""
+"""Figures of a campaign, after Figs 8 to 11 of Wang, Li, Liu, Journal of System Simulation 31(4),
+2019: separation over time as percentile bands, and histograms of outcomes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -42,8 +41,8 @@ CURVES = (
 
 
 def separation_curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
-    """Separation columns of every joint in a frame: (column, prefix of its joint or "", words,
-    unit)."""
+    """Return the separation columns of every joint in a frame: (column, prefix of its joint or "",
+    words, unit)."""
     names = [str(name) for name in frame.columns]
     return [
         (name, name.removesuffix(stem), words, unit)
@@ -53,7 +52,7 @@ def separation_curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
     ]
 
 
-SAMPLES = 5  # single cases drawn into the bands
+SAMPLES = 5  # single cases drawn over the bands
 OVERVIEW = 12
 
 
@@ -65,14 +64,31 @@ def band_figures(
     about: str = "",
     suffix: str = ".png",
 ) -> list[Path]:
-    """Draw separation over time as bands over the cases. Failed cases are
-    the caller's to leave out. ``about``: what stands in titles; ``suffix``: of the files."""
+    """Draw separation over time as percentile bands over the cases.
+
+    Parameters
+    ----------
+    histories : DataFrame, long form
+        ``case``, ``time_s`` and separation columns, without failed cases.
+    folder : Path
+        Created if missing.
+    units : mapping of column to unit
+    labels : mapping of column to words, optional
+    about : str
+        Second line of the titles.
+    suffix : str
+        Of the files.
+
+    Returns
+    -------
+    list of Path
+    """
     folder, labels, written = make_folder(folder), labels or {}, []
-    for name, joint, words, unit in separation_curves(histories):
+    for name, prefix, words, unit in separation_curves(histories):
         if histories[name].notna().any():
-            label = f"{labels.get(name, to_words(joint) + words)} ({units.get(name, unit)})"
-            file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}{suffix}"
-            written.append(_bands(histories, name, label, folder / file, about))
+            label = f"{labels.get(name, to_words(prefix) + words)} ({units.get(name, unit)})"
+            file_name = f"{prefix}{words.removeprefix('axial ').replace(' ', '_')}{suffix}"
+            written.append(_bands(histories, name, label, folder / file_name, about))
     return written
 
 
@@ -88,23 +104,41 @@ def histogram_figures(
     suffix: str = ".png",
     alone: bool = True,
 ) -> list[Path]:
-    """Draw histograms of outcomes side by side, and each ``alone`` too. An
-    outcome without values (None) is left out. Bounds that are ``required`` of an outcome are
-    marked. ``about``: what stands in titles; ``suffix``: of the files."""
+    """Draw histograms of outcomes side by side, and each in a figure of its own if ``alone``.
+
+    Parameters
+    ----------
+    histograms : mapping of outcome to Histogram or None
+        An outcome without values (None) is left out.
+    folder, units, labels, about, suffix
+        As for `band_figures`.
+    reference : mapping of outcome to {"mean", "min", "max", ...}, optional
+        Marked in the histograms.
+    source : str
+        Name of the reference in legends.
+    required : mapping of outcome to bounds, optional
+        Required bounds, marked in the histograms.
+    alone : bool
+
+    Returns
+    -------
+    list of Path
+    """
     folder, reference, labels = make_folder(folder), reference or {}, labels or {}
     required, written = required or {}, []
-    values = {name: found for name, found in histograms.items() if found}
-    words_of = {name: labels.get(name, to_words(name, units.get(name, ""))) for name in values}
-    ordered = sorted(values, key=lambda name: name not in required)  # what is required comes first
-    chosen = [name for name in ordered if name in reference or name in required]
-    overview = (chosen if reference else []) or ordered[:OVERVIEW]
-    sheets = [(f"hist_{name}", [name]) for name in values if alone]
+    present = {name: histogram for name, histogram in histograms.items() if histogram}
+    labels_of = {name: labels.get(name, to_words(name, units.get(name, ""))) for name in present}
+    # outcomes with requirements first
+    sorted_names = sorted(present, key=lambda name: name not in required)
+    selected = [name for name in sorted_names if name in reference or name in required]
+    overview = (selected if reference else []) or sorted_names[:OVERVIEW]
+    sheets = [(f"hist_{name}", [name]) for name in present if alone]
     sheets += [("histograms", overview)] if overview else []
     for file, names in sheets:
         panels = [
             (
-                values[name],
-                words_of[name],
+                present[name],
+                labels_of[name],
                 units.get(name, ""),
                 reference.get(name, {}),
                 source,
@@ -120,8 +154,7 @@ def histogram_figures(
 def _histograms(
     panels: Sequence[tuple[Any, ...]], path: Path, about: str, side_by_side: bool
 ) -> Path:
-    """Draw a figure of histograms, each given by the arguments of `_histogram`; returns its
-    path."""
+    """Draw a figure of histograms, each given by the arguments of `_histogram`; return its path."""
     columns = min(3, len(panels)) if side_by_side else 1
     figure, axes = make_axes(
         -(-len(panels) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4)
@@ -137,7 +170,7 @@ def _histograms(
 
 
 def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: str) -> Path:
-    """Envelope, percentile bands, median and a few single cases of a quantity over time."""
+    """Draw envelope, percentile bands, median and a few single cases of a quantity over time."""
     curves = percentile_curves(histories, column).dropna(how="all")
     figure, (ax,) = make_axes(1, 1, (6.4, 4.4))
     for low, high, tint, text in BANDS:
@@ -148,67 +181,69 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: 
     for number in numbers[
         np.linspace(0, len(numbers) - 1, min(SAMPLES, len(numbers))).round().astype(int)
     ]:
-        one = histories[histories["case"] == number].sort_values("time_s")
-        # over the median: a case may lie along it
+        case_rows = histories[histories["case"] == number].sort_values("time_s")
+        # over the median, which a case may follow
         ax.plot(
-            one["time_s"], one[column], color=VERMILION, linewidth=0.7, zorder=3,
+            case_rows["time_s"], case_rows[column], color=VERMILION, linewidth=0.7, zorder=3,
             label="single cases",
         )  # fmt: skip
     ax.plot(curves.index, curves["p50"], color=BLACK, linewidth=2.2, linestyle="--", label="median")
     ax.set(xlabel="time (s)", ylabel=label)
     ax.margins(x=0)
-    title = label[: label.rfind(" (")]
-    cases = f"{len(numbers):,} cases"  # fewer than the campaign has, where some failed
-    told = "" if f" {cases}" in about else f" of {cases}"
-    set_title(figure, f"{title[:1].upper()}{title[1:]}{told}\n{about}")
+    quantity = label[: label.rfind(" (")]
+    cases = f"{len(numbers):,} cases"  # fewer than the campaign has, if some failed
+    count = "" if f" {cases}" in about else f" of {cases}"
+    set_title(figure, f"{quantity[:1].upper()}{quantity[1:]}{count}\n{about}")
     return save(figure, path)
 
 
 def _histogram(
     ax: Axes,
-    found: Histogram,
+    histogram: Histogram,
     words: str,
     unit: str,
     reference: Mapping[str, float],
     source: str,
     required: Sequence[float],
 ) -> None:
-    """Density histogram of an outcome, logarithmic where it has a long tail, with its extremes,
-    the normal density of equal mean and sigma where it is like one, the reference, and the bounds
-    that are required."""
-    mean, sigma, spread = found.mean, found.sigma, found.edges.size > 0
-    if spread:
-        density = found.counts / (found.counts.sum() * np.diff(found.edges))
-        # one outline: bars would take most of the time of the figure
+    """Draw the density histogram of an outcome: logarithmic for a long tail, with its extremes, the
+    reference, the required bounds, and a normal density of equal mean and sigma where it is close
+    to one."""
+    mean, sigma, has_bins = histogram.mean, histogram.sigma, histogram.edges.size > 0
+    if has_bins:
+        density = histogram.counts / (histogram.counts.sum() * np.diff(histogram.edges))
+        # one outline: separate bars would take most of the drawing time
         ax.stairs(
-            density, found.edges, fill=True, facecolor="#a9cdea", edgecolor="white",
+            density, histogram.edges, fill=True, facecolor="#a9cdea", edgecolor="white",
             linewidth=0.4, label=_CASES,
         )  # fmt: skip
-        centres, low = 0.5 * (found.edges[1:] + found.edges[:-1]), density < _SEEN * density.max()
-        few = centres[low & (found.counts > 0)]
-        if _has_long_tail(found):
+        centres = 0.5 * (histogram.edges[1:] + histogram.edges[:-1])
+        low_bars = centres[(density < _SEEN * density.max()) & (histogram.counts > 0)]
+        if _has_long_tail(histogram):
             ax.set_yscale("log")
-            ax.set_ylim(0.5 * density[found.counts > 0].min(), 2.0 * density.max())
-        elif len(few):
+            ax.set_ylim(0.5 * density[histogram.counts > 0].min(), 2.0 * density.max())
+        elif len(low_bars):
             ax.plot(
-                few, np.zeros(len(few)), linestyle="", marker=TICKUP, markersize=7,
+                low_bars, np.zeros(len(low_bars)), linestyle="", marker=TICKUP, markersize=7,
                 color=BLUE, clip_on=False, label=_LOW,
             )  # fmt: skip
-        # below the axis, between it and its numbers: nothing of the cases is covered
+        # between the axis and its numbers, so that no data is covered
         below = ScaledTranslation(0.0, -3.5 / 72.0, ax.figure.dpi_scale_trans)
         ax.plot(
-            [found.low, found.high], [0.0, 0.0], linestyle="", marker="^", markersize=5,
+            [histogram.low, histogram.high], [0.0, 0.0], linestyle="", marker="^", markersize=5,
             color=BLACK, clip_on=False, transform=ax.get_xaxis_transform() + below, label=_ENDS,
         )  # fmt: skip
         ax.tick_params(axis="x", pad=5.5)
-        if _is_bell(found):
+        if _is_bell(histogram):
             grid = np.linspace(
-                min(found.low, mean - 3.5 * sigma), max(found.high, mean + 3.5 * sigma), 300
+                min(histogram.low, mean - 3.5 * sigma),
+                max(histogram.high, mean + 3.5 * sigma),
+                300,
             )
             normal = np.exp(-0.5 * ((grid - mean) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
             ax.plot(grid, normal, color=BLACK, linewidth=1.4, label=_NORMAL)
-    else:  # a density of equal values does not exist
-        ax.axvline(found.low, color=BLUE, linewidth=4, label=_ALIKE)
+    else:  # equal values have no density
+        ax.axvline(histogram.low, color=BLUE, linewidth=4, label=_ALIKE)
         ax.set_yticks([])
     for names, style, text in (
         (("mean",), "--", f"{source} mean"),
@@ -219,53 +254,56 @@ def _histogram(
                 ax.axvline(
                     reference[name], color=REFERENCE, linestyle=style, linewidth=1.6, label=text
                 )
-    reach = found.high - found.low
-    near = [b for b in required if not spread or found.low - reach <= b <= found.high + reach]
-    for bound in near:
+    low, high = histogram.low, histogram.high
+    width = high - low
+    shown = [b for b in required if not has_bins or low - width <= b <= high + width]
+    for bound in shown:
         ax.axvline(bound, color=BOUND, linestyle="-", linewidth=2.2, label=REQUIRED)
     title = (
-        f"n {found.n:,}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}"
-        if spread or found.n == 1
-        else f"n {found.n:,}, constant {rounded(mean, 0.0)} {unit}"
+        f"n {histogram.n:,}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}"
+        if has_bins or histogram.n == 1
+        else f"n {histogram.n:,}, constant {rounded(mean, 0.0)} {unit}"
     ).rstrip()
-    far = ", ".join(f"{bound:g}" for bound in required if bound not in near)
-    # drawn, it would leave a line of the histogram
-    ax.set_title(title + (f"\nrequired bound {far} is far outside" if far else ""), fontsize=9)
-    if len(rounded(mean, sigma, 2)) > 6:  # ticks so long would run into each other
+    hidden = ", ".join(f"{bound:g}" for bound in required if bound not in shown)
+    # drawn, it would shrink the histogram to a line
+    note = f"\nrequired bound {hidden} is far outside" if hidden else ""
+    ax.set_title(title + note, fontsize=9)
+    if len(rounded(mean, sigma, 2)) > 6:  # long tick labels would overlap
         ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    # wider, it would run into its neighbour in the overview
+    # a wider label would overlap its neighbour
     ax.set_xlabel(fill(f"{words} ({unit})" if unit else words, 40))
-    if spread:
+    if has_bins:
         per = f" (1/({unit}))" if set(unit) & set("/ ") else f" (1/{unit})" if unit else ""
         ax.set_ylabel(f"density{per}{', logarithmic' if ax.get_yscale() == 'log' else ''}")
 
 
-# what legends of histograms name, in this order
-_CASES, _LOW, _ENDS = "cases", "bars too low to be seen", "least and greatest"
+# entries of the legend of histograms, in order
+_CASES, _LOW, _ENDS = "cases", "bars too low to see", "minimum and maximum"
 _ALIKE = "all cases"
-# of a normal law both are 0; bounds of what is drawn as one: its peak is then within some 5 %
+# a normal density is drawn below these |skewness| and |excess kurtosis|: its peak is within 5 %
 _SKEWED, _PEAKED = 0.2, 0.4
 _NORMAL = (
     f"normal, same mean and sigma (where |skewness| < {_SKEWED:g}, |excess kurtosis| < {_PEAKED:g})"
 )
 _LEGEND = (_CASES, _ALIKE, _LOW, _ENDS, _NORMAL)
 _SEEN = 0.01  # of the highest bar: lower ones are marked
-_TAIL = 0.3  # of all bars: if more are too low to be seen, they are shown on a logarithmic scale
+_TAIL = 0.3  # of all bars: if more are too low to see, the scale is logarithmic
 
 
-def _has_long_tail(found: Histogram) -> bool:
-    """Whether so many bars are too low to be seen that a linear scale hides how cases lie."""
-    filled = found.counts > 0
-    low = filled & (found.counts < _SEEN * found.counts.max())
-    return bool(low.sum() > _TAIL * filled.sum())
+def _has_long_tail(histogram: Histogram) -> bool:
+    """Return True if so many bars are too low to see that a linear scale hides the distribution."""
+    occupied = histogram.counts > 0
+    low_bars = occupied & (histogram.counts < _SEEN * histogram.counts.max())
+    return bool(low_bars.sum() > _TAIL * occupied.sum())
 
 
-def _is_bell(found: Histogram) -> bool:
-    """Whether the shape of a histogram, however many cases it has, is that of a normal law."""
-    share = found.counts / found.counts.sum()
-    centres = 0.5 * (found.edges[1:] + found.edges[:-1])
-    apart = centres - share @ centres
-    second, third, fourth = (float(share @ apart**power) for power in (2, 3, 4))
+def _is_bell(histogram: Histogram) -> bool:
+    """Return True if the shape of a histogram is that of a normal distribution, whatever the number
+    of cases."""
+    weights = histogram.counts / histogram.counts.sum()
+    centres = 0.5 * (histogram.edges[1:] + histogram.edges[:-1])
+    deviations = centres - weights @ centres
+    second, third, fourth = (float(weights @ deviations**power) for power in (2, 3, 4))
     if second == 0.0:
         return False
     skewness, kurtosis = third / second**1.5, fourth / second**2 - 3.0

@@ -1,6 +1,5 @@
 """Figures of a single run over time, after Figs 2 to 7 of Wang, Li, Liu, Journal of System
-Simulation 31(4), 2019.
-"""
+Simulation 31(4), 2019."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
@@ -34,17 +33,28 @@ BY_COMPONENT = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."))  # x, y, z
 # dashed and dash-dot as in Fig 7
 BY_BODY = ((BLUE, "--"), (VERMILION, "-."), (GREEN, ":"), (BLACK, "-"))
 BY_JOINT = tuple((colour, style) for style in ("-", "--", ":", "-.") for colour in EDGES)
-# in any unit drawn here (deg, deg/s, mm, N, N m ...): a range below it is round-off, and is not
-# blown up to fill the axes
+# smallest range, in any unit drawn here (deg, deg/s, mm, N, N m ...); a smaller one is round-off
+# and does not fill the axes
 FLAT = 1e-6
-_TOO_FLAT = 0.05  # of a scale that panels share
+_TOO_FLAT = 0.05  # fraction of a shared scale below which a panel keeps its own
 
 
 class Panel(NamedTuple):
-    """One pair of axes over time: its ordinate's label, its (column, label) lines and their
-    (colour, line style); whether what is small counts, and is shown on a logarithmic scale beside
-    what is far larger; the quantity, if panels of the same one share a scale; bounds that are
-    required."""
+    """One pair of axes over time.
+
+    Parameters
+    ----------
+    label : str
+        Of the ordinate.
+    lines : list of (column, label)
+    styles : tuple of (colour, line style)
+    small_counts : bool
+        True if small values matter, which selects a logarithmic scale beside much larger ones.
+    quantity : str
+        Panels of the same quantity share a scale.
+    required : sequence of float
+        Required bounds.
+    """
 
     label: str
     lines: list[tuple[str, str]]
@@ -66,61 +76,61 @@ def run_figures(
     required: Mapping[str, Sequence[float]] | None = None,
     marks: Mapping[str, float] | None = None,
 ) -> list[Path]:
-    """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
-    above, releases and events by dotted lines with their names.
+    """Draw a single run over time. Thin lines mark the phases, named above; dotted lines mark
+    releases and events, named in the legend.
 
     Parameters
     ----------
     history : DataFrame, shape (n_rows, ...)
-        ``time_s``, ``phase``, and what there is of: per body ``b`` ``{b}_omega_{x,y,z}_deg_s``,
+        ``time_s``, ``phase``, and optionally: per body ``b`` ``{b}_omega_{x,y,z}_deg_s``,
         ``{b}_{alpha,roll,yaw,pitch}_deg``, ``{b}_axial_acceleration_m_s2``; per joint ``j`` and
         body ``{j}_force_on_{b}_{x,y,z}_N``, ``{j}_moment_on_{b}_{x,y,z}_N_m``;
         ``separation_speed_m_s``, ``separation_distance_mm``; per clearance ``c``
         ``{c}_clearance_mm``; per pin ``n`` of a joint ``{j}_pin{n}_{mouth,tip}_load_N``. At a phase
-        boundary two rows share a time (the end of one phase, the start of the next), so that a
-        step is drawn as a step.
+        boundary two rows share a time (end of one phase, start of the next), so that a step is
+        drawn as a step.
     folder : Path
-        Where the files go; made if it is not there.
+        Created if missing.
     bodies, joints : sequence of str
         Names; a joint that does not touch a body has no columns for it.
     about : str
-        What stands in titles: the campaign and its case.
+        Second line of the titles: campaign and case.
     suffix : str
         Of the files.
     behind : DataFrame, optional
-        The history of the nominal case, drawn behind in pale lines.
-    only : names of files, optional
-        Draw these alone, of those below, without their ending.
+        History of the nominal case, drawn behind in pale lines.
+    only : collection of str, optional
+        Draw only these files, without their suffix.
     required : mapping of outcome to bounds, optional
         Those of clearances are marked.
     marks : mapping of name to time in s, optional
-        Releases and events, by their names.
+        Releases and events.
 
     Returns
     -------
     list of Path
-        The files written: ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``,
-        ``angles.png``, ``axial_acceleration.png``, ``separation.png``, ``clearances.png``,
-        ``pin_loads.png``; those without data are left out.
+        ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``, ``angles.png``,
+        ``axial_acceleration.png``, ``separation.png``, ``clearances.png``, ``pin_loads.png``; those
+        without data are left out.
     """
     folder, written = make_folder(folder), []
 
-    def page(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
+    def draw(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
         if only is not None and file not in only:
             return
-        there = [
+        drawn = [
             panel
             for panel in panels
             if any(name in history and history[name].notna().any() for name, _ in panel.lines)
         ]
-        if there:
+        if drawn:
             written.append(
                 _time_page(
                     history,
                     folder / f"{file}{suffix}",
                     f"{title}\n{about}",
-                    there,
-                    min(columns, len(there)),
+                    drawn,
+                    min(columns, len(drawn)),
                     behind,
                     marks or {},
                 )
@@ -129,21 +139,22 @@ def run_figures(
     def components(stem: str, unit: str, symbol: str) -> list[tuple[str, str]]:
         return [(f"{stem}_{axis}_{unit}", f"${symbol}_{axis}$") for axis in "xyz"]
 
-    def of_bodies(quantity: str, label: str) -> Panel:
+    def body_panel(quantity: str, label: str) -> Panel:
         return Panel(label, [(f"{body}_{quantity}", to_words(body)) for body in bodies], BY_BODY)
 
     for body in bodies:
-        for kind, unit, shown, symbol in (("force", "N", "N", "F"), ("moment", "N_m", "N m", "M")):
+        kinds = (("force", "N", "N", "F"), ("moment", "N_m", "N m", "M"))
+        for kind, unit, unit_text, symbol in kinds:
             stems = {joint: f"{joint}_{kind}_on_{body}" for joint in joints}
             panels = [
                 Panel(
-                    f"{kind} at {to_words(j)} ({shown})",
+                    f"{kind} at {to_words(j)} ({unit_text})",
                     components(stem, unit, symbol),
                     BY_COMPONENT,
                 )
                 for j, stem in stems.items()
             ]
-            page(
+            draw(
                 f"{kind}_on_{body}",
                 f"Constraint {kind} on {to_words(body)}, in the axes of the joint's first body",
                 panels,
@@ -157,32 +168,34 @@ def run_figures(
         )
         for body in bodies
     ]
-    page("rates", "Angular rates in body axes", rates)
-    page(
+    draw("rates", "Angular rates in body axes", rates)
+    draw(
         "angles",
         "Attitude",
         [
-            of_bodies(f"{angle}_deg", f"{angle} (deg)")
+            body_panel(f"{angle}_deg", f"{angle} (deg)")
             for angle in ("alpha", "pitch", "yaw", "roll")
         ],
         2,
     )
-    page(
+    draw(
         "axial_acceleration",
         "Axial acceleration of the centre of mass, gravity included",
-        [of_bodies("axial_acceleration_m_s2", "axial acceleration (m/s²)")],
+        [body_panel("axial_acceleration_m_s2", "axial acceleration (m/s²)")],
     )
-    by_quantity: dict[str, list[tuple[str, str]]] = {}
+    lines_by_quantity: dict[str, list[tuple[str, str]]] = {}
     for name, joint, words, unit in separation_curves(history):
-        by_quantity.setdefault(f"{words} ({unit})", []).append((name, to_words(joint).strip()))
+        lines_by_quantity.setdefault(f"{words} ({unit})", []).append(
+            (name, to_words(joint).strip())
+        )
     curves = [
         Panel(label, lines, BY_JOINT if len(lines) > 1 else ((BLUE, "-"),))
-        for label, lines in by_quantity.items()
+        for label, lines in lines_by_quantity.items()
     ]
-    page("separation", "Separation", curves)
-    page(
+    draw("separation", "Separation", curves)
+    draw(
         "clearances",
-        "Distances of outlines",
+        "Clearances",
         [
             Panel(
                 f"{to_words(name.removesuffix(_GAP))} (mm)",
@@ -195,22 +208,22 @@ def run_figures(
             if name.endswith(_GAP)
         ],
     )
-    page(
+    draw(
         "pin_loads",
-        "Lateral loads of pins",
+        "Lateral loads on pins",
         [
             Panel(
                 f"{to_words(joint)}, {end} (N)",
                 [
-                    (name, f"pin {name.removeprefix(joint).removesuffix(rest)[len('_pin') :]}")
+                    (name, f"pin {name.removeprefix(joint).removesuffix(ending)[len('_pin') :]}")
                     for name in map(str, history.columns)
-                    if name.startswith(f"{joint}_pin") and name.endswith(rest)
+                    if name.startswith(f"{joint}_pin") and name.endswith(ending)
                 ],
                 BY_BODY,
                 quantity="load",
             )
             for joint in joints
-            for end, rest in (("mouth", "_mouth_load_N"), ("tip", "_tip_load_N"))
+            for end, ending in (("hole entry", "_mouth_load_N"), ("pin tip", "_tip_load_N"))
         ],
         2,
     )
@@ -226,13 +239,14 @@ def _time_page(
     behind: pd.DataFrame | None,
     marks: Mapping[str, float],
 ) -> Path:
-    """Panels over one time axis, with the phases and the ``marks``; another case ``behind``."""
+    """Draw panels over one time axis, with the phases and the ``marks``, and the ``nominal`` case
+    behind."""
     rows = -(-len(panels) // columns)
     figure, axes = make_axes(
         rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8)
     )
     phases = _phases(history)
-    for k, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
+    for index, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
         for (name, text), (colour, style) in zip(
             panel.lines, (panel.styles * len(panel.lines))[: len(panel.lines)], strict=True
         ):
@@ -271,9 +285,9 @@ def _time_page(
         for _, start, _ in phases[1:]:
             ax.axvline(start, color="#777777", linewidth=0.7, zorder=1.5)  # behind the data
         _mark(ax, marks)
-        if k < columns:
+        if index < columns:
             _name_phases(ax, phases, figure.get_figwidth() / columns)
-        if k >= len(panels) - columns:
+        if index >= len(panels) - columns:
             ax.set_xlabel("time (s)")
     for ax in axes[len(panels) :]:
         ax.remove()
@@ -283,14 +297,14 @@ def _time_page(
     return save(figure, path)
 
 
-_NEAR = 0.01  # of the time axis: marks nearer to each other share an entry of the legend
-_NAMED = 2  # marks that an entry names: more would not fit
+_NEAR = 0.01  # fraction of the time axis within which marks share a legend entry
+_NAMED = 2  # marks named in an entry; more would not fit
 _MARK_STYLES = ((0, (1, 1)), (0, (5, 2)), (0, (3, 1, 1, 1)), (0, (1, 3)))
 
 
 def _mark(ax: Axes, marks: Mapping[str, float]) -> None:
-    """Draw a line at the time of each mark within the axes, which the legend of the figure names;
-    marks near each other share a style and an entry."""
+    """Draw a line at the time of each mark within the axes; marks near each other share a style and
+    a legend entry."""
     begin, end = ax.get_xlim()
     groups: list[list[tuple[float, str]]] = []
     for time, name in sorted((time, to_words(name)) for name, time in marks.items()):
@@ -302,7 +316,7 @@ def _mark(ax: Axes, marks: Mapping[str, float]) -> None:
             groups.append([(time, name)])
     for number, group in enumerate(groups):
         first, last = f"{group[0][0]:.4g}", f"{group[-1][0]:.4g}"
-        more = f" and {len(group) - _NAMED} more" if len(group) > _NAMED else ""
+        others = f" and {len(group) - _NAMED} more" if len(group) > _NAMED else ""
         names = ", ".join(name for _, name in group[:_NAMED])
         style = _MARK_STYLES[number % len(_MARK_STYLES)]
         for time, _ in group:
@@ -312,43 +326,44 @@ def _mark(ax: Axes, marks: Mapping[str, float]) -> None:
                 linewidth=1.3,
                 linestyle=style,
                 zorder=1.6,
-                label=f"{names}{more} ({first if first == last else f'{first} to {last}'} s)",
+                label=f"{names}{others} ({first if first == last else f'{first} to {last}'} s)",
             )
 
 
-_SHORT, _TALL = 26, 48  # letters of 10 pt along the ordinate of panels above others, and of one
+_SHORT, _TALL = 26, 48  # 10 pt letters along the ordinate of stacked and of single panels
 
 
 def _label(history: pd.DataFrame, panel: Panel, letters: int) -> str:
-    """What stands along an ordinate; where what is small counts, with the least that is drawn."""
-    said, name = fill(panel.label, letters), panel.lines[0][0]
+    """Return the label of an ordinate, with the minimum if small values matter."""
+    text, name = fill(panel.label, letters), panel.lines[0][0]
     if not panel.small_counts or not history[name].notna().any():
-        return said
-    at = int(np.nanargmin(history[name]))
-    least, time = history[name].iloc[at], history["time_s"].iloc[at]
-    return f"{said}\nleast {least:.4g} at {time:.4g} s"
+        return text
+    index = int(np.nanargmin(history[name]))
+    minimum, time = history[name].iloc[index], history["time_s"].iloc[index]
+    return f"{text}\nminimum {minimum:.4g} at {time:.4g} s"
 
 
 def _share_scale(axes: Sequence[Axes]) -> None:
-    """Give axes one scale; but one in which nothing would be seen keeps its own, and says so."""
-    ends = np.array([ax.get_ylim() for ax in axes])
-    low, high = ends[:, 0].min(), ends[:, 1].max()
-    for ax, (least, greatest) in zip(axes, ends, strict=True):
-        if greatest - least < _TOO_FLAT * (high - low):
+    """Give axes one scale, except those whose data would be invisible, which are labelled ``own
+    scale``."""
+    limits = np.array([ax.get_ylim() for ax in axes])
+    low, high = limits[:, 0].min(), limits[:, 1].max()
+    for ax, (own_low, own_high) in zip(axes, limits, strict=True):
+        if own_high - own_low < _TOO_FLAT * (high - low):
             ax.set_ylabel(f"{ax.get_ylabel()}\nown scale")
         else:
             ax.set_ylim(low, high)
 
 
-def _spans(shown: "pd.Series[float]", bounds: Sequence[float]) -> bool:
-    """Whether numbers, and bounds beside them, are positive and span more than a factor of ten."""
-    every = np.append(shown, bounds)
-    low, high = np.nanmin(every), np.nanmax(every)
+def _spans(values: "pd.Series[float]", bounds: Sequence[float]) -> bool:
+    """Return True if values and bounds are positive and span more than a factor of ten."""
+    numbers = np.append(values, bounds)
+    low, high = np.nanmin(numbers), np.nanmax(numbers)
     return bool(0.0 < 10.0 * low < high)
 
 
 def _phases(history: pd.DataFrame) -> list[tuple[str, float, float]]:
-    """Name, start and end in s of each phase, in order."""
+    """Return name, start and end in s of each phase, in order."""
     if "phase" not in history or history.empty:
         return []
     names, time = history["phase"].to_numpy(), history["time_s"].to_numpy()
@@ -357,17 +372,19 @@ def _phases(history: pd.DataFrame) -> list[tuple[str, float, float]]:
 
 
 def _name_phases(ax: Axes, phases: Iterable[tuple[str, float, float]], inches: float) -> None:
-    """Write each phase's name above its span; slanted all, if one is wider than its span."""
+    """Write the name of each phase above its span; all are slanted if one is wider than its
+    span."""
     phases = list(phases)
-    whole = phases[-1][2] - phases[0][1] if phases else 0.0
-    # 8 pt letters are about 4.4 pt wide; the axes take about 85 % of the figure's width
-    slant = any(
-        len(name) * 4.4 * whole > (end - start) * inches * 0.85 * 72 for name, start, end in phases
+    duration = phases[-1][2] - phases[0][1] if phases else 0.0
+    # 8 pt letters are about 4.4 pt wide; the axes take about 85 % of the width of the figure
+    slanted = any(
+        len(name) * 4.4 * duration > (end - start) * inches * 0.85 * 72
+        for name, start, end in phases
     )
     for name, start, end in phases:
         ax.annotate(
             to_words(name), ((start + end) / 2, 1.0), (0, 3), xycoords=ax.get_xaxis_transform(),
             textcoords="offset points", fontsize=8,
-            ha="left" if slant else "center", va="bottom", rotation=35 if slant else 0,
+            ha="left" if slanted else "center", va="bottom", rotation=35 if slanted else 0,
             rotation_mode="anchor", color="#555555",
         )  # fmt: skip

@@ -1,5 +1,4 @@
-"""The report of a run: one HTML page that holds everything, figures as SVG among it, and asks
-nothing of a server."""
+"""HTML report of a run: one self-contained page with SVG figures."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,7 +27,7 @@ _STYLES = {PASS: "pass", FAIL: "fail"}
 
 @dataclass
 class CaseReplay:
-    """A case that is shown over time, in SVG files."""
+    """A case shown over time, in SVG files."""
 
     title: str
     figures: Sequence[Path]
@@ -36,18 +35,38 @@ class CaseReplay:
 
 @dataclass
 class ReportContent:
-    """What a report tells.
+    """Content of a report.
 
-    ``name``, ``title`` : of the campaign; ``facts``: one line on cases, seed and date
-    ``notes`` : warnings of the run
-    ``verdicts`` ; ``counts``: a line on statuses; ``failures``: a line on each but ok; ``shares``:
-        a line on each outcome that is yes or no
-    ``statistics`` : table of `sepmc.analysis.statistics.statistics`; ``telling``: the outcomes that
-        come first; ``units``: by outcome; ``every``: the table as text
-    ``drivers``, ``causes`` : texts on each outcome, and on what is violated
-    ``replays`` : cases shown over time
-    ``accuracy``, ``audit`` : texts
-    ``sessions`` : of the manifest; ``campaign``: the file
+    Parameters
+    ----------
+    name, title : str
+        Of the campaign.
+    facts : str
+        A line on cases, seed and date.
+    notes : sequence of str
+        Warnings of the run.
+    verdicts : sequence of Verdict
+    counts : str
+        A line on statuses.
+    failures : sequence of str
+        A line on each status except ok.
+    proportions : sequence of str
+        A line on each yes-or-no outcome.
+    statistics : DataFrame
+        From `sepmc.analysis.statistics.statistics`.
+    leading : sequence of str
+        Outcomes in the first table.
+    units : mapping of outcome to unit
+    all_statistics : str
+        The whole table as text.
+    accuracy, audit : str
+    sessions : sequence of mapping
+        Of the manifest.
+    campaign : str
+        The campaign file.
+    sensitivities, attributions : sequence of str
+        Texts on each outcome, and on each violated requirement.
+    replays : sequence of CaseReplay
     """
 
     name: str
@@ -57,17 +76,17 @@ class ReportContent:
     verdicts: Sequence[Verdict]
     counts: str
     failures: Sequence[str]
-    shares: Sequence[str]
+    proportions: Sequence[str]
     statistics: pd.DataFrame
-    telling: Sequence[str]
+    leading: Sequence[str]
     units: Mapping[str, str]
-    every: str
+    all_statistics: str
     accuracy: str
     audit: str
     sessions: Sequence[Mapping[str, Any]]
     campaign: str
-    drivers: Sequence[str] = ()
-    causes: Sequence[str] = ()
+    sensitivities: Sequence[str] = ()
+    attributions: Sequence[str] = ()
     replays: Sequence[CaseReplay] = field(default_factory=list)
 
 
@@ -76,52 +95,66 @@ def write_report(
     path: Path,
     vehicle: Sequence[Path],
     outcomes: Sequence[Path],
-    drivers: Sequence[Path],
+    sensitivity: Sequence[Path],
 ) -> Path:
-    """Write a report into a file, with its figures from SVG files: the ``vehicle``, the
-    ``outcomes`` and what drives them; those of replays are named there. Returns the path."""
+    """Write a report with its figures from SVG files.
+
+    Parameters
+    ----------
+    report : ReportContent
+    path : Path
+        Of the page.
+    vehicle, outcomes, sensitivity : sequence of Path
+        Figures of the vehicle, of the outcomes, and of their sensitivity.
+
+    Returns
+    -------
+    Path
+        ``path``.
+    """
     figures = {
         "vehicle_figures": _embedded(vehicle),
         "outcome_figures": _embedded(outcomes),
-        "driver_figures": _embedded(drivers),
+        "sensitivity_figures": _embedded(sensitivity),
         "replays": [
-            {"title": one.title, "figures": _embedded(one.figures)} for one in report.replays
+            {"title": replay.title, "figures": _embedded(replay.figures)}
+            for replay in report.replays
         ],
     }
     template = files("sepmc.report").joinpath("report.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    columns, rows = _statistics(report.statistics, report.telling)
-    page = environment.from_string(template).render(
+    columns, rows = _statistics(report.statistics, report.leading)
+    html = environment.from_string(template).render(
         vars(report)
         | figures
         | {
             "columns": columns,
-            "telling": rows,
+            "leading": rows,
             "outcomes": len(report.statistics),
             "verdicts": [_verdict(v, report.units.get(v.metric, "")) for v in report.verdicts],
-            "sessions": [_session(one) for one in report.sessions],
+            "sessions": [_session(session) for session in report.sessions],
         }
     )
-    path.write_text(page, encoding="utf-8")
+    path.write_text(html, encoding="utf-8")
     return path
 
 
-_HALF = 700.0  # points: figures that are no wider stand side by side
+_HALF_WIDTH = 700.0  # points: figures up to this width stand side by side
 
 
 def _embedded(paths: Sequence[Path]) -> list[dict[str, str]]:
-    """SVG files as elements of a page, and the class of each by its width."""
-    found = []
+    """Return SVG files as elements of a page, and the class of each by its width."""
+    figures = []
     for path in paths:
         text = path.read_text(encoding="utf-8")
         svg = text[text.index("<svg") :]
         width = float(svg.partition(' width="')[2].partition("pt")[0])
-        found.append({"svg": svg, "style": "half" if width <= _HALF else "whole"})
-    return found
+        figures.append({"svg": svg, "style": "half" if width <= _HALF_WIDTH else "whole"})
+    return figures
 
 
 def _statistics(table: pd.DataFrame, names: Sequence[str]) -> tuple[list[str], list[list[str]]]:
-    """Heads and rows of the statistics of some outcomes."""
+    """Return heads and rows of the statistics of some outcomes."""
     cells = [
         (head, column)
         for _, columns in column_groups(table.loc[list(names)], None)
@@ -132,10 +165,10 @@ def _statistics(table: pd.DataFrame, names: Sequence[str]) -> tuple[list[str], l
 
 
 def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
-    """A row of the table of requirements."""
+    """Return a row of the table of requirements."""
     unit = "" if unit == "1" else unit
 
-    def shown(value: float | None, case: str = "") -> str:
+    def format_value(value: float | None, case: str = "") -> str:
         if value is None:
             return "-"
         return f"{rounded(value, abs(value), 4)} {unit}".rstrip() + case
@@ -156,14 +189,14 @@ def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
         ),
         "worst": f"case {v.worst_case}"
         if v.worst is None and v.worst_case is not None
-        else shown(v.worst, f" ({v.worst_case})"),
+        else format_value(v.worst, f" ({v.worst_case})"),
         "design": ("margin " if has_two_bounds(v) and v.design_value is not None else "")
-        + shown(v.design_value),
+        + format_value(v.design_value),
     }
 
 
 def _session(one: Mapping[str, Any]) -> dict[str, Any]:
-    """A row of the table of sessions."""
+    """Return a row of the table of sessions."""
     seconds = ", ".join(f"{stage} {s:.3g}" for stage, s in one.get("timing_s", {}).items())
     packages = ", ".join(f"{name} {v}" for name, v in one.get("versions", {}).items())
     return {

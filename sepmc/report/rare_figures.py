@@ -1,4 +1,5 @@
-"""How rarely: the levels from cases of the laws to the bound, and which inputs violate it."""
+"""Rare-event figure: the levels from typical cases to the bound, and the inputs of violating
+cases."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,63 +19,72 @@ from sepmc.report.style import (
     to_words,
 )
 
-_INPUTS = 10  # drawn
-_ALIKE = 1e-6  # of the range of margins: levels no farther apart lie at one
+_MAX_INPUTS = 10  # inputs drawn
+_SAME_MARGIN = 1e-6  # fraction of the range of margins within which levels coincide
 _MEAN, _JUMP = "mean of the replicas", "many cases have this margin"
 
 
 def rare_figure(
-    found: RareEventEstimate,
+    result: RareEventEstimate,
     folder: Path,
     keys: Mapping[str, str],
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw the probability of coming to each level over its margin, of every replica and of their
-    mean with its 95 % interval, and the normal scores of the inputs in the cases that violate; into
-    ``rare.png``, or with another ``suffix``; returns its path.
+    """Draw the probability of each level over its margin, by replica and as mean with its 95 %
+    interval, and the normal scores of the inputs in violating cases.
 
     Parameters
     ----------
-    found : what was estimated
-    folder : made if it is not there
-    keys : paths of inputs in the file, by column
-    about : the campaign and what is asked, for the title
+    result : Rare
+        From `sepmc.campaign.execution.rare_event`.
+    folder : Path
+        Created if missing.
+    keys : mapping of input column to TOML path
+    about : str
+        Campaign and requirement, for the title.
+    suffix : str
+        Of the file.
+
+    Returns
+    -------
+    Path
+        ``rare`` + suffix.
     """
-    drawn = list(found.inputs.items())[:_INPUTS]
-    figure, axes = make_axes(1, 2 if drawn else 1, (6.0, 4.2))
-    ax, levels = axes[0], [level for level in found.levels if level.replicas.any()]
+    inputs = list(result.inputs.items())[:_MAX_INPUTS]
+    figure, axes = make_axes(1, 2 if inputs else 1, (6.0, 4.2))
+    ax, levels = axes[0], [level for level in result.levels if level.replicas.any()]
     margin = np.array([level.threshold for level in levels])
-    each = np.array([level.replicas for level in levels]).reshape(len(levels), -1)
+    replicas = np.array([level.replicas for level in levels]).reshape(len(levels), -1)
     ends = np.array([mean_interval(level.replicas) for level in levels]).reshape(-1, 2)
     mean = np.array([level.reached for level in levels])
     ax.errorbar(
         margin, mean, yerr=np.abs(ends.T - mean), fmt="none", ecolor=BLUE, capsize=3, label="95 %"
     )
-    # where many cases have one margin, several levels lie there
-    jumps = np.flatnonzero(np.abs(np.diff(margin)) <= _ALIKE * np.ptp(margin))
+    # several levels coincide where many cases have one margin
+    jumps = np.flatnonzero(np.abs(np.diff(margin)) <= _SAME_MARGIN * np.ptp(margin))
     for part in np.split(np.arange(len(levels)), jumps + 1):
-        shown = np.where(each[part] > 0.0, each[part], np.nan)
-        ax.plot(margin[part], shown, color="#a9a9a9", lw=0.8, label="replicas")
+        positive = np.where(replicas[part] > 0.0, replicas[part], np.nan)
+        ax.plot(margin[part], positive, color="#a9a9a9", lw=0.8, label="replicas")
         ax.plot(margin[part], mean[part], "o-", color=BLUE, lw=1.6, ms=4, label=_MEAN)
     for jump in jumps:
-        both = slice(jump, jump + 2)
-        ax.plot(margin[both], mean[both], ":", color=BLUE, lw=1.2, label=_JUMP)
+        pair = slice(jump, jump + 2)
+        ax.plot(margin[pair], mean[pair], ":", color=BLUE, lw=1.2, label=_JUMP)
     ax.axvline(0.0, color=BOUND, lw=2.2, label=REQUIRED)
     ax.set_yscale("log")
-    unit = "" if found.unit == "1" else f" ({found.unit})"
-    ax.set_xlabel(f"margin of {to_words(found.metric, found.unit)}{unit}")
+    unit = "" if result.unit == "1" else f" ({result.unit})"
+    ax.set_xlabel(f"margin of {to_words(result.metric, result.unit)}{unit}")
     ax.set_ylabel("probability that the margin is less")
-    low, high = found.interval
-    said = f"probability of a violation {found.probability:.2e}, 95 %: {low:.1e} to {high:.1e}"
-    ax.set_title(said, fontsize=10)
-    if drawn:
-        ax, rows = axes[1], np.arange(len(drawn))[::-1]
-        means, sigmas = np.array([said for _, said in drawn]).T
+    low, high = result.interval
+    title = f"probability of a violation {result.probability:.2e}, 95 %: {low:.1e} to {high:.1e}"
+    ax.set_title(title, fontsize=10)
+    if inputs:
+        ax, rows = axes[1], np.arange(len(inputs))[::-1]
+        means, sigmas = np.array([score for _, score in inputs]).T
         ax.errorbar(means, rows, xerr=sigmas, fmt="o", color=BLUE, ms=4, capsize=3)
         ax.axvspan(-1.0, 1.0, color="#eeeeee", zorder=0, label="all cases, one sigma")
-        ax.set_yticks(rows, [keys.get(name, name) for name, _ in drawn], fontsize=8)
+        ax.set_yticks(rows, [keys.get(name, name) for name, _ in inputs], fontsize=8)
         ax.set_xlabel("normal score in cases that violate: mean and one sigma")
-        ax.set_title("inputs that drive it", fontsize=10)
-    set_title(figure, f"Rare event of {about}")
+        ax.set_title("leading inputs", fontsize=10)
+    set_title(figure, f"Rare event: {about}")
     return save(figure, make_folder(folder) / f"rare{suffix}")

@@ -1,5 +1,5 @@
-"""What drives outcomes: tornado charts of how far their means swing with each input, beside its
-indices, and outcomes over the inputs that drive them most."""
+"""Sensitivity figures: tornado charts of the means of outcomes beside variance indices, and
+outcomes over their leading inputs."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,86 +23,98 @@ from sepmc.report.style import (
     to_words,
 )
 
-_BARS = 8  # inputs of an outcome
+_MAX_BARS = 8  # inputs per outcome
 _PAD = 0.12  # inches
-_PALE = 0.3
+_PALE_ALPHA = 0.3
 _LOWEST = "lowest tenth of the input, or its lowest of few values"
 _HIGHEST = "highest tenth, or value"
-_UNTOLD = "pale: effect by itself not told from 0 (95 %)"
+_UNCERTAIN = "pale: effect alone not significant (95 %)"
 
 
 def tornado_figure(
-    found: Mapping[str, pd.DataFrame],
+    sensitivities: Mapping[str, pd.DataFrame],
     folder: Path,
     units: Mapping[str, str],
     keys: Mapping[str, str],
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw for each outcome a tornado chart, and beside it the indices of the inputs with their 95
-    % intervals, into ``sensitivity.png``, or with another ``suffix``; returns its path. Bars are
-    pale where neither the swing of the mean nor the first-order index is told from 0.
+    """Draw for each outcome a tornado chart, and beside it the variance indices with their 95 %
+    intervals. Bars are pale where neither the shift of the mean nor the first-order index is
+    significant.
 
     Parameters
     ----------
-    found : mapping of outcome to what `sepmc.analysis.sensitivity.input_sensitivities` tells of it
-    folder : made if it is not there
-    units : of the outcomes
-    keys : mapping of input column to the path that the file has for it
-    about : the campaign, for the title
+    sensitivities : mapping of outcome to DataFrame
+        From `sepmc.analysis.sensitivity.input_sensitivities`.
+    folder : Path
+        Created if missing.
+    units : mapping of outcome to unit
+    keys : mapping of input column to TOML path
+    about : str
+        The campaign, for the title.
+    suffix : str
+        Of the file.
+
+    Returns
+    -------
+    Path
+        ``drivers`` + suffix.
     """
-    columns = min(2, len(found))
+    columns = min(2, len(sensitivities))
     widths = [2.4, 1.0] * columns
-    figure, axes = make_axes(-(-len(found) // columns), 2 * columns, (3.8, 3.4), widths)
+    figure, axes = make_axes(-(-len(sensitivities) // columns), 2 * columns, (3.8, 3.4), widths)
     pairs = list(zip(axes[::2], axes[1::2], strict=True))
-    for (ax, beside), (outcome, table) in zip(pairs, found.items(), strict=False):
-        # those that the printed table has, in its order: bars are drawn from below
-        middle, top = table.attrs["mean"], leading_inputs(table, _BARS)[::-1]
+    for (ax, index_axes), (outcome, table) in zip(pairs, sensitivities.items(), strict=False):
+        # as in the printed table; bars are drawn from below
+        mean, top = table.attrs["mean"], leading_inputs(table, _MAX_BARS)[::-1]
         places = np.arange(len(top))
-        told = ((top["shift"] > 0.0) | (top["first_low"] > 0.0)).to_numpy()
-        # beside each other: where both ends lie on one side of the mean, neither hides the other
+        significant = ((top["shift"] > 0.0) | (top["first_low"] > 0.0)).to_numpy()
+        # side by side, so that neither hides the other where both are on one side of the mean
         for end, aside, colour, hatch, text in (
             ("mean_low", 0.2, BLUE, "", _LOWEST), ("mean_high", -0.2, VERMILION, "//", _HIGHEST)
         ):  # fmt: skip
-            swing = (top[end] - middle).to_numpy()
-            for those, alpha, label in ((told, 1.0, text), (~told, _PALE, _UNTOLD)):
+            swing = (top[end] - mean).to_numpy()
+            bars = ((significant, 1.0, text), (~significant, _PALE_ALPHA, _UNCERTAIN))
+            for mask, alpha, label in bars:
                 ax.barh(
-                    places + aside, np.where(those, swing, np.nan), left=middle, color=colour,
+                    places + aside, np.where(mask, swing, np.nan), left=mean, color=colour,
                     hatch=hatch, edgecolor="white", height=0.4, alpha=alpha,
-                    label=label if those is told or not told.all() else None,
+                    label=label if mask is significant or not significant.all() else None,
                 )  # fmt: skip
-        ax.axvline(middle, color="#555555", linewidth=0.8)
+        ax.axvline(mean, color="#555555", linewidth=0.8)
         ax.set_yticks(places, [keys.get(str(name), str(name)) for name in top.index], fontsize=8)
         ax.set_ylim(-0.6, len(top) - 0.4)
         ax.grid(axis="y", visible=False)
         unit = units.get(outcome, "")
         name = to_words(outcome, unit)
         ax.set_xlabel(f"mean of {name} ({unit})" if unit else f"mean of {name}")
-        _indices(beside, top, places)
-    for pair in pairs[len(found) :]:
+        _indices(index_axes, top, places)
+    for pair in pairs[len(sensitivities) :]:
         for ax in pair:
             ax.remove()
-    said = order_description(max(found.values(), key=len), _BARS)
-    set_title(figure, f"What drives outcomes: {said}\n{about}")
+    rule = order_description(max(sensitivities.values(), key=len), _MAX_BARS)
+    set_title(figure, f"Sensitivity of outcomes, inputs {rule}\n{about}")
     layout = figure.get_layout_engine()
     if isinstance(layout, ConstrainedLayoutEngine):  # names of inputs would touch the edge
         layout.set(w_pad=_PAD)
-    order = (_LOWEST, _HIGHEST, _UNTOLD)
+    order = (_LOWEST, _HIGHEST, _UNCERTAIN)
     return save(figure, make_folder(folder) / f"sensitivity{suffix}", order)
 
 
 def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
-    """First-order indices, and total ones where there are, with their intervals."""
+    """Draw first-order indices, and total ones if given, with their intervals."""
     for name, aside, marker, colour, text in (
         ("first", 0.12, "o", BLACK, "first-order index"),
         ("total", -0.12, "s", GREEN, "total index"),
     ):
         if top[name].notna().any():
-            ends = top[[f"{name}_low", f"{name}_high"]].to_numpy().T
-            reach = np.abs(ends - top[name].to_numpy())
+            interval = top[[f"{name}_low", f"{name}_high"]].to_numpy().T
+            half_width = np.abs(interval - top[name].to_numpy())
             ax.errorbar(
-                top[name], places + aside, xerr=reach, fmt=marker, color=colour, ms=3.5,
-                capsize=2.5, linewidth=1.0, label=text + ("" if np.isnan(ends).all() else ", 95 %"),
+                top[name], places + aside, xerr=half_width, fmt=marker, color=colour, ms=3.5,
+                capsize=2.5, linewidth=1.0,
+                label=text + ("" if np.isnan(interval).all() else ", 95 %"),
             )  # fmt: skip
     if not top[["first", "total"]].notna().any(axis=None):
         ax.text(
@@ -114,28 +126,29 @@ def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
     ax.set_yticks(places, [])
     ax.set_ylim(-0.6, len(top) - 0.4)
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("share of variance")
+    ax.set_xlabel("fraction of variance")
     if top.attrs.get("correlated"):
-        ax.set_xlabel("share of variance\n(inputs vary together: no sum)")
+        ax.set_xlabel("fraction of variance\n(correlated inputs: no sum)")
     ax.locator_params(axis="x", nbins=4)
 
 
-_DOTS, _INPUTS = 1500, 3  # cases that are drawn; inputs of an outcome
-_WIDE = 24  # letters of 9 pt along an ordinate
+_DOTS, _INPUTS = 1500, 3  # cases drawn; inputs per outcome
+_WIDE = 24  # 9 pt letters along an ordinate
 
 
-def _drawn(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Which cases (n,) are drawn: the first ones, and those at the ends of either number."""
-    found = np.arange(len(x)) < _DOTS
+def _shown_rows(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the mask (n,) of cases drawn: the first ones, and those with the extremes of either
+    number."""
+    mask = np.arange(len(x)) < _DOTS
     for values in (x, y):
-        known = np.flatnonzero(np.isfinite(values))
-        if len(known):
-            found[known[[values[known].argmin(), values[known].argmax()]]] = True
-    return found
+        finite = np.flatnonzero(np.isfinite(values))
+        if len(finite):
+            mask[finite[[values[finite].argmin(), values[finite].argmax()]]] = True
+    return mask
 
 
 def scatter_figure(
-    found: Mapping[str, pd.DataFrame],
+    sensitivities: Mapping[str, pd.DataFrame],
     rows: Mapping[str, np.ndarray],
     violating: Mapping[str, np.ndarray],
     folder: Path,
@@ -144,40 +157,48 @@ def scatter_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw each outcome over the inputs that drive it most, case by case, into ``scatter.png``, or
-    with another ``suffix``; returns its path.
+    """Draw each outcome over its leading inputs, case by case.
 
     Parameters
     ----------
-    found, folder, units, keys, about : as for `tornado_figure`
-    rows : the ok cases, by column
-    violating : by outcome, which of them violate what is required of it, or, where that is nothing,
-        any requirement (n,); drawn as crosses
+    sensitivities, folder, units, keys, about, suffix
+        As for `tornado_figure`.
+    rows : mapping of column to ndarray, shape (n,)
+        The ok cases.
+    violating : mapping of outcome to ndarray, shape (n,), bool
+        Cases that violate the requirement on the outcome, or any if there is none; shown as
+        crosses.
+
+    Returns
+    -------
+    Path
+        ``scatter`` + suffix.
     """
-    figure, axes = make_axes(len(found), _INPUTS, (4.0, 2.7))
-    for row, (outcome, every) in enumerate(found.items()):
-        crossed, table = violating[outcome], leading_inputs(every, _INPUTS)
+    figure, axes = make_axes(len(sensitivities), _INPUTS, (4.0, 2.7))
+    for row, (outcome, table) in enumerate(sensitivities.items()):
+        violates, leading = violating[outcome], leading_inputs(table, _INPUTS)
         unit = units.get(outcome, "")
         for k, ax in enumerate(axes[_INPUTS * row : _INPUTS * (row + 1)]):
-            if k >= len(table):
+            if k >= len(leading):
                 ax.remove()
                 continue
-            name = str(table.index[k])
-            fine, few = ~crossed & _drawn(rows[name], rows[outcome]), len(crossed) <= _DOTS
+            name = str(leading.index[k])
+            shown = ~violates & _shown_rows(rows[name], rows[outcome])
+            complete = len(violates) <= _DOTS
             ax.plot(
-                rows[name][fine], rows[outcome][fine], ".", ms=2.5, color=BLUE, alpha=0.5,
-                label="cases" if few else f"the first {_DOTS:,} cases and the extremes of all",
+                rows[name][shown], rows[outcome][shown], ".", ms=2.5, color=BLUE, alpha=0.5,
+                label="cases" if complete else f"the first {_DOTS:,} cases and the extremes of all",
                 rasterized=True,
             )  # fmt: skip
-            if crossed.any():
+            if violates.any():
                 ax.plot(
-                    rows[name][crossed], rows[outcome][crossed], "x", ms=5, color=VERMILION,
-                    label="cases that violate what is required of the outcome, or else anything",
+                    rows[name][violates], rows[outcome][violates], "x", ms=5, color=VERMILION,
+                    label="cases that violate a requirement (on the outcome, if there is one)",
                 )  # fmt: skip
             ax.set_xlabel(keys.get(name, name), fontsize=8.5)
             if not k:
                 words = to_words(outcome, unit)
-                said = f"{words} ({unit})" if unit else words
-                ax.set_ylabel(fill(said, _WIDE), fontsize=9)
-    set_title(figure, f"Outcomes over what drives them most\n{about}")
+                label = f"{words} ({unit})" if unit else words
+                ax.set_ylabel(fill(label, _WIDE), fontsize=9)
+    set_title(figure, f"Outcomes over their leading inputs\n{about}")
     return save(figure, make_folder(folder) / f"scatter{suffix}")

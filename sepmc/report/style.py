@@ -1,8 +1,8 @@
-"""The one style of all figures of runs: axes, colours, legends, words.
+"""Common style of the figures of runs: axes, colours, legends, words.
 
-Colours are those of Okabe and Ito, which colour-blind readers tell apart; line styles and tints
-carry the same message in grey print. Legends, phase names and numbers stand outside the axes, so
-nothing covers data. No pyplot: a figure here has no window and no state.
+The colours are those of Okabe and Ito, distinguishable by colour-blind readers; line styles and
+tints carry the same information in grey print. Legends, phase names and numbers stand outside the
+axes, so nothing covers data. Without pyplot: figures have no window and no global state.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,22 +22,22 @@ from matplotlib.ticker import MaxNLocator
 from sepmc.paths import as_path, is_local
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
-# of bodies: what fills them, and their edges
+# of bodies: fill and edge
 TINTS = ("#cfe1f2", "#f8d9c4", "#d5ecd9", "#e6dff0", "#f3e9c6")
 EDGES = (BLUE, VERMILION, GREEN, "#6a51a3", "#8c6d1f")
-# of one thing in all figures: what is required; a reference
+# the same in all figures: required bounds; a reference
 BOUND, REFERENCE = GREEN, VERMILION
 REQUIRED = "required bound"
-MARK = "#6a51a3"  # of a release or an event over time
+MARK = "#6a51a3"  # releases and events
 
 
-SCREEN, PRINTED = 150, 300  # dots an inch
+SCREEN, PRINTED = 150, 300  # dots per inch
 _dots = SCREEN
 
 
 @contextmanager
 def resolution(per_inch: int) -> Iterator[None]:
-    """Write images with so many dots an inch meanwhile."""
+    """Context manager: write images with ``per_inch`` dots per inch."""
     global _dots  # noqa: PLW0603
     before, _dots = _dots, per_inch
     try:
@@ -47,14 +47,14 @@ def resolution(per_inch: int) -> Iterator[None]:
 
 
 def make_folder(folder: Path) -> Path:
-    """A folder, made if it is not there."""
+    """Create a folder if it is missing; return its path."""
     folder = as_path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 def to_words(name: str, unit: str = "") -> str:
-    """A column's name in words, without the unit it ends with."""
+    """Return a column's name in words, without its unit."""
     suffix = "_" + unit.replace("/", "_").replace(" ", "_").replace("²", "2").replace("^", "")
     return (name.removesuffix(suffix) if unit else name).replace("_", " ")
 
@@ -65,8 +65,21 @@ def make_axes(
     size: tuple[float, float],
     widths: Sequence[float] | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """A figure of rows x columns axes in the one style of all figures; ``size`` is that of one pair
-    of axes, in inches, ``widths`` how wide the columns are beside each other."""
+    """Create a figure of rows x columns axes in the common style.
+
+    Parameters
+    ----------
+    rows, columns : int
+    size : tuple of float
+        Width and height of one pair of axes, in inches.
+    widths : sequence of float, optional
+        Relative widths of the columns.
+
+    Returns
+    -------
+    figure : Figure
+    axes : list of Axes
+    """
     figure = Figure(figsize=(columns * size[0], rows * size[1]), layout="constrained")
     FigureCanvasAgg(figure)
     axes = list(figure.subplots(rows, columns, squeeze=False, width_ratios=widths).ravel())
@@ -76,14 +89,14 @@ def make_axes(
         ax.set_axisbelow(True)
         ax.tick_params(labelsize=9)
         ax.ticklabel_format(useOffset=False)
-        # a "1e7" above the axes would lie on the names of phases
+        # a "1e7" above the axes would cover names of phases
         ax.ticklabel_format(axis="y", scilimits=(-5, 8))
         ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     return figure, axes
 
 
 def set_title(figure: Figure, text: str) -> None:
-    """Put a title above all axes, each of its lines folded to the width of the figure."""
+    """Set a title above all axes, each line folded to the width of the figure."""
     # 11 pt letters are about 6 pt wide
     width = int(figure.get_figwidth() * 72.0 / 6.0)
     lines = [fill(line, width, break_on_hyphens=False) for line in text.split("\n") if line]
@@ -91,30 +104,28 @@ def set_title(figure: Figure, text: str) -> None:
 
 
 def _columns(texts: Sequence[str], inches: float) -> int:
-    """In how many columns the texts of a legend stand in so many inches, in rows as even as can
-    be."""
-    wide = 0.55 + 0.072 * np.array([len(text) for text in texts])  # a handle, and 9 pt letters
+    """Return the number of legend columns that fit into ``inches``, in rows as even as possible."""
+    widths = 0.55 + 0.072 * np.array([len(text) for text in texts])  # a handle, and 9 pt letters
     for columns in range(len(texts), 1, -1):
         rows = -(-len(texts) // columns)
         if columns > -(-len(texts) // rows):
-            continue  # fewer columns make as many rows
-        if sum(part.max() for part in np.array_split(wide, columns)) <= inches:
+            continue  # fewer columns give as many rows
+        if sum(part.max() for part in np.array_split(widths, columns)) <= inches:
             return columns
     return 1
 
 
 def save(figure: Figure, path: Path, order: Sequence[str] = ()) -> Path:
-    """Gather one legend below all axes, what it names first in this ``order``, and write, as the
-    name of the file ends. The file carries no date and no software name: equal data give equal
-    bytes."""
+    """Set one legend below all axes, entries of ``order`` first, and write the figure in the format
+    of the file's suffix; without date and software name, so that equal data give equal bytes."""
     entries = {
         text: handle
         for ax in figure.axes
         for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)
         if text
     }
-    named = [*(text for text in order if text in entries), *entries]
-    entries = {text: entries[text] for text in named}
+    ordered = [*(text for text in order if text in entries), *entries]
+    entries = {text: entries[text] for text in ordered}
     if entries:
         columns = _columns(list(entries), figure.get_figwidth())
         style = {"frameon": False, "fontsize": 9, "columnspacing": 1.2}
@@ -126,20 +137,20 @@ def save(figure: Figure, path: Path, order: Sequence[str] = ()) -> Path:
             **style,
         )
     layout = figure.get_layout_engine()
-    if layout is not None:  # savefig would draw all unseen before, only to lay it out
+    if layout is not None:  # savefig would first draw everything for the layout
         figure.set_dpi(_dots)
         layout.execute(figure)
         figure.set_layout_engine(None)
-    said = {"Date": None} if path.suffix == ".svg" else {"Software": None}
+    metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}
     if path.suffix == ".pdf":
-        said = {"CreationDate": None, "Producer": None, "Creator": None}
+        metadata = {"CreationDate": None, "Producer": None, "Creator": None}
     with matplotlib.rc_context({"svg.hashsalt": "sepmc", "svg.fonttype": "none"}):
-        # half the time of the usual level, for files a third larger
+        # half the time of the default level, for files a third larger
         fast: dict[str, Any] = {}
         if path.suffix == ".png":
             fast["pil_kwargs"] = {"compress_level": 3}
-        into = path if is_local(path) else BytesIO()
-        figure.savefig(into, format=path.suffix[1:], dpi=_dots, metadata=said, **fast)
-        if isinstance(into, BytesIO):
-            path.write_bytes(into.getvalue())
+        target = path if is_local(path) else BytesIO()
+        figure.savefig(target, format=path.suffix[1:], dpi=_dots, metadata=metadata, **fast)
+        if isinstance(target, BytesIO):
+            path.write_bytes(target.getvalue())
     return path

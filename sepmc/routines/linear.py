@@ -15,6 +15,9 @@ from sepmc.routines.lanes import LANES
 _DEPENDENT = 1e-13
 # The same in a system with redundant rows, relative to the largest.
 _RANK = 1e-11
+# A pivot that keeps less may be round-off of a dependent row (2e-13 of it was seen), which only
+# pivoting tells from a row that is nearly dependent.
+_CLEARLY_INDEPENDENT = 1e-9
 
 
 @long_formula
@@ -229,7 +232,7 @@ def solve_min_norm(w, source, n, scratch, out):
     b = scratch + 3 * n * n
     _gather(w, source, n, scratch, b)
     rank, smallest = n, solve_ldlt(w, scratch, b, n)
-    if not smallest > 0.0:
+    if not smallest > _CLEARLY_INDEPENDENT:
         _gather(w, source, n, scratch, b)
         rank, smallest = solve_semidefinite(w, scratch, b, n)
     for i in range(n):

@@ -9,7 +9,7 @@ from sepmc.scene.contents import contents
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.fields import convert
 from sepmc.scene.ignition_checks import check_ignitions
-from sepmc.scene.kinds import KINDS, rows_of, slides
+from sepmc.scene.kinds import KINDS, leaves_pins_sliding, rows_of
 from sepmc.scene.limits import LARGEST, SMALLEST
 from sepmc.scene.load_checks import (
     check_air,
@@ -149,7 +149,7 @@ def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
     kinds = [phase.joints.get(name, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == name]
     known = [kind for kind in kinds if kind in KINDS or kind in joint.kind]
-    if not any(slides(rows_of(joint, kind)) for kind in known):
+    if not any(leaves_pins_sliding(rows_of(joint, kind)) for kind in known):
         said = (
             "does nothing: its pins act while the joint holds y, z and at least two rotations "
             "but not x (slider, cylindrical, or a kind "
@@ -205,10 +205,10 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
     """
     parameter = dispersion.parameter
     place = f"dispersion.{parameter.key}"
-    tail = dispersion.law == "normal" and math.isinf(dispersion.numbers[2])
+    tail = dispersion.distribution == "normal" and math.isinf(dispersion.numbers[2])
     if not all(
         math.isfinite(x * parameter.factor)
-        for x in dispersion.numbers[: 2 if dispersion.law == "normal" else None]
+        for x in dispersion.numbers[: 2 if dispersion.distribution == "normal" else None]
     ):
         problems.add(place, "the law and its nominal must be finite", list(dispersion.numbers))
         return
@@ -239,7 +239,8 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
             f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m",
         )
     if parameter.path.endswith(".fails") and not (
-        dispersion.law in ("discrete", "constant") and set(dispersion.numbers) <= {0.0, 1.0}
+        dispersion.distribution in ("discrete", "constant")
+        and set(dispersion.numbers) <= {0.0, 1.0}
     ):
         problems.add(place, "must be discrete, of 0 (lets go) and 1 (never does)")
     if parameter.path.endswith(".friction") and parameter_value(scene, parameter.path) == 0.0:

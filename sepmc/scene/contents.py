@@ -1,11 +1,11 @@
-"""What a scene has columns for."""
+"""Contents of a scene that result columns follow from."""
 
 from sepmc.scene.model import Scene
 from sepmc.schema import Contents
 
 
 def contents(scene: Scene) -> Contents:
-    """Bodies, joints and outputs of a scene, by name."""
+    """Names of the bodies, joints, outputs, events and triggered motors of a scene."""
     pins = {
         name: joint.guide.pins for name, joint in scene.joint.items() if joint.guide is not None
     }

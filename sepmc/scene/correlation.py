@@ -48,7 +48,7 @@ def resolve(
                 )
             if place in taken:
                 problems.add(f"{where}.parameters", f"correlated already, in {taken[place]}", key)
-            elif dispersions[place].law == "constant":
+            elif dispersions[place].distribution == "constant":
                 problems.add(f"{where}.parameters", "is constant, so it varies with nothing", key)
             taken[place] = number
         factor = _factor(matrix)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.load_checks import check_known
 from sepmc.scene.messages import Problems
-from sepmc.scene.model import Ignition, Scene, Until
+from sepmc.scene.model import Condition, Ignition, Scene
 
 _INSTANTS = ("event", "release", "joint")
 
@@ -93,7 +93,7 @@ def _may_come(scene: Scene, lighting: set[str]) -> set[tuple[str, str]]:
     return found | {("joint", joint) for joint, kind in kinds if _is_free(scene, joint, kind)}
 
 
-def _may_be_met(until: Until, lighting: set[str]) -> bool:
+def _may_be_met(until: Condition, lighting: set[str]) -> bool:
     """Whether a condition may be met where only these motors may light: all others but burn-outs
     may."""
     keys = (

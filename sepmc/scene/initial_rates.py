@@ -5,14 +5,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from sepmc.routines import layout as at
-from sepmc.scene.kinds import KINDS, hanging_together, joint_axes, rows_of
+from sepmc.scene.kinds import KINDS, connected_bodies, joint_axes, rows_of
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import GROUND, Joint, Scene
 
 _ALONG = 1e-9  # of a rate: as much about an axis that is held is round-off
 
 
-def swings(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Iterator[tuple[str, set[str]]]:
+def initial_rates(
+    scene: Scene, dispersed: frozenset[str] = frozenset()
+) -> Iterator[tuple[str, set[str]]]:
     """Joints with a rate across them at the start, in some case, and the bodies that it turns: all
     that hang on the second body of the joint."""
     for name, joint in scene.joint.items():
@@ -24,13 +26,13 @@ def swings(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Iterator[tu
 def _beyond(scene: Scene, joint: str) -> set[str]:
     """What hangs together with the second body of a joint in the first phase, if the joint itself
     is left out."""
-    groups = hanging_together(scene, scene.phase[0], without=joint)
+    groups = connected_bodies(scene, scene.phase[0], without=joint)
     return next(group for group in groups if scene.joint[joint].bodies[1] in group)
 
 
-def check_swings(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
+def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
     """Rates across joints that a joint does not allow, or that do not say how bodies turn."""
-    for name, beyond in swings(scene, dispersed):
+    for name, beyond in initial_rates(scene, dispersed):
         joint, kind = scene.joint[name], scene.phase[0].joints.get(name, "free")
         place, first = f"joint.{name}.omega_deg_s", joint.bodies[0]
         shown = [float(f"{x:.6g}") for x in np.degrees(joint.omega)]

@@ -1,5 +1,5 @@
-"""Inputs that a table gives, a row for each case: of an upstream campaign, or a plan made
-before."""
+"""Sampled inputs read from a table, a row for each case: written by an upstream campaign or a
+design of experiments."""
 
 import hashlib
 from collections.abc import Iterable
@@ -12,21 +12,31 @@ import numpy as np
 from sepmc.scene.messages import Problems, nearest
 
 CASE = "case"  # the column of a table that numbers its rows
-_FEW = 16  # values of a column that make a discrete law, so that trial cases fly each of them
-_KNOTS = 257  # of the quantiles of a column of more
+_FEW = 16  # distinct values up to which a column counts as discrete: calibration cases use each
+_KNOTS = 257  # quantiles kept of a column with more values
 
 
 class Reader(Protocol):
-    """Reads a table of inputs; None, with the problems noted, if that cannot be."""
+    """Reads a table of sampled inputs."""
 
     def __call__(self, path: Path, problems: Problems) -> "InputTable | None":
-        """The table in the file at ``path``."""
+        """Return the table in the file at ``path``; None, with the problems noted, on failure."""
 
 
 @dataclass(frozen=True, eq=False)
 class InputTable:
-    """A table of inputs: the ``numbers`` (n,) of its cases, rising, and its columns of numbers
-    (n,); of columns in which there are ``words``, the first word."""
+    """A table of sampled inputs.
+
+    Attributes
+    ----------
+    path : Path
+    numbers : ndarray (n,)
+        Case numbers of the rows, rising.
+    columns : dict of ndarray (n,)
+        Numeric columns by name.
+    words : dict of str
+        Other columns by name, each with its first text.
+    """
 
     path: Path
     numbers: np.ndarray
@@ -34,28 +44,29 @@ class InputTable:
     words: dict[str, str] = field(default_factory=dict)
 
     def has(self, name: str) -> bool:
-        """Whether there is such a column, of numbers or not."""
+        """True if the table has a column of this name, numeric or not."""
         return name in self.columns or name in self.words
 
     def rows(self, first: int, count: int) -> np.ndarray:
-        """Places (count,) of the cases ``first`` to ``first + count``. Raises KeyError with the
-        first one that the table does not hold."""
-        wanted = np.arange(first, first + count)
-        places = np.minimum(np.searchsorted(self.numbers, wanted), len(self.numbers) - 1)
-        if (there := self.numbers[places] == wanted).all():
-            return places
-        raise KeyError(int(wanted[~there][0]))
+        """Row indices (count,) of the cases ``first`` to ``first + count - 1``. Raises KeyError
+        with the first case that has no row."""
+        cases = np.arange(first, first + count)
+        rows = np.minimum(np.searchsorted(self.numbers, cases), len(self.numbers) - 1)
+        exists = self.numbers[rows] == cases
+        if exists.all():
+            return rows
+        raise KeyError(int(cases[~exists][0]))
 
     def digest(self, names: Iterable[str]) -> str:
-        """Digest of the numbers of the cases and of some columns."""
-        found = hashlib.sha256(np.ascontiguousarray(self.numbers, dtype=np.int64).tobytes())
+        """Digest of the case numbers and of some columns, 16 hexadecimal digits."""
+        digest = hashlib.sha256(np.ascontiguousarray(self.numbers, dtype=np.int64).tobytes())
         for name in names:
-            found.update(name.encode() + np.ascontiguousarray(self.columns[name]).tobytes())
-        return found.hexdigest()[:16]
+            digest.update(name.encode() + np.ascontiguousarray(self.columns[name]).tobytes())
+        return digest.hexdigest()[:16]
 
-    def law(self, name: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
-        """Law, numbers and weights that a column amounts to: discrete if it has few values, else
-        quantiles at equal steps of probability."""
+    def distribution(self, name: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
+        """Empirical distribution of a column, as name, numbers and weights of a `Dispersion`:
+        discrete for few values, else quantiles at equal steps of probability."""
         values, counts = np.unique(self.columns[name], return_counts=True)
         if len(values) <= _FEW:
             return "discrete", tuple(values.tolist()), tuple(counts.astype(float).tolist())
@@ -63,17 +74,17 @@ class InputTable:
         return "given", tuple(knots.tolist()), ()
 
 
-def check_column(given: InputTable, name: str, place: str, problems: Problems) -> bool:
-    """Whether a table has a column of finite numbers; notes it, if not."""
-    if name not in given.columns:
-        if name in given.words:
-            problems.add(place, f"column {name} of {given.path.name}: {given.words[name]}")
+def check_column(table: InputTable, name: str, place: str, problems: Problems) -> bool:
+    """Return True if a table has a column of finite numbers; else note the problem."""
+    if name not in table.columns:
+        if name in table.words:
+            problems.add(place, f"column {name} of {table.path.name}: {table.words[name]}")
             return False
-        said = nearest(name, given.columns)
-        problems.add(place, f"no such column of numbers in {given.path.name}; {said}", name)
+        said = nearest(name, table.columns)
+        problems.add(place, f"no such column of numbers in {table.path.name}; {said}", name)
         return False
-    bad = ~np.isfinite(given.columns[name])
+    bad = ~np.isfinite(table.columns[name])
     if bad.any():
-        number = given.numbers[int(np.argmax(bad))]
-        problems.add(place, f"column {name} of {given.path.name} is no number in case {number}")
+        case = table.numbers[int(np.argmax(bad))]
+        problems.add(place, f"column {name} of {table.path.name} is no number in case {case}")
     return not bad.any()

@@ -1,4 +1,4 @@
-"""Joint kinds as the constraint rows they hold."""
+"""Joint kinds as sets of constraint rows."""
 
 import numpy as np
 
@@ -7,14 +7,14 @@ from sepmc.scene.model import GROUND, Joint, Phase, Scene
 
 
 def _rotation(of_second: int, of_first: int) -> int:
-    """Code of the row that keeps an axis (0 or 1: x or y) of the second body perpendicular to an
-    axis of the first."""
+    """Code of the row that keeps an axis (0: x, 1: y) of the second body perpendicular to an axis
+    of the first."""
     return at.ROTATION + 3 * of_second + of_first
 
 
 _ROLL, _YAW, _PITCH, _ALIGN_Y = _rotation(1, 2), _rotation(0, 2), _rotation(0, 1), _rotation(1, 0)
-# Rows that hold rotations about these joint axes. With two of them, the pair that leaves the third
-# free through a full turn.
+# Rows that constrain the rotations about these joint axes; for two axes, the pair that leaves the
+# third free through a full turn.
 _ROTATIONS = {
     "": (),
     "x": (_ROLL,),
@@ -47,22 +47,22 @@ KINDS: dict[str, tuple[int, ...]] = {
 
 
 def rows_of(joint: Joint, kind: str) -> tuple[int, ...]:
-    """Codes of the constraint rows of a kind, one of the joint's own or a common one."""
+    """Codes of the constraint rows of a joint kind, one of the joint's own or a common one."""
     custom = joint.kind.get(kind)
     if custom is None:
         return KINDS[kind]
     return _rows("".join(sorted(set(custom.translations))), "".join(sorted(set(custom.rotations))))
 
 
-def is_part(rows: tuple[int, ...], of: tuple[int, ...]) -> bool:
-    """Whether what ``rows`` hold is held by ``of`` too."""
-    turns_held = sum(at.ROTATION <= row < at.ROD for row in of) == 3
-    return all(row in of or (turns_held and at.ROTATION <= row < at.ROD) for row in rows)
+def is_subset(rows: tuple[int, ...], of: tuple[int, ...]) -> bool:
+    """True if the constraints of ``rows`` are implied by those of ``of``."""
+    fixes_rotation = sum(at.ROTATION <= row < at.ROD for row in of) == 3
+    return all(row in of or (fixes_rotation and at.ROTATION <= row < at.ROD) for row in rows)
 
 
-def slides(rows: tuple[int, ...]) -> bool:
-    """Whether rows leave their bodies free along x, but neither sideways nor to tilt: pins are
-    engaged."""
+def leaves_pins_sliding(rows: tuple[int, ...]) -> bool:
+    """True if rows leave translation along x free, constrain y and z and at least two rotations:
+    guide pins are engaged and slide."""
     return (
         rows.count(1) == rows.count(2) == 1
         and 0 not in rows
@@ -71,22 +71,23 @@ def slides(rows: tuple[int, ...]) -> bool:
 
 
 def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
-    """Right-handed orthonormal axes (rows) from an x axis and a vector near the y axis."""
+    """Orthonormal right-handed joint axes x, y, z, shape (9,), from an x axis and a vector whose
+    part normal to it gives the y axis."""
     x = np.array(x_axis) / np.linalg.norm(x_axis)
     y = np.array(y_axis) - x * (x @ np.array(y_axis))
     y /= np.linalg.norm(y)
     return np.concatenate([x, y, np.cross(x, y)])
 
 
-def centres(scene: Scene, joint: Joint) -> list[tuple[float, float, float]]:
-    """Layout points of the nominal mass centres of both bodies of a joint; its own for the
+def mass_centres(scene: Scene, joint: Joint) -> list[tuple[float, float, float]]:
+    """Layout points of the nominal mass centres of a joint's bodies, m; the joint's point for the
     ground."""
     return [scene.body[b].cg if b in scene.body else joint.point for b in joint.bodies]
 
 
-def toward_second(scene: Scene, joint: Joint) -> float:
-    """How far, m, along the x axis of a joint its second mass centre lies from the first."""
-    first, second = centres(scene, joint)
+def axial_offset(scene: Scene, joint: Joint) -> float:
+    """Offset of the second mass centre of a joint from the first along its x axis, m."""
+    first, second = mass_centres(scene, joint)
     x = joint_axes(joint.x_axis, joint.y_axis)[:3]
     return float(
         (first[0] - second[0]) * x[0]
@@ -95,14 +96,12 @@ def toward_second(scene: Scene, joint: Joint) -> float:
     )
 
 
-def hanging_together(scene: Scene, phase: Phase, without: str = "") -> list[set[str]]:
-    """Bodies that hang together in a phase, by joints that hold something, one left out."""
+def connected_bodies(scene: Scene, phase: Phase, without: str = "") -> list[set[str]]:
+    """Sets of bodies connected by constraining joints in a phase, except the joint ``without``."""
     groups = [{name} for name in (*scene.body, GROUND)]
     for name, joint in scene.joint.items():
         if name != without and rows_of(joint, phase.joints.get(name, "free")):
-            apart = [group for group in groups if not group & set(joint.bodies)]
-            groups = [
-                *apart,
-                set().union(*(group for group in groups if group & set(joint.bodies))),
-            ]
+            pair = set(joint.bodies)
+            merged = set().union(*(group for group in groups if group & pair))
+            groups = [*(group for group in groups if not group & pair), merged]
     return groups

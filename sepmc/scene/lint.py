@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sepmc.scene.dispersion import Dispersion
-from sepmc.scene.kinds import centres, toward_second
-from sepmc.scene.model import GROUND, Part, Scene, Until
+from sepmc.scene.kinds import axial_offset, mass_centres
+from sepmc.scene.model import GROUND, Condition, Part, Scene
 from sepmc.scene.parameters import value
 
 _FAR = 8.0  # times the extent of all other points of the vehicle: a unit was mistaken
@@ -29,7 +29,7 @@ _SIGNED = ("cg", "offset", "omega", "direction", "deflection", "products", "poin
            "pitch", "yaw", "roll", "alpha", "force_factor")  # fmt: skip
 
 
-def slips(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
+def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
     """Sentences on what is probably a slip."""
     return [
         *_far_points(scene),
@@ -52,8 +52,8 @@ def _level(scene: Scene) -> Iterator[str]:
     """Joints whose bodies lie beside each other but for a little, so that it is by chance which
     side is apart."""
     for name, joint in scene.joint.items():
-        along = toward_second(scene, joint)
-        if joint.apart is None and abs(along) < _LEVEL * math.dist(*centres(scene, joint)):
+        along = axial_offset(scene, joint)
+        if joint.apart is None and abs(along) < _LEVEL * math.dist(*mass_centres(scene, joint)):
             side = "positive along its x axis" if along >= 0.0 else "negative along its x axis"
             yield (
                 f"joint.{name}: the mass centres of {joint.bodies[0]} and {joint.bodies[1]} are "
@@ -114,7 +114,7 @@ def _wide_laws(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]
     for law in dispersions:
         path = law.parameter.path
         is_signed = path.startswith("load.") or any(part in path for part in _SIGNED)
-        if is_signed or law.law in ("discrete", "constant"):
+        if is_signed or law.distribution in ("discrete", "constant"):
             continue
         nominal = value(scene, path) / law.parameter.factor
         low, high = law.reach
@@ -324,16 +324,16 @@ def _never(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
             yield f"output.loads: {joint} holds nothing in any phase, so it carries nothing"
 
 
-def _is_past(until: Until, end: float) -> bool:
+def _is_past(until: Condition, end: float) -> bool:
     """Whether a condition can be met by nothing but a time after ``end``, s."""
     if until.all:
         return any(_is_past(part, end) for part in until.all)
     if until.any:
         return all(_is_past(part, end) for part in until.any)
-    return until == Until(time=until.time) and until.time is not None and until.time > end
+    return until == Condition(time=until.time) and until.time is not None and until.time > end
 
 
-def _springs_of(until: Until) -> Iterator[str]:
+def _springs_of(until: Condition) -> Iterator[str]:
     if until.spring is not None:
         yield until.spring
     for part in (*until.any, *until.all):

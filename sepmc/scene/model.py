@@ -273,7 +273,7 @@ class Joint(_Table, frozen=True, kw_only=True):
     guide: Guide | None = None
 
 
-class Until(_Table, frozen=True, kw_only=True):
+class Condition(_Table, frozen=True, kw_only=True):
     """A condition. Of several keys, whichever is met first counts; what was met once stays met.
 
     With a ``direction`` the quantity of the table must cross its threshold that way; without one a
@@ -293,14 +293,14 @@ class Until(_Table, frozen=True, kw_only=True):
     altitude: Annotated[float, Quantity("length")] | None = None
     vertical_speed: Annotated[float, Quantity("speed")] | None = None  # up is positive
     direction: Literal["rising", "falling", "either"] | None = None
-    any: tuple["Until", ...] = ()
-    all: tuple["Until", ...] = ()
+    any: tuple["Condition", ...] = ()
+    all: tuple["Condition", ...] = ()
 
 
 class Phase(_Table, frozen=True, kw_only=True):
     name: Name
     joints: dict[str, str] = field(default_factory=dict)
-    until: Until | None = None
+    until: Condition | None = None
 
 
 class Release(_Table, frozen=True, kw_only=True):
@@ -310,7 +310,7 @@ class Release(_Table, frozen=True, kw_only=True):
     name: Name
     joint: str
     to: str = "free"
-    when: Until
+    when: Condition
     optional: bool = False
 
 
@@ -318,7 +318,7 @@ class Event(_Table, frozen=True, kw_only=True):
     """An instant at which rates, attitudes, separations and clearances are told."""
 
     name: Name
-    when: Until
+    when: Condition
 
 
 class Clearance(_Table, frozen=True, kw_only=True):
@@ -393,7 +393,7 @@ class Scene(_Table, frozen=True, kw_only=True):
     solver: Solver = field(default_factory=Solver)
 
 
-class Law(_Table, frozen=True, kw_only=True):
+class Distribution(_Table, frozen=True, kw_only=True):
     """How one parameter varies. Exactly one law, or a column of ``run.samples``; numbers in the
     unit of the parameter's key."""
 

@@ -1,5 +1,4 @@
-"""Parameters by path: ``body.upper.cg_mm.x`` names one number of a scene, with its unit, column and
-SI value."""
+"""Parameters of a scene by path: ``body.upper.cg_mm.x`` names one number, with its unit."""
 
 from dataclasses import dataclass
 from typing import Any, get_args, get_origin
@@ -16,8 +15,18 @@ from sepmc.scene.units import split_unit
 class Parameter:
     """One number of a scene.
 
-    ``key`` is the path as written in TOML, with its unit; ``path`` the same without unit, which
-    names its random stream; ``factor`` takes a value in ``unit`` to SI.
+    Attributes
+    ----------
+    key : str
+        Path as written in TOML, with its unit.
+    path : str
+        Path without the unit; names its random stream.
+    unit : str
+        Suffix of the key, empty if dimensionless.
+    factor : float
+        Factor from ``unit`` to SI.
+    field : Field or None
+        Its field of the model; None for an entry of a table without one.
     """
 
     key: str
@@ -28,17 +37,17 @@ class Parameter:
 
     @property
     def column(self) -> str:
-        """Name of its column in the case table: ``in_body_upper_cg_x_mm``."""
+        """Column of the case table: ``in_body_upper_cg_x_mm``."""
         stem = "in_" + self.path.replace(".", "_").replace("-", "_")
         return f"{stem}_{self.unit}" if self.unit else stem
 
 
 class UnknownPath(KeyError):
-    """A path that names no number of the scene; its argument is the sentence that says why."""
+    """A path that names no number of the scene; its argument is the reason."""
 
 
 def find(scene: Scene, key: str) -> Parameter:
-    """The parameter that ``key`` names. Raises `UnknownPath` with a sentence if there is none."""
+    """Parameter named by ``key``, a path with unit. Raises `UnknownPath` if there is none."""
     node: Any = scene
     path: list[str] = []
     unit, factor, last = "", 1.0, None
@@ -47,12 +56,12 @@ def find(scene: Scene, key: str) -> Parameter:
             name, unit, factor, last = _field(node, part)
             node = getattr(node, name)
         else:
-            within = node
+            container = node
             name, node = _item(node, part, last)
-            # what bounds a table bounds none of its entries
-            last = None if isinstance(within, dict) else last
+            # the bounds of a table are not those of its entries
+            last = None if isinstance(container, dict) else last
             if last and isinstance(node, float | int):
-                last = last.component(_names(within, last).index(name))
+                last = last.component(_names(container, last).index(name))
         path.append(name)
     if isinstance(node, bool) or not isinstance(node, int | float):
         raise UnknownPath(_not_a_number(node, last))
@@ -60,16 +69,17 @@ def find(scene: Scene, key: str) -> Parameter:
 
 
 def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
+    """Name, unit, factor to SI and field of one key of a table."""
     fields = fields_of(type(node))
-    given = {name: getattr(node, name) for name in fields}
+    values = {name: getattr(node, name) for name in fields}
     accepted = {
         key: (field, factor)
         for key, (field, factor) in keys_of(fields).items()
-        if not (fields[field.name].instead and _is_table(given[field.name]) != bool(field.table))
+        if not (fields[field.name].instead and _is_table(values[field.name]) != bool(field.table))
     }
     if part not in accepted:
         stem = split_unit(part)[0]
-        if part in keys_of(fields):  # of what may be a number or a table, it is the other
+        if part in keys_of(fields):  # either a number or a table may stand here: it is the other
             other = next(key for key, (field, _) in accepted.items() if field.name == stem)
             raise UnknownPath(f"{part!r} is not set in this scene, which has {other!r} instead")
         if stem in fields and fields[stem].units:
@@ -78,7 +88,7 @@ def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
             )
         raise UnknownPath(f"no {part!r} here; " + nearest(part, accepted))
     field, factor = accepted[part]
-    if given[field.name] is None:
+    if values[field.name] is None:
         raise UnknownPath(f"{part!r} is not set in this scene, so it cannot vary")
     return field.name, split_unit(part)[1] if field.units else "", factor, field
 
@@ -93,6 +103,7 @@ def item_names(items: tuple[Any, ...]) -> tuple[str, ...]:
 
 
 def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
+    """Name and value of one item of a table of tables, an array or a vector."""
     if isinstance(node, dict):
         if part not in node:
             raise UnknownPath(f"no {part!r} here; " + nearest(part, node))
@@ -112,19 +123,20 @@ def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
 
 
 def _names(node: tuple[Any, ...], field: Field | None) -> tuple[str, ...]:
-    """What the items of an array are called in a path: components of vectors, names of tables,
-    numbers of points; nothing if it is a series."""
+    """Names of the items of an array in a path: components of a vector, names of tables, numbers of
+    points; empty for a series."""
     if node and all(isinstance(item, msgspec.Struct) for item in node):
         return item_names(node)
     if node and all(isinstance(item, tuple) for item in node):
         return tuple(map(str, range(len(node))))
     if field and field.quantity.components:
         return field.quantity.components
-    within = get_args(field.bare)[:1] if field else ()
-    return XYZ if within and get_origin(within[0]) is tuple else ()
+    inner = get_args(field.bare)[:1] if field else ()
+    return XYZ if inner and get_origin(inner[0]) is tuple else ()
 
 
 def _not_a_number(node: Any, field: Field | None) -> str:
+    """Reason why a path does not end at a number."""
     if isinstance(node, tuple) and (names := _names(node, field)):
         if isinstance(node[0], float | int):
             return "is a vector; name one component: ." + ", .".join(names)
@@ -133,7 +145,7 @@ def _not_a_number(node: Any, field: Field | None) -> str:
 
 
 def value(scene: Scene, path: str) -> float:
-    """The SI value at an unit-less path (`Parameter.path`)."""
+    """SI value at a path without unit (`Parameter.path`)."""
     node: Any = scene
     field: Field | None = None
     for part in path.split("."):
@@ -146,13 +158,14 @@ def value(scene: Scene, path: str) -> float:
 
 
 def replace(scene: Scene, values: dict[str, float]) -> Scene:
-    """A scene with SI ``values`` at unit-less paths put in place."""
+    """Copy of a scene with SI ``values`` by path without unit."""
     for path, number in values.items():
         scene = _replace(scene, path.split("."), number, None)
     return scene
 
 
 def _replace(node: Any, parts: list[str], number: float, field: Field | None) -> Any:
+    """Copy of a node with the number at the end of a path replaced."""
     if not parts:
         return number
     part, rest = parts[0], parts[1:]
@@ -163,5 +176,5 @@ def _replace(node: Any, parts: list[str], number: float, field: Field | None) ->
         )
     if isinstance(node, dict):
         return {**node, part: _replace(node[part], rest, number, None)}
-    place = _names(node, field).index(part)
-    return (*node[:place], _replace(node[place], rest, number, field), *node[place + 1 :])
+    i = _names(node, field).index(part)
+    return (*node[:i], _replace(node[i], rest, number, field), *node[i + 1 :])

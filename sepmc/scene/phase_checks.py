@@ -4,11 +4,11 @@ that end."""
 import math
 
 from sepmc.routines import layout as at
-from sepmc.scene.kinds import KINDS, is_part, rows_of
+from sepmc.scene.kinds import KINDS, is_subset, rows_of
 from sepmc.scene.limits import SMALLEST
 from sepmc.scene.load_checks import check_known
 from sepmc.scene.messages import Problems, nearest
-from sepmc.scene.model import GROUND, Scene, Until
+from sepmc.scene.model import GROUND, Condition, Scene
 
 _OF_JOINT = {
     "stroke": "stroke_m",
@@ -79,7 +79,7 @@ def check_phases(scene: Scene, problems: Problems) -> None:
 
 
 def _check_can_move(
-    place: str, until: Until, kinds: dict[str, str], scene: Scene, problems: Problems
+    place: str, until: Condition, kinds: dict[str, str], scene: Scene, problems: Problems
 ) -> None:
     """A joint that holds along x has no stroke, one that holds all rotations no angle: such a
     condition is never met."""
@@ -112,7 +112,7 @@ def _check_kind(place: str, joint: str, kind: str, scene: Scene, problems: Probl
         problems.add(f"{place}.{joint}", f"no such joint kind; {nearest(kind, kinds)}", kind)
 
 
-def _check_condition(place: str, until: Until, scene: Scene, problems: Problems) -> None:
+def _check_condition(place: str, until: Condition, scene: Scene, problems: Problems) -> None:
     """A condition must compare something, and name what it compares."""
     on_joint = [key for key in _OF_JOINT if getattr(until, key) is not None]
     of_body = [key for key in _OF_BODY if getattr(until, key) is not None]
@@ -171,7 +171,7 @@ def _check_condition(place: str, until: Until, scene: Scene, problems: Problems)
             _check_condition(f"{place}.{key}.{number}", item, scene, problems)
 
 
-def _refuse_direction(place: str, until: Until, given: list[str], problems: Problems) -> None:
+def _refuse_direction(place: str, until: Condition, given: list[str], problems: Problems) -> None:
     """A direction is that of the one quantity in its table that crosses a threshold."""
     keys = _OF_JOINT | _OF_BODY
     said = (
@@ -192,7 +192,7 @@ def _check_letting_go(scene: Scene, problems: Problems) -> None:
         for before, after, first, then in zip(
             scene.phase, scene.phase[1:], kinds, kinds[1:], strict=False
         ):
-            if not is_part(rows_of(joint, then), rows_of(joint, first)):
+            if not is_subset(rows_of(joint, then), rows_of(joint, first)):
                 unnamed = "" if name in before.joints else " (a joint not named in a phase is free)"
                 said = (
                     f"in phase {before.name!r} it is {first!r}{unnamed}; a joint cannot take "
@@ -201,7 +201,7 @@ def _check_letting_go(scene: Scene, problems: Problems) -> None:
                 problems.add(f"phase.{after.name}.joints.{name}", said, then)
         for release in scene.release:
             if release.joint == name and not any(
-                is_part(rows_of(joint, release.to), rows_of(joint, kind))
+                is_subset(rows_of(joint, release.to), rows_of(joint, kind))
                 and rows_of(joint, release.to) != rows_of(joint, kind)
                 for kind in kinds
             ):
@@ -220,7 +220,7 @@ def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Probl
             continue
         for kind in may:
             pair = rows_of(joint, release.to), rows_of(joint, kind)
-            if not is_part(*pair) and not is_part(pair[1], pair[0]):
+            if not is_subset(*pair) and not is_subset(pair[1], pair[0]):
                 said = (
                     f"{name} may be {kind!r} by then, which does not hold all that "
                     f"{release.to!r} holds; a joint cannot take hold again"

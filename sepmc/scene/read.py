@@ -18,7 +18,7 @@ from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
-from sepmc.scene.initial_rates import check_swings
+from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.input_table import CASE, InputTable, Reader
 from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, content
 from sepmc.scene.messages import (
@@ -36,7 +36,7 @@ from sepmc.scene.model import (
     VIOLATION,
     XYZ,
     Correlation,
-    Law,
+    Distribution,
     Reference,
     Requirement,
     Scene,
@@ -45,7 +45,7 @@ from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.setting_checks import NAMES, check_settings, parts
 from sepmc.scene.shape_checks import check_shapes
 from sepmc.scene.tables import read_array, read_table
-from sepmc.scene.units import UNITS, split_unit
+from sepmc.scene.units import UNITS, split_unit, unit_kind
 from sepmc.schema import Status, is_yes_or_no, outcome_columns
 from sepmc.wording import setting
 
@@ -259,7 +259,7 @@ def _parse(
         check_dispersion(dispersion, scene, problems)
     if not problems:
         check_shapes(dispersions, scene, problems)
-        check_swings(scene, frozenset(d.parameter.path for d in dispersions), problems)
+        check_initial_rates(scene, frozenset(d.parameter.path for d in dispersions), problems)
     if len(dispersions) == len(laws):
         copulas = resolve_correlations(correlations, scene, dispersions, problems)
         if copulas and scene.run.sampler == SALTELLI:
@@ -360,7 +360,7 @@ def _check_requirement(
         problems.add(f"{place}.at_most", f"must be at least at_least = {low:g}", high)
 
 
-def _read_laws(tree: Any, problems: Problems) -> dict[str, Law]:
+def _read_laws(tree: Any, problems: Problems) -> dict[str, Distribution]:
     if not isinstance(tree, dict):
         problems.add("dispersion", "must be a table", tree)
         return {}
@@ -375,7 +375,7 @@ def _read_laws(tree: Any, problems: Problems) -> dict[str, Law]:
         if not isinstance(law, dict):
             problems.add(f"dispersion.{key}", "must be a table, such as { uniform = 20.0 }", law)
             continue
-        read = read_table(Law, law, f"dispersion.{key}", problems)
+        read = read_table(Distribution, law, f"dispersion.{key}", problems)
         if read is not None:
             laws[key] = read
     return laws
@@ -407,7 +407,7 @@ def _of_no_effect(
     scene: Scene,
     settings: dict[str, Any],
     dispersions: tuple[Dispersion, ...],
-    laws: dict[str, Law],
+    laws: dict[str, Distribution],
 ) -> Iterator[str]:
     """A sentence for each value that is set and that only the nominal case has, because a law gives
     all others theirs whatever it is."""
@@ -438,7 +438,7 @@ def _of_no_effect(
             )
 
 
-def _has_ends(law: Law) -> bool:
+def _has_ends(law: Distribution) -> bool:
     """Whether a law says where its values lie, not how far from the nominal."""
     return (
         law.discrete is not None
@@ -481,13 +481,14 @@ def _put(
         None,
     )
     if other is not None:
-        held = node.pop(other)
-        if rest and isinstance(held, list | dict) and _kind(unit) == _kind(split_unit(other)[1]):
-            factor = UNITS[_kind(unit)][split_unit(other)[1]] / UNITS[_kind(unit)][unit]
+        previous, previous_unit = node.pop(other), split_unit(other)[1]
+        units = UNITS[unit_kind(unit)]
+        if rest and isinstance(previous, list | dict) and previous_unit in units:
+            factor = units[previous_unit] / units[unit]
             node[head] = (
-                to_si(held, factor)
-                if isinstance(held, list)
-                else {k: to_si(v, factor) for k, v in held.items()}
+                to_si(previous, factor)
+                if isinstance(previous, list)
+                else {k: to_si(v, factor) for k, v in previous.items()}
             )
     if not rest:
         node[head] = value
@@ -508,10 +509,6 @@ def _put(
             )
     else:
         _put(node.setdefault(head, {}), rest, value, problems, key, head)
-
-
-def _kind(unit: str) -> str:
-    return next(kind for kind, table in UNITS.items() if unit in table)
 
 
 def _vector_components(kind: type[msgspec.Struct]) -> dict[str, tuple[str, ...]]:

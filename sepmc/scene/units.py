@@ -1,4 +1,4 @@
-"""Units that may end the name of a parameter, by kind of quantity, and their factors to SI."""
+"""Units of parameter names, by kind of quantity, with their factors to SI."""
 
 import math
 
@@ -6,7 +6,7 @@ _DEG = math.pi / 180.0
 _FT, _LB, _LBF = 0.3048, 0.45359237, 4.4482216152605
 _SLUG = _LBF / _FT
 
-# kind -> {suffix: factor to SI}; the first suffix is the one messages and column names prefer.
+# kind -> {suffix: factor to SI}; messages and column names use the first suffix
 UNITS: dict[str, dict[str, float]] = {
     "mass": {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": _LB, "slug": _SLUG},
     "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": _FT},
@@ -27,8 +27,13 @@ UNITS: dict[str, dict[str, float]] = {
 _SUFFIXES = sorted({s for table in UNITS.values() for s in table}, key=len, reverse=True)
 
 
+def unit_kind(suffix: str) -> str:
+    """Kind of quantity that a suffix measures."""
+    return next(kind for kind, table in UNITS.items() if suffix in table)
+
+
 def unit_text(suffix: str) -> str:
-    """A suffix as a person writes it: ``deg_s`` is deg/s, ``kg_m2`` is kg m2, and none is 1."""
+    """Text of a suffix: deg/s for ``deg_s``, kg m2 for ``kg_m2``, 1 for none."""
     over, per, under = suffix.partition("_per_")
     if per:
         return f"{over.replace('_', ' ')}/{under}"

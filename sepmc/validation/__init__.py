@@ -1,2 +1,1 @@
-"""Why a number may be trusted: closed forms and classical formulations, and the engine held against
-them."""
+"""Validation of an installation: closed forms, classical formulations and hard inputs."""

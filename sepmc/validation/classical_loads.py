@@ -1,8 +1,7 @@
-"""What acts on a body, written anew from CONVENTIONS.md for the classical formulations: gravity,
-air, motors.
+"""Gravity, aerodynamics and motors for the classical formulations, written from CONVENTIONS.md.
 
-Slow and plain; shares no code with the kernels. What it does not know it refuses, so that nothing
-is left out silently.
+Slow and plain; shares no code with the kernels. Unknown keys are refused, so that nothing is
+ignored silently.
 """
 
 import math
@@ -43,8 +42,14 @@ MOTOR = (
 
 
 def refuse_others(table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-    """Raise if a table sets anything but ``known``: a key that is absent, empty or zero sets
-    nothing, nor does a vector of zeros."""
+    """Raise if a table sets a key that is not in ``known``; a value that is empty or zero sets
+    nothing.
+
+    Raises
+    ------
+    ValueError
+        If there is such a key.
+    """
     for key, value in table.items():
         sets = any(value) if isinstance(value, list | tuple) else value
         if key not in known and sets:
@@ -52,7 +57,7 @@ def refuse_others(table: Mapping[str, Any], known: tuple[str, ...], where: str) 
 
 
 def density(y: float) -> float:
-    """Air density (kg/m3) at geometric height y (m): US Standard Atmosphere 1976, equations 18, 23,
+    """Air density, kg/m3, at geometric height y, m: US Standard Atmosphere 1976, equations 18, 23,
     33 and 42."""
     height = EARTH_RADIUS * y / (EARTH_RADIUS + y)
     gas, gravity = 8314.32 / 28.9644, 9.80665  # J/(kg K), m/s2
@@ -86,8 +91,7 @@ def polynomial(terms: Mapping[str, float] | None) -> list[tuple[float, int, int]
 
 
 class Body:
-    """Mass (kg), inertia (kg m2, about the mass centre) and the external loads of one body of a
-    case."""
+    """Mass, kg, inertia about the mass centre, kg m2, and external loads of one body of a case."""
 
     def __init__(self, name: str, case: Mapping[str, Any]):
         data, self.environment = case["body"][name], case["environment"]
@@ -113,12 +117,12 @@ class Body:
         self.motors = [self._motor(m) for m in case.get("motor", []) if m["body"] == name]
 
     def from_cg(self, layout: Any) -> Array:
-        """Body-axes vector (m) from the mass centre to a layout point [station, y, z]."""
+        """Vector, m, body axes, from the mass centre to a layout point [station, y, z]."""
         return (np.asarray(layout, float) - self.cg) * (-1.0, 1.0, 1.0)
 
     def _motor(self, m: Mapping[str, Any]) -> dict[str, Any]:
-        """Motor data with its unit force and that force's moment (m) about the mass centre, both in
-        body axes."""
+        """Motor data with the force of unit thrust and its moment, m, about the mass centre, body
+        axes."""
         refuse_others(m, MOTOR, f"motor.{m['name']}")
         if isinstance(m.get("ignition"), Mapping):
             refuse_others(m["ignition"], (), f"motor.{m['name']}.ignition")
@@ -134,15 +138,15 @@ class Body:
         return {"build_up": 0.0, **m, **times, "force": force, "moment": np.cross(arm, force)}
 
     def air(self, R: Array, v: Array) -> tuple[float, float, float]:
-        """Airspeed (m/s), alpha and beta (rad) for attitude R and ground velocity v (m/s)."""
+        """Airspeed, m/s, alpha and beta, rad, for attitude R and ground velocity v, m/s."""
         u, v, w = R.T @ (v - self.wind)
         return np.sqrt(u * u + v * v + w * w), np.arctan2(-v, u), np.arctan2(w, np.hypot(u, v))
 
     def loads(
         self, t: float, t_mid: float, height: float, R: Array, v: Array
     ) -> tuple[Array, Array]:
-        """Force (N) and moment (N m) about the mass centre, body axes. Motors that burn at t_mid
-        count as burning."""
+        """Force, N, and moment about the mass centre, N m, body axes, at time t. A motor that burns
+        at t_mid counts as burning."""
         e = self.environment
         g = 0.0 if e["gravity"] == "none" else e["surface_gravity"]
         if e["gravity"] == "inverse-square":

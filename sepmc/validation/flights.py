@@ -1,4 +1,4 @@
-"""Scenes of the checks, flown as plain Python, and their histories as arrays in ground axes."""
+"""Scenes of the checks, run interpreted, and their histories as arrays in ground axes."""
 
 import tomllib
 from pathlib import Path
@@ -11,20 +11,20 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.result import Result
 from sepmc.engine.dispatch import interpreted
-from sepmc.scene.messages import nobody
+from sepmc.scene.messages import no_log
 from sepmc.scene.model import GROUND
 from sepmc.scene.read import parse_campaign
 
 Array = np.ndarray
 SCENES = Path(__file__).parent / "scenes"
-# What counts as large in scenes whose lengths are about 1 m and rates about 1 rad/s, by unit.
+# Scale by unit of scenes with lengths of about 1 m and rates of about 1 rad/s.
 SIZES = {"m": 1.0, "mm": 1e3, "m/s": 1.0, "m/s2": 1.0, "deg": 57.3, "deg/s": 57.3, "s": 1.0}
-_CORNERS, _SAMPLE = 3, 24  # trial cases of the pilot, in plain Python
+_CORNERS, _SAMPLE = 3, 24  # calibration cases of interpreted runs
 
 
 class Track(NamedTuple):
-    """One body over time: places and velocities of its mass centre (n, 3), attitudes (n, 3, 3), all
-    ground; rates (n, 3), body axes."""
+    """Motion of one body: positions and velocities of its mass centre (n, 3) and attitudes (n, 3,
+    3) in ground axes; angular rates (n, 3) in body axes."""
 
     x: Array
     v: Array
@@ -33,7 +33,7 @@ class Track(NamedTuple):
 
 
 def campaign(name: str, settings: dict[str, Any] | None = None) -> Campaign:
-    """A scene of ``scenes/`` with other values put in place by TOML path."""
+    """Campaign of a scene in ``scenes/``, with settings by TOML path."""
     return Campaign(
         parse_campaign(
             tomllib.loads((SCENES / f"{name}.toml").read_text(encoding="utf-8")), name, settings
@@ -41,13 +41,13 @@ def campaign(name: str, settings: dict[str, Any] | None = None) -> Campaign:
     )
 
 
-class NominalFlight:
-    """The nominal case of a campaign: its history, a row every ``every`` seconds, its outcomes and
-    its status."""
+class NominalRun:
+    """Nominal case of a campaign: its history with a row every ``every`` seconds, outcomes and
+    status."""
 
-    def __init__(self, flown: Campaign, every: float = 0.01):
-        self.scene = flown.scene
-        self.history = flown.simulate(step_s=every, announce=nobody)
+    def __init__(self, source: Campaign, every: float = 0.01):
+        self.scene = source.scene
+        self.history = source.simulate(step_s=every, announce=no_log)
         self.outcomes, self.status = self.history.attrs["outcomes"], self.history.attrs["status"]
         self.t, self.phase = (
             self.history["time_s"].to_numpy(),
@@ -55,12 +55,12 @@ class NominalFlight:
         )
 
     def columns(self, pattern: str) -> Array:
-        """Three columns whose names differ in the axis, written *."""
+        """Three columns (n, 3) whose names differ in the axis, written *."""
         return self.history[[pattern.replace("*", axis) for axis in "xyz"]].to_numpy(dtype=float)
 
     def body(self, name: str) -> Track:
-        """A body's motion. The ground keeps the attitude that the vehicle had; its place is not
-        asked for and left zero."""
+        """Motion of a body. The ground has the initial attitude of the vehicle and, unused, the
+        position zero."""
         n = len(self.t)
         if name == GROUND:
             i = self.scene.initial
@@ -75,11 +75,11 @@ class NominalFlight:
         return Track(*self.places(name), r, np.radians(self.columns(f"{name}_omega_*_deg_s")))
 
     def places(self, name: str) -> tuple[Array, Array]:
-        """Places and velocities of a body's mass centre (n, 3), ground axes."""
+        """Positions, m, and velocities, m/s, of a body's mass centre (n, 3), ground axes."""
         return self.columns(f"{name}_*_m"), self.columns(f"{name}_v*_m_s")
 
     def wrench(self, joint: str, body: str) -> tuple[Array, Array]:
-        """Constraint force and moment of a joint on a body, at that body's copy of the joint point,
+        """Constraint force, N, and moment, N m, of a joint on a body, at that body's joint point,
         ground axes."""
         r = self.body(self.scene.joint[joint].bodies[0]).r
         force, moment = (
@@ -89,30 +89,30 @@ class NominalFlight:
         return np.einsum("nij,nj->ni", r, force), np.einsum("nij,nj->ni", r, moment)
 
 
-def run_plainly(flown: Campaign, cases: int) -> Result:
-    """Run a campaign, its kernel as plain Python. The pilot then has few trial cases, for each
-    takes as long as a case."""
-    usual = step_selection.CORNERS, step_selection.SAMPLE
+def run_interpreted(source: Campaign, cases: int) -> Result:
+    """Run a campaign interpreted, with few calibration cases, each of which takes as long as a
+    case."""
+    original = step_selection.CORNERS, step_selection.SAMPLE
     step_selection.CORNERS, step_selection.SAMPLE = _CORNERS, _SAMPLE
     try:
         with interpreted():
-            return flown.run(cases=cases, announce=nobody)
+            return source.run(cases=cases, announce=no_log)
     finally:
-        step_selection.CORNERS, step_selection.SAMPLE = usual
+        step_selection.CORNERS, step_selection.SAMPLE = original
 
 
 def to_ground(r: Array, vectors: Array) -> Array:
-    """Body components (n, 3) or (3,) in ground axes."""
+    """Vectors (n, 3) or (3,) in body axes, in ground axes (n, 3)."""
     return np.einsum("nij,nj->ni", r, np.broadcast_to(vectors, (len(r), 3)))
 
 
 def arm(scene: Any, body: str, layout: Any) -> Array:
-    """Body-axes vector (m) from a body's mass centre to a layout point; see CONVENTIONS.md."""
+    """Vector, m, body axes, from a body's mass centre to a layout point; see CONVENTIONS.md."""
     return (np.asarray(layout, float) - np.asarray(scene.body[body].cg)) * (-1.0, 1.0, 1.0)
 
 
 def tensor(scene: Any, body: str) -> Array:
-    """Inertia tensor of a body about its mass centre, kg m2."""
+    """Inertia tensor (3, 3) of a body about its mass centre, kg m2."""
     data = scene.body[body]
     xy, xz, yz = data.inertia_products
     return data.inertia_factor * (

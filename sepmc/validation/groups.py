@@ -1,4 +1,4 @@
-"""Groups of lines of a suite, flown side by side: one process for each core."""
+"""Groups of lines of a suite, run in parallel processes."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -7,47 +7,50 @@ from typing import Any
 
 from sepmc.processes import processes
 
-Fly = Callable[[list[str]], list[Any]]
+Run = Callable[[list[str]], list[Any]]
 
 
 def side_by_side(
-    fly: Fly,
+    run: Run,
     names: Iterable[str],
-    here: Iterable[str] = (),
-    told: Callable[[str], None] | None = None,
+    in_process: Iterable[str] = (),
+    on_done: Callable[[str], None] | None = None,
 ) -> dict[str, list[Any]]:
-    """Fly the groups of a suite.
+    """Run the groups of a suite, by a process for each core.
 
     Parameters
     ----------
-    fly : the suite's own function (`sepmc.validation.verify.verify`), which flies the groups it is
-    given
-    names : groups
-    here : those of them that this process flies, because what they leave behind is wanted
-        afterwards
-    told : called with the name of each group that has been flown
+    run : callable
+        Function of the suite (`sepmc.validation.verify.verify`), which runs the groups it is given.
+    names : iterable of str
+    in_process : iterable of str
+        Groups that this process runs, because their caches are needed afterwards.
+    on_done : callable, optional
+        Called with the name of each finished group.
 
     Returns
     -------
-    groups : their lines, in the order of ``names``
+    dict
+        Lines by group, in the order of ``names``.
     """
-    names, here = list(names), set(here)
-    apart = [name for name in names if name not in here]
-    found: dict[str, list[Any]] = {}
+    names, in_process = list(names), set(in_process)
+    in_workers = [name for name in names if name not in in_process]
+    lines_of: dict[str, list[Any]] = {}
 
-    def keep(name: str, lines: list[Any]) -> None:
-        found[name] = lines
-        if told:
-            told(name)
+    def store(name: str, lines: list[Any]) -> None:
+        """Store the lines of a finished group."""
+        lines_of[name] = lines
+        if on_done:
+            on_done(name)
 
     if len(names) == 1:
-        apart, here = [], set(names)
-    cores = max(1, (os.cpu_count() or 1) - len(here))
-    with processes(min(cores, len(apart))) as pool:
-        # the longest stand last in the lists
-        flights = {pool.submit(fly, [name]): name for name in reversed(apart)}
-        for name in here:
-            keep(name, fly([name]))
-        for flight in as_completed(flights):
-            keep(flights[flight], flight.result())
-    return {name: found[name] for name in names}
+        in_workers, in_process = [], set(names)
+    cores = max(1, (os.cpu_count() or 1) - len(in_process))
+    with processes(min(cores, len(in_workers))) as pool:
+        # the longest groups are last in the lists
+        futures = {pool.submit(run, [name]): name for name in reversed(in_workers)}
+        for name in in_process:
+            store(name, run([name]))
+        for future in as_completed(futures):
+            store(futures[future], future.result())
+    return {name: lines_of[name] for name in names}

@@ -1,5 +1,5 @@
-"""One line of `sepmc verify`: a number of the engine beside the number it should be, and whether it
-is near enough."""
+"""Line of `sepmc verify`: a value of the engine beside its reference, with the allowed
+difference."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,17 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-# relative; what every comparison with a closed form or another formulation is held to
+from sepmc.text_table import text_table
+
+# relative tolerance of comparisons with closed forms and other formulations
 CLOSE = 1e-10
-_TEXT = (33, 36)  # widest case and quantity that are shown whole
+_TEXT = (33, 36)  # maximum widths of case and quantity
 
 
 @dataclass(frozen=True)
 class Line:
-    """What was compared: a case, a quantity with its unit, the reference, the engine's value, and
-    the difference allowed between them.
+    """Comparison: case, quantity with unit, reference, measured value, and allowed difference.
 
-    ``at_least``: the reference is a lower bound, and a larger value no fault.
+    ``at_least``: the reference is a lower bound, and larger values pass.
     """
 
     case: str
@@ -29,7 +30,7 @@ class Line:
 
     @property
     def passes(self) -> bool:
-        """Whether the difference is within the tolerance. NaN is not."""
+        """True if the difference is within the tolerance; False for NaN."""
         difference = self.measured - self.reference
         return bool(
             difference >= -self.tolerance if self.at_least else abs(difference) <= self.tolerance
@@ -44,19 +45,30 @@ def worst(
     relative: float = CLOSE,
     size: float = 0.0,
 ) -> Line:
-    """The line of that element of two arrays that differs most; the tolerance is relative to the
-    largest reference, or to ``size``."""
-    expected, found = np.broadcast_arrays(np.asarray(reference, float), np.asarray(measured, float))
-    difference = np.abs(found - expected)
+    """Line of the element of two arrays that differs most.
+
+    Parameters
+    ----------
+    case, quantity : str
+    reference, measured : array_like
+        Broadcast to one shape.
+    relative : float
+        Tolerance relative to the largest reference, or to ``size``.
+    size : float
+    """
+    expected, values = np.broadcast_arrays(
+        np.asarray(reference, float), np.asarray(measured, float)
+    )
+    difference = np.abs(values - expected)
     at = np.unravel_index(
         np.argmax(np.where(np.isnan(difference), np.inf, difference)), difference.shape
     )
     tolerance = relative * max(float(np.max(np.abs(expected))), size)
-    return Line(case, quantity, float(expected[at]), float(found[at]), tolerance)
+    return Line(case, quantity, float(expected[at]), float(values[at]), tolerance)
 
 
 def table(lines: Sequence[Line]) -> str:
-    """The lines as plain text of at most 140 columns, with a count below."""
+    """Lines as plain text of at most 140 columns, with a count."""
     rows = [("case", "quantity", "reference", "measured", "difference", "allowed", "")]
     for x in lines:
         numbers = (
@@ -68,14 +80,7 @@ def table(lines: Sequence[Line]) -> str:
         rows.append(
             (x.case[: _TEXT[0]], x.quantity[: _TEXT[1]], *numbers, "pass" if x.passes else "FAIL")
         )
-    widths = [max(len(row[i]) for row in rows) for i in range(6)]
-    text = []
-    for row in rows:
-        cells = [
-            cell.ljust(w) if i < 2 else cell.rjust(w)
-            for i, (cell, w) in enumerate(zip(row, widths, strict=False))
-        ]
-        text.append("  ".join([*cells, row[6]]).rstrip())
+    text = text_table(rows, left=(0, 1, 6))
     failed = sum(not x.passes for x in lines)
     return "\n".join(
         [*text, "", f"{len(lines)} lines, " + (f"{failed} FAILED" if failed else "all pass")]
@@ -83,19 +88,19 @@ def table(lines: Sequence[Line]) -> str:
 
 
 def brief(groups: Mapping[str, Sequence[Line]]) -> str:
-    """A row for each check: how many lines, and the one that comes nearest to its tolerance or is
-    furthest beyond it."""
+    """A row for each check: number of lines, and the line nearest to its tolerance or furthest
+    beyond it."""
     text = [
         f"{'check':22s}{'lines':>6s}   "
-        f"{'nearest to what is allowed':60s}{'difference':>11s}{'allowed':>10s}"
+        f"{'nearest to the allowed difference':60s}{'difference':>11s}{'allowed':>10s}"
     ]
     for name, lines in groups.items():
-        # of a lower bound any larger value is fine
-        off = [
+        # any larger value is fine for a lower bound
+        differences = [
             max(0.0, x.reference - x.measured) if x.at_least else abs(x.measured - x.reference)
             for x in lines
         ]
-        share = [
+        fractions = [
             np.inf
             if np.isnan(d)
             else d / x.tolerance
@@ -103,14 +108,14 @@ def brief(groups: Mapping[str, Sequence[Line]]) -> str:
             else np.inf * d
             if d
             else 0.0
-            for d, x in zip(off, lines, strict=True)
+            for d, x in zip(differences, lines, strict=True)
         ]
-        at = int(np.argmax(share))
+        at = int(np.argmax(fractions))
         verdict = "pass" if all(x.passes for x in lines) else "FAIL"
-        told = f"{lines[at].case}: {lines[at].quantity}"
+        nearest = f"{lines[at].case}: {lines[at].quantity}"
         text.append(
-            f"{name:22s}{len(lines):6d}   {told:60.58s}{off[at]:11.1e}{lines[at].tolerance:10.1e} "
-            f" {verdict}"
+            f"{name:22s}{len(lines):6d}   {nearest:60.58s}{differences[at]:11.1e}"
+            f"{lines[at].tolerance:10.1e}  {verdict}"
         )
     count, failed = (
         sum(map(len, groups.values())),

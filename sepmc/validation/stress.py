@@ -18,9 +18,12 @@ from sepmc.validation.stresses import (
     turning,
 )
 from sepmc.validation.stresses.drift import hours_table
-from sepmc.validation.stresses.line import Stress, brief, table
+from sepmc.validation.stresses.expected import EXPECTED
+from sepmc.validation.stresses.line import Stress, brief, counts, table
 
-__all__ = ["STRESSES", "Stress", "brief", "hours_table", "stress", "table"]
+__all__ = [
+    "EXPECTED", "STRESSES", "Stress", "brief", "counts", "hours_table", "stress", "table",
+]  # fmt: skip
 
 STRESSES: dict[str, Callable[[], list[Stress]]] = {
     given.__name__: given

@@ -1,9 +1,8 @@
-"""`sepmc verify`: the engine held against closed forms, other formulations and conservation
-laws, in one table.
+"""`sepmc verify`: the engine against closed forms, other formulations and conservation laws, in one
+table.
 
-A line is a case, a quantity, what it should be, what the engine gives and the difference allowed,
-which was set before it was measured. Kernels fly as plain Python, campaigns that come with the
-engine also compiled.
+A line is a case, a quantity, the reference, the measured value and the allowed difference, which
+was set before the measurement. Kernels run interpreted, shipped campaigns also compiled.
 """
 
 from collections.abc import Callable, Iterable
@@ -40,11 +39,12 @@ CHECKS: dict[str, Check] = {
 
 
 def verify(names: Iterable[str] | None = None) -> list[Line]:
-    """Run the checks and return their lines.
+    """Run checks and return their lines.
 
     Parameters
     ----------
-    names : of `CHECKS`; all if None
+    names : iterable of str, optional
+        Keys of `CHECKS`; all by default.
     """
     lines = []
     for name in CHECKS if names is None else names:

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 
 from sepmc.physics import quat, springs
 from sepmc.physics.aerodynamics import aero_force, aero_moment, flow_angles, reported_angles
@@ -190,7 +190,7 @@ def test_still_air_has_no_direction(pair):
             "dispersion.load.up.force_N.x": {"uniform": [1.0, 2.0]},
         }
     )
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=8, seed=1)
     frame = result.to_pandas()
     assert (frame["status"] == "ok").all()
@@ -219,7 +219,7 @@ def test_air_from_right_behind(pair):
             },
         }
     )
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=16, seed=1)
     frame = result.to_pandas()
     assert_allclose(frame["aft_alpha_deg"], 180.0, rtol=1e-15)

@@ -276,7 +276,7 @@ def test_table2_against_the_oracle(table2, quiet, sample, measure):
     """8 cases by Lagrange's equations and scipy: every outcome to 1e-8, at a usual step and at the
     default accuracy, reactions just before release to 1e-8 of their magnitude. Measured: 5e-11 and
     1e-12."""
-    expected = [lagrange.fly(quiet.case(i).to_dict()) for i in range(8)]
+    expected = [lagrange.simulate(quiet.case(i).to_dict()) for i in range(8)]
     by_name = {name: np.array([case[name] for case in expected]) for name in sample.outcomes}
     shipped = table2.with_settings({"run.history_step_s": 0.0}).run(cases=8)
     for result in (sample, shipped):

@@ -62,7 +62,7 @@ def test_columns_are_the_public_ones(table2):
 def test_table2_against_minimal_coordinates(table2):
     """One body's six degrees of freedom and the joint's: another formulation, written apart."""
     case = table2.case(5).to_dict()
-    other, found = lagrange.fly(case), simulate(case)
+    other, found = lagrange.simulate(case), simulate(case)
     for name, value in found.outcomes.items():
         if name in other:
             assert_allclose(value, other[name], rtol=1e-10, atol=1e-10, err_msg=name)

@@ -18,7 +18,7 @@ from oracles.independent import simulate
 from oracles.random_scenes import compare, run, workers
 from oracles.random_scenes.dispersions import kind_of, paths
 from oracles.random_scenes.equivalent_scenes import EQUIVALENTS, equivalent_column
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from oracles.random_scenes.rng import RandomStream
 from oracles.random_scenes.scenes import LATE, scene
 from oracles.random_scenes.shrink import shrink
@@ -197,7 +197,7 @@ def test_faults_are_told_apart():
 
         return reference
 
-    with flown_plainly():
+    with run_interpreted():
         assert compare.judge(SMALL, "right", 2, reference("ok", 0.0)).rows == {"same": 2}
         off = compare.judge(SMALL, "off", 2, reference("ok", 1e-3))
         assert off.rows == {"silent": 2}
@@ -246,7 +246,7 @@ def test_a_planted_fault_is_found(planted, monkeypatch):
         assert count, "nothing to plant a fault in"
         return lines
 
-    with flown_plainly():
+    with run_interpreted():
         assert compare.judge(SMALL, "right", 2).rows == {"same": 2}
         monkeypatch.setattr(step_selection, "kernel_text", wrong)
         assert compare.judge(SMALL, "planted", 2).rows == {"silent": 2}
@@ -313,7 +313,7 @@ def test_compiled_scenes():
 @pytest.mark.parametrize("path", FOUND_SCENES, ids=lambda path: path.stem)
 def test_a_scene_that_failed_once(path):
     """A scene that the gate found and shrank, flown as the gate flies it."""
-    with flown_plainly(cases=2):
+    with run_interpreted(cases=2):
         verdict = compare.judge(tomllib.loads(path.read_text(encoding="utf-8")), path.stem, 2)
     assert not verdict.not_flown
     assert not verdict.fails, "\n".join([verdict.crash, *verdict.said])

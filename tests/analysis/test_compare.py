@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy import stats
 
 import sepmc
@@ -199,12 +199,36 @@ def test_what_files_do_not_share():
     assert tree_differences(one, one) == []
 
 
+def test_a_number_in_another_unit_is_one_difference_or_none():
+    """Files are compared by the paths of their parameters, in SI."""
+    cg = "body.upper.cg_m.x"
+    one = {
+        "body": {"upper": {"cg_m": [0.1, 0.2, 0.3], "mass_kg": 1.0}, "x_mm": {"mass_kg": 1.0}},
+        "spring": [{"name": "a", "stroke_mm": 20.0}],
+        "dispersion": {cg: {"normal": [0.1, 0.01], "truncate_sigma": 3.0}},
+    }
+    two = {
+        "body": {"upper": {"cg_mm": [100.0, 200.0, 300.0], "mass_g": 1.5e3}, "x_m": {}},
+        "spring": [{"name": "a", "stroke_m": 0.02}],
+        "dispersion": {"body.upper.cg_mm.x": {"normal": [100.0, 10.0], "truncate_sigma": 3.0}},
+    }
+    found = tree_differences(one, two)
+    assert found == [
+        "body.upper.mass_kg: 1.0 -> mass_g = 1500.0",
+        "body.x_mm: {'mass_kg': 1.0} -> -",
+        "body.x_m: - -> {}",
+    ]
+    assert len(tree_differences(one, two, units=True)) == len(found) + 3
+    two["dispersion"]["body.upper.cg_mm.x"]["truncate_sigma"] = 2.0
+    assert len(tree_differences(one, two)) == len(found) + 1
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     """Two runs of one seed, of which the second has a heavier lower stage."""
     folder = tmp_path_factory.mktemp("compare")
     fast = {"name": "fast", "metric": "separation_speed_m_s", "at_least": 0.4, "probability": 0.5}
-    with flown_plainly():
+    with run_interpreted():
         for name, mass in (("light", 0.0), ("heavy", 20.0)):
             nominal = sepmc.load("table2").scene.body["lower"].mass
             settings = {"requirement": [fast], "body.lower.mass_kg": nominal + mass}
@@ -227,7 +251,7 @@ def test_command(runs, tmp_path):
     assert (tmp_path / "beside" / "compare.png").stat().st_size > 20_000
     assert kept["pairs"].max() == 25  # a law of one value that became another
     key, thrusts = "dispersion.motor.retro.thrust_N", {"discrete": [500.0, 250.0]}
-    with flown_plainly():
+    with run_interpreted():
         for name, weights in (("rarely", [0.9, 0.1]), ("often", [0.4, 0.6])):
             law = {key: thrusts | {"weights": weights}}
             sepmc.load(runs / "light", law).run(cases=25, seed=3, out=tmp_path / name)
@@ -236,7 +260,7 @@ def test_command(runs, tmp_path):
     kept = pd.read_csv(tmp_path / "and" / "compare.csv", index_col="outcome")
     assert kept.loc["separation_speed_m_s", "pairs"] == 25
     assert kept.loc["separation_speed_m_s", "difference"] < -0.05
-    with flown_plainly():  # some of the cases: rows of one number belong together
+    with run_interpreted():  # some of the cases: rows of one number belong together
         sepmc.load(tmp_path / "often").run(cases="8:20", out=tmp_path / "some")
     told = call("compare", tmp_path / "rarely", tmp_path / "some", "--out", tmp_path / "part")
     assert "  cases: 0:25 -> 8:20\n" in told.stdout
@@ -247,12 +271,12 @@ def test_command(runs, tmp_path):
     found = kept.loc["upper_roll_deg"]
     assert found["pairs"] == 12
     assert_allclose(found["difference"], apart[8:20].mean())
-    with flown_plainly():  # another seed: few differ in an input of two values, and yet no pairs
+    with run_interpreted():  # another seed: few differ in an input of two values, and yet no pairs
         sepmc.load(tmp_path / "rarely").run(cases=25, seed=4, out=tmp_path / "other")
     call("compare", tmp_path / "rarely", tmp_path / "other", "--out", tmp_path / "seeds")
     kept = pd.read_csv(tmp_path / "seeds" / "compare.csv", index_col="outcome")
     assert (kept["pairs"] == 0).all()
-    with flown_plainly():  # of this sampler each number of cases is another draw
+    with run_interpreted():  # of this sampler each number of cases is another draw
         for count in (20, 40):
             settings = {"run.sampler": "lhs", key: thrusts | {"weights": [0.9, 0.1]}}
             several = sepmc.load(runs / "light", settings)
@@ -271,7 +295,7 @@ def test_rows_that_were_resumed_or_kept(runs, tmp_path):
     """A run in parts of which one was flown again, out of order, is compared as one that was left
     alone; of a run that keeps rows of some cases no others are made up."""
     parts = tmp_path / "parts"
-    with flown_plainly():
+    with run_interpreted():
         loaded = sepmc.load(runs / "heavy")
         for count in (9, 17, 25):
             loaded.run(cases=count, seed=3, out=parts, resume=True)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 
 from sepmc.analysis import compare, constant_outcomes, distributions, sensitivity
 from sepmc.analysis.row_statistics import TableStatistics
@@ -88,7 +88,7 @@ def run(tmp_path_factory):
     """A run of that scene, what the command printed, and its folder."""
     folder = tmp_path_factory.mktemp("sliding")
     (folder / "sliding.toml").write_text(SLIDING)
-    with flown_plainly():
+    with run_interpreted():
         told = call("campaign", folder / "sliding.toml", "--out", folder / "run")
     return folder / "run", told
 
@@ -147,7 +147,7 @@ def test_times_of_extremes_are_constant_only_if_these_are():
         assert table["constant"].tolist() == [expected, expected]
     table = statistics(cases | {"a_clearance_mm": gap}, ["a_clearance_mm", "a_clearance_time_s"])
     told = constant_outcomes.render_constants(constant_outcomes.with_constants(table, errors))
-    assert "a_clearance_time_s: not known, as its extreme is flat" in told[1]
+    assert "a_clearance_time_s: undetermined, as its extreme is flat" in told[1]
 
 
 @pytest.mark.parametrize(
@@ -243,10 +243,10 @@ def test_no_drivers_and_no_law_of_a_constant(run):
     folder, _ = run
     told = call("sensitivity", folder, SPEED, VARIES, "--no-plots")
     assert f"warning: {SPEED}: is constant" in told.output
-    assert f"what drives {SPEED}" not in told.output
-    assert f"what drives {VARIES}" in told.output
+    assert f"sensitivity of {SPEED}" not in told.output
+    assert f"sensitivity of {VARIES}" in told.output
     told = call("sensitivity", folder, "--no-plots")
-    assert f"what drives {GAP}" not in told.output
+    assert f"sensitivity of {GAP}" not in told.output
     lines = call("fit", folder, GAP).output.splitlines()
     assert next(line for line in lines if line.startswith(GAP)).split()[5] == "constant"
     frame = pd.read_csv(folder / "distributions.csv", index_col="outcome")
@@ -256,7 +256,7 @@ def test_no_drivers_and_no_law_of_a_constant(run):
 
 def test_python_says_so_too():
     """A result of a run that is kept in memory."""
-    with flown_plainly():
+    with run_interpreted():
         result = Campaign(parse_campaign(tomllib.loads(SLIDING), "sliding")).run(20)
     table = result.statistics()
     assert table.at[SPEED, "constant"]
@@ -296,7 +296,7 @@ def test_a_required_constant_is_drawn_as_one_value(run, monkeypatch):
 def test_one_case_prints_no_noise(run, tmp_path):
     """A single run prints 0 where an outcome is below its error; files keep what was found."""
     folder, _ = run
-    with flown_plainly():
+    with run_interpreted():
         told = call("run", folder, "--case", 3, "--out", tmp_path / "one", "--no-plots")
     line = next(one for one in told.output.splitlines() if one.strip().startswith(SPEED))
     assert line.split() == [SPEED, "0"]
@@ -314,7 +314,7 @@ def test_what_two_runs_can_tell_apart():
 def test_counted_statistics_say_constant(tmp_path):
     """So does a run that keeps no rows, whose figures are drawn from its files."""
     (tmp_path / "sliding.toml").write_text(SLIDING)
-    with flown_plainly():
+    with run_interpreted():
         told = call(
             "campaign", tmp_path / "sliding.toml", "--out", tmp_path / "run", "--stats-only"
         )

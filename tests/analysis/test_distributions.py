@@ -71,9 +71,9 @@ def test_what_has_no_law():
     table = cases(few=np.where(np.arange(100) < 10, x, np.nan), same=np.repeat(x[:5], 20), x=x)
     table["status"] = np.where(np.arange(100) < 60, "ok", "unresolved")
     found = distributions.fit_distributions(table, ["few", "same", "x"])
-    assert list(found["law"]) == ["", "", found.loc["x", "law"]]
+    assert list(found["law"]) == ["too few cases", "discrete", "normal"]
     assert list(found["n"]) == [10, 60, 60]
-    assert found.loc["x", "law"]
+    assert found.loc["same", ["skewness", "p"]].isna().all()
 
 
 def test_text():
@@ -105,7 +105,7 @@ def test_through_a_run_folder(pair, plainly, tmp_path):
     result = pair(settings).run(cases=60, seed=3, out=tmp_path / "run")
     told = CliRunner().invoke(app.main, ["fit", str(tmp_path / "run"), "separation_speed_m_s"])
     assert told.exit_code == 0, told.output
-    assert "99.865 %: law" in told.stdout
+    assert "99.865 %: fitted" in told.stdout
     assert "not independent" not in told.stdout
     kept = pd.read_csv(tmp_path / "run" / "distributions.csv", index_col="outcome")
     row = result.fit().loc["separation_speed_m_s"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tomli_w
 from click.testing import CliRunner
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 
 import sepmc
 from sepmc.analysis import requirements
@@ -367,7 +367,7 @@ def test_all_together_through_a_run(tmp_path):
         {"name": "low", "metric": "upper_pitch_deg", "at_most": 0.5, "probability": 0.5},
     ]
     folder = tmp_path / "run"
-    with flown_plainly():
+    with run_interpreted():
         result = sepmc.load("table2", {"requirement": required}).run(cases=150, seed=7, out=folder)
     rows = result.to_pandas()
     either = (rows["separation_speed_m_s"] < 0.55) | (rows["upper_pitch_deg"] > 0.5)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 
 import sepmc
 from sepmc.analysis.row_filter import matching_rows
@@ -97,7 +97,7 @@ def test_given_what_makes_all_fail(tmp_path):
     """There are no statistics of cases that all ended otherwise; there are verdicts on them."""
     required = {"name": "parts", "metric": "never-released", "probability": 0.5}
     fails = {"dispersion.joint.pins.fails": {"discrete": [0, 1], "weights": [0.7, 0.3]}}
-    with flown_plainly(cases=4):
+    with run_interpreted(cases=4):
         sepmc.load("table2", {"requirement": [required], **fails}).run(20, out=tmp_path / "run")
     words = ["stats", str(tmp_path / "run"), "--where", "joint.pins.fails=1"]
     found = CliRunner().invoke(main, words)
@@ -128,7 +128,7 @@ def test_what_is_offered_has_its_unit(tmp_path):
         {"name": name, "metric": "separation_speed_m_s", "at_least": low}
         for name, low in (("slow", 0.1), ("slower", 0.05))
     ]
-    with flown_plainly(cases=4):
+    with run_interpreted(cases=4):
         campaign = sepmc.load("table2", {"dispersion": laws, "requirement": required})
         campaign.run(12, out=tmp_path / "run")
     refused = CliRunner().invoke(

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy import stats
 
 import sepmc
@@ -320,8 +320,8 @@ def test_what_inputs_do_together_is_said():
     a, b = np.random.default_rng(7).normal(size=(2, 2000))
     cases = {"a": a, "b": b, "y": a * b, "status": np.array(["ok"] * 2000)}
     told = render_sensitivities(input_sensitivities(cases, ["a", "b"], "y"), "y", {})
-    assert "what is left is due to inputs together" in told
-    assert "inputs together" not in render_sensitivities(
+    assert "the rest is due to interactions" in told
+    assert "interactions" not in render_sensitivities(
         input_sensitivities(cases | {"y": a}, ["a", "b"], "y"), "y", {}
     )
 
@@ -349,7 +349,7 @@ def test_through_a_run_folder(tmp_path):
     partly violate a requirement."""
     slow = {"name": "slow", "metric": "separation_speed_m_s", "at_least": 0.55}
     campaign = sepmc.load("table2", {"run.end_time_s": 0.26, "requirement": [slow]})
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=150, seed=7, out=tmp_path / "run")
     told = call("sensitivity", tmp_path / "run", "separation_speed_m_s", "--no-plots")
     assert told.exit_code == 0, told.output
@@ -357,8 +357,8 @@ def test_through_a_run_folder(tmp_path):
     kept = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     assert kept["input"].tolist() == table.index.tolist()
     assert_allclose(kept["rank"], table["rank"], rtol=1e-14)
-    order = "the surest first-order index first, then what else shifts its mean most"
-    assert f"what drives separation_speed_m_s: {order}\n" in told.stdout
+    order = "by first-order index (lower bound), then by shift of the mean"
+    assert f"sensitivity of separation_speed_m_s: {order}\n" in told.stdout
     rows = result.to_pandas()
     ok = rows[rows["status"] == "ok"]
     late = f"({len(rows) - len(ok)} others have no such outcome)"
@@ -395,7 +395,7 @@ def test_a_saltelli_campaign(tmp_path):
     campaign = sepmc.load("table2", settings)
     with pytest.raises(InputError, match="groups of 4 cases: give a multiple, best 8 or 16"):
         campaign.run(cases=15)
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=256, out=tmp_path / "run")
     assert any("repeat each other" in note for note in result.notes)
     table = result.sensitivity("upper_pitch_deg")
@@ -456,7 +456,7 @@ def test_bars_of_what_is_not_told_from_nothing_are_pale(tmp_path, drawn):
             name = table.index[::-1][round(patch.get_y() + patch.get_height() / 2.0)]
             strong.setdefault(name, set()).add(patch.get_alpha() == 1.0)
     assert strong == {"a": {True}, "b": {True}, "c": {False}, "d": {False}}
-    assert "pale: effect by itself not told from 0 (95 %)" in bars.get_legend_handles_labels()[1]
+    assert "pale: effect alone not significant (95 %)" in bars.get_legend_handles_labels()[1]
     (_, _, (reach,)), top = indices.containers[0], table[::-1]
     ends = np.array([segment[:, 0] for segment in reach.get_segments()])
     assert_allclose(ends, top[["first_low", "first_high"]])
@@ -472,7 +472,7 @@ def test_outcomes_over_inputs_say_of_which_run(tmp_path, drawn):
     units = {name: "deg/s"}
     scatter_figure({name: table}, cases, crossed, tmp_path, units, {}, "title\nset: k = 1")
     (figure,) = drawn
-    assert figure.get_suptitle() == "Outcomes over what drives them most\ntitle\nset: k = 1"
+    assert figure.get_suptitle() == "Outcomes over their leading inputs\ntitle\nset: k = 1"
     figure.draw_without_rendering()
     ax = figure.axes[0]
     assert ax.yaxis.label.get_window_extent().height <= 1.05 * ax.get_window_extent().height

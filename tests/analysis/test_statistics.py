@@ -312,7 +312,7 @@ def test_summary_text():
     lines = text.splitlines()
     assert max(map(len, lines)) <= 118
     assert lines[0] == "2000 cases, 1998 ok; left out: no_release 2"
-    beside = text[text.index("Beside the paper") :]
+    beside = text[text.index("Compared with the paper") :]
     row = next(
         line for line in beside.splitlines() if line.startswith("upper_alpha_ref_deg")
     ).split()
@@ -330,7 +330,7 @@ def test_summary_text_says_what_it_compares_with():
     cases, reference = paper_like(800)
     stats = statistics(cases, ["upper_alpha_ref_deg"], reference)
     text = render_summary(stats, status_counts(cases), source="flight test")
-    assert "Beside the flight test" in text
+    assert "Compared with the flight test" in text
     assert "paper" not in text
 
 
@@ -399,8 +399,8 @@ def test_yes_or_no_is_a_share():
     cases = {"case": np.arange(n), "status": np.array(["ok"] * n, dtype=object)}
     cases |= {"gap_recontact": np.zeros(n), "speed_m_s": np.arange(float(n))}
     text = render_summary(statistics(cases, ["gap_recontact", "speed_m_s"]), {"ok": n})
-    assert "gap_recontact: 0 of 5000 ok cases; of all such < 6.0e-04 (95 %)" in text
+    assert "gap_recontact: 0 of 5000 ok cases; probability < 6.0e-04 (95 %)" in text
     assert "speed_m_s" in text
     cases["gap_recontact"][:190] = 1.0
     text = render_summary(statistics(cases, ["gap_recontact"]), {"ok": n})
-    assert "gap_recontact: 190 of 5000 ok cases; of all such 0.033 to 0.044 (95 %)" in text
+    assert "gap_recontact: 190 of 5000 ok cases; probability 0.033 to 0.044 (95 %)" in text

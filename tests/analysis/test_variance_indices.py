@@ -40,7 +40,7 @@ def test_correlated_inputs_are_named():
     z = np.random.default_rng(1).normal(size=(3, 1000))
     x = np.array([z[0], 0.8 * z[0] + 0.6 * z[1], z[2]])
     told = render_sensitivities(table_of(x, x[0] + x[1]), "y", {})
-    assert "x0, x1 vary together" in " ".join(told.split())
+    assert "x0, x1 are correlated" in " ".join(told.split())
 
 
 def test_a_saltelli_design_goes_by_its_case_numbers():
@@ -51,7 +51,7 @@ def test_a_saltelli_design_goes_by_its_case_numbers():
     y[300] = np.nan
     table = table_of(u[:, kept], y[kept], "saltelli", case=np.arange(n)[kept])
     np.testing.assert_allclose(table["total"], [0.9, 0.1, 0.0, 0.0], atol=0.03)
-    assert "2 groups are left out" in table.attrs["said"]
+    assert "2 groups are left out" in table.attrs["note"]
     y[::7] = np.nan
     assert table_of(u, y, "saltelli")["total"].isna().all()
 
@@ -143,4 +143,4 @@ def test_a_design_whose_independent_cases_are_alike():
 
 def test_a_latin_hypercube_says_that_its_intervals_are_wide():
     u = probabilities(["a", "b", "c"], 1, 0, 640, Sampling("lhs", 640))
-    assert "at least 95 %" in table_of(u, 2.0 * u[0] + u[1], "lhs").attrs["said"]
+    assert "at least 95 %" in table_of(u, 2.0 * u[0] + u[1], "lhs").attrs["note"]

@@ -132,11 +132,11 @@ def test_same_bits(name):
 
 
 def test_reference(study, reference):
-    assert reference.sound.all()
+    assert reference.valid.all()
     assert reference.change < 1e-11
     assert reference.difference < 1e-10
     assert (
-        study.error_of(reference.outcomes, reference.sound, reference.outcomes, reference.sound)[0]
+        study.error_of(reference.outcomes, reference.valid, reference.outcomes, reference.valid)[0]
         == 0.0
     )
 
@@ -144,15 +144,15 @@ def test_reference(study, reference):
 def test_error_counts_the_worst_case(study, reference):
     off = reference.outcomes[:3].copy()
     off[2, 4] += 1e-3 * np.abs(reference.outcomes[:, 4]).max()
-    error, worst = study.error_of(off, np.ones(3, dtype=bool), reference.outcomes, reference.sound)
+    error, worst = study.error_of(off, np.ones(3, dtype=bool), reference.outcomes, reference.valid)
     assert worst == study.names[4]
     assert error > 1e-4
     assert (
-        study.error_of(off, np.array([True, True, False]), reference.outcomes, reference.sound)[0]
+        study.error_of(off, np.array([True, True, False]), reference.outcomes, reference.valid)[0]
         == 0.0
     )
     assert (
-        study.error_of(off, np.zeros(3, dtype=bool), reference.outcomes, reference.sound)[0]
+        study.error_of(off, np.zeros(3, dtype=bool), reference.outcomes, reference.valid)[0]
         == np.inf
     )
 
@@ -336,7 +336,7 @@ def test_rounds_take_turns():
 
 def test_what_takes_long_is_repeated_less(monkeypatch):
     """Once at least, besides the first time."""
-    monkeypatch.setattr(clock, "_MOST_S", 0.05)
+    monkeypatch.setattr(clock, "_MAX_S", 0.05)
     found = clock.rounds({"long": lambda: time.sleep(0.03), "short": lambda: None}, 4)
     assert [len(found[name]) for name in ("long", "short")] == [1, 4]
 
@@ -391,4 +391,4 @@ def test_rows_tell_their_errors(study, reference):
     assert told["largest_true_error"] == frame["true_error"].max()
     assert set(frame["outcome"]) <= set(study.names)
     assert told["flown_again"] <= 2
-    assert f"{told['flown_again']} of 100 cases were flown again" in row_errors.sentence(told)
+    assert f"{told['flown_again']} of 100 cases were refined" in row_errors.sentence(told)

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy.special import stdtrit
 from small_scenes import SPRUNG
 from support.stopping_problems import coverage
@@ -29,7 +29,7 @@ INPUTS = ["in_body_fore_mass_kg", "in_spring_push_force_N"]
 
 @pytest.fixture(autouse=True)
 def _plainly():
-    with flown_plainly():
+    with run_interpreted():
         yield
 
 
@@ -196,7 +196,7 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
     )
     assert flown(drawn, 5)[INPUTS[0]].equals(rows[INPUTS[0]][:5])
     assert "column V_sep of run.samples (10, 20)" in campaign.input_columns[0].meaning
-    assert campaign.file.dispersions[0].law == "given"  # trial cases: over all its range
+    assert campaign.file.dispersions[0].distribution == "given"  # trial cases: over all its range
     assert campaign.file.dispersions[0].support == (10.0, 20.0)
 
 

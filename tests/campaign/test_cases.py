@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy import stats
 
 from sepmc.campaign import cases
@@ -295,7 +295,7 @@ def test_a_tail_that_may_not_be(key):
     campaign = Campaign(
         parse_campaign(TAIL, "tail.toml", {"dispersion": {key: {"normal": [0.03, 0.03]}}})
     )
-    with flown_plainly():
+    with run_interpreted():
         table = campaign.run(cases=12).to_pandas()
     bad = (table[campaign.input_columns[0].name] < 0.0).to_numpy()
     assert 1 <= bad.sum() <= 4
@@ -319,7 +319,7 @@ def test_a_load_that_ends_before_it_starts():
     }
     laws = {"load.gust.start_s": {"uniform": 0.1}, "load.gust.end_s": {"uniform": 0.05}}
     campaign = Campaign(parse_campaign(TAIL | {"load": [load]}, "early.toml", {"dispersion": laws}))
-    with flown_plainly():
+    with run_interpreted():
         table = campaign.run(cases=10).to_pandas()
     early = (table["in_load_gust_end_s"] <= table["in_load_gust_start_s"]).to_numpy()
     assert 1 <= early.sum() <= 5

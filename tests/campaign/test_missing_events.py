@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 
 import sepmc
 from sepmc.analysis.requirements import render_missing
@@ -107,7 +107,7 @@ def file(tmp_path_factory):
 @pytest.fixture(scope="module")
 def run(file):
     """Its run, and what the command printed."""
-    with flown_plainly():
+    with run_interpreted():
         told = call("campaign", file, "--out", file.parent / "run", "--no-plots")
     return file.parent / "run", told
 
@@ -154,7 +154,7 @@ def test_they_are_counted_in_notes_and_manifest(run, expected):
 def test_however_it_is_flown(file, expected, tmp_path, how):
     """Statistics only, some rows kept, in memory: the same counts in the notes of the result."""
     out = {} if not how else {"out": tmp_path / "run"}
-    with flown_plainly():
+    with run_interpreted():
         result = sepmc.load(file).run(**how, **out)
     said = [note for note in result.notes if " ok cases: outcomes that wait for it" in note]
     assert len(said) == 3
@@ -163,7 +163,7 @@ def test_however_it_is_flown(file, expected, tmp_path, how):
 
 def test_a_run_that_is_resumed_counts_all_of_them(file, expected, tmp_path):
     """What was counted of cases that a folder holds stays counted."""
-    with flown_plainly():
+    with run_interpreted():
         part = sepmc.load(file).run(cases="0:16", out=tmp_path / "run")
         assert sum("ok cases: outcomes that wait" in note for note in part.notes) == 3
         call("campaign", file, "--out", tmp_path / "other", "--no-plots", "--cases", 20)
@@ -208,7 +208,7 @@ def test_what_did_not_end_is_told_apart():
 def test_rare_events_count_them_too(file):
     """Cases whose margin is not known, though they came to their end, are counted by themselves."""
     campaign = sepmc.load(file)
-    with flown_plainly():
+    with run_interpreted():
         flight = campaigns.select_steps(campaign)  # by few trial cases
         flights = MarginEvaluator(campaign, flight, limit_state(campaign, "calm"), _nothing, None)
         margin, _ = flights.margins(np.linspace(-2.0, 2.0, 21)[:, None])
@@ -258,7 +258,7 @@ def test_a_release_that_must_come_says_what_may_be_done(file):
     assert "optional" in sentence
     text = file.read_text().replace("optional = true\n", "")
     (file.parent / "must.toml").write_text(text)
-    with flown_plainly():
+    with run_interpreted():
         told = call(
             "campaign", file.parent / "must.toml", "--out", file.parent / "must", "--no-plots"
         )

@@ -13,7 +13,7 @@ from sepmc.campaign.store import ledger, manifests, shards
 from sepmc.cli.app import main
 from sepmc.cli.figures import event_times
 from sepmc.report import animation, history_figures
-from sepmc.report.animation import _Shot
+from sepmc.report.animation import _Frame
 from sepmc.report.style import make_axes
 
 
@@ -134,10 +134,10 @@ def test_film(folder, tmp_path, monkeypatch):
     assert np.abs(frames[0] - frames[2]).max() > 100
     joint = case.scene.joint["pins"]
     for row in (0, len(history) - 1):
-        shot = _Shot(history, case.scene, row)
-        first, second = (shot.at(body, np.array([joint.point]))[0] for body in joint.bodies)
+        frame = _Frame(history, case.scene, row)
+        first, second = (frame.in_view(body, np.array([joint.point]))[0] for body in joint.bodies)
         gap = [history[f"pins_gap_{axis}_m"].iloc[row] for axis in "xyz"]
-        own = shot.turns[joint.bodies[0]].apply(gap) * [-1.0, 1.0, 1.0]
+        own = frame.rotations[joint.bodies[0]].apply(gap) * [-1.0, 1.0, 1.0]
         assert second - first == pytest.approx(own, abs=1e-9)
     assert gap[0] < -0.02
 
@@ -165,7 +165,7 @@ def test_film_shows_what_a_release_lets_go(pair):
     assert history.attrs["releases"] == pytest.approx({"pins": 0.2})
     assert history.attrs["events"] == pytest.approx({"late": 0.4})
     held = {
-        float(history["time_s"].iloc[row]): bool(_Shot(history, campaign.scene, row).held)
+        float(history["time_s"].iloc[row]): bool(_Frame(history, campaign.scene, row).locked)
         for row in range(len(history))
     }
     assert all(holds == (time < 0.2 - 1e-9) for time, holds in held.items()), held
@@ -179,9 +179,9 @@ def test_film_shows_a_joint_that_never_lets_go(pair):
     ]
     campaign = pair({"phase": phases, "joint.pins.fails": 1})
     history = campaign.simulate(step_s=0.05)
-    shot = _Shot(history, campaign.scene, len(history) - 1)
-    assert shot.held == {"pins"}
-    assert "of pins on aft" in shot.caption or shot.largest_force == 0.0
+    frame = _Frame(history, campaign.scene, len(history) - 1)
+    assert frame.locked == {"pins"}
+    assert "of pins on aft" in frame.caption or frame.largest_force == 0.0
 
 
 def test_film_begins_at_the_size_of_the_vehicle(pair):
@@ -192,8 +192,8 @@ def test_film_begins_at_the_size_of_the_vehicle(pair):
     }
     campaign = pair(apart)
     history = campaign.simulate(step_s=0.01)
-    shots = [_Shot(history, campaign.scene, row) for row in (0, len(history) - 1)]
-    views, length = animation._views(shots, campaign.scene)
+    frames = [_Frame(history, campaign.scene, row) for row in (0, len(history) - 1)]
+    views, length = animation._frame_views(frames, campaign.scene)
     widths = [high - low for low, high in (view[0] for view in views)]
     assert length == pytest.approx(2.0)  # from centre of mass to centre of mass
     assert widths[0] < 2.0 * length

@@ -167,7 +167,7 @@ def test_a_run_that_counts_is_resumed(campaign, tmp_path, often, orders):
     assert not manifests.diagnose(folder)
     pd.testing.assert_frame_equal(result.statistics(), left_alone.statistics(), check_exact=True)
     assert result.status_counts == left_alone.status_counts
-    assert result.kept.summary.tallies[1].extreme == left_alone.kept.summary.tallies[1].extreme
+    assert result.kept.summary.counters[1].extreme == left_alone.kept.summary.counters[1].extreme
     more = campaign.run(cases=CASES + 400, out=folder, resume=True)
     at_once = campaign.run(cases=CASES + 400, stats_only=True)
     pd.testing.assert_frame_equal(more.statistics(), at_once.statistics(), check_exact=True)

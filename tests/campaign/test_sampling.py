@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy import stats
 
 from sepmc.analysis import requirements
@@ -167,7 +167,7 @@ def test_rows_are_their_cases(pair, sampler, tmp_path):
     import sepmc
 
     campaign = pair(VARIED | {"run.sampler": sampler, "correlation": [TOGETHER]})
-    with flown_plainly():
+    with run_interpreted():
         result = campaign.run(cases=12, out=tmp_path / "run")
     frame, again = result.to_pandas(), sepmc.load(tmp_path / "run")
     for i in (0, 5, 11):
@@ -180,7 +180,7 @@ def test_rows_are_their_cases(pair, sampler, tmp_path):
 
 def test_a_latin_hypercube_has_its_number_of_cases(pair, tmp_path):
     campaign = pair(VARIED | {"run.sampler": "lhs"})
-    with flown_plainly():
+    with run_interpreted():
         campaign.run(cases=8, out=tmp_path / "run")
         with pytest.raises(StoreError, match="Latin hypercube of 8 cases, which cannot be cont"):
             campaign.run(cases=9, out=tmp_path / "run", resume=True)
@@ -204,7 +204,7 @@ def test_dependent_cases_get_no_verdict():
 def test_command(tmp_path):
     """``--sampler`` is the file's ``run.sampler``, kept in the run folder; what its cases are not
     is told."""
-    with flown_plainly():
+    with run_interpreted():
         found = call(
             "campaign", "table2", "--cases", 6, "--sampler", "sobol", "--out", tmp_path / "run",
             "--no-plots", "--set", "run.end_time_s=0.3",

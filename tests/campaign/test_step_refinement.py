@@ -64,6 +64,28 @@ def test_a_case_that_does_not_settle_is_given_up():
     assert len(flown[0]) < 8
 
 
+@pytest.mark.parametrize("seen_at", [0.1 * 2.0**-6.5, 0.0])
+def test_a_case_alone_is_refined_on_until_steps_see_what_happens(pair, seen_at):
+    """Halvings that do not help end the search at fine steps only; then the outcome is named."""
+    columns = pair({"solver.accuracy": 1e-9}).outcome_columns
+    scene = pair({"solver.accuracy": 1e-9}).scene
+
+    def integrate(step, which):
+        row = np.ones(len(columns))
+        row[1] += 1e-3 * np.sin(1.0 / step) if step > seen_at else step**4
+        return np.tile(row, (len(which), 1)), np.zeros(len(which), dtype=int)
+
+    step, change, notes = step_refinement.refine_case_steps(integrate, 0.1, scene, columns)
+    assert change.argmax() == 1
+    if seen_at:
+        assert not notes
+        assert step < seen_at
+        assert change[1] <= 1e-9
+    else:
+        assert f"a shorter step changes {columns[1].name} by" in notes[0]
+        assert 1e-9 < change[1] < 1e-2
+
+
 @pytest.mark.parametrize("status", [Status.OUTSIDE_TABLE, Status.OUTSIDE_ATMOSPHERE, Status.JAMMED])
 def test_a_status_that_only_long_steps_give_is_no_result(status):
     """The first of two cases leaves its table at steps beyond 0.01, the second at all."""

@@ -5,7 +5,7 @@ import json
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy.special import stdtrit
 from small_scenes import SPRUNG
 
@@ -48,7 +48,7 @@ def _plainly(monkeypatch):
     monkeypatch.setattr("sepmc.analysis.stopping._FIRST_LOOK", 16)
     for name, value in (("_SAVE_S", 0.0), ("_SHARD_S", 0.0), ("_FIRST", 8), ("_CALL_S", 1e-9)):
         monkeypatch.setattr(runner, name, value)
-    with flown_plainly():
+    with run_interpreted():
         yield
 
 
@@ -138,7 +138,7 @@ def test_a_pair_that_correlates_must_have_occurred(written, tmp_path):
     table = rows.to_pandas()
     both = (table["in_spring_push_factor"] == 0.5) & (table["in_initial_pitch_deg"] == 1.0)
     assert both.sum() >= 10
-    with pytest.raises(InputError, match=r"with initial\.pitch_deg = 1 .* occurred 10 times"):
+    with pytest.raises(InputError, match=r"with initial\.pitch_deg = 1 .* occurs 10 times"):
         campaign.run(28, until=asked)
 
 

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from sepmc.campaign.execution import single_case, step_selection
 from sepmc.campaign.execution.step_search import Search
 from sepmc.cli import app, check
-from sepmc.scene.messages import nobody
+from sepmc.scene.messages import no_log
 
 # a mote of 1e-4 kg on 1e5 kg that turn 50 times a second
 MOTE = """
@@ -75,7 +75,7 @@ def test_work_is_counted_alike_each_time(pair):
     texts = []
     for _ in range(2):
         with pytest.raises(single_case.UnknownError) as told:
-            pair(TURNING).simulate(step_s=0.5, announce=nobody, plain_work=2e5)
+            pair(TURNING).simulate(step_s=0.5, announce=no_log, plain_work=2e5)
         texts.append(str(told.value))
     assert texts[0] == texts[1]
     assert "steps a phase takes too long here" in texts[0]
@@ -87,7 +87,7 @@ def test_a_step_that_is_far_too_short(pair):
     with pytest.raises(
         single_case.UnknownError, match=r"in steps of 1e-05 s.*give a longer solver"
     ):
-        campaign.simulate(step_s=0.5, announce=nobody, plain_work=2e5)
+        campaign.simulate(step_s=0.5, announce=no_log, plain_work=2e5)
 
 
 def test_a_case_whose_work_is_spent_says_so(pair, monkeypatch):
@@ -124,7 +124,7 @@ def test_a_case_that_no_steps_suffice_is_unresolved(pair, monkeypatch):
 
     monkeypatch.setattr(single_case, "load_kernel", plainly)
     found = pair(TURNING | {"initial.omega_deg_s": [1.8e6, 0.0, 0.0]}).simulate(
-        step_s=0.5, announce=nobody
+        step_s=0.5, announce=no_log
     )
     assert found.attrs["status"] == "unresolved"
     assert any("steps a phase do not suffice" in note for note in found.attrs["notes"])

@@ -87,6 +87,20 @@ def test_elimination_is_that_of_the_kernels(plain, n, spoilt):
             assert_allclose(matrix @ numbers[2 * size :], known, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("round_off", [0.0, 1e-14, 2e-13, 5e-12])
+def test_rows_dependent_to_round_off_share_by_least_squares(plain, round_off):
+    """A pivot that only round-off left is no row of its own: the multipliers are of least norm."""
+    rows, lanes = np.array([[1.0, 0.5], [0.2, 1.0], [0.3, -0.7]]), plain.linear.LANES
+    matrix, wanted = rows @ rows.T, rows @ [0.3, -0.4]
+    right = matrix @ wanted + [0.0, 0.0, round_off]
+    matrix[2, 2] *= 1.0 + round_off
+    w = [0.0] * (54 * lanes)  # the system, its solution, and scratch
+    w[: 9 * lanes : lanes] = [*matrix[np.tril_indices(3)].tolist(), *right.tolist()]
+    rank, _ = plain.linear.share(w, 0, 3, 12 * lanes, 9 * lanes)
+    assert rank == 2
+    assert_allclose(w[9 * lanes : 12 * lanes : lanes], wanted, atol=20.0 * round_off + 1e-14)
+
+
 def test_the_compiled_formulas_stay_as_they_are(plain):
     """The second copies are modules of their own, with lines where the files have them."""
     assert plain.vec3 is not vec3

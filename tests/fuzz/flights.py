@@ -14,7 +14,7 @@ from fuzz.watch import Wrong, turns
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.execution.integration import integrate
-from sepmc.scene.messages import SceneError, nobody
+from sepmc.scene.messages import SceneError, no_log
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
 
@@ -40,7 +40,7 @@ def rows(rng, count, until, tried):
     flights = []
     for tree in _trees().values():
         campaign = _campaign(tree)
-        flights.append((campaign, step_selection.select_steps(campaign, announce=nobody)))
+        flights.append((campaign, step_selection.select_steps(campaign, announce=no_log)))
     for _ in turns(count, until, tried):
         campaign, flight = rng.choice(flights)
         draws = campaign.in_si(campaign.sample(rng.randrange(10**6), 64))
@@ -68,7 +68,7 @@ def numbers(rng, count, until, tried):
     """Campaigns with other numbers, by the kernels that are there."""
     trees = _trees()
     for tree in trees.values():
-        step_selection.select_steps(_campaign(tree), announce=nobody)
+        step_selection.select_steps(_campaign(tree), announce=no_log)
     for _ in turns(count, until, tried):
         name = rng.choice(list(trees))
         tree = pickle.loads(pickle.dumps(trees[name]))
@@ -100,7 +100,7 @@ def numbers(rng, count, until, tried):
 
 
 def _flown(campaign, tried):
-    result = campaign.run(_CASES, announce=nobody)
+    result = campaign.run(_CASES, announce=no_log)
     table = result.table
     tried.counts["rows"] += len(table["case"])
     if sum(result.status_counts.values()) != _CASES:

@@ -180,7 +180,7 @@ def test_the_geometry_agrees_on_lips():
         distance, on_lip, on_solid = edge_gap(lip, solid)
         assert_allclose(
             distance,
-            geometry.lip_distance((centre[None], normal[None], radius), part)[0],
+            geometry.circle_distance((centre[None], normal[None], radius), part)[0],
             rtol=0,
             atol=1e-10,
             err_msg=i,

@@ -11,7 +11,7 @@ from oracles.independent import simulate
 from small_scenes import PUSH as ENDLESS
 from small_scenes import REDUCED
 
-from sepmc.scene.lint import slips
+from sepmc.scene.lint import lint_scene
 from sepmc.scene.messages import SceneError
 
 PUSH = ENDLESS | {"stroke_m": 0.1}
@@ -273,4 +273,4 @@ def test_a_spring_without_an_end_is_a_slip(pair):
     """It pushes on, so the event never comes; unless its stroke varies."""
     event = {"name": "pushed", "when": {"any": [{"spring": "push"}]}}
     campaign = pair(FREE | {"spring": [ENDLESS], "event": [event]})
-    assert any("spring push has no stroke_m" in said for said in slips(campaign.scene, ()))
+    assert any("spring push has no stroke_m" in said for said in lint_scene(campaign.scene, ()))

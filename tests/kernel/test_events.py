@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy.optimize import brentq
 
 import sepmc
@@ -686,7 +686,7 @@ def test_a_load_that_comes_while_another_joint_is_late():
     joint then, as its hand-made sum says, though the joint ahead of it lets go only at 1.12 s or
     later."""
     campaign = sepmc.load(Path(__file__).parents[1] / "scenes" / "awaited_load.toml")
-    with flown_plainly():
+    with run_interpreted():
         table = campaign.run(cases=4).table
     assert list(table["status"]) == 4 * ["ok"]
     assert_allclose(table["bc_release_time_s"], 1.05, atol=1e-9)
@@ -734,7 +734,7 @@ def test_strokes_near_the_turning_point(pair):
     form; none is lost."""
     laws = {"spring.s.force_N": {"uniform": [6.4, 6.8]}}
     campaign = pair(swinging(0.0195, 6.6) | {"dispersion": laws, "solver.accuracy": 1e-6})
-    with flown_plainly():
+    with run_interpreted():
         table = campaign.run(cases=4).to_pandas()
     size = table["in_spring_s_force_N"].to_numpy() / 675.0
     reached = 2.0 * size > 0.0195

@@ -198,7 +198,7 @@ def test_aerodynamics_in_flight_agree_with_the_oracle(table2):
     )
     outcomes, expected = (
         campaign.simulate(step_s=0.1).attrs["outcomes"],
-        lagrange.fly(campaign.nominal().to_dict()),
+        lagrange.simulate(campaign.nominal().to_dict()),
     )
     names = [name for name in expected if name in outcomes]
     assert len(names) == 21

@@ -68,3 +68,18 @@ def test_a_body_may_be_called_anything(pair, name):
     ast.parse(step_selection.kernel_text(campaign))
     assert keyword.iskeyword("if")
     assert f"body1 {name}" in make_kernel_spec(campaign.plan, campaign.dispersed).names.legend[0]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_function_of_a_kernel_shadows_an_import(name):
+    """A function of a kernel that shadows a routine would call itself in its place."""
+    body = ast.parse(step_selection.kernel_text(scene(name), history=True)).body
+    imported = {
+        alias.asname or alias.name
+        for node in body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names
+    }
+    defined = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+    assert defined
+    assert not defined & imported

@@ -1,1 +1,1 @@
-"""What the engine is held against: an independent flight, random scenes, other engines."""
+"""Oracles of the engine: an independent simulation, random scenes, external engines."""

@@ -1,4 +1,4 @@
-"""Commands that hold the engine against what shares no code with it: ``python tests/oracles``.
+"""Commands that compare the engine with oracles: ``python tests/oracles``.
 
 Exit codes are those of `sepmc`: 1 if anything differs.
 """
@@ -18,26 +18,30 @@ from sepmc.cli.render import logger
 
 @click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
 def main() -> None:
-    """Hold the engine against an independent flight, and against other engines."""
+    """Compare the engine with an independent simulation and with other engines."""
 
 
 @main.command()
 @click.argument("count", type=click.IntRange(min=1))
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the first scene."
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the first scene.",
 )
 @click.option(
     "--compiled",
     type=click.IntRange(min=0),
     default=0,
-    help="Scenes whose kernels are compiled as well.",
+    help="Number of scenes that also run compiled.",
 )
 @click.option(
     "--rows",
     type=click.IntRange(min=1),
     default=3,
     show_default=True,
-    help="Cases of every scene that are compared.",
+    help="Compared cases of every scene.",
 )
 @click.option(
     "--limit",
@@ -45,15 +49,14 @@ def main() -> None:
     type=click.FloatRange(min=0, min_open=True),
     default=60.0,
     show_default=True,
-    help="Seconds after which a scene is left without a verdict (600 at least, if compiled).",
+    help="Time for a scene, s; without a verdict after it (at least 600 if compiled).",
 )
 @click.option(
     "--kind",
     "kinds",
     multiple=True,
     metavar="KIND",
-    help="A feature that every scene has, such as direction, ignition or optional; may be "
-    "given more than once.",
+    help="Feature of every scene, such as direction, ignition or optional; can be repeated.",
 )
 @QUIET
 def random(
@@ -65,7 +68,7 @@ def random(
     kinds: tuple[str, ...],
     quiet: bool,
 ) -> None:
-    """Compare COUNT random scenes, case by case, with independent flights.
+    """Compare COUNT random scenes, case by case, with independent simulations.
 
     \b
     Examples:
@@ -82,14 +85,14 @@ def random(
 @main.command()
 @QUIET
 def shipped(quiet: bool) -> None:
-    """Compare shipped campaigns and the scenes of `sepmc verify` with independent flights."""
+    """Compare shipped campaigns and the scenes of `sepmc verify` with independent simulations."""
     from oracles import shipped_campaigns
     from sepmc.validation.line import table
 
-    say = logger(quiet)
+    log = logger(quiet)
     lines = []
     for check in (shipped_campaigns.scenes, shipped_campaigns.campaigns):
-        say(f"{check.__name__} ...")
+        log(f"{check.__name__} ...")
         lines += check()
     click.echo(table(lines))
     sys.exit(0 if all(line.passes for line in lines) else 1)
@@ -110,9 +113,9 @@ def engines(quiet: bool) -> None:
 @main.command()
 @click.argument("file")
 @click.option(
-    "--out", type=click.Path(path_type=Path), help="A new folder; runs/bench-NAME-N if left out."
+    "--out", type=click.Path(path_type=Path), help="New folder; runs/bench-NAME-N by default."
 )
-@click.option("--quick", is_flag=True, help="A minute or two instead of ten.")
+@click.option("--quick", is_flag=True, help="One or two minutes instead of ten.")
 @OVERWRITE
 @SETTINGS
 @QUIET
@@ -124,7 +127,7 @@ def race(
     settings: tuple[str, ...],
     quiet: bool,
 ) -> None:
-    """Run `sepmc bench` of FILE with other engines on the same cases beside it."""
+    """Run `sepmc bench` of FILE with other engines on the same cases."""
     from oracles.engine_race import tables
     from oracles.engine_race.inputs import check
     from oracles.engine_race.race import left_out
@@ -133,13 +136,13 @@ def race(
 
     if overwrite and out is None:
         raise click.UsageError("--overwrite needs --out, the folder meant")
-    say, campaign = logger(quiet), load_campaign(file, settings)
+    log, campaign = logger(quiet), load_campaign(file, settings)
     check(campaign.scene)
     for sentence in left_out(tables.QUICK if quick else None):
-        say(sentence)
+        log(sentence)
     folder = out or folders.next_folder(f"bench-{campaign.name}")
-    bench(campaign, folder, say, quick=quick, peers=tables.measure, overwrite=overwrite)
-    say(f"wrote {folder}")
+    bench(campaign, folder, log, quick=quick, peers=tables.measure, overwrite=overwrite)
+    log(f"wrote {folder}")
 
 
 if __name__ == "__main__":

@@ -260,8 +260,8 @@ def test_legends_name_things_in_one_order(tmp_path, drawn):
         histogram_figures({name: found[name] for name in names}, tmp_path, {}, alone=False)
         assert texts(drawn["histograms.png"]) == [
             "cases",
-            "bars too low to be seen",
-            "least and greatest",
+            "bars too low to see",
+            "minimum and maximum",
             NORMAL,
         ]
 
@@ -464,7 +464,7 @@ def test_clearances_of_a_case(tmp_path, drawn, least, scale):
     said = ax.get_ylabel().split("\n")
     assert said[0] == "gap (mm)"
     at = frame["gap_clearance_mm"].idxmin()
-    assert said[1] == f"least {least:.4g} at {frame['time_s'][at]:.4g} s"
+    assert said[1] == f"minimum {least:.4g} at {frame['time_s'][at]:.4g} s"
     assert said[2:] == (["logarithmic"] if scale == "log" else [])
     assert list(line(ax, "required bound")[0].get_ydata()) == [4.0, 4.0]
     assert ax.get_ylim()[0] < 4.0

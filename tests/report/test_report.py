@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 
 import sepmc
 from sepmc.cli import app
@@ -35,7 +35,7 @@ def run(tmp_path_factory):
     """A run folder with a requirement that fails and one that is shown."""
     settings = {"requirement": REQUIRED, "title": "A < B & <script>alert(1)</script>"}
     folder = tmp_path_factory.mktemp("report") / "run"
-    with flown_plainly():
+    with run_interpreted():
         sepmc.load("table2", settings).run(cases=60, seed=3, out=folder)
     return folder
 
@@ -86,7 +86,7 @@ def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
     """Some are not released before the end: the first of them is among the worst, by its status,
     and replayed."""
     settings = {"requirement": [REQUIRED[2], REQUIRED[1]], "run.end_time_s": 0.25}
-    with flown_plainly(cases=4):
+    with run_interpreted(cases=4):
         table = (
             sepmc.load("table2", settings).run(cases=6, seed=3, out=tmp_path / "run").to_pandas()
         )
@@ -107,7 +107,7 @@ def test_joint_loads_that_are_not_unique_are_noted(pair, tmp_path):
         "phase": [{"name": "locked", "joints": {"pins": "fixed", "bolt": "fixed"}}],
         "dispersion": {"initial.speed_m_s": {"uniform": 0.1}},
     }
-    with flown_plainly(cases=4):
+    with run_interpreted(cases=4):
         pair(settings).run(cases=25, out=tmp_path / "run")
     found = call("report", tmp_path / "run", "--no-replay")
     assert found.exit_code == 0, found.output
@@ -121,7 +121,7 @@ def test_what_it_says(page):
     assert "PASS slow: separation_speed_m_s &lt;= 10 m/s" in text
     assert "NOT SHOWN parts: never-released does not occur in 99.73 %" in text
     assert "60 cases, 60 ok" in text
-    assert "what drives separation_speed_m_s" in text
+    assert "sensitivity of separation_speed_m_s" in text
     assert "fast, " in text
     assert "of 60 cases: " in text
     assert "the worst of fast: separation_speed_m_s 0.4" in text

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from scipy.stats import norm
 
 import sepmc
@@ -182,7 +182,7 @@ def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
     """In the notes and in the manifest of a run that ends too early; not of one that does not."""
     file = tmp_path / "rocket.toml"
     CliRunner().invoke(app.main, ["template", str(file)])
-    with flown_plainly(cases=2):
+    with run_interpreted(cases=2):
         early = sepmc.load(file, {"run.end_time_s": 0.15}).run(cases=3, out=tmp_path / "early")
         late = sepmc.load(file).run(cases=2)
     note = "gap_clearance_mm is least as the flight ends in 3 cases"

@@ -21,8 +21,6 @@ def exact(campaign, case, history=None, every_s=ROWS_S):
         times = history["time_s"].to_numpy()
         times = np.unique(np.concatenate([[first], times[times > first]]))
         parts = (geometry.parts_of(scene.body[name]) for name in (a, b))
-        least, when = geometry.least_clearance(
-            geometry.relative_motion(history, a, b), *parts, times
-        )
+        least, when = geometry.min_clearance(geometry.relative_motion(history, a, b), *parts, times)
         found[clearance.name] = 1e3 * least, when
     return found

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from sympy.physics import mechanics as me
 
-from sepmc.validation.lagrange import KINDS, Motion, Pair, accelerate, bodies, fly
+from sepmc.validation.lagrange import KINDS, Motion, Pair, accelerate, bodies, simulate
 
 SEEDS = range(5)
 
@@ -280,4 +280,4 @@ def test_what_is_unknown_is_refused():
     """A spring is no part of these formulations: an error, not a flight without it."""
     case = {"spring": [{"name": "push"}], "joint": {"pins": {}}}
     with pytest.raises(ValueError, match=r"scene\.spring"):
-        fly(case)
+        simulate(case)

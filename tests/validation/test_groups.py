@@ -11,10 +11,10 @@ from sepmc.validation.verify import verify
 
 def test_side_by_side():
     """Two groups apart, one here; each is told when it has been flown."""
-    names, told = ["free_body", "rod_pendulum", "welded"], []
-    groups = side_by_side(verify, names, here=["rod_pendulum"], told=told.append)
+    names, done = ["free_body", "rod_pendulum", "welded"], []
+    groups = side_by_side(verify, names, in_process=["rod_pendulum"], on_done=done.append)
     assert list(groups) == names
-    assert sorted(told) == sorted(names)
+    assert sorted(done) == sorted(names)
     assert groups == {name: verify([name]) for name in names}
 
 
@@ -28,7 +28,7 @@ def _wait(names):
 def test_an_interrupt_ends_all_groups():
     begun = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        side_by_side(_wait, ["one", "two", "interrupted"], here=["interrupted"])
+        side_by_side(_wait, ["one", "two", "interrupted"], in_process=["interrupted"])
     assert time.monotonic() - begun < 300.0
 
 

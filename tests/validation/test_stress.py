@@ -17,13 +17,30 @@ LINE = Stress("input", "quantity", 1e-12, Bound(1e-10, "reason"), "ok")
     "name", [pytest.param(n, marks=pytest.mark.slow) if n == "hour" else n for n in stress.STRESSES]
 )
 def test_stress(name):
-    """All lines of one stress are as they should be."""
+    """All lines of one stress pass, as many of them accurate as before."""
     lines = stress.stress([name])
     print(stress.table(lines))
     assert lines
     assert all(line.holds for line in lines), "\n" + stress.table(
         [line for line in lines if not line.holds]
     )
+    assert stress.counts(lines) == stress.EXPECTED[name], "\n" + stress.table(lines)
+
+
+def test_an_accurate_line_that_becomes_flagged_changes_the_counts(monkeypatch):
+    """Lines whose steps no longer meet the audit: every one passes, for it is flagged, but the
+    counts of this stress are no longer those expected."""
+    name = "inertias"
+    assert not any(line.resolved for line in stress.stress([name]))
+    monkeypatch.setitem(AUDIT_BOUNDS, "steps", 1.0)
+    lines = stress.stress([name])
+    assert all(line.holds for line in lines)
+    assert stress.counts(lines) == (0, sum(stress.EXPECTED[name]))
+    assert stress.counts(lines) != stress.EXPECTED[name]
+
+
+def test_every_stress_has_expected_counts():
+    assert list(stress.EXPECTED) == list(stress.STRESSES)
 
 
 def test_verdict():

@@ -49,7 +49,7 @@ def test_a_wrong_reference_fails(monkeypatch):
     )
     lines = verify.verify(["rod_pendulum"])
     failed = {line.quantity for line in lines if not line.passes}
-    assert {"place, m", "tension, N"} <= failed
+    assert {"position, m", "tension, N"} <= failed
     assert "FAIL" in table(lines)
 
 

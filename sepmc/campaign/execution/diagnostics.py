@@ -16,7 +16,7 @@ from sepmc.campaign.execution.table_overshoot import overshooting
 from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene import parameters
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.lint import slips
+from sepmc.scene.lint import lint_scene
 from sepmc.scene.model import GROUND, SALTELLI, Clearance, Scene
 
 _NAMED = 3  # outcomes that a sentence names
@@ -33,7 +33,7 @@ def file_notes(campaign: Definition) -> list[str]:
     dispersed = {d.parameter.path for d in campaign.file.dispersions}
     return [
         *campaign.file.no_effect,
-        *slips(campaign.scene, campaign.file.dispersions),
+        *lint_scene(campaign.scene, campaign.file.dispersions),
         *idle(campaign.scene, dispersed),
         *overshooting(campaign.scene),
     ]

@@ -263,7 +263,7 @@ def rare_discrete_values(flights: MarginEvaluator, random: np.random.Generator) 
     laws, values = flights.campaign.file.dispersions, []
     correlated = {index for copula in flights.campaign.file.copulas for index in copula.places}
     for index, law in enumerate(laws):
-        weights = np.array(law.weights) / sum(law.weights) if law.law == "discrete" else ()
+        weights = np.array(law.weights) / sum(law.weights) if law.distribution == "discrete" else ()
         for number, weight in enumerate(weights):
             if not 0.0 < weight < _RARE_PROBABILITY or index in correlated:
                 continue

@@ -162,7 +162,7 @@ def _differences(campaign: Definition, folder: Path) -> str:
         other = Definition(read_campaign(str(folder), reader=read_input_table))
     except InputError:
         return f"What differs is not known, as its {folders.CAMPAIGN} cannot be read."
-    changes = tree_differences(other.file.tree, campaign.file.tree)
+    changes = tree_differences(other.file.tree, campaign.file.tree, units=True)
     tables = [each.file.input_table for each in (other, campaign)]
     if all(tables) and other.inputs_digest != campaign.inputs_digest:
         changes.append("rows of run.samples")

@@ -123,7 +123,9 @@ def corner_cases(campaign: Definition) -> np.ndarray:
     laws take every value they have, however rare.
     """
     laws = campaign.file.dispersions
-    count = max([CORNERS, *(_EACH * len(_middles(law)) for law in laws if law.law == "discrete")])
+    count = max(
+        [CORNERS, *(_EACH * len(_middles(law)) for law in laws if law.distribution == "discrete")]
+    )
     random = np.random.Generator(np.random.Philox(key=20))
     tosses = np.resize(
         random.integers(0, 2, (max(1, CORNERS), max(1, len(laws)))), (count, max(1, len(laws)))
@@ -133,7 +135,7 @@ def corner_cases(campaign: Definition) -> np.ndarray:
         u = np.where(tosses[:, i] == 1, 1.0 - _EDGE, _EDGE)
         if law.parameter.path.endswith(".fails"):  # not a corner of anything
             u = np.full(count, 0.5)
-        elif law.law == "discrete":
+        elif law.distribution == "discrete":
             u = random.permutation(np.resize(_middles(law), count))
         elif _is_wide(law):
             u = (random.permutation(count) + 0.5) / max(1, count)
@@ -154,7 +156,7 @@ def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
         u = np.concatenate(
             [(random.permutation(n) + random.random(n)) / max(1, n) for n in (half, count - half)]
         )
-        if law.law == "discrete" and not law.parameter.path.endswith(".fails"):
+        if law.distribution == "discrete" and not law.parameter.path.endswith(".fails"):
             u[half:] = random.permutation(np.resize(_middles(law), count - half))
         table[:, i] = _quantiles(law, np.clip(u, 2.0**-54, 1.0 - 2.0**-53))
     return table * campaign.factors

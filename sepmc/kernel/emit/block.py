@@ -1,16 +1,22 @@
-"""Lines of a kernel that fly a block of cases: phase after phase, hand-over between them, results;
-and its entry."""
+"""Block of cases, as lines of a kernel: its entry, the loop over segments and intervals,
+transitions between segments, and results."""
 
 import functools
 import math
 from collections.abc import Iterator
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, component, reject_unless, went
+from sepmc.kernel.emit.context import Context, change_time, component, reject_unless
 from sepmc.kernel.emit.history import fit_curves
-from sepmc.kernel.emit.ignition import ignition, lights, note_ignitions
-from sepmc.kernel.emit.monitor import side_before
-from sepmc.kernel.emit.outcomes import emit_results, kept, kept_angle, tip_off, tip_offs
+from sepmc.kernel.emit.ignition import ignition, ignition_time, store_ignitions
+from sepmc.kernel.emit.monitor import load_side
+from sepmc.kernel.emit.outcomes import (
+    emit_results,
+    event_angle,
+    event_field,
+    tip_off_field,
+    tip_off_fields,
+)
 from sepmc.kernel.emit.steps import advance
 from sepmc.kernel.emit.tables import has_tables
 from sepmc.kernel.spec.kernel_spec import (
@@ -32,73 +38,74 @@ from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
 _SAME_TIME = 1e-12  # s
-# of a lane: no status has ended its case (what only needs more care goes on)
-_GOES_ON = "w[REJECTED + l] <= 0.0"
-# of the time left: a stretch where a load usually ends a phase at once, for the cases in which it
-# does not
-_LEAST_SHARE = 2.0**-16
-_CONSISTENT = 1e-9  # m, rad, m/s, rad/s: how far the start may be off the joints
-_COMES = "nominal, slots, draws = vector(a, 0), indices(a, 1), table(a, 2)"
+# of a lane: its case has no final status (cases for another variant continue)
+_CONTINUES = "w[REJECTED + l] <= 0.0"
+# minimum fraction of the time left in the typical duration of a phase that a load may end at once
+_MIN_FRACTION = 2.0**-16
+_CONSISTENT = 1e-9  # m, rad, m/s, rad/s: tolerated joint residuals at the start
+_INPUTS = "nominal, slots, draws = vector(a, 0), indices(a, 1), table(a, 2)"
 _STEPS = (
-    "steps, usual, pace = indices(a, 3), vector(a, 4), vector(a, 13)",
-    "times, methods = indices(a, 14), indices(a, 15)",
+    "steps, typical, max_step = indices(a, 3), vector(a, 4), vector(a, 13)",
+    "step_factor, methods = indices(a, 14), indices(a, 15)",
 )
-_GOES = "draws, outcomes, ends, status = table(a, 2), table(a, 6), table(a, 7), indices(a, 9)"
+_OUTPUTS = "draws, outcomes, ends, status = table(a, 2), table(a, 6), table(a, 7), indices(a, 9)"
 
 
 def emit_block(out: Text, c: Context) -> None:
-    """The function that flies a block, with its arrays in the order of
-    `sepmc.engine.blocks.integrate`, and those that it calls between steps: a piece that an output
-    changes is the shorter to compile."""
-    parts = Text()
-    _begin(parts, c)
-    says = (
-        "Fly the cases of a block, LANES from number ``first`` on; ``a`` holds the arrays that "
-        "come in and go out."
+    """Write the function that integrates a block of cases, and those that it calls between steps.
+
+    Its arrays are in the order of `sepmc.engine.blocks.integrate`. The functions are split so that
+    an output changes short compile units only.
+    """
+    functions = Text()
+    _begin(functions, c)
+    docstring = (
+        "Integrate the cases of a block, LANES from number ``first`` on; ``a`` holds the input "
+        "and output arrays."
     )
     block = Text()
-    text = block.function("integrate_block(w, first: int, a: Arrays)", says)
+    text = block.function("integrate_block(w, first: int, a: Arrays)", docstring)
     text(*_STEPS, "load_cases(w, first, a)")
     for number, segment in enumerate(c.spec.segments):
         text(f"# {segment.name}", f"enter_{segment.name}(w)")
-        _enter(parts, c, number, segment)
+        _enter(functions, c, number, segment)
         if segment.max_intervals > 1:
-            _stretch(text.block(f"for _ in range({segment.max_intervals}):"), c, number, segment)
+            _interval(text.block(f"for _ in range({segment.max_intervals}):"), c, number, segment)
         else:
-            _stretch(text, c, number, segment)
+            _interval(text, c, number, segment)
         text(f"leave_{segment.name}(w)")
-        _leave(parts, c, number, segment)
+        _leave(functions, c, number, segment)
     text("write_results(w, first, a)")
-    says = "Outcomes of a block, and what is told of its cases, into the arrays that go out."
-    results = parts.function("write_results(w, first: int, a: Arrays)", says)
-    results(_GOES)
+    docstring = "Write outcomes, segment ends and status of the cases into the output arrays."
+    results = functions.function("write_results(w, first: int, a: Arrays)", docstring)
+    results(_OUTPUTS)
     emit_results(results, c)
-    out.lines += parts.lines + block.lines
+    out.lines += functions.lines + block.lines
 
 
 def _begin(out: Text, c: Context) -> None:
-    """The function that puts the cases of a block into the workspace, as they start."""
+    """Write the function that loads the cases of a block into the workspace."""
     text = out.function(
         "load_cases(w, first: int, a: Arrays)",
-        "Put the cases of a block into the workspace, as they start.",
+        "Load the parameters of the cases into the workspace and prepare their start.",
     )
-    text(_COMES, "numbers = vector(a, 12)")
+    text(_INPUTS, "numbers = vector(a, 12)")
     text.block("for k in range(SIZE_SHARED):")("w[SHARED + k] = numbers[k]")
     text.block("for k in range(nominal.shape[0]):").lanes()("w[P + k * LANES + l] = nominal[k]")
     text.lanes()("w[NOT_FINITE + l] = 0.0")
     text.block("for k in range(slots.shape[0]):")(
         "get_column(w, P + slots[k] * LANES, draws, k, first)",
-        "for l in range(LANES):  # not 0 if a number is not finite",
+        "for l in range(LANES):  # not 0 for NaN and inf",
         "    w[NOT_FINITE + l] += w[P + slots[k] * LANES + l] - w[P + slots[k] * LANES + l]",
     )
     text("prepare(w)")
-    for field in tip_offs(c):
+    for field in tip_off_fields(c):
         c.workspace.add(field, 3, optional=True)
         text.block("for e in range(3 * LANES):")(f"w[{field} + e] = math.nan")
     for event in c.spec.scene.event:
-        c.workspace.add(kept(event.name), c.size + 2 * len(c.spec.bodies), optional=True)
-        text.block(f"for e in range({c.workspace.counts[kept(event.name)]} * LANES):")(
-            f"w[{kept(event.name)} + e] = math.nan"
+        c.workspace.add(event_field(event.name), c.size + 2 * len(c.spec.bodies), optional=True)
+        text.block(f"for e in range({c.workspace.counts[event_field(event.name)]} * LANES):")(
+            f"w[{event_field(event.name)} + e] = math.nan"
         )
     if c.history == at.FULL_HISTORY:
         c.workspace.add("WANTS_ROWS", 1, optional=True)
@@ -115,33 +122,38 @@ def _begin(out: Text, c: Context) -> None:
 
 
 def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
-    """The function of what is so as a phase begins."""
-    text = out.function(f"enter_{segment.name}(w)", "What is so as a phase begins.")
+    """Write the function that begins a segment."""
+    text = out.function(
+        f"enter_{segment.name}(w)", "Begin a phase: check the start, set end times and flags."
+    )
     if number == 0 and segment.rows:
         text(f"correct_{segment.name}(w)")
         _check_start(text, c)
     if number == 0 and any(GROUND in group and len(group) > 1 for group in segment.groups):
-        _stand_still(text, c)
+        _check_rotation(text, c)
     if number and segment.end_time:
         _begin_timed(text, c, segment)
     if segment.late:
-        _begin_late(text, c, segment)
-    _forget_sides(text, c, segment)
+        _begin_delayed(text, c, segment)
+    _reset_load_sides(text, c, segment)
     if segment.pending_event:
         text(f"pending_event_{segment.name}(w, 1.0)")
     if segment.releases:
-        _note_told(text, c, segment)
+        _record_events(text, c, segment)
     if segment.variable_joints:
-        _let_go(text, c, segment)
+        _release_joints(text, c, segment)
     if segment.max_intervals > 1:
         text.lanes()("w[DONE + l] = 0.0")
         if segment.clauses:
-            _begin_clauses(text, c, segment)
+            _reset_clauses(text, c, segment)
 
 
 def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
-    """The function of what is so as a phase ends."""
-    text = out.function(f"leave_{segment.name}(w)", "What is so as a phase ends.")
+    """Write the function that ends a segment."""
+    text = out.function(
+        f"leave_{segment.name}(w)",
+        "End a phase: project onto the constraints, record its end, hand over to the next.",
+    )
     if segment.rows:
         text(f"correct_{segment.name}(w)")
         text.block("for e in range(4 * LANES):")(
@@ -159,106 +171,109 @@ def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
     if number + 1 < len(c.spec.segments):
         _hand_over(text, c, segment, c.spec.segments[number + 1])
     elif c.spec.initial_kinds:
-        _note_unreleased(text, c)
+        _flag_unreleased(text, c)
 
 
-def _note_unreleased(text: Text, c: Context) -> None:
-    """Whether a joint still holds at the end that was told to let go, or should have been."""
+def _flag_unreleased(text: Text, c: Context) -> None:
+    """Flag the cases in which a joint is still constrained at the end although its release was
+    triggered or required."""
     scope = c.scope()
     for joint in c.spec.initial_kinds:
         for change in c.spec.changes_of(joint):
-            holds = _kind(scope, c, joint) < float(change.to)
+            constrained = _kind(scope, c, joint) < float(change.to)
             if change.optional:
-                holds = holds & (_comes(scope, c, change) < math.inf)
-            scope.store("UNRELEASED", where(holds, 1.0, scope.load("UNRELEASED")))
+                constrained = constrained & (_event_time(scope, c, change) < math.inf)
+            scope.store("UNRELEASED", where(constrained, 1.0, scope.load("UNRELEASED")))
     scope.write(text)
 
 
 def _kind(scope: Scope, c: Context, joint: str) -> Expr:
-    """As which of its kinds a joint holds, by number."""
+    """Number of the present kind of a joint."""
     c.start(f"KIND_{joint}", float(c.spec.initial_kinds[joint]))
     return scope.load(f"KIND_{joint}")
 
 
-def _comes(scope: Scope, c: Context, change: Change) -> Expr:
-    """When an event came that tells a joint to let go."""
+def _event_time(scope: Scope, c: Context, change: Change) -> Expr:
+    """Time at which the trigger of a change occurred, infinite before."""
     c.start(f"EVENT_TIME_{change.event}", math.inf)
     return scope.load(f"EVENT_TIME_{change.event}")
 
 
-def _due(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tuple[Change, Expr]]:
-    """Changes that a joint may make in a segment, and when each is due."""
+def _due_changes(
+    scope: Scope, c: Context, segment: Segment, joint: str
+) -> Iterator[tuple[Change, Expr]]:
+    """Changes that a joint may make in a segment, and the time at which each is due."""
     slots = c.spec.layout.slots
     delay = c.case.number(slots[f"joint.{joint}.delay"])
-    if joint in c.spec.failing_joints:  # it never lets go
+    if joint in c.spec.failing_joints:  # it is never released
         delay = where(c.case.number(slots[f"joint.{joint}.fails"]) >= 0.5, math.inf, delay)
     for change in c.spec.changes_of(joint):
         if change.to in segment.joint_kinds[joint] and change.to > min(segment.joint_kinds[joint]):
-            yield change, _comes(scope, c, change) + delay
+            yield change, _event_time(scope, c, change) + delay
 
 
-def _forget_sides(text: Text, c: Context, segment: Segment) -> None:
-    """On which side of its threshold a load is, is new to a phase that waits for it to cross it."""
+def _reset_load_sides(text: Text, c: Context, segment: Segment) -> None:
+    """Reset the side of the threshold of each load with a crossing direction."""
     for load in segment.loads:
         if load.direction and not load.any_phase:
-            text.lanes()(f"w[{side_before(segment, load)} + l] = 0.0")
+            text.lanes()(f"w[{load_side(segment, load)} + l] = 0.0")
 
 
-def _begin_clauses(text: Text, c: Context, segment: Segment) -> None:
-    """None of several conditions is met, but for times that are past."""
+def _reset_clauses(text: Text, c: Context, segment: Segment) -> None:
+    """Reset the conditions of a segment, then set those that are past times."""
     scope = c.scope()
     for number in condition_numbers(segment.clauses):
         c.workspace.add(condition_flag(segment.name, number), 1)
         scope.store(condition_flag(segment.name, number), 0.0)
     scope.write(text)
-    _note_clauses(text, c, segment)
+    _update_clauses(text, c, segment)
 
 
-def _note_clauses(text: Text, c: Context, segment: Segment) -> None:
-    """Which of several conditions are times that have come, and whether a phase is at its end."""
+def _update_clauses(text: Text, c: Context, segment: Segment) -> None:
+    """Set conditions that are past times, and DONE if a clause is met."""
     scope = c.scope()
-    done = (scope.load("DONE") > 0.0) | _holds(scope, c, segment.name, segment)
+    done = (scope.load("DONE") > 0.0) | _clause_met(scope, c, segment.name, segment)
     scope.store("DONE", where(done, 1.0, 0.0))
     scope.write(text)
 
 
-def _holds(
+def _clause_met(
     scope: Scope,
     c: Context,
     segment: str,
-    told: Segment | Release,
+    source: Segment | Release,
 ) -> Expr:
-    """Whether any of the clauses of what is told is met, each all of conditions; of these, times
-    that have come and ends of springs are noted."""
+    """Expression that is true if any clause is met; flags of times and stroke ends are updated."""
     flags = {}
-    for number in condition_numbers(told.clauses):
+    for number in condition_numbers(source.clauses):
         flags[number] = scope.load(condition_flag(segment, number)) > 0.0
-    for number, comes in _comes_now(scope, c, told):
-        flags[number] = flags[number] | comes
+    for number, occurs in _passive_conditions(scope, c, source):
+        flags[number] = flags[number] | occurs
         scope.store(condition_flag(segment, number), where(flags[number], 1.0, 0.0))
-    found = None
-    for clause in told.clauses:
-        together = flags[clause[0]]
+    met = None
+    for clause in source.clauses:
+        all_met = flags[clause[0]]
         for number in clause[1:]:
-            together = together & flags[number]
-        found = together if found is None else found | together
-    assert found is not None
-    return found
+            all_met = all_met & flags[number]
+        met = all_met if met is None else met | all_met
+    assert met is not None
+    return met
 
 
-def _comes_now(scope: Scope, c: Context, told: Segment | Release) -> Iterator[tuple[int, Expr]]:
-    """Conditions, by number, that no step is aimed at, for time or a spring tell: whether each
-    holds."""
+def _passive_conditions(
+    scope: Scope, c: Context, source: Segment | Release
+) -> Iterator[tuple[int, Expr]]:
+    """Conditions without an event step, times and stroke ends: number, and whether each is met."""
     now = scope.load("T")
-    for number, due in told.times.items():
+    for number, due in source.times.items():
         yield number, now >= _time(scope, c, due) - _SAME_TIME
-    for number, spring in told.springs.items():
+    for number, spring in source.springs.items():
         c.start(stroke_flag(spring), 0.0)
         yield number, scope.load(stroke_flag(spring)) > 0.0
 
 
 def _time(scope: Scope, c: Context, due: Due) -> Expr:
-    """When something is due."""
+    """Time at which a condition is due, s."""
     terms = [c.case.number(place) for place in due.slots]
     for motor in c.spec.triggered_motors:
         if motor.name == due.motor:
@@ -266,33 +281,32 @@ def _time(scope: Scope, c: Context, due: Due) -> Expr:
     return total(terms)
 
 
-def _note_told(text: Text, c: Context, segment: Segment) -> None:
-    """Which releases apart from phases have come, and instants that are told of, with the state
-    then."""
+def _record_events(text: Text, c: Context, segment: Segment) -> None:
+    """Record the times of releases and observation events, and the state at the latter."""
     scope = c.scope()
     for release in segment.releases:
         for number in condition_numbers(release.clauses):
             c.start(condition_flag(ANY_PHASE, number), 0.0)
-        place = f"EVENT_TIME_{release.name}"
-        c.start(place, math.inf)
-        told = _holds(scope, c, ANY_PHASE, release) & scope.load(place).equals(math.inf)
-        scope.store(place, where(told, scope.load("T"), scope.load(place)))
+        path = f"EVENT_TIME_{release.name}"
+        c.start(path, math.inf)
+        occurs = _clause_met(scope, c, ANY_PHASE, release) & scope.load(path).equals(math.inf)
+        scope.store(path, where(occurs, scope.load("T"), scope.load(path)))
         if not release.joint:
             c.workspace.add(f"OCCURS_NOW_{release.name}", 1)
-            scope.store(f"OCCURS_NOW_{release.name}", where(told, 1.0, 0.0))
+            scope.store(f"OCCURS_NOW_{release.name}", where(occurs, 1.0, 0.0))
     scope.write(text)
     for release in segment.releases:
         if not release.joint:
-            _keep_state(text, c, segment, release.name)
+            _store_event_state(text, c, segment, release.name)
 
 
-def _keep_state(text: Text, c: Context, segment: Segment, event: str) -> None:
-    """Lines that keep the state of the lanes in which an event comes now: of every body that turns
-    by itself in the end, its attitude and its angles, whoever leads it now."""
-    place = kept(event)
+def _store_event_state(text: Text, c: Context, segment: Segment, event: str) -> None:
+    """Store the state of lanes in which an event occurs now; every body that finally rotates by
+    itself gets its attitude and angles, whichever body leads its group now."""
+    path = event_field(event)
     text.block(f"for k in range({c.size}):").lanes()(
-        f"w[{place} + k * LANES + l] = w[Y + k * LANES + l] "
-        f"if w[OCCURS_NOW_{event} + l] > 0.0 else w[{place} + k * LANES + l]"
+        f"w[{path} + k * LANES + l] = w[Y + k * LANES + l] "
+        f"if w[OCCURS_NOW_{event} + l] > 0.0 else w[{path} + k * LANES + l]"
     )
     scope = c.scope()
     now = scope.load(f"OCCURS_NOW_{event}") > 0.0
@@ -300,14 +314,14 @@ def _keep_state(text: Text, c: Context, segment: Segment, event: str) -> None:
         leader = segment.leader(body)
         if leader == GROUND:
             values: list[tuple[str, int, Any]] = [
-                (f"{place} + Q_{body}", 4, c.case.attitude),
-                (f"{place} + OMEGA_{body}", 3, ZERO),
+                (f"{path} + Q_{body}", 4, c.case.attitude),
+                (f"{path} + OMEGA_{body}", 3, ZERO),
             ]
             angles = [c.case.number(at.PITCH), c.case.number(at.ROLL)]
         else:
             values = [
-                (f"{place} + Q_{body}", 4, scope.load(f"Y + Q_{leader}", 4)),
-                (f"{place} + OMEGA_{body}", 3, scope.load(f"Y + OMEGA_{leader}", 3)),
+                (f"{path} + Q_{body}", 4, scope.load(f"Y + Q_{leader}", 4)),
+                (f"{path} + OMEGA_{body}", 3, scope.load(f"Y + OMEGA_{leader}", 3)),
             ]
             angles = [scope.load(component(f"ANGLES_{leader}", k)) for k in range(2)]
         if leader != body:
@@ -317,13 +331,13 @@ def _keep_state(text: Text, c: Context, segment: Segment, event: str) -> None:
                         component(field, k), where(now, value[k], scope.load(component(field, k)))
                     )
         for k, value in enumerate(angles):
-            angle = kept_angle(c, event, body, k)
+            angle = event_angle(c, event, body, k)
             scope.store(angle, where(now, value, scope.load(angle)))
     scope.write(text)
 
 
 def _check_start(text: Text, c: Context) -> None:
-    """Whether the joints allow the start."""
+    """Reject cases whose start violates the joints."""
     scope = c.scope()
     for k in range(4):
         reject_unless(
@@ -335,11 +349,11 @@ def _check_start(text: Text, c: Context) -> None:
 
 
 def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
-    """A time that is past as its phase begins ends it at once; a joint that lets go late is late
-    from then on."""
+    """Set the end time of a segment. A time that is already past ends it at once; a release delay
+    counts from then on."""
     scope, time = c.scope(), total([c.case.number(place) for place in segment.end_time])
     now = scope.load("T")
-    if segment.after_late:  # its end came while a late joint held on
+    if segment.after_late:  # its end came during a release delay
         reject_unless(
             scope, (time >= now - _SAME_TIME) | (scope.load("UNRELEASED") > 0.0), Variant.ANY_ORDER
         )
@@ -351,8 +365,8 @@ def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
     scope.write(text)
 
 
-def _begin_late(text: Text, c: Context, segment: Segment) -> None:
-    """The last of late joints to let go ends the segment."""
+def _begin_delayed(text: Text, c: Context, segment: Segment) -> None:
+    """Set the end of a segment with delayed releases: the longest delay."""
     scope = c.scope()
     first, *others = (c.case.number(place) for place in segment.late.values())
     last = functools.reduce(scalar.larger, others, first)
@@ -361,17 +375,18 @@ def _begin_late(text: Text, c: Context, segment: Segment) -> None:
     scope.write(text)
 
 
-def _stand_still(text: Text, c: Context) -> None:
-    """A start may not turn where a joint holds the vehicle's attitude to the ground: rows that
-    would tell are left out."""
+def _check_rotation(text: Text, c: Context) -> None:
+    """Reject cases that rotate at the start although a joint fixes the attitude of the vehicle to
+    the ground: such rows are left out."""
     scope = c.scope()
     omega = c.case.vector(at.OMEGA)
     reject_unless(scope, vec3.dot(omega, omega) <= _CONSISTENT**2, Status.INCONSISTENT_START)
     scope.write(text)
 
 
-def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
-    """Flight to the end of a phase, or to the next event or switch of a load within it."""
+def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
+    """Append lines that integrate to the end of a segment, or to the next event or load switch
+    within it."""
     scope = c.scope()
     now, run_end = scope.load("T"), scope.load("RUN_END")
     end = (
@@ -382,9 +397,9 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
     else:
         scope.store("DONE", 0.0)
     for joint in segment.variable_joints:
-        for change, due in _due(scope, c, segment, joint):
-            waits = _kind(scope, c, joint) < float(change.to)
-            end = where(waits & (due < end), scalar.larger(due, now), end)
+        for change, due in _due_changes(scope, c, segment, joint):
+            pending = _kind(scope, c, joint) < float(change.to)
+            end = where(pending & (due < end), scalar.larger(due, now), end)
     times = [(condition_flag(segment.name, number), due) for number, due in segment.times.items()]
     times += [
         (condition_flag(ANY_PHASE, number), due)
@@ -392,26 +407,28 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
         for number, due in release.times.items()
     ]
     for flag, instant in times:
-        comes, waits = _time(scope, c, instant), scope.load(flag).equals(0.0)
+        due_time, pending = _time(scope, c, instant), scope.load(flag).equals(0.0)
         end = where(
-            waits & (scope.load("DONE").equals(0.0)) & (comes < end), scalar.larger(comes, now), end
+            pending & (scope.load("DONE").equals(0.0)) & (due_time < end),
+            scalar.larger(due_time, now),
+            end,
         )
     scope.store("END", where(end < run_end, end, run_end))
     scope.store("MAX_NEXT_STEP", math.inf)
-    note_ignitions(scope, c)
+    store_ignitions(scope, c)
     for event in segment.events:
         scope.store(f"PREVIOUS_{segment.name}_{event.name}", math.inf)
     scope.write(text)
     if c.spec.load_switches:
-        text("next_load_switch(w, a)")
+        text("end_at_load_switch(w, a)")
     if segment.max_intervals > 1:
         text("going = False")
         text.lanes()("going = going or w[T + l] < w[END + l]")
         text.block("if not going:")("break")
     if c.has_lane_steps(segment):
-        _at_a_pace(text, c, number, segment)
+        _lane_steps(text, c, number, segment)
     else:
-        _in_steps(text, c, number, segment)
+        _common_steps(text, c, number, segment)
     if segment.events:
         text(f"set_event_flags(w, {number})")
     elif segment.may_end_by_load:
@@ -419,65 +436,65 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
     else:
         text.lanes()("w[T + l] = w[END + l]")
     if segment.clauses:
-        _note_clauses(text, c, segment)
+        _update_clauses(text, c, segment)
     if segment.releases:
-        _note_told(text, c, segment)
+        _record_events(text, c, segment)
     if segment.variable_joints:
-        _let_go(text, c, segment)
+        _release_joints(text, c, segment)
 
 
-def _in_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
-    """As many steps for all lanes."""
-    size, awaited, noted = (
+def _common_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
+    """Append the loop over steps whose number is the same in all lanes."""
+    size, pending, after = (
         f"{c.spec.active_size(segment)} * LANES",
-        _awaited(segment),
-        _noted(c, number),
+        _pending_calls(segment),
+        _after_step(c, number),
     )
     inner = text.block(f"for left in range(steps[{number}], 0, -1):")
     _advance(inner, c, number, segment, "left")
-    inner(*awaited)
+    inner(*pending)
     if has_tables(c.spec) or any(joint.guide is not None for joint in c.spec.scene.joint.values()):
         inner("going = False")
-        inner.lanes()(f"going = going or {_GOES_ON}")
+        inner.lanes()(f"going = going or {_CONTINUES}")
         inner.block("if not going:")("break")
     if not segment.events:
-        inner(*noted)
+        inner(*after)
         return
-    if noted:
-        inner.block("if left > 1:")(*noted)
-    # of the last step only what comes before the event counts
-    text(f"polish_event(w, {number}, {size})", *awaited, *noted)
+    if after:
+        inner.block("if left > 1:")(*after)
+    # of the last step, only the part before the event is monitored
+    text(f"polish_event(w, {number}, {size})", *pending, *after)
 
 
-def _at_a_pace(text: Text, c: Context, number: int, segment: Segment) -> None:
-    """Each lane in as many steps as it needs for none to be longer than its pace, so many times,
-    but in no more than the phase has."""
-    size, awaited = f"{c.spec.active_size(segment)} * LANES", _awaited(segment)
+def _lane_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
+    """Append the loop over steps in which each lane makes as many as it needs for none to be longer
+    than MAX_STEP (a multiple of the step factor), at most those of the segment."""
+    size, pending = f"{c.spec.active_size(segment)} * LANES", _pending_calls(segment)
     inner = text.lanes()
-    inner(f"w[MAX_STEP + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
+    inner(f"w[MAX_STEP + l] = max_step[{number}] if max_step[{number}] > 0.0 else {at.GRAIN}")
     inner(
         "w[STEP_FACTOR + l], w[STEPS_LEFT + l], w[PROGRESS + l] = "
-        f"float(times[0]), 1.0 + steps[{number}], 0.0"
+        f"float(step_factor[0]), 1.0 + steps[{number}], 0.0"
     )
     if segment.may_end_by_load:
         inner(
-            f"w[TYPICAL_END + l] = w[T + l] + max(usual[{number}], "
-            f"{_LEAST_SHARE} * (w[END + l] - w[T + l]))"
+            f"w[TYPICAL_END + l] = w[T + l] + max(typical[{number}], "
+            f"{_MIN_FRACTION} * (w[END + l] - w[T + l]))"
         )
     text("going = True")
     inner = text.block("while going:")
     _advance(inner, c, number, segment, "1")
-    inner(*([f"stop_at_load_{segment.name}(w)"] if segment.loads else []), *awaited)
+    inner(*([f"stop_at_load_{segment.name}(w)"] if segment.loads else []), *pending)
     if segment.events:
         inner("arrive = False")
         inner.lanes()("arrive = arrive or w[PROGRESS + l] == 1.0")
-        inner.block("if arrive:")(f"polish_event(w, {number}, {size})", *awaited)
-    inner(*_noted(c, number), "going = False")
-    inner.lanes()(f"going = going or (w[PROGRESS + l] < 1.0 and {_GOES_ON})")
+        inner.block("if arrive:")(f"polish_event(w, {number}, {size})", *pending)
+    inner(*_after_step(c, number), "going = False")
+    inner.lanes()(f"going = going or (w[PROGRESS + l] < 1.0 and {_CONTINUES})")
 
 
 def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -> None:
-    """A step of a phase, by the method that is asked for if it has several."""
+    """Append a step of a segment, by the requested method if it has several."""
     methods = c.methods(segment)
     if c.history == at.SEPARATION_HISTORY:
         text.block("for e in range(SIZE_Y):")("w[BEGIN + e] = w[Y + e]")
@@ -487,96 +504,97 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
         if len(methods) > 1:
             inner = text.block(f"{'elif' if k else 'if'} methods[{number}] == {k}:")
         size = f"{c.spec.active_size(segment)} * LANES"
-        inner(f"{advance(rk)}(w, {number}, {size}, {left}, usual[{number}])")
+        inner(f"{advance(rk)}(w, {number}, {size}, {left}, typical[{number}])")
         if c.history == at.SEPARATION_HISTORY:
             inner(f"{fit_curves(rk)}(w, {number})")
 
 
-def _awaited(segment: Segment) -> list[str]:
-    """What looks for the condition that ends the next phase, if it is waited for meanwhile."""
+def _pending_calls(segment: Segment) -> list[str]:
+    """Call that evaluates the pending condition of the next phase, if there is one."""
     return [f"pending_event_{segment.name}(w, 0.0)"] if segment.pending_event else []
 
 
-def _let_go(text: Text, c: Context, segment: Segment) -> None:
-    """Joints change that are due to, and what is noted of that."""
+def _release_joints(text: Text, c: Context, segment: Segment) -> None:
+    """Append lines that make due changes of joints and record them."""
     scope = c.scope()
     now = scope.load("T")
     for joint in segment.variable_joints:
-        before = kind = _kind(scope, c, joint)
-        for change, due in _due(scope, c, segment, joint):
+        kind_before = kind = _kind(scope, c, joint)
+        for change, due in _due_changes(scope, c, segment, joint):
             kind = where(
                 (now >= due - _SAME_TIME) & (kind < float(change.to)), float(change.to), kind
             )
         scope.store(f"KIND_{joint}", kind)
-        _note_change(scope, c, joint, before, kind)
+        _record_change(scope, c, joint, kind_before, kind)
         for free in segment.free_kinds(joint):
-            _note_release(scope, c, segment, joint, (before < float(free)) & (kind >= float(free)))
+            _record_release(
+                scope, c, segment, joint, (kind_before < float(free)) & (kind >= float(free))
+            )
     scope.write(text)
 
 
-def _note_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr) -> None:
-    """For rows of a history on both sides of it: when a joint takes another of its kinds."""
-    for changing, number in c.spec.kind_changes if c.change_times else []:
-        if changing == joint:
-            place = went(joint, number)
-            c.start(place, math.nan)
-            goes = (before < float(number)) & (kind >= float(number))
-            scope.store(place, where(goes, scope.load("T"), scope.load(place)))
+def _record_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr) -> None:
+    """Record the time of a kind change: a full history has rows on both sides."""
+    for changing_joint, number in c.spec.kind_changes if c.change_times else []:
+        if changing_joint == joint:
+            path = change_time(joint, number)
+            c.start(path, math.nan)
+            changes = (before < float(number)) & (kind >= float(number))
+            scope.store(path, where(changes, scope.load("T"), scope.load(path)))
 
 
-def _note_release(
+def _record_release(
     scope: Scope, c: Context, segment: Segment, joint: str, goes: Expr | None
 ) -> None:
-    """A joint becomes free, in all cases or in those in which it ``goes``, that have got so far:
-    when, and the rates of its bodies if they are asked for."""
+    """Record the time at which a joint becomes free, in all cases or where ``goes``, and the
+    tip-off rates of its bodies if they are outputs."""
     c.start(f"RELEASE_{joint}", math.nan)
     in_time = scope.load("UNRELEASED").equals(0.0)
     goes = in_time if goes is None else goes & in_time
-    noted = [(f"RELEASE_{joint}", scope.load("T"))]
-    for place, rate in _tip_off(scope, c, segment, joint):
-        noted += [(component(place, k), rate[k]) for k in range(3)]
-    for place, now in noted:
-        scope.store(place, where(goes, now, scope.load(place)))
+    records = [(f"RELEASE_{joint}", scope.load("T"))]
+    for path, rate in _tip_off(scope, c, segment, joint):
+        records += [(component(path, k), rate[k]) for k in range(3)]
+    for path, now in records:
+        scope.store(path, where(goes, now, scope.load(path)))
 
 
 def _tip_off(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tuple[str, Any]]:
-    """Workspace for the rates of the bodies of a joint that becomes free, if they are asked for,
-    and these rates."""
+    """Fields and values of the tip-off rates of the bodies of a joint, if they are outputs."""
     if joint in c.spec.scene.output.tip_off:
         for body in c.spec.scene.joint[joint].bodies:
             if body != GROUND:
                 leader = segment.leader(body)
                 yield (
-                    tip_off(joint, body),
+                    tip_off_field(joint, body),
                     ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3),
                 )
 
 
-def _noted(c: Context, number: int) -> list[str]:
-    """What is written or followed of a step of a phase."""
+def _after_step(c: Context, number: int) -> list[str]:
+    """Calls that write the history, monitor loads and search clearances after a step."""
     segment = c.spec.segments[number]
-    found = [f"write_history(w, {number}, first, a)"] if c.history else []
-    found += [f"monitor_loads(w, {number})"] if c.monitors_outputs(segment) else []
-    return found + (
+    calls = [f"write_history(w, {number}, first, a)"] if c.history else []
+    calls += [f"monitor_loads(w, {number})"] if c.monitors_outputs(segment) else []
+    return calls + (
         [f"search_clearances_{segment.name}(w)"] if c.active_clearances(segment) else []
     )
 
 
 def emit_load_switch(out: Text, c: Context) -> None:
-    """A function that ends a stretch at the next switch of a load, and notes what acts until
-    then."""
+    """Write the function that ends an interval at the next load switch and updates the acting
+    loads."""
     if not c.spec.load_switches:
         return
-    says = "Stop at the next switch of a load, and note what acts until then."
-    c.workspace.add("CASES", int(c.model.size_w))  # as `sepmc.routines.load_intervals` reads them
-    text = out.function("next_load_switch(w, a: Arrays)", says)
+    docstring = "End the interval at the next load switch; update the loads that act until then."
+    c.workspace.add("CASES", int(c.model.size_w))  # read by `sepmc.routines.load_intervals`
+    text = out.function("end_at_load_switch(w, a: Arrays)", docstring)
     text("m = Model(record(a, 10), indices(a, 11), vector(a, 12))")
     text = text.lanes()
     text(f"case = CASES + {int(c.model.size_w)} * l", "t = w[T + l]")
     for i, motor in enumerate(c.spec.scene.motor):
         if motor.trigger is not None:
             p = int(c.model.motors_p) + at.MOTOR_SIZE * i
-            text(f"w[case + {p + at.IGNITION}] = w[{lights(motor.name)} + l]")
+            text(f"w[case + {p + at.IGNITION}] = w[{ignition_time(motor.name)} + l]")
             text(f"w[case + {p + at.IGNITION_DELAY}] = 0.0")
     text("end = min(w[END + l], next_load_switch(t, m, w, case))", "w[END + l] = end")
     text("set_active_loads(0.5 * (t + end), m, w, case)")
@@ -591,8 +609,8 @@ def emit_load_switch(out: Text, c: Context) -> None:
 
 
 def _hand_over(text: Text, c: Context, segment: Segment, after: Segment) -> None:
-    """From a phase to the next: who did not get there before the end, attitudes of bodies that
-    component, what is noted of a release."""
+    """Append lines from a segment to the next: reject cases that did not reach its end, copy
+    attitudes of bodies that separate, record releases."""
     scope = c.scope()
     now = scope.load("T")
     ended = (
@@ -603,28 +621,34 @@ def _hand_over(text: Text, c: Context, segment: Segment, after: Segment) -> None
     reject_unless(scope, ended | (now >= scope.load("RUN_END")))
     scope.store("UNRELEASED", where(ended, scope.load("UNRELEASED"), 1.0))
     for leader in after.leaders:
-        old = segment.leader(leader)
-        if leader not in segment.leaders and old != GROUND:
+        leader_before = segment.leader(leader)
+        if leader not in segment.leaders and leader_before != GROUND:
             for field, count in (("Y + Q", 4), ("Y + OMEGA", 3)):
-                scope.store(f"{field}_{leader}", scope.load(f"{field}_{old}", count))
+                scope.store(f"{field}_{leader}", scope.load(f"{field}_{leader_before}", count))
             for field, count in (("ANGLES", 2), ("HEADING", 4), ("LAST_RATE", 3)):
                 for k in range(count):
                     scope.store(
                         component(f"{field}_{leader}", k),
-                        scope.load(component(f"{field}_{old}", k)),
+                        scope.load(component(f"{field}_{leader_before}", k)),
                     )
-    for told in c.spec.changes:
-        if told.event == segment.phase and not segment.late and told.joint in c.spec.initial_kinds:
-            scope.store(f"EVENT_TIME_{told.event}", where(ended, now, _comes(scope, c, told)))
+    for change in c.spec.changes:
+        if (
+            change.event == segment.phase
+            and not segment.late
+            and change.joint in c.spec.initial_kinds
+        ):
+            scope.store(
+                f"EVENT_TIME_{change.event}", where(ended, now, _event_time(scope, c, change))
+            )
     for joint, kinds in after.joint_kinds.items():
         masked, to = joint in c.spec.initial_kinds, min(kinds)
         if segment.constrains(joint) and not kinds[to]:
-            _note_release(
+            _record_release(
                 scope, c, segment, joint, _kind(scope, c, joint) < float(to) if masked else None
             )
         if masked and to > min(segment.joint_kinds[joint]):
             kind = _kind(scope, c, joint)
             changed = where(ended & (kind < float(to)), float(to), kind)
             scope.store(f"KIND_{joint}", changed)
-            _note_change(scope, c, joint, kind, changed)
+            _record_change(scope, c, joint, kind, changed)
     scope.write(text)

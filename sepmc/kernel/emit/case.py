@@ -1,5 +1,5 @@
-"""What depends on the parameters of a case alone: masses, inertias, arms, the start. Computed once,
-before its flight."""
+"""Values that depend on the parameters of a case alone: masses, inertias, arms, initial motion.
+They are computed once per case."""
 
 from typing import Any
 
@@ -12,22 +12,22 @@ from sepmc.scene.model import GROUND
 
 
 class Case:
-    """The parameters of a case and what follows from them, as expressions of the scope that runs
-    before a flight."""
+    """Parameters of a case and derived values, as expressions of the scope that runs before
+    integration."""
 
     def __init__(self, scope: Scope, spec: KernelSpec):
         self.scope, self.spec, self.model = scope, spec, spec.layout.model.scene[0]
 
-    def number(self, place: int) -> Expr:
-        """A parameter by its place."""
-        return self.scope.parameter(place)
+    def number(self, index: int) -> Expr:
+        """Parameter by its index."""
+        return self.scope.parameter(index)
 
-    def vector(self, place: int) -> tuple[Expr, ...]:
-        """Three parameters in a row."""
-        return tuple(self.scope.parameter(place + i) for i in range(3))
+    def vector(self, index: int) -> tuple[Expr, ...]:
+        """Three consecutive parameters."""
+        return tuple(self.scope.parameter(index + i) for i in range(3))
 
     def body(self, body: str) -> int:
-        """Where the parameters of a body start."""
+        """Index of the first parameter of a body."""
         return at.HEAD + at.BODY_SIZE * self.spec.bodies.index(body)
 
     def mass(self, body: str) -> Expr:
@@ -35,16 +35,15 @@ class Case:
         return self.number(self.body(body) + at.MASS)
 
     def inverse_mass(self, body: str) -> Expr:
-        """One over the mass of a body, 1/kg."""
+        """Inverse mass of a body, 1/kg."""
         return (1.0 / self.mass(body)).called("inverse_mass")
 
     def centre_of_mass(self, body: str) -> Any:
-        """Layout point of a body's mass centre; the ground's own axes start at that of all
-        bodies."""
+        """Mass centre of a body in layout axes, m; that of all bodies for the ground."""
         return self.common_centre if body == GROUND else self.vector(self.body(body) + at.CG)
 
     def inertia(self, body: str) -> Expr:
-        """Inertia tensor of a body."""
+        """Inertia tensor of a body, kg m2."""
         p = self.body(body)
         return vehicle.inertia_tensor(
             self.number(p + at.INERTIA_FACTOR),
@@ -53,19 +52,19 @@ class Case:
         )
 
     def group_inertia(self, group: tuple[str, ...]) -> Expr:
-        """Inertia tensor of bodies that turn as one: their axes are parallel."""
-        found = self.inertia(group[0])
+        """Sum of the inertia tensors of a rigid group, kg m2: their axes are parallel."""
+        inertia = self.inertia(group[0])
         for body in group[1:]:
-            found = vec3.add_matrices(found, self.inertia(body))
-        return found.called("inertia")
+            inertia = vec3.add_matrices(inertia, self.inertia(body))
+        return inertia.called("inertia")
 
     def inverse_inertia(self, group: tuple[str, ...]) -> Expr:
-        """Inverse of the inertia tensor of bodies that turn as one, 1/(kg m2)."""
+        """Inverse inertia tensor of a rigid group, 1/(kg m2)."""
         return vec3.symmetric_inverse(self.group_inertia(group)).called("inverse_inertia")
 
     @property
     def common_centre(self) -> Expr:
-        """Layout point of the mass centre of all bodies."""
+        """Mass centre of all bodies in layout axes, m."""
         bodies = self.spec.bodies
         weighted = vec3.scale(self.mass(bodies[0]), self.centre_of_mass(bodies[0]))
         for body in bodies[1:]:
@@ -76,14 +75,14 @@ class Case:
 
     @property
     def attitude(self) -> Expr:
-        """Quaternion of the vehicle at the start."""
+        """Initial quaternion of the vehicle."""
         return quat.from_angles(
             self.number(at.PITCH), self.number(at.YAW), self.number(at.ROLL)
         ).called("start")
 
     @property
     def velocity(self) -> Expr:
-        """Velocity of the vehicle's mass centre at the start, ground axes."""
+        """Initial velocity of the mass centre of the vehicle, ground axes, m/s."""
         path = vehicle.flight_direction(
             self.number(at.PITCH) - self.number(at.ALPHA), self.number(at.PATH_YAW)
         )
@@ -91,15 +90,14 @@ class Case:
 
     @property
     def stream(self) -> Expr:
-        """What the flow around a body has besides the body's own speed: that of the start, less the
-        wind that is the same at all heights."""
-        moving = loads.wind(self.number(at.WIND_SPEED), self.number(at.WIND_DIRECTION))
-        return vec3.sub(self.velocity, moving).called("stream")
+        """Initial velocity of the vehicle minus the uniform wind, ground axes, m/s."""
+        wind = loads.wind(self.number(at.WIND_SPEED), self.number(at.WIND_DIRECTION))
+        return vec3.sub(self.velocity, wind).called("stream")
 
     @property
     def gust(self) -> Any:
-        """What multiplies the wind over height, as a vector that is turned; None if it is the same
-        in all cases."""
+        """Factor and turn of the wind profile as a vector; None if they are the same in all cases.
+        Factor and turn of the wind profile as a vector; None if they are the same in all cases."""
         slots = self.spec.layout.slots
         if WIND_FACTOR not in slots:
             return None
@@ -108,8 +106,8 @@ class Case:
         )
 
     def ends(self, start: int, bodies: tuple[str, str], has_second: bool) -> tuple[Any, Any, Any]:
-        """Arms of two bodies to the pair of points whose parameters start at ``start``, and the gap
-        between the points, body axes."""
+        """Arms of two bodies to a pair of points, and the gap between the points, body axes, m;
+        ``start`` is the index of the first parameter."""
         first = self.vector(start + at.POINT)
         second = self.vector(start + at.SECOND_POINT) if has_second else first
         one, other = (
@@ -119,7 +117,7 @@ class Case:
         return one, other, vehicle.arm(first, second) if has_second else ZERO
 
     def joint(self, name: str) -> int:
-        """Where the parameters of a joint start."""
+        """Index of the first parameter of a joint."""
         number = list(self.spec.scene.joint).index(name)
         return int(self.model.joints_p) + at.JOINT_SIZE * number
 
@@ -129,16 +127,16 @@ class Case:
         return self.ends(self.joint(name), joint.bodies, joint.second_point is not None)
 
     def swing(self, name: str, body: str) -> tuple[Any, Any]:
-        """Rate across a joint at the start, and the arm of a body to its point, body axes."""
+        """Initial angular rate across a joint, and the arm of a body to its point, body axes."""
         start = self.joint(name)
         point = self.vector(start + at.POINT)
         return self.vector(start + at.SWING), vehicle.arm(self.centre_of_mass(body), point)
 
     def joint_axis(self, name: str, k: int) -> Expr:
-        """Axis k of a joint, in body axes of the first body."""
+        """Axis k of a joint in body axes of the first body."""
         slots = self.spec.layout.slots
-        if (place := slots.get(f"joint.{name}.x_axis.x")) is not None:
-            ahead = vec3.unit(self.vector(place)).called("axis")
+        if (slot := slots.get(f"joint.{name}.x_axis.x")) is not None:
+            ahead = vec3.unit(self.vector(slot)).called("axis")
             if k == 0:
                 return ahead
             y = self.vector(slots[f"joint.{name}.y_axis.x"])
@@ -147,5 +145,5 @@ class Case:
         return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 3 * k, 3)
 
     def separation_sign(self, name: str) -> Expr:
-        """What makes a joint's separation positive: 1 or -1."""
+        """Sign of the separation of a joint: 1 or -1."""
         return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 9)

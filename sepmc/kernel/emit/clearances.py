@@ -1,9 +1,10 @@
-"""Lines of a written kernel that search every step for the least distance between bodies."""
+"""Clearances, as lines of a kernel: the minimum distance between bodies is searched in every step.
+Clearances, as lines of a kernel: the minimum distance between bodies is searched in every step."""
 
 import math
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, among, component, rejection_unless
+from sepmc.kernel.emit.context import Context, component, has_kind, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import vec3
@@ -13,8 +14,8 @@ from sepmc.scene.model import GROUND, Clearance
 
 
 def emit_clearances(out: Text, c: Context) -> None:
-    """A function that searches the step of a lane, and for every phase one that searches those of
-    all."""
+    """Write the function that searches the step of a lane, and for every segment the one that
+    searches those of all lanes."""
     powers, entries = c.extended.dense.shape[1], c.spec.scene.clearance
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(component("CLEARANCES", k), math.nan)
@@ -27,47 +28,47 @@ def emit_clearances(out: Text, c: Context) -> None:
     for i, entry in enumerate(entries):
         for k, body in enumerate(entry.bodies):
             c.case.scope.store(component("CENTRES", 6 * i + 3 * k), c.case.centre_of_mass(body))
-    says = (
-        "Search the step of a lane for less than a clearance so far: see "
-        "`sepmc.routines.clearances.search_clearance`."
+    docstring = (
+        "Search the step of a lane for a smaller clearance "
+        "(`sepmc.routines.clearances.search_clearance`)."
     )
-    out.function("search_lane(w, job: int)", says)("search_clearance(w, job)")
+    out.function("search_lane(w, job: int)", docstring)("search_clearance(w, job)")
     for segment in c.spec.segments:
-        if which := c.active_clearances(segment):
+        if active := c.active_clearances(segment):
             text = out.function(
                 f"search_clearances_{segment.name}(w)",
-                f"Search the step just made in phase {segment.name} for the least clearances.",
+                f"Search the step just made in phase {segment.name} for the minimum clearances.",
             )
-            for i in which:
-                _search(text, c, segment, i, entries[i])
+            for i in active:
+                _emit_search(text, c, segment, i, entries[i])
 
 
-def _search(text: Text, c: Context, segment: Segment, i: int, entry: Clearance) -> None:
-    """Lines that search the steps of all lanes for one clearance."""
+def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Clearance) -> None:
+    """Append lines that search the steps of all lanes for one clearance."""
     powers = c.extended.dense.shape[1]
     text(f"# {' and '.join(entry.bodies)}")
     s = State(c, c.scope(), segment, "S")
     reach: Any = s.scope.load("REACH")
-    share: Any = 1.0
+    power: Any = 1.0
     for q in range(powers):
-        a, b = (_place(s, body, q) for body in entry.bodies)
-        s.scope.store(component("PATH", at.PATH * q), vec3.scale(share, vec3.sub(b, a)))
+        a, b = (_position_coefficient(s, body, q) for body in entry.bodies)
+        s.scope.store(component("PATH", at.PATH * q), vec3.scale(power, vec3.sub(b, a)))
         for k, body in enumerate(entry.bodies):
-            turning = _attitude(s, body, q)
+            quaternion = _attitude_coefficient(s, body, q)
             s.scope.store(
                 component("PATH", at.PATH * q + 3 + 4 * k),
-                tuple(share * turning[i] for i in range(4)),
+                tuple(power * quaternion[i] for i in range(4)),
             )
-        share = share * reach
+        power = power * reach
     s.scope.write(text)
-    moves, counts = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}", counts_in(c, segment, i)
-    text = text.lanes().block(f"if {moves if counts == 'True' else f'{moves} and ({counts})'}:")
+    moves, active = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}", is_active(c, segment, i)
+    text = text.lanes().block(f"if {moves if active == 'True' else f'{moves} and ({active})'}:")
     text(
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * "
         "w[LENGTH + l]",
     )
-    found = ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_RESULT, at.CLEARANCE_OUTCOMES)
-    _ask(text, c, i, powers, found)
+    results = ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_RESULT, at.CLEARANCE_OUTCOMES)
+    _emit_job(text, c, i, powers, results)
     inner = text.block(f"for k in range({at.CLEARANCE_OUTCOMES}):")
     inner(
         f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_RESULT} "
@@ -76,43 +77,51 @@ def _search(text: Text, c: Context, segment: Segment, i: int, entry: Clearance) 
     text(rejection_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
 
 
-def counts_in(c: Context, segment: Segment, i: int) -> str:
-    """The condition, for a lane, that a clearance counts in a phase: from the start, or once its
+def is_active(c: Context, segment: Segment, i: int) -> str:
+    """Condition of a lane that a clearance is measured in a segment: from the start, or once its
     joint is free."""
     after = c.spec.scene.clearance[i].after
     if i not in c.active_clearances(segment):
         return "False"
-    return among(after, segment.free_kinds(after)) if after in segment.variable_joints else "True"
+    return (
+        has_kind(after, segment.free_kinds(after)) if after in segment.variable_joints else "True"
+    )
 
 
-def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]) -> None:
-    """Lines that search what PATH tells of a lane, by so many powers, for a clearance; ``more``
-    that it is to begin with: field, the first of its numbers, place in the job, count."""
+def _emit_job(
+    text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]
+) -> None:
+    """Append lines that search the motion in PATH of a lane, with ``powers`` coefficients, for a
+    clearance.
+
+    ``more`` : inputs of the search as (field, first component, offset in the job, count).
+    """
     text(f"w[JOB + {at.JOB_POWERS}] = {float(powers)}")
     model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
     for k, body in enumerate(c.spec.scene.clearance[i].bodies):
         first, count = (
             int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2)
         )
-        place, start = at.JOB_PARTS + 2 * k, f"SHARED + {first}"
+        offset, start = at.JOB_PARTS + 2 * k, f"SHARED + {first}"
         if body in c.spec.layout.outlines:
             c.workspace.add(f"OUTLINE_{body}", at.PART_SIZE * count)
             start = f"OUTLINE_{body} + {at.PART_SIZE * count} * l"
-        text(f"w[JOB + {place}], w[JOB + {place + 1}] = float({start}), {float(count)}")
-    for field, first, place, count in (
+        text(f"w[JOB + {offset}], w[JOB + {offset + 1}] = float({start}), {float(count)}")
+    for field, first, offset, count in (
         ("CENTRES", 6 * i, at.JOB_CENTRES, 6),
         *more,
         ("PATH", 0, at.JOB_PATH, powers * at.PATH),
     ):
         text.block(f"for k in range({count}):")(
-            f"w[JOB + {place} + k] = w[{field} + ({first} + k) * LANES + l]"
+            f"w[JOB + {offset} + k] = w[{field} + ({first} + k) * LANES + l]"
         )
     text("search_lane(w, JOB)")
 
 
-def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None:
-    """Lines that put the distance of a clearance's bodies at a state into ``place`` of the lanes,
-    NaN where it does not count yet: a step in which nothing moves is searched for it."""
+def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: str) -> None:
+    """Append lines that store the distance of the bodies of a clearance at a state into
+    ``destination``; NaN where it is not measured yet. The search is that of a step without
+    motion."""
     entry = s.spec.scene.clearance[i]
     path = State(s.c, s.c.scope(), s.segment, s.field, s.clock)
     a, b = (path.place(body) for body in entry.bodies)
@@ -121,36 +130,37 @@ def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None
         path.scope.store(component("PATH", 3 + 4 * k), _quaternion(path, body))
     path.scope.write(text)
     text = text.lanes()
-    text(f"w[{place} + l] = math.nan")
-    text = text.block(f"if {counts}:")
+    text(f"w[{destination} + l] = math.nan")
+    text = text.block(f"if {active}:")
     text(
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = 0.0, 1.0",
         f"w[JOB + {at.JOB_RESULT}], w[JOB + {at.JOB_RESULT + 1}] = math.nan, math.nan",
     )
-    _ask(text, s.c, i, 1)
-    text(f"w[{place} + l] = w[JOB + {at.JOB_RESULT}]")
+    _emit_job(text, s.c, i, 1)
+    text(f"w[{destination} + l] = w[JOB + {at.JOB_RESULT}]")
 
 
-def counts_from_start(c: Context, i: int) -> bool:
-    """Whether a clearance counts from the start of a flight, whatever is let go."""
+def is_active_at_start(c: Context, i: int) -> bool:
+    """True if a clearance is measured from the start of a case."""
     after, first = c.spec.scene.clearance[i].after, c.spec.segments[0]
     return after is None or min(first.joint_kinds[after]) in first.free_kinds(after)
 
 
-def _place(s: State, body: str, q: int) -> Any:
-    """Coefficient of the place of a body over the step by power ``q`` of its share gone by."""
+def _position_coefficient(s: State, body: str, q: int) -> Any:
+    """Coefficient of the position of a body over the step, for power ``q`` of the elapsed fraction.
+    Coefficient of the position of a body over the step, for power ``q`` of the elapsed fraction."""
     if body == GROUND:
         times = s.scope.load("BEGIN_T") if q == 0 else s.scope.load("LENGTH") if q == 1 else 0.0
         return vec3.scale(times, s.speed(GROUND))
-    return s.scope.load(f"{_powers(q)} + X_{body}", 3)
+    return s.scope.load(f"{_power_field(q)} + X_{body}", 3)
 
 
-def _attitude(s: State, body: str, q: int) -> Any:
-    """The same of its quaternion."""
+def _attitude_coefficient(s: State, body: str, q: int) -> Any:
+    """The same for its quaternion."""
     leader = s.segment.leader(body)
     if leader == GROUND:
         return s.case.attitude if q == 0 else (0.0, 0.0, 0.0, 0.0)
-    return s.scope.load(f"{_powers(q)} + Q_{leader}", 4)
+    return s.scope.load(f"{_power_field(q)} + Q_{leader}", 4)
 
 
 def _quaternion(s: State, body: str) -> Any:
@@ -159,5 +169,6 @@ def _quaternion(s: State, body: str) -> Any:
     return s.case.attitude if leader == GROUND else s.quaternion(leader)
 
 
-def _powers(q: int) -> str:
+def _power_field(q: int) -> str:
+    """Path of the coefficients of power ``q``."""
     return f"POWERS + {q} * SIZE_Y" if q else "BEGIN"

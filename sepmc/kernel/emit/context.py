@@ -1,4 +1,5 @@
-"""What the parts of a written kernel share while it is being written."""
+"""State of the emitter: the specification that a kernel is written for, and what the emitters have
+added to its workspace."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -14,15 +15,16 @@ from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 
 @dataclass
 class Context:
-    """What a module is written for, and what its parts have asked for so far.
+    """Specification of a kernel and its workspace, while the kernel is being written.
 
-    Any component may add workspace, and ask for expressions of the ``case``, which are computed
-    before a flight. The function that does this and the constants of the workspace are therefore
-    written last."""
+    Any emitter may add fields to the workspace and use expressions of the ``case``, which are
+    computed before a case is integrated. The function that computes these and the offsets of the
+    fields are therefore written last.
+    """
 
     spec: KernelSpec
-    solver: str  # name of its Runge-Kutta method
-    # what is written over time: `NO_HISTORY`, `SEPARATION_HISTORY`, `FULL_HISTORY` of
+    solver: str  # name of the Runge-Kutta method
+    # rows over time: `NO_HISTORY`, `SEPARATION_HISTORY` or `FULL_HISTORY` of
     # `sepmc.routines.layout`
     history: int
     workspace: Workspace = field(default_factory=Workspace)
@@ -31,35 +33,35 @@ class Context:
         self.case = Case(Scope(self.workspace), self.spec)
 
     def methods(self, segment: Segment) -> tuple[Method, ...]:
-        """Methods by which a segment may be flown, the most exact first."""
+        """Methods that a segment may be integrated by, the most accurate first."""
         return methods_of(self.solver, self.uses_extension(segment), self.has_extension)
 
     @property
     def used(self) -> dict[str, Method]:
-        """All methods that segments may be flown by, by their names."""
+        """All methods of the kernel by name."""
         return {rk.name: rk for segment in self.spec.segments for rk in self.methods(segment)}
 
     @property
     def extended(self) -> Method:
-        """The method of segments whose states between the ends of steps are needed."""
-        found = methods_of(self.solver, True)
-        assert len(found) == 1
-        return found[0]
+        """Method of segments whose states between the ends of steps are needed."""
+        methods = methods_of(self.solver, True)
+        assert len(methods) == 1
+        return methods[0]
 
     @property
     def change_times(self) -> list[str]:
-        """Workspace of the times within segments on both sides of which a full history has rows:
-        joints take another of their kinds, springs end their strokes."""
+        """Fields of the times within segments on both sides of which a full history has rows: kind
+        changes and stroke ends."""
         if self.history != FULL_HISTORY:
             return []
-        return [went(*change) for change in self.spec.kind_changes] + [
-            spent(spring) for spring in self.spec.stroke_springs
+        return [change_time(*change) for change in self.spec.kind_changes] + [
+            stroke_end_time(spring) for spring in self.spec.stroke_springs
         ]
 
     @property
     def monitored_joints(self) -> tuple[str, ...]:
-        """Joints whose loads are computed between the ends of steps: those that are watched, then
-        those that break."""
+        """Joints whose loads are computed between the ends of steps: those of the outputs, then
+        those with load events."""
         return tuple(
             dict.fromkeys(
                 [
@@ -70,34 +72,33 @@ class Context:
         )
 
     def layer(self, body: str) -> str:
-        """The field of the layer of air in which a body flies: that of all, if none can leave
-        it."""
+        """Field of the atmosphere layer of a body; a common one if no body can leave its layer."""
         return f"LAYER_{body}" if self.spec.layer_borders else "AIR"
 
     @property
     def may_idle(self) -> bool:
-        """Whether lanes may be through with a segment before others: steps of no length then leave
-        a case as it is, to the last bit."""
+        """True if lanes may finish a segment before others; they then take steps of zero length,
+        which change no bit of a case."""
         return any(self.has_lane_steps(segment) for segment in self.spec.segments)
 
     def has_lane_steps(self, segment: Segment) -> bool:
-        """Whether lanes go through a phase each in steps of its own, and not all in as many: where
-        events and switches divide it, or steps are to be no longer than so many seconds."""
+        """True if each lane has a step length of its own in a segment: events and load switches
+        divide it, or ``solver.step`` limits the step."""
         return segment.max_intervals > 1 or self.spec.scene.solver.step is not None
 
     @property
     def output_joints(self) -> tuple[str, ...]:
-        """Joints whose loads are followed over the flight."""
+        """Joints whose peak loads and impulses are outputs."""
         return self.spec.scene.output.loads
 
     @property
     def output_guides(self) -> tuple[str, ...]:
-        """Joints whose pins are followed over the flight."""
+        """Joints whose pin loads are outputs."""
         return self.spec.scene.output.guide
 
     @property
     def guide_joints(self) -> list[str]:
-        """Joints whose pins a full history tells of."""
+        """Joints with pins; a full history has their loads."""
         return [name for name, joint in self.spec.scene.joint.items() if joint.guide is not None]
 
     def pins(self, joint: str) -> int:
@@ -108,96 +109,106 @@ class Context:
 
     @property
     def node_size(self) -> int:
-        """Numbers that are followed: force and moment of joints; of guides what drives them, and
-        the forces of each pin at both ends, if friction held the guide and as they are."""
+        """Number of monitored components at a node of a step: force and moment of joints; of guides
+        the driving force, then the pin forces at both ends as if friction balanced that force, and
+        as they are."""
         return 6 * len(self.monitored_joints) + 3 * sum(
             1 + 4 * self.pins(joint) for joint in self.output_guides
         )
 
     @property
     def guide_fields(self) -> Iterator[tuple[str, int, int, list[int]]]:
-        """Of every guide that is followed: where its numbers start among those at a node; in
-        GUIDES, where the time stands for which it slid, with the least friction that jams behind
-        it, and the peaks of both ends of each pin."""
-        first, place = 6 * len(self.monitored_joints), 0
+        """Layout of each guide: joint; start among the components of a node; index in GUIDES of its
+        sliding time (the minimum friction that jams it comes next); indices of the peaks of both
+        ends of each pin."""
+        first, offset = 6 * len(self.monitored_joints), 0
         for joint in self.output_guides:
             ends = 2 * self.pins(joint)
-            yield joint, first, place, [place + 2 + 3 * k for k in range(ends)]
-            first, place = first + 3 * (1 + 2 * ends), place + 2 + 3 * ends
+            yield joint, first, offset, [offset + 2 + 3 * k for k in range(ends)]
+            first, offset = first + 3 * (1 + 2 * ends), offset + 2 + 3 * ends
 
     def monitors_outputs(self, segment: Segment) -> bool:
-        """Whether a joint whose loads are asked for holds something in a phase, or pins may slide
-        that are."""
+        """True if a segment has loads of joints or pins that are outputs."""
         return any(map(segment.constrains, self.output_joints)) or any(
             map(segment.sliding_kinds, self.output_guides)
         )
 
     def needs_wrenches(self, segment: Segment) -> bool:
-        """Whether what joints carry in a phase is asked for."""
+        """True if joint loads are needed in a segment."""
         return self.monitors_loads(segment) or self.history == FULL_HISTORY
 
     def monitors_loads(self, segment: Segment) -> bool:
-        """Whether loads are followed over the steps of a phase: asked for, or waited for."""
+        """True if loads are monitored over the steps of a segment, for outputs or load events."""
         return self.monitors_outputs(segment) or bool(segment.loads)
 
     def wrenches_from_rates(self, segment: Segment) -> bool:
-        """Whether the derivative in a phase gives what is followed of joints too: all but pins, and
-        redundant rows' least sum of squares."""
+        """True if the derivative of a segment also gives the monitored loads: no sliding pins, no
+        minimum-norm solution."""
         plain = not segment.needs_min_norm and not any(
             map(segment.sliding_kinds, self.output_guides)
         )
         return self.monitors_loads(segment) and plain
 
     def alias_of(self, segment: Segment) -> str:
-        """The name of the segment whose derivative and correction fly this one too, if one does."""
+        """Name of the segment whose derivative and projection serve this one too, or ""."""
         after = next((one for one in self.spec.segments if one.name == segment.alias_of), None)
         if after is None:
             return ""
-        alike = (self.wrenches_from_rates(segment), self.spec.friction_joints(segment)) == (
+        equal = (self.wrenches_from_rates(segment), self.spec.friction_joints(segment)) == (
             self.wrenches_from_rates(after),
             self.spec.friction_joints(after),
         )
-        return after.name if alike else ""
+        return after.name if equal else ""
 
-    def emit_alias(self, out: Text, segment: Segment, what: str) -> bool:
-        """Write a function of a segment that only calls that of the segment by which it is flown.
-        Returns whether there is such a segment."""
+    def emit_alias(self, out: Text, segment: Segment, function: str) -> bool:
+        """Write a function of a segment that only calls that of the segment in `alias_of`.
+
+        Returns True if there is such a segment.
+        """
         after = self.alias_of(segment)
         if after:
             text = out.function(
-                f"{what}_{segment.name}(w)", f"Phase {segment.name}: as in {after}."
+                f"{function}_{segment.name}(w)", f"Phase {segment.name}: as in {after}."
             )
-            text(f"{what}_{after}(w)")
+            text(f"{function}_{after}(w)")
         return bool(after)
 
     def active_clearances(self, segment: Segment) -> list[int]:
-        """Clearances that count in a phase: from the start, or once their joint is free."""
+        """Numbers of the clearances that are measured in a segment: from the start, or once their
+        joint is free."""
         entries = enumerate(self.spec.scene.clearance)
-        return [i for i, one in entries if one.after is None or segment.free_kinds(one.after)]
+        return [
+            i
+            for i, clearance in entries
+            if clearance.after is None or segment.free_kinds(clearance.after)
+        ]
 
     def needs_interpolation(self, segment: Segment) -> bool:
-        """Whether outcomes or the end of a phase depend on states between the ends of its steps."""
+        """True if outcomes or the end of a segment depend on states between the ends of steps."""
         return self.monitors_loads(segment) or bool(self.active_clearances(segment))
 
     def uses_extension(self, segment: Segment) -> bool:
-        """Whether such states are needed in a phase, be it for a full history only."""
+        """True if such states are needed in a segment, for outcomes or a full history."""
         return self.history == FULL_HISTORY or self.needs_interpolation(segment)
 
     @property
     def has_extension(self) -> bool:
-        """Whether they are needed in any."""
+        """True if they are needed in any segment."""
         return any(self.uses_extension(segment) for segment in self.spec.segments)
 
     @property
     def size(self) -> int:
-        """Numbers of a state: of every body, and the work of all loads."""
+        """Number of components of a state: 13 per body, and the work of all loads."""
         return 13 * len(self.spec.bodies) + 1
 
     @property
     def indicators(self) -> list[str]:
-        """Numbers that tell how hard a case is to integrate. Of every body, what a step may do
-        wrong to its velocity V, attitude Q and rate OMEGA; of every event, how long its condition
-        takes for a metre or a radian: the error of its time."""
+        """Names of the error indicators of a case.
+
+        Of each body, the embedded error of its velocity V, attitude Q and angular rate OMEGA; of
+        each event, the time per unit of its condition (s/m, s/rad), which scales the error of the
+        event time; those of loads.
+        """
         of_bodies = [f"{what}_{body}" for body in self.spec.bodies for what in ("V", "Q", "OMEGA")]
         events = [
             (segment, event)
@@ -212,79 +223,88 @@ class Context:
 
     @property
     def load_indicators(self) -> list[str]:
-        """Of every joint that is watched, how sharply its force and its moment turn within a step
-        (`peaks.update_size`)."""
+        """Names of the indicators of each output joint: change of direction of its force and moment
+        within a step (`peaks.note_size`)."""
         return [
             f"load_{what}_{joint}" for joint in self.output_joints for what in ("force", "moment")
         ]
 
     def indicator(self, name: str) -> str:
-        """The place of a indicator."""
+        """Path of an error indicator."""
         return component("INDICATORS", self.indicators.index(name))
 
     @property
     def model(self) -> Any:
-        """The record that says where everything stands in the vector of parameters."""
+        """Record of the starts of all parameter blocks (`sepmc.routines.layout.Model`)."""
         return self.spec.layout.model.scene[0]
 
     def start(self, field: str, value: float) -> None:
-        """A field of one number a case, and what stands there before a flight."""
+        """Add a field of one component, with its value before a case is integrated."""
         if self.workspace.add(field, 1):
             self.case.scope.store(field, value)
 
     def scope(self) -> Scope:
-        """A new loop over lanes."""
+        """New loop over lanes."""
         return Scope(self.workspace, self.case.scope)
 
 
-def went(joint: str, number: int) -> str:
-    """The field of the time at which a joint took a kind, by number."""
+def change_time(joint: str, number: int) -> str:
+    """Field of the time at which a joint changed to a kind number."""
     return f"CHANGE_TIME_{joint}_{number}"
 
 
-def spent(spring: str) -> str:
-    """The field of the time at which a spring ended its stroke."""
+def stroke_end_time(spring: str) -> str:
+    """Field of the time at which a spring reached the end of its stroke."""
     return f"STROKE_END_TIME_{spring}"
 
 
-def among(joint: str, kinds: tuple[int, ...]) -> str:
-    """The condition, for a lane, that a joint holds one of some kinds."""
+def has_kind(joint: str, kinds: tuple[int, ...]) -> str:
+    """Condition of a lane that a joint has one of some kinds."""
     return " or ".join(f"w[KIND_{joint} + l] == {number}.0" for number in kinds)
 
 
 def component(field: str, k: int) -> str:
-    """The place of number ``k`` of a field."""
+    """Path of component ``k`` of a field."""
     return f"{field} + {k} * LANES" if k else field
 
 
-def level(scope: Scope, time: Expr) -> Expr:
-    """Height at some time of what places are seen from: it moves with the vehicle's first speed."""
+def origin_height(scope: Scope, time: Expr) -> Expr:
+    """Height of the origin of positions, m, at some time: it moves with the initial velocity of the
+    vehicle."""
     return scope.load("ORIGIN_HEIGHT") + scope.load("ORIGIN_CLIMB") * time
 
 
 def height(scope: Scope, body: str) -> Expr:
-    """Height of a body's mass centre at the end of a step."""
-    return scope.load(f"Y + X_{body}", 3)[1] + level(scope, scope.load("T"))
+    """Height of the mass centre of a body, m, at the end of a step."""
+    return scope.load(f"Y + X_{body}", 3)[1] + origin_height(scope, scope.load("T"))
 
 
-def reject_unless(scope: Scope, unless: Expr, status: int = FINER_STEPS) -> None:
-    """A case that is not lost yet is, where a condition does not hold: with a status, or for finer
-    steps or another kernel to tell."""
-    _reject(scope, where(unless, 0.0, float(status)))
+def reject_unless(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
+    """Reject a case, unless it is rejected already, where a condition does not hold.
+
+    Parameters
+    ----------
+    scope : Scope
+    condition : Expr
+    status : int
+        status of rejected cases: FINER_STEPS, a `Variant` that may integrate them, or a final
+        `Status`
+    """
+    _reject(scope, where(condition, 0.0, float(status)))
 
 
 def reject_if(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
-    """The same where a condition holds."""
+    """Reject a case where a condition holds; see `reject_unless`."""
     _reject(scope, where(condition, float(status), 0.0))
 
 
 def _reject(scope: Scope, status: Expr) -> None:
-    lost = scope.load("REJECTED")
-    scope.store("REJECTED", where(lost.equals(0.0), status, lost))
+    rejected = scope.load("REJECTED")
+    scope.store("REJECTED", where(rejected.equals(0.0), status, rejected))
 
 
 def rejection_unless(condition: str, status: int = FINER_STEPS) -> str:
-    """The line for it, for a lane."""
+    """Line of a lane that rejects its case where a condition does not hold."""
     return (
         f"w[REJECTED + l] = {float(status)} if w[REJECTED + l] == 0.0 and not ({condition}) else "
         "w[REJECTED + l]"

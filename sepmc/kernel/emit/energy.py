@@ -1,28 +1,42 @@
-"""Energy of the motion about the mass centre in a written kernel: the power of all loads, and what
-is lost between the two."""
+"""Energy audit, as lines of a kernel: kinetic energy about the mass centre against the work of all
+loads."""
 
 from typing import Any
 
 from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.emit.loads import add_all
+from sepmc.kernel.emit.loads import vector_sum
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import ZERO, scalar, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total, where
 from sepmc.scene.model import GROUND
 
-# m2/s2, and of the square of a speed: half the square of 0.1 mm/s, or of 1e-4 of a speed, of which
-# round-off is a share
+# m2/s2, and relative to the square of a speed: half the square of 0.1 mm/s, or of 1e-4 of a speed,
+# so that round-off does not count
 _AT_REST = 0.5e-8
 
 
 def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
-    """Power of all loads, W: force in ground axes, moment in body axes."""
+    """Power of all loads in the frame of the common mass centre.
+
+    Parameters
+    ----------
+    s : State
+    force : dict of str to Expr
+        force on each body, ground axes, N
+    moment : dict of str to Expr
+        moment on each body, body axes, N m
+
+    Returns
+    -------
+    Expr
+        W
+    """
     mean, terms = _mean_speed(s), []
     for body in s.spec.bodies:
         if force[body] is not ZERO:
-            terms.append(vec3.dot(force[body], _apart(s, body, mean)))
+            terms.append(vec3.dot(force[body], _relative_speed(s, body, mean)))
         leader = s.segment.leader(body)
         if leader != GROUND and moment[body] is not ZERO:
             terms.append(vec3.dot(moment[body], s.rate(leader)))
@@ -30,12 +44,11 @@ def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
 
 
 def _mean_speed(s: State) -> Any:
-    """Velocity of the mass centre of all bodies; none where there is a ground, which can take
-    momentum."""
+    """Velocity of the common mass centre; zero if there is a ground, which absorbs momentum."""
     if int(s.c.model.ground) >= 0:
         return ZERO
     whole = total([s.case.mass(body) for body in s.spec.bodies])
-    return add_all(
+    return vector_sum(
         [
             vec3.scale((s.case.mass(body) / whole).called("share"), s.speed(body))
             for body in s.spec.bodies
@@ -43,37 +56,38 @@ def _mean_speed(s: State) -> Any:
     ).called("mean")
 
 
-def _apart(s: State, body: str, mean: Any) -> Any:
-    return s.speed(body) if mean is ZERO else vec3.sub(s.speed(body), mean).called("apart")
+def _relative_speed(s: State, body: str, mean: Any) -> Any:
+    """Velocity of a body relative to the common mass centre."""
+    return s.speed(body) if mean is ZERO else vec3.sub(s.speed(body), mean).called("relative")
 
 
 def emit_energy(out: Text, c: Context, segment: Segment) -> None:
-    """A function for the energy that is lost in a phase."""
-    says = (
-        "Kinetic energy about the mass centre less that at the start and the work of all "
-        "loads: the largest, into ENERGY, and what"
+    """Write the function for the energy defect in a segment."""
+    docstring = (
+        "Largest energy defect (kinetic energy about the mass centre minus its initial value "
+        "and the work of all loads) and its reference, into ENERGY;"
     )
     text = out.function(
         f"energy_{segment.name}(w, first: float)",
-        says + " counts as large; ``first`` of all it is that at the start.",
+        docstring + " the ``first`` call sets the initial value.",
     )
-    c.workspace.add("ENERGY", 3)  # that is lost, that at the start, what counts as large
+    c.workspace.add("ENERGY", 3)  # largest defect, initial energy, reference
     s, case = State(c, c.scope(), segment, "Y"), c.case
-    mean, moving, slow = _mean_speed(s), [], []
+    mean, kinetic, at_rest = _mean_speed(s), [], []
     for body in c.spec.bodies:
-        v, mass = _apart(s, body, mean), case.mass(body)
-        moving.append(0.5 * mass * vec3.dot(v, v))
-        slow.append(_AT_REST * mass * (1.0 + vec3.dot(s.speed(body), s.speed(body))))
+        v, mass = _relative_speed(s, body, mean), case.mass(body)
+        kinetic.append(0.5 * mass * vec3.dot(v, v))
+        at_rest.append(_AT_REST * mass * (1.0 + vec3.dot(s.speed(body), s.speed(body))))
     for group in segment.groups:
         if GROUND not in group:
             omega = s.rate(group[0])
-            moving.append(0.5 * vec3.dot(omega, vec3.rotate(case.group_inertia(group), omega)))
-    scope, begins = s.scope, s.scope.named("first") > 0.0
-    now, work, rest = total(moving).called("energy"), scope.load("Y + WORK"), total(slow)
-    start, lost, large = (scope.load(component("ENERGY", k)) for k in (1, 0, 2))
-    counts = scalar.larger(scalar.larger(now, rest), scalar.abs(work)).called("counts")
-    missing = scalar.larger(lost, scalar.abs(now - start - work))
-    scope.store("ENERGY", where(begins, 0.0, missing))
-    scope.store(component("ENERGY", 1), where(begins, now, start))
-    scope.store(component("ENERGY", 2), where(begins, counts, scalar.larger(large, counts)))
+            kinetic.append(0.5 * vec3.dot(omega, vec3.rotate(case.group_inertia(group), omega)))
+    scope, is_first = s.scope, s.scope.named("first") > 0.0
+    energy, work, floor = total(kinetic).called("energy"), scope.load("Y + WORK"), total(at_rest)
+    start, defect, reference = (scope.load(component("ENERGY", k)) for k in (1, 0, 2))
+    scale = scalar.larger(scalar.larger(energy, floor), scalar.abs(work)).called("scale")
+    largest = scalar.larger(defect, scalar.abs(energy - start - work))
+    scope.store("ENERGY", where(is_first, 0.0, largest))
+    scope.store(component("ENERGY", 1), where(is_first, energy, start))
+    scope.store(component("ENERGY", 2), where(is_first, scale, scalar.larger(reference, scale)))
     scope.write(text)

@@ -1,12 +1,19 @@
-"""When the conditions on a state will be met, foretold, and noting that they are."""
+"""Event location, as lines of a kernel.
+
+The step to the next event of a segment is predicted from value, rate, acceleration and jerk of each
+condition (`emit_event_step`); the remaining microseconds are one RK4 step
+(`sepmc.kernel.emit.steps.emit_event_polish`). Then the flags of the conditions that are met are set
+(`emit_event_flags`). Conditions that may have been met within a step, or during a release delay
+(`emit_pending_event`), mark the case.
+"""
 
 import math
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, component, height, reject_if, spent
+from sepmc.kernel.emit.context import Context, component, height, reject_if, stroke_end_time
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.emit.loads import add_all
-from sepmc.kernel.emit.steps import hold_back
+from sepmc.kernel.emit.loads import vector_sum
+from sepmc.kernel.emit.steps import mark_inactive
 from sepmc.kernel.spec.kernel_spec import Event, Segment
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, scalar, square_root, vec3
@@ -15,82 +22,93 @@ from sepmc.kernel.tracer.tracer import Expr, Scope, called, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 
-_MET = -1e-12  # what counts as zero of a condition's value
-# of a threshold, or of one: a quantity this close stands at it. Its rate (and acceleration) tell
-# where it goes from there if they take it further within a millisecond: smaller ones are round-off
-_TOUCH, _PER_RATE, _PER_ACCELERATION = 1e-12, 1e3, 1e6
+_MET = -1e-12  # a condition is met from this value on
+# Relative to the threshold (or to 1): a quantity this close is at its threshold. Its rate or
+# acceleration then tell the direction if they move it further within a millisecond; smaller ones
+# are round-off.
+_AT_THRESHOLD, _PER_RATE, _PER_ACCELERATION = 1e-12, 1e3, 1e6
 
 
 def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
-    """A function that finds the time to a phase's next event."""
-    says = (
-        "Time to the next event, into STEP, foretold from values, rates and accelerations (in "
-        "K1) of the conditions and from how fast"
+    """Write the function that predicts the step to the next event of a segment.
+
+    Each condition is a scalar g(t) of the state, below zero before the event. Its Taylor polynomial
+    to third order gives the time to the event (`sepmc.routines.lanes.time_left`); the jerk is the
+    difference quotient of accelerations at the last two steps.
+    """
+    docstring = (
+        "Predict the step to the next event, at most to END, into STEP: from value, rate, "
+        "acceleration (of the derivative K1) and jerk"
     )
     text = out.function(
-        f"event_step_{segment.name}(w, usual: float)", says + " these change; at most to END."
+        f"event_step_{segment.name}(w, typical: float)", docstring + " of each condition."
     )
     s = State(c, c.scope(), segment, "Y")
-    ahead = s.scope.load("END") - s.time
+    step = s.scope.load("END") - s.time
     for event in segment.events:
-        wait = _wait(s, event)
-        ahead = where(wait < ahead, wait, ahead)
-    s.scope.store("STEP", ahead)
+        time_to_event = _time_to_event(s, event)
+        step = where(time_to_event < step, time_to_event, step)
+    s.scope.store("STEP", step)
     s.scope.write(text)
 
 
-def _wait(s: State, event: Event) -> Any:
-    """Time to an event."""
+def _time_to_event(s: State, event: Event) -> Any:
+    """Predicted time to an event, s."""
     if event.direction:
-        return _wait_to_cross(s, event)
+        return _time_to_crossing(s, event)
     scope, name = s.scope, f"{s.segment.name}_{event.name}"
     for field, count in (("VALUE", 1), ("RATE", 1), ("PREVIOUS", 2), ("MET_AT_START", 1)):
         s.c.workspace.add(f"{field}_{name}", count)
     scope.comment(f"{event.item}")
-    value, rate, acceleration = (  # rates are numbers, zero, of bodies that are held to the ground
+    value, rate, acceleration = (  # rates of bodies fixed to the ground are known zeros
         called(x, name)
         for x, name in zip(_condition(s, event), ("value", "rate", "acceleration"), strict=True)
     )
-    time, usual = s.time, scope.named("usual")
-    earlier, before = scope.load(f"PREVIOUS_{name}"), scope.load(component(f"PREVIOUS_{name}", 1))
-    first = earlier.equals(math.inf)
-    jerk = where(time > earlier, (acceleration - before) / (time - earlier), 0.0)
-    at_once = where(
+    time, typical = s.time, scope.named("typical")
+    previous_time, previous_acceleration = (
+        scope.load(f"PREVIOUS_{name}"),
+        scope.load(component(f"PREVIOUS_{name}", 1)),
+    )
+    first = previous_time.equals(math.inf)
+    jerk = where(
+        time > previous_time, (acceleration - previous_acceleration) / (time - previous_time), 0.0
+    )
+    met_at_start = where(
         first, where(value >= _MET, 1.0, 0.0), scope.load(f"MET_AT_START_{name}")
-    ).called("at_once")
-    _note_graze(scope, event, s.segment.name, value, rate)
-    noted = (
+    ).called("met_at_start")
+    _flag_graze(scope, event, s.segment.name, value, rate)
+    records = (
         (f"VALUE_{name}", value),
         (f"RATE_{name}", rate),
         (f"PREVIOUS_{name}", time),
-        (f"MET_AT_START_{name}", at_once),
+        (f"MET_AT_START_{name}", met_at_start),
     )
-    for place, now in (*noted, (component(f"PREVIOUS_{name}", 1), acceleration)):
+    for path, value_now in (*records, (component(f"PREVIOUS_{name}", 1), acceleration)):
         scope.store(
-            place,
-            where(scope.load("INACTIVE") > 0.0, scope.load(place), now)
+            path,
+            where(scope.load("INACTIVE") > 0.0, scope.load(path), value_now)
             if s.c.has_lane_steps(s.segment)
-            else now,
+            else value_now,
         )
-    # 0: met before it was waited for
-    wait = where(at_once > 0.0, 0.0, scalar.time_left(value, rate, acceleration, jerk)).called(
-        "wait"
-    )
+    # 0: the condition was met at the start of the interval
+    time_left = where(
+        met_at_start > 0.0, 0.0, scalar.time_left(value, rate, acceleration, jerk)
+    ).called("remaining")
     if event.ends_phase or event.number >= 0:
-        wait = where(first & (wait > usual), usual, wait)
+        time_left = where(first & (time_left > typical), typical, time_left)
     return (
-        wait
+        time_left
         if event.ends_phase or event.is_border
-        else where(scope.load(event.flag(s.segment.name)) > 0.0, math.inf, wait)
+        else where(scope.load(event.flag(s.segment.name)) > 0.0, math.inf, time_left)
     )
 
 
-def _wait_to_cross(s: State, event: Event) -> Any:
-    """Time to an event whose quantity must cross its threshold, from the side on which it is, or
-    goes to from where it stands at it, as a stretch begins.
+def _time_to_crossing(s: State, event: Event) -> Any:
+    """Predicted time, s, to an event whose quantity must cross its threshold, from the side on
+    which it is at the start of an interval (or moves to, if it starts at the threshold).
 
-    On the side from which a crossing does not count, another one is waited for, to the other side:
-    that is noted at the end of a step.
+    On the side from which a crossing does not count, the crossing to the other side is awaited
+    first; it is detected at the end of a step.
     """
     scope, name = s.scope, f"{s.segment.name}_{event.name}"
     for field, count in (
@@ -102,120 +120,142 @@ def _wait_to_cross(s: State, event: Event) -> Any:
     ):
         s.c.workspace.add(f"{field}_{name}", count)
     scope.comment(f"{event.item}, {event.direction}")
-    time, usual = s.time, scope.named("usual")
-    earlier, before = scope.load(f"PREVIOUS_{name}"), scope.load(component(f"PREVIOUS_{name}", 1))
-    first = earlier.equals(math.inf)
+    time, typical = s.time, scope.named("typical")
+    previous_time, previous_acceleration = (
+        scope.load(f"PREVIOUS_{name}"),
+        scope.load(component(f"PREVIOUS_{name}", 1)),
+    )
+    first = previous_time.equals(math.inf)
     excess, rate, acceleration = (
         called(x, name)
         for x, name in zip(_condition(s, event), ("excess", "rate", "acceleration"), strict=True)
     )
-    since = where(time > earlier, time - earlier, math.inf)
-    if event.quantity == at.AT_VERTICAL_SPEED:  # how its rate changes is not known from the state
-        acceleration = ((rate - scope.load(f"RATE_{name}")) / since).called("acceleration")
-    jerk = (acceleration - before) / since
-    touch = _touch(s.c, event)
-    stands = scalar.abs(excess) <= touch
-    goes = where(scalar.abs(acceleration) > _PER_ACCELERATION * touch, acceleration, 0.0)
-    goes = where(scalar.abs(rate) > _PER_RATE * touch, rate, goes)
-    goes = where(stands, goes, excess).called("goes")
-    was = scope.load(f"SIDE_{name}")
-    again = first | was.equals(0.0)
+    elapsed = where(time > previous_time, time - previous_time, math.inf)
+    if event.quantity == at.AT_VERTICAL_SPEED:  # its acceleration does not follow from the state
+        acceleration = ((rate - scope.load(f"RATE_{name}")) / elapsed).called("acceleration")
+    jerk = (acceleration - previous_acceleration) / elapsed
+    tolerance = _tolerance(s.c, event)
+    at_threshold = scalar.abs(excess) <= tolerance
+    trend = where(scalar.abs(acceleration) > _PER_ACCELERATION * tolerance, acceleration, 0.0)
+    trend = where(scalar.abs(rate) > _PER_RATE * tolerance, rate, trend)
+    trend = where(at_threshold, trend, excess).called("trend")
+    previous_side = scope.load(f"SIDE_{name}")
+    restart = first | previous_side.equals(0.0)
     if event.direction != "either":
-        again = again | (_counts(event, -was) & (was * excess > touch))
-    side = where(again, where(goes < 0.0, 1.0, where(goes > 0.0, -1.0, 0.0)), was).called("side")
+        restart = restart | (_counts(event, -previous_side) & (previous_side * excess > tolerance))
+    side = where(
+        restart, where(trend < 0.0, 1.0, where(trend > 0.0, -1.0, 0.0)), previous_side
+    ).called("side")
     value, slope = side * excess, side * rate
-    _note_graze(scope, event, s.segment.name, value, slope, side)
-    stood = scope.load(f"STARTED_AT_THRESHOLD_{name}")
-    noted = (
+    _flag_graze(scope, event, s.segment.name, value, slope, side)
+    started_at_threshold = scope.load(f"STARTED_AT_THRESHOLD_{name}")
+    records = (
         (f"VALUE_{name}", excess),
         (f"RATE_{name}", rate),
         (f"PREVIOUS_{name}", time),
         (component(f"PREVIOUS_{name}", 1), acceleration),
         (f"SIDE_{name}", side),
-        (f"STARTED_AT_THRESHOLD_{name}", where(first, where(stands, time, -math.inf), stood)),
+        (
+            f"STARTED_AT_THRESHOLD_{name}",
+            where(first, where(at_threshold, time, -math.inf), started_at_threshold),
+        ),
     )
-    for place, now in noted:
-        held = scope.load("INACTIVE") > 0.0 if s.c.has_lane_steps(s.segment) else None
-        scope.store(place, now if held is None else where(held, scope.load(place), now))
-    wait = scalar.time_left(value, slope, side * acceleration, side * jerk).called("wait")
-    wait = where(_counts(event, side), where(first & stands, math.inf, wait), math.inf)
-    wait = where(first & (wait > usual), usual, wait)
-    met = scope.load(event.flag(s.segment.name))
-    return wait if event.ends_phase else where(met > 0.0, math.inf, wait)
+    for path, value_now in records:
+        inactive = scope.load("INACTIVE") > 0.0 if s.c.has_lane_steps(s.segment) else None
+        scope.store(
+            path, value_now if inactive is None else where(inactive, scope.load(path), value_now)
+        )
+    time_left = scalar.time_left(value, slope, side * acceleration, side * jerk).called("remaining")
+    time_left = where(
+        _counts(event, side), where(first & at_threshold, math.inf, time_left), math.inf
+    )
+    time_left = where(first & (time_left > typical), typical, time_left)
+    flag = scope.load(event.flag(s.segment.name))
+    return time_left if event.ends_phase else where(flag > 0.0, math.inf, time_left)
 
 
-def _touch(c: Context, event: Event) -> Expr:
-    """How far from its threshold a quantity still stands at it."""
-    return _TOUCH * scalar.larger(1.0, scalar.abs(c.case.number(event.threshold)))
+def _tolerance(c: Context, event: Event) -> Expr:
+    """Distance from the threshold within which a quantity is at its threshold."""
+    return _AT_THRESHOLD * scalar.larger(1.0, scalar.abs(c.case.number(event.threshold)))
 
 
 def _counts(event: Event, side: Expr) -> Expr:
-    """Whether a crossing counts from a side: 1 below the threshold, -1 above, 0 neither."""
+    """True if a crossing counts from a side: 1 below the threshold, -1 above, 0 neither."""
     if event.direction == "either":
         return side * side > 0.0
     return side > 0.0 if event.direction == "rising" else side < 0.0
 
 
-def _note_graze(
+def _flag_graze(
     scope: Scope, event: Event, segment: str, value: Expr, rate: Any, side: Any = 1.0
 ) -> None:
-    """A condition may be met and left again within a step: then the case is on its own. What was
-    noted of it counts from a ``side``."""
+    """Mark a case as uneven (no common step sequence, refined by itself) if a condition may have
+    been met and left again within a step; ``side`` is the sign of the values at the previous step.
+    """
     name = f"{segment}_{event.name}"
-    earlier, past, slope = (
+    previous_time, previous, slope = (
         scope.load(f"PREVIOUS_{name}"),
         scope.load(f"VALUE_{name}") * side,
         scope.load(f"RATE_{name}") * side,
     )
     grazes = (
-        _may_rise(past, slope, value, rate, scope.load("T") - earlier)
-        & (earlier < math.inf)
-        & (past < 0.0)
+        _may_rise(previous, slope, value, rate, scope.load("T") - previous_time)
+        & (previous_time < math.inf)
+        & (previous < 0.0)
     )
     if not event.is_border:
         grazes = grazes & scope.load(event.flag(segment)).equals(0.0)
     scope.store("UNEVEN", where(grazes, 1.0, scope.load("UNEVEN")))
 
 
-def _may_rise(past: Expr, slope: Expr, value: Expr, rate: Any, length: Expr) -> Any:
-    """Whether a value may be zero or more between two times: it rises at the first, falls at the
-    second, and its tangents there cross beyond zero."""
+def _may_rise(previous: Expr, slope: Expr, value: Expr, rate: Any, length: Expr) -> Any:
+    """True if a value may reach zero between two times: it rises at the first and falls at the
+    second, and its tangents there intersect at or above zero."""
     turns = (slope > 0.0) & (rate < 0.0)
     return turns & (
-        past + slope * (value - past - rate * length) / where(turns, slope - rate, 1.0) >= 0.0
+        previous + slope * (value - previous - rate * length) / where(turns, slope - rate, 1.0)
+        >= 0.0
     )
 
 
 def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
-    """A function by which a case is lost if the condition that ends the next phase may be met while
-    joints are late."""
+    """Write the function that rejects a case if the condition that ends the next phase may be met
+    during a release delay.
+
+    Parameters
+    ----------
+    out : Text
+    c : Context
+    segment : Segment
+        with a ``pending_event``
+    """
     event = segment.pending_event
     assert event is not None
-    says = (
-        "Note the condition that ends the next phase; a case is lost if it may have been met "
-        "while joints were late, since the last note"
+    docstring = (
+        "Evaluate the condition that ends the next phase; reject cases in which it may have been "
+        "met during a release delay, since the last call"
     )
     text = out.function(
-        f"pending_event_{segment.name}(w, first: float)", says + " unless it is the ``first``."
+        f"pending_event_{segment.name}(w, first: float)", docstring + " unless it is the ``first``."
     )
     name = f"PENDING_{segment.name}"
     c.workspace.add(name, 3)
     s = State(c, c.scope(), segment, "Y")
     scope, time = s.scope, s.time
     value, rate, _ = _condition(s, event)
-    past, slope, earlier = (scope.load(component(name, k)) for k in range(3))
-    length = time - earlier
-    met = (value >= _MET) | _may_rise(past, slope, value, rate, length)
-    if event.direction:  # from below or from above
+    previous, slope, previous_time = (scope.load(component(name, k)) for k in range(3))
+    length = time - previous_time
+    met = (value >= _MET) | _may_rise(previous, slope, value, rate, length)
+    if event.direction:  # crossed from below or from above
         met = (
-            (value * past <= 0.0)
-            | _may_rise(past, slope, value, rate, length)
-            | _may_rise(-past, -slope, -value, -rate, length)
+            (value * previous <= 0.0)
+            | _may_rise(previous, slope, value, rate, length)
+            | _may_rise(-previous, -slope, -value, -rate, length)
         )
-    late = time >= scope.load(f"UNTIL_{segment.name}") - (
+    delayed = time >= scope.load(f"UNTIL_{segment.name}") - (
         s.case.number(segment.delay) if segment.delay is not None else math.inf
     )
-    counts = scope.named("first").equals(0.0) & late & met
+    counts = scope.named("first").equals(0.0) & delayed & met
     reject_if(scope, counts, Variant.ANY_ORDER)
     for k, now in enumerate((value, rate, time)):
         scope.store(component(name, k), now)
@@ -223,8 +263,8 @@ def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
-    """Value, rate and acceleration of a condition: below zero before the event or, if it has a
-    direction, below the threshold."""
+    """Value, rate and acceleration of a condition: the value is below zero before the event or,
+    with a direction, below the threshold."""
     if event.is_border:
         return _border(s, event)
     scene, threshold = s.spec.scene, s.case.number(event.threshold)
@@ -246,14 +286,14 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
         return _angle(s, event.item, threshold)
     if event.quantity == at.AT_DISTANCE:
         line = s.rod(s.joint(event.item))
-        together = line.length > 0.0  # a direction there is not where the points are one
+        together = line.length > 0.0  # coincident points have no direction
         acceleration = s.lengthening_by("K1", bodies, line)
         return (
             line.length - threshold,
             where(together, line.rate, 0.0),
             where(together, acceleration, 0.0),
         )
-    line = s.separation(event.item)  # its distance counts positive apart
+    line = s.separation(event.item)  # positive in the direction of separation
     return (
         line.length - threshold,
         line.rate,
@@ -262,7 +302,8 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
 
 
 def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
-    """How far a body is above the top of its layer of air, or below its base."""
+    """Distance of a body above the top of its atmosphere layer or below its base, m, with rate and
+    acceleration."""
     up = event.quantity == at.AT_LAYER_TOP
     value, rate = _climb(s, event.item, s.scope.load(component(f"BORDERS_{event.item}", int(up))))
     acceleration = s.scope.load(f"K1 + V_{event.item}", 3)[1]
@@ -270,51 +311,61 @@ def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
 
 
 def _climb(s: State, body: str, threshold: Expr) -> tuple[Any, Any]:
-    """Height of a body above a threshold, and its rate."""
+    """Height of a body above a threshold, m, and its rate, m/s."""
     return height(s.scope, body) - threshold, _climb_rate(s, body)
 
 
 def _climb_rate(s: State, body: str) -> Any:
-    """Vertical speed of a body."""
+    """Vertical speed of a body, m/s."""
     return s.speed(body)[1] + s.scope.load("ORIGIN_CLIMB")
 
 
 def _angle(s: State, joint: str, threshold: Expr) -> tuple[Any, Any, Any]:
-    """The angle by which the second body of a joint has turned from the first; at 0 its axis is
-    that of the motion to come."""
+    """Relative rotation angle of the bodies of a joint minus a threshold, rad, with rate and
+    acceleration.
+
+    Its axis n follows from the sum of the cross products of corresponding axes; at angle 0 the
+    direction of the relative motion replaces it.
+    """
     first, second = s.spec.scene.joint[joint].bodies
     if s.segment.leader(first) == s.segment.leader(second) == GROUND:
         return -threshold, 0.0, 0.0
     spin_a, spin_b = s.spin(first), s.spin(second)
-    change = vec3.sub(spin_b, spin_a).called("relative_rate")
-    faster = vec3.sub(_spin_rate(s, second), _spin_rate(s, first)).called("relative_acceleration")
+    relative_rate = vec3.sub(spin_b, spin_a).called("relative_rate")
+    relative_acceleration = vec3.sub(_spin_rate(s, second), _spin_rate(s, first)).called(
+        "relative_acceleration"
+    )
     square: Any = 0.0
-    turns, turning = [], []
+    products, product_rates = [], []
     for k in range(3):
         a, b = s.axis(joint, k), s.axis(joint, k, second=True)
-        between = vec3.sub(b, a)
-        square = square + vec3.dot(between, between)
-        turns.append(vec3.cross(a, b))
-        turning.append(
+        difference = vec3.sub(b, a)
+        square = square + vec3.dot(difference, difference)
+        products.append(vec3.cross(a, b))
+        product_rates.append(
             vec3.add(vec3.cross(vec3.cross(spin_a, a), b), vec3.cross(a, vec3.cross(spin_b, b)))
         )
-    half = (0.125 * square).called("half")  # the square of the sine of half of it
+    half = (0.125 * square).called("half")  # squared sine of half the angle
     angle = 2.0 * scalar.arctan2(square_root(half), square_root(where(half < 1.0, 1.0 - half, 0.0)))
-    turn, turn_rate = add_all(turns).called("turn"), add_all(turning)
-    size = square_root(vec3.dot(turn, turn)).called("size")
-    apart = size > 0.0
-    inverse = 1.0 / where(apart, size, 1.0)
-    n = vec3.scale(inverse, turn).called("n")
-    n_rate = vec3.scale(inverse, vec3.sub(turn_rate, vec3.scale(vec3.dot(n, turn_rate), n)))
-    rate = where(apart, vec3.dot(n, change), square_root(vec3.dot(change, change)))
+    axis_sum, axis_sum_rate = vector_sum(products).called("axis_sum"), vector_sum(product_rates)
+    length = square_root(vec3.dot(axis_sum, axis_sum)).called("length")
+    rotated = length > 0.0
+    inverse = 1.0 / where(rotated, length, 1.0)
+    n = vec3.scale(inverse, axis_sum).called("n")
+    n_rate = vec3.scale(inverse, vec3.sub(axis_sum_rate, vec3.scale(vec3.dot(n, axis_sum_rate), n)))
+    rate = where(
+        rotated, vec3.dot(n, relative_rate), square_root(vec3.dot(relative_rate, relative_rate))
+    )
     acceleration = where(
-        apart, vec3.dot(n, faster) + vec3.dot(n_rate, change), square_root(vec3.dot(faster, faster))
+        rotated,
+        vec3.dot(n, relative_acceleration) + vec3.dot(n_rate, relative_rate),
+        square_root(vec3.dot(relative_acceleration, relative_acceleration)),
     )
     return angle - threshold, rate, acceleration
 
 
 def _spin_rate(s: State, body: str) -> Any:
-    """Angular acceleration of a body in ground axes, from the derivative K1."""
+    """Angular acceleration of a body in ground axes, rad/s2, from the derivative K1."""
     leader = s.segment.leader(body)
     return (
         ZERO
@@ -324,62 +375,62 @@ def _spin_rate(s: State, body: str) -> Any:
 
 
 def emit_event_flags(out: Text, c: Context) -> None:
-    """A function that notes which conditions are met."""
+    """Write the function that sets the flags of conditions that are met."""
     text = out.function(
         "set_event_flags(w, phase: int)",
-        "After the last step to an event: which conditions of the phase are met.",
+        "After the last step to an event: set the flags of the conditions that are met.",
     )
     for number, segment in enumerate(c.spec.segments):
         if segment.events:
             inner = text.block(f"if phase == {number}:")
-            hold_back(inner, c, segment, "True")
+            mark_inactive(inner, c, segment, "True")
             inner(f"event_step_{segment.name}(w, math.inf)")
             scope = c.scope()
             for event in segment.events:
-                _note_met(scope, c, segment, event)
+                _set_flag(scope, c, segment, event)
             scope.write(inner)
     if c.spec.layer_borders:
         text("enter_layers(w)", "recentre_air(w, 0.5 * NEAR)")
 
 
-def _note_met(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
-    """Whether a condition is met, and how slowly: an error of its value is so much of an error of
-    its time."""
+def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
+    """Set the flag of a condition that is met, and the indicator 1 / rate: an error of the value
+    causes a time error of error / rate."""
     name, flag = f"{segment.name}_{event.name}", event.flag(segment.name)
     if event.direction:
-        _note_crossed(scope, c, segment, event)
+        _set_crossing_flag(scope, c, segment, event)
         return
     if not event.ends_phase and event.number < 0:
-        c.start(flag, 1.0 if event.is_border else 0.0)  # at the start every body enters a layer
-    met, before, rate = (
+        c.start(flag, 1.0 if event.is_border else 0.0)  # every body enters a layer at the start
+    met, flag_before, rate = (
         scope.load(f"VALUE_{name}") >= _MET,
         scope.load(flag),
         scope.load(f"RATE_{name}"),
     )
-    slow = where(rate > 0.0, 1.0 / rate, math.inf)
-    waited_for = met & before.equals(0.0) & scope.load(f"MET_AT_START_{name}").equals(0.0)
+    time_per_unit = where(rate > 0.0, 1.0 / rate, math.inf)
+    new = met & flag_before.equals(0.0) & scope.load(f"MET_AT_START_{name}").equals(0.0)
     indicator = c.indicator(name)
-    scope.store(indicator, scalar.larger(scope.load(indicator), where(waited_for, slow, 0.0)))
-    scope.store(flag, where(met, 1.0, before))
+    scope.store(indicator, scalar.larger(scope.load(indicator), where(new, time_per_unit, 0.0)))
+    scope.store(flag, where(met, 1.0, flag_before))
     if event.quantity == at.AT_SPRING_STROKE and c.change_times:
-        place = spent(event.item)
-        c.start(place, math.nan)
-        scope.store(place, where(met & before.equals(0.0), scope.load("T"), scope.load(place)))
+        path = stroke_end_time(event.item)
+        c.start(path, math.nan)
+        scope.store(path, where(met & flag_before.equals(0.0), scope.load("T"), scope.load(path)))
 
 
-def _note_crossed(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
-    """Whether a quantity has crossed its threshold in the direction that counts: not by standing at
-    it as the stretch began."""
+def _set_crossing_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
+    """Set the flag of a quantity that has crossed its threshold in a direction that counts; one
+    that only started at the threshold has not."""
     name, flag = f"{segment.name}_{event.name}", event.flag(segment.name)
-    side, before = scope.load(f"SIDE_{name}"), scope.load(flag)
+    side, flag_before = scope.load(f"SIDE_{name}"), scope.load(flag)
     met = (
-        (side * scope.load(f"VALUE_{name}") >= -_touch(c, event))
+        (side * scope.load(f"VALUE_{name}") >= -_tolerance(c, event))
         & _counts(event, side)
         & (scope.load("T") > scope.load(f"STARTED_AT_THRESHOLD_{name}") + at.GRAIN)
     )
     rate = side * scope.load(f"RATE_{name}")
-    slow = where(rate > 0.0, 1.0 / rate, math.inf)
+    time_per_unit = where(rate > 0.0, 1.0 / rate, math.inf)
     indicator = c.indicator(name)
-    waited_for = met & before.equals(0.0)
-    scope.store(indicator, scalar.larger(scope.load(indicator), where(waited_for, slow, 0.0)))
-    scope.store(flag, where(met, 1.0, before))
+    new = met & flag_before.equals(0.0)
+    scope.store(indicator, scalar.larger(scope.load(indicator), where(new, time_per_unit, 0.0)))
+    scope.store(flag, where(met, 1.0, flag_before))

@@ -1,32 +1,32 @@
-"""Lines of a written kernel for the state between the ends of a step: the continuous extension of
-the step just made."""
+"""Continuous extension of a step, as lines of a kernel: states between its ends."""
 
 from collections.abc import Iterable
 
 from sepmc.kernel.emit.context import Context
-from sepmc.kernel.emit.steps import restore_stage, turning_from
+from sepmc.kernel.emit.steps import restore_stage, rotating_from
 from sepmc.kernel.tracer.formulas import square_root
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total
 
 
 def emit_extension(out: Text, c: Context) -> None:
-    """Functions for the coefficients of the extension, and for a state by them."""
+    """Write the functions for the coefficients of the extension and for a state between the ends of
+    a step."""
     c.workspace.add("BEGIN", c.size), c.workspace.add("THETA", c.size)
-    # start and length of the step, and where its phase ends, as a share of it: about 1
+    # start and length of the step, and the end of its phase as a fraction of it: about 1
     for name in ("BEGIN_T", "LENGTH", "REACH"):
         c.workspace.add(name, 1)
-    _extend(out, c)
-    _sample(out, c)
+    _emit_make_extension(out, c)
+    _emit_interpolate(out, c)
 
 
-def _extend(out: Text, c: Context) -> None:
-    """A function for the continuous extension, after the stages that only it needs."""
-    says = (
-        "Coefficients P1, P2, ... of the state over the step just made, by powers of its share "
-        "gone by."
+def _emit_make_extension(out: Text, c: Context) -> None:
+    """Write the function for the coefficients, after the stages that only the extension needs."""
+    docstring = (
+        "Coefficients of the state over the step just made, by powers of the elapsed fraction, "
+        "into POWERS."
     )
-    text = out.function("make_extension(w, phase: int)", says)
+    text = out.function("make_extension(w, phase: int)", docstring)
     rk = c.extended
     stages, total, order = rk.stages, rk.dense.shape[0], rk.dense.shape[1] - 1
     c.workspace.add("POWERS", (order + 1) * c.size)
@@ -47,17 +47,17 @@ def _extend(out: Text, c: Context) -> None:
 
 
 def _weighted(stages: Iterable[tuple[int, str]]) -> str:
-    """The sum of stages by number, each times a coefficient."""
+    """Sum of stage derivatives, each times a coefficient."""
     return " + ".join(f"{coefficient} * w[K{j + 1} + e]" for j, coefficient in stages)
 
 
-def _sample(out: Text, c: Context) -> None:
-    """A function for a state between the ends of a step."""
-    says = (
-        "The state at the shares THETA of the step just made, attitudes of unit length, into "
-        "S, and its time into CLOCK."
+def _emit_interpolate(out: Text, c: Context) -> None:
+    """Write the function for a state between the ends of a step."""
+    docstring = (
+        "State at the fractions THETA of the step just made, attitudes of unit length, into S; "
+        "time into CLOCK."
     )
-    text = out.function("interpolate(w, phase: int)", says)
+    text = out.function("interpolate(w, phase: int)", docstring)
     text.lanes()("w[CLOCK + l] = w[BEGIN_T + l] + w[THETA + l] * w[LENGTH + l]")
     order = c.extended.dense.shape[1] - 1
     inner = text.block("for e in range(SIZE_Y):")
@@ -65,7 +65,7 @@ def _sample(out: Text, c: Context) -> None:
     for power in range(order - 1, 0, -1):
         inner(f"total = w[POWERS + {power} * SIZE_Y + e] + w[THETA + e] * total")
     inner("w[S + e] = w[BEGIN + e] + w[THETA + e] * total")
-    for first, bodies in turning_from(c):
+    for first, bodies in rotating_from(c):
         scope = c.scope()
         for body in bodies:
             q = scope.load(f"S + Q_{body}", 4).called("q")

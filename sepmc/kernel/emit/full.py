@@ -1,8 +1,8 @@
-"""The constraint force equations in full, as the paper prints them: accelerations of all bodies,
-and wrenches at both ends of all joints.
+"""Full constraint force equations (NASA/TP-2016-219326): accelerations of all bodies and wrenches
+at both ends of all joints in one system.
 
-Unknowns: of each body a (ground axes) and w' (body axes); of each joint that holds something F_A,
-F_B, M_A, M_B (ground axes).
+Unknowns: of each body a (ground axes) and w' (body axes); of each constraining joint F_A, F_B, M_A,
+M_B (ground axes).
 """
 
 from typing import Any
@@ -17,33 +17,33 @@ from sepmc.kernel.tracer.text import Text
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 
-_OF_BODY, _OF_JOINT = 6, 12  # unknowns
-_FORCE_B, _MOMENT_A, _MOMENT_B = 3, 6, 9  # among those of a joint, F_A first
+_OF_BODY, _OF_JOINT = 6, 12  # unknowns of a body, of a joint
+_FORCE_B, _MOMENT_A, _MOMENT_B = 3, 6, 9  # offsets in the unknowns of a joint; F_A comes first
 Wrench = tuple[Any, Any]  # force and moment on the second body of a joint, ground axes
 
 
 def before_full(text: Text, segment: Segment, bodies: list[str]) -> None:
-    """A line by which entries of the system that are never written are zero."""
+    """Append lines that set the entries of the system to zero which are never written."""
     n = _size(segment, bodies)
     text.block(f"for e in range({n * n} * LANES):")(f"w[SYSTEM_{segment.name} + e] = 0.0")
 
 
 def _size(segment: Segment, bodies: list[str]) -> int:
-    return _OF_BODY * len(bodies) + _OF_JOINT * len(_holding(segment))
+    return _OF_BODY * len(bodies) + _OF_JOINT * len(_constraining_joints(segment))
 
 
-def _holding(segment: Segment) -> list[str]:
-    """Joints that hold something."""
+def _constraining_joints(segment: Segment) -> list[str]:
+    """Joints with constraint rows."""
     return list(dict.fromkeys(row.joint for row in segment.rows))
 
 
 class FullSystem:
-    """The system of a phase at a state, given the loads: forces in ground axes, moments in body
-    axes."""
+    """System of a segment at a state, given the loads: forces in ground axes, moments in body axes.
+    System of a segment at a state, given the loads: forces in ground axes, moments in body axes."""
 
     def __init__(self, s: State, rows: Rows, force: dict[str, Any], moment: dict[str, Any]):
         self.s, self.rows = s, rows
-        bodies, joints = s.spec.bodies, _holding(s.segment)
+        bodies, joints = s.spec.bodies, _constraining_joints(s.segment)
         self.n = _size(s.segment, bodies)
         self.of_body = {body: _OF_BODY * k for k, body in enumerate(bodies)}
         self.of_joint = {
@@ -52,13 +52,13 @@ class FullSystem:
         self.entries: dict[tuple[int, int], Any] = {}
         self.side: list[Any] = [0.0] * self.n
         for body in bodies:
-            self._put_body(body, force[body], moment[body])
+            self._add_body(body, force[body], moment[body])
         for joint in joints:
-            self._put_wrench(joint)
-            self._put_joint(joint)
+            self._add_wrench(joint)
+            self._add_joint(joint)
 
-    def _put_body(self, body: str, force: Any, moment: Any) -> None:
-        """Its equations of motion, paper eqs (12), (13), without the joints' terms."""
+    def _add_body(self, body: str, force: Any, moment: Any) -> None:
+        """Add the equations of motion of a body, paper eqs (12), (13), without joint terms."""
         case, first = self.s.case, self.of_body[body]
         inertia, omega = case.inertia(body), self.s.rate(body)
         turning = vec3.sub(moment, vec3.cross(omega, vec3.rotate(inertia, omega)))
@@ -68,16 +68,16 @@ class FullSystem:
             for k in range(3):
                 self.entries[first + 3 + i, first + 3 + k] = inertia[3 * i + k]
 
-    def _put_wrench(self, joint: str) -> None:
-        """What its wrenches do to its bodies, and action and reaction, paper eq (15): F_A + F_B =
-        0, M_A + M_B + d x F_B = 0."""
+    def _add_wrench(self, joint: str) -> None:
+        """Add the wrenches of a joint to the equations of its bodies, and their balance, paper eq
+        (15): F_A + F_B = 0, M_A + M_B + d x F_B = 0."""
         s, first, pair = self.s, self.of_joint[joint], self.s.joint(joint)
-        for place, (body, rho) in enumerate(
+        for end, (body, rho) in enumerate(
             zip(s.spec.scene.joint[joint].bodies, (pair.rho_a, pair.rho_b), strict=True)
         ):
             if body == GROUND:
                 continue
-            row, column, axes = self.of_body[body], first + 3 * place, s.attitude(body)
+            row, column, axes = self.of_body[body], first + 3 * end, s.attitude(body)
             for k, unit in enumerate(UNIT):
                 self.entries[row + k, column + k] = -1.0
                 lever, turn = vec3.unrotate(axes, vec3.cross(rho, unit)), vec3.unrotate(axes, unit)
@@ -94,55 +94,66 @@ class FullSystem:
             for i in range(3):
                 self.entries[first + 3 + i, first + _FORCE_B + k] = lever[i]
 
-    def _put_joint(self, joint: str) -> None:
-        """Its constraints, or none of that wrench where it has let go of one; no component of the
-        wrench along what is free, paper eqs (24), (25): on B at r_B, the body that does not carry
-        the axes, where constraints leave none."""
+    def _add_joint(self, joint: str) -> None:
+        """Add the constraints of a joint, and zero wrench components along its free directions,
+        paper eqs (24), (25), on body B at r_B. An inactive constraint is replaced by a zero
+        component."""
         first, rows = (
             self.of_joint[joint],
             [row for row in self.rows.rows if row.row.joint == joint],
         )
         line = first + 6
         for one in rows:
-            self._put_constraint(line, first, one)
+            self._add_constraint(line, first, one)
             line += 1
         moved, turned = ([one for one in rows if one.row.turns == turns] for turns in (False, True))
         for column, free in (
-            (_FORCE_B, self._unpushed(joint, moved)),
-            (_MOMENT_B, _unturned(turned)),
+            (_FORCE_B, self._free_translations(joint, moved)),
+            (_MOMENT_B, _free_rotations(turned)),
         ):
             for direction in free:
                 for k in range(3):
                     self.entries[line, first + column + k] = direction[k]
                 line += 1
 
-    def _put_constraint(self, line: int, first: int, one: JointRow) -> None:
-        held = one.held
+    def _add_constraint(self, line: int, first: int, one: JointRow) -> None:
+        mask = one.mask
         for body, sign in zip(
             self.s.spec.scene.joint[one.row.joint].bodies, (-1.0, 1.0), strict=True
         ):
             if body == GROUND:
                 continue
             for i in range(3):
-                self.entries[line, self.of_body[body] + 3 + i] = held * one.normals[body][i]
+                self.entries[line, self.of_body[body] + 3 + i] = mask * one.normals[body][i]
                 if not one.row.turns:
-                    self.entries[line, self.of_body[body] + i] = held * (sign * one.e[i])
-        self.side[line] = held * one.gamma
-        if one.row.kinds:  # 1 of it if it is held, or else 1 of what it would carry
+                    self.entries[line, self.of_body[body] + i] = mask * (sign * one.e[i])
+        self.side[line] = mask * one.gamma
+        if one.row.kinds:  # the constraint while active, else zero load along it
             column, along = (_MOMENT_B, one.arms[1]) if one.row.turns else (_FORCE_B, one.e)
             for k in range(3):
-                self.entries[line, first + column + k] = (1.0 - held) * along[k]
+                self.entries[line, first + column + k] = (1.0 - mask) * along[k]
 
-    def _unpushed(self, joint: str, rows: list[JointRow]) -> list[Any]:
-        """Directions in which a joint carries no force."""
+    def _free_translations(self, joint: str, rows: list[JointRow]) -> list[Any]:
+        """Directions along which a joint carries no force."""
         if any(one.row.code == at.ROD for one in rows):
-            return _across(rows[0].e)
-        held = {one.row.code for one in rows}
-        return [self.s.axis(joint, k) for k in range(3) if k not in held]
+            return _perpendicular(rows[0].e)
+        constrained = {one.row.code for one in rows}
+        return [self.s.axis(joint, k) for k in range(3) if k not in constrained]
 
     def solve(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Wrench]]:
-        """Accelerations of mass centres (ground axes), angular accelerations (body axes), and
-        wrenches. A case is lost where there are none."""
+        """Solve the system.
+
+        Returns
+        -------
+        acceleration : dict of str to tuple of Expr
+            of mass centres, ground axes, m/s2
+        spin_rate : dict of str to tuple of Expr
+            angular accelerations, body axes, rad/s2
+        wrenches : dict of str to Wrench
+            force and moment on the second body of each joint, ground axes
+
+        A case is rejected where the system is singular.
+        """
         s, n, name = self.s, self.n, self.s.segment.name
         workspace, scope = s.c.workspace, s.scope
         for field, size in (
@@ -155,10 +166,10 @@ class FullSystem:
             scope.store(component(f"SYSTEM_{name}", i * n + k), value)
         for i, value in enumerate(self.side):
             scope.store(component(f"SYSTEM_{name}", n * n + i), value)
-        w, system, found, scratch = map(
+        w, system, solution, scratch = map(
             scope.named, ("w", f"SYSTEM_{name} + l", f"SOLUTION_{name} + l", f"SCRATCH_{name}")
         )
-        pivot = linear.eliminate(w, system, n, scratch, found).called("pivot")
+        pivot = linear.eliminate(w, system, n, scratch, solution).called("pivot")
         reject_unless(scope, pivot > 0.0, Variant.LEAST_SQUARES)
 
         def vector(k: int) -> Any:
@@ -176,17 +187,17 @@ class FullSystem:
         )
 
 
-def _unturned(rows: list[JointRow]) -> list[Any]:
-    """Directions in which a joint with these rows of rotation carries no moment."""
+def _free_rotations(rows: list[JointRow]) -> list[Any]:
+    """Directions about which a joint carries no moment."""
     normals = [one.arms[1] for one in rows]
     if not normals:
         return list(UNIT)
     if len(normals) == 1:
-        return _across(normals[0])
+        return _perpendicular(normals[0])
     return [vec3.cross(*normals)] if len(normals) == 2 else []
 
 
-def _across(along: Any) -> list[Any]:
-    """Two directions across one."""
-    one = vec3.perpendicular(along).called("across")
+def _perpendicular(along: Any) -> list[Any]:
+    """Two directions perpendicular to one."""
+    one = vec3.perpendicular(along).called("perpendicular")
     return [one, vec3.cross(along, one)]

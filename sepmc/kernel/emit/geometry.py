@@ -1,5 +1,4 @@
-"""A state of the bodies in a phase, as expressions: attitudes, rates, and what lies between two
-bodies."""
+"""Kinematics at a state: attitudes, rates, and relative positions between two bodies."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,8 +13,8 @@ from sepmc.scene.model import GROUND, Spring
 
 @dataclass(frozen=True)
 class Pair:
-    """Between points of two bodies A and B: d = r_B - r_A and d', arms and rates, all in ground
-    axes."""
+    """Relative position of points on two bodies A and B: d = r_B - r_A and its rate, arms and
+    angular rates, all in ground axes."""
 
     d: Any
     d_rate: Any
@@ -27,9 +26,11 @@ class Pair:
 
 @dataclass(frozen=True)
 class Slide:
-    """Between two bodies that turn as one, in the axes of the group that a ``leader`` leads: r =
-    R^T (x_B - x_A), r', and what their turning takes from r'' besides that of angular acceleration:
-    r'' = R^T (x_B'' - x_A'') - omega' x r - turning."""
+    """Relative motion of two bodies of one rigid group, in the axes of the group.
+
+    r = R^T (x_B - x_A), its rate, and the velocity terms ``turning`` of its second derivative: r''
+    = R^T (x_B'' - x_A'') - w' x r - turning.
+    """
 
     leader: str
     r: Any
@@ -39,9 +40,9 @@ class Slide:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of action: direction e, arms of both bodies, the component gamma of its second
-    derivative, length and its rate. Along an axis that turns with both bodies also the direction
-    and the lever of the group in its ``own`` axes."""
+    """Line of action: direction e, arms of both bodies, gamma of its second derivative, length and
+    its rate (ground axes); for an axis fixed to a rigid group also direction and lever in the axes
+    of the group (``own``)."""
 
     e: Any
     arm_a: Any
@@ -54,8 +55,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Own:
-    """A direction along which two bodies that turn as one may slide, and the lever e x r by which
-    their group feels a force between them, in its axes."""
+    """Direction along which two bodies of a rigid group may slide, and the lever e x r of a force
+    between them on the group, in the axes of the group."""
 
     leader: str
     e: Any
@@ -63,8 +64,8 @@ class Own:
 
 
 class State:
-    """The state at ``field`` (S of a segment of a step, Y at its end, or another kept with its
-    ``time``) of the bodies in a phase."""
+    """State of the bodies in a segment, stored in ``field`` (S of a stage, Y at the end of a step,
+    or another field with its ``time``)."""
 
     def __init__(self, c: Context, scope: Scope, segment: Segment, field: str, time: str = ""):
         self.c, self.scope, self.segment, self.field = c, scope, segment, field
@@ -77,20 +78,21 @@ class State:
         return self.scope.load(self.clock)
 
     def place(self, body: str) -> Any:
-        """Place of a mass centre, seen from what moves with the vehicle's first speed."""
-        if body == GROUND:  # its axes start at the mass centre of the start
+        """Position of a mass centre, m, in a frame that moves with the initial velocity of the
+        vehicle."""
+        if body == GROUND:  # its axes start at the initial mass centre
             return vec3.scale(self.time, self.speed(GROUND)).called("x_ground")
         return self.scope.load(f"{self.field} + X_{body}", 3).called(f"x_{body}")
 
     def speed(self, body: str) -> Any:
-        """Its velocity, seen from there."""
+        """Velocity of a mass centre, m/s, in that frame."""
         if body == GROUND:
             return vec3.scale(-1.0, self.case.velocity).called("ground_speed")
         return self.scope.load(f"{self.field} + V_{body}", 3).called(f"v_{body}")
 
     def stream(self, body: str) -> Any:
-        """What the flow around a body has besides its own speed: that of the start, less the
-        wind."""
+        """Velocity of the flow around a body minus the body's own velocity: initial velocity minus
+        wind, m/s."""
         if self.spec.scene.environment.wind.profile is None:
             return self.case.stream
         along, across = (self.scope.load(component(f"WIND_{body}", k)) for k in range(2))
@@ -103,22 +105,22 @@ class State:
         return vec3.sub(self.case.stream, (along, 0.0, across)).called("stream")
 
     def quaternion(self, leader: str) -> Expr:
-        """Attitude quaternion of the group that a body leads."""
+        """Attitude quaternion of the rigid group led by a body."""
         return self.scope.load(f"{self.field} + Q_{leader}", 4).called(f"q_{leader}")
 
     def rate(self, leader: str) -> Expr:
-        """Angular rate in body axes."""
+        """Angular rate of a rigid group in body axes, rad/s."""
         return self.scope.load(f"{self.field} + OMEGA_{leader}", 3).called(f"omega_{leader}")
 
     def attitude(self, body: str) -> Any:
-        """Matrix from a body's axes to the ground's."""
+        """Matrix from body axes to ground axes."""
         leader = self.segment.leader(body)
         if leader == GROUND:
             return quat.matrix(self.case.attitude).called("r_ground")
         return quat.matrix(self.quaternion(leader)).called(f"r_{leader}")
 
     def spin(self, body: str) -> Any:
-        """Angular rate of a body in ground axes."""
+        """Angular rate of a body in ground axes, rad/s."""
         leader = self.segment.leader(body)
         return (
             ZERO
@@ -127,14 +129,14 @@ class State:
         )
 
     def axis(self, joint: str, k: int, second: bool = False) -> Any:
-        """Axis k of a joint as its first (or second) body carries it, ground axes."""
+        """Axis k of a joint, fixed to its first (or second) body, in ground axes."""
         r = self.attitude(self.spec.scene.joint[joint].bodies[int(second)])
         if self.spec.has_body_axes(joint):
             return (r[k], r[k + 3], r[k + 6])
         return vec3.rotate(r, self.case.joint_axis(joint, k)).called("e")
 
     def pair(self, bodies: tuple[str, str], end_a: Any, end_b: Any) -> Pair:
-        """Between two points, given by their arms in body axes."""
+        """Relative position of two points, given by their arms in body axes."""
         a, b = bodies
         rho_a = vec3.rotate(self.attitude(a), end_a).called("rho")
         rho_b = vec3.rotate(self.attitude(b), end_b).called("rho")
@@ -146,7 +148,7 @@ class State:
         return Pair(d, d_rate, rho_a, rho_b, spin_a, spin_b)
 
     def slide(self, bodies: tuple[str, str]) -> Slide | None:
-        """Between two bodies, if they turn as one."""
+        """Relative motion of two bodies, or None if they are not in one rigid group."""
         a, b = bodies
         leader = self.segment.leader(a)
         if leader == GROUND or self.segment.leader(b) != leader:
@@ -160,7 +162,8 @@ class State:
         return Slide(leader, r, rate, turning)
 
     def sliding_line(self, joint: str, k: int) -> Line | None:
-        """Along axis k of a joint whose bodies turn as one; its length is that of the gap."""
+        """Line along axis k of a joint within a rigid group, its length is the gap; None for other
+        joints."""
         slide = self.slide(self.spec.scene.joint[joint].bodies)
         if slide is None:
             return None
@@ -185,49 +188,50 @@ class State:
         )
 
     def joint(self, name: str) -> Pair:
-        """Between the points of a joint."""
+        """Relative position of the points of a joint."""
         end_a, end_b, _ = self.case.joint_ends(name)
         return self.pair(self.spec.scene.joint[name].bodies, end_a, end_b)
 
     def separation(self, joint: str) -> Line:
-        """Along the x axis of a joint; its length is the separation distance."""
-        apart = self.case.separation_sign(joint)
+        """Line along the x axis of a joint; its length is the separation distance."""
+        sign = self.case.separation_sign(joint)
         start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, 0))
         line = self.sliding_line(joint, 0)
         if line is not None:
-            distance = (apart * (line.length - start)).called("distance")
-            return replace(line, length=distance, rate=apart * line.rate)
+            distance = (sign * (line.length - start)).called("distance")
+            return replace(line, length=distance, rate=sign * line.rate)
         pair, e = self.joint(joint), self.axis(joint, 0)
         arm_a, arm_b, gamma = translation(pair, e)
-        distance = apart * (vec3.dot(pair.d, e) - start)
+        distance = sign * (vec3.dot(pair.d, e) - start)
         return Line(
-            e, arm_a, arm_b, gamma, distance.called("distance"), apart * translation_rate(pair, e)
+            e, arm_a, arm_b, gamma, distance.called("distance"), sign * translation_rate(pair, e)
         )
 
     def sliding(self, joint: str) -> Any:
-        """1 while the pins of a joint may slide, 0 before or after, in a phase in which they
-        may."""
-        return self.while_held(joint, self.segment.sliding_kinds(joint))
+        """1 while the pins of a joint may slide, else 0."""
+        return self.is_active(joint, self.segment.sliding_kinds(joint))
 
-    def while_held(self, joint: str, kinds: tuple[int, ...]) -> Any:
-        """1 while a joint holds one of some kinds, 0 before or after."""
+    def is_active(self, joint: str, kinds: tuple[int, ...]) -> Any:
+        """1 while a joint has one of some kinds, else 0."""
         if len(kinds) == len(self.segment.joint_kinds[joint]):
             return 1.0
-        kind, found = self.scope.load(f"KIND_{joint}"), None
+        kind, active = self.scope.load(f"KIND_{joint}"), None
         for number in kinds:
-            found = (
-                kind.equals(float(number)) if found is None else found | kind.equals(float(number))
+            active = (
+                kind.equals(float(number))
+                if active is None
+                else active | kind.equals(float(number))
             )
-        assert found is not None
-        return where(found, 1.0, 0.0).called("held")
+        assert active is not None
+        return where(active, 1.0, 0.0).called("active")
 
     def friction(self, joint: str) -> Any:
-        """Friction on the second body of a joint, N, in the direction of separation; None if there
-        is none."""
-        rubbing = self.spec.friction_joints(self.segment)
+        """Friction on the second body of a joint, N, in the direction of separation; None without
+        friction."""
+        friction_joints = self.spec.friction_joints(self.segment)
         return (
-            self.scope.load(component("FRICTION", rubbing.index(joint)))
-            if joint in rubbing
+            self.scope.load(component("FRICTION", friction_joints.index(joint)))
+            if joint in friction_joints
             else None
         )
 
@@ -239,27 +243,44 @@ class State:
         spin_rates: dict[str, Any],
         moving: bool = True,
     ) -> Any:
-        """Second derivative of a distance along a line, from accelerations of bodies and angular
-        accelerations of groups; or what these add to it, apart from what bodies do that are
-        ``moving``."""
-        apart = relative_acceleration(accelerations, bodies)
+        """Second derivative of a length along a line.
+
+        Parameters
+        ----------
+        bodies : tuple of str
+        line : Line
+        accelerations : dict of str to Expr
+            accelerations of mass centres, ground axes, m/s2
+        spin_rates : dict of str to Expr
+            angular accelerations of rigid groups, body axes, rad/s2
+        moving : bool
+            False to leave out the velocity terms
+
+        Returns
+        -------
+        Expr
+            m/s2
+        """
+        relative = relative_acceleration(accelerations, bodies)
         if line.own is not None:
-            found = product(line.own.e, vec3.unrotate(self.attitude(line.own.leader), apart))
-            found = found - line.gamma if moving else found
-            return found + product(line.own.lever, spin_rates[line.own.leader])
-        found = vec3.dot(line.e, apart)
-        found = found - line.gamma if moving else found
+            second_derivative = product(
+                line.own.e, vec3.unrotate(self.attitude(line.own.leader), relative)
+            )
+            second_derivative = second_derivative - line.gamma if moving else second_derivative
+            return second_derivative + product(line.own.lever, spin_rates[line.own.leader])
+        second_derivative = vec3.dot(line.e, relative)
+        second_derivative = second_derivative - line.gamma if moving else second_derivative
         for body, arm in zip(bodies, (line.arm_a, line.arm_b), strict=True):
             leader = self.segment.leader(body)
             if leader != GROUND:
-                found = found + vec3.dot(
+                second_derivative = second_derivative + vec3.dot(
                     vec3.unrotate(self.attitude(leader), arm), spin_rates[leader]
                 )
-        return found
+        return second_derivative
 
     def lengthening_by(self, field: str, bodies: tuple[str, str], line: Line) -> Any:
-        """Second derivative of a distance along a line, from the derivative of the state in a
-        field."""
+        """Second derivative of a length along a line, given the derivative of the state in a field,
+        m/s2."""
         moving = {body: self.scope.load(f"{field} + V_{body}", 3) for body in self.spec.bodies}
         turning = {
             one: self.scope.load(f"{field} + OMEGA_{one}", 3) for one in self.segment.leaders
@@ -267,7 +288,7 @@ class State:
         return self.lengthening(bodies, line, moving, turning)
 
     def rod(self, pair: Pair) -> Line:
-        """Along the line between two points."""
+        """Line between two points."""
         e, arm_a, arm_b, gamma = joints.rod(
             pair.d, pair.d_rate, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b
         ).called("line")
@@ -276,20 +297,20 @@ class State:
         )
 
     def spring(self, spring: Spring) -> Line:
-        """The line of action of a spring."""
+        """Line of action of a spring."""
         end_a, end_b, _ = self._spring_ends(spring)
         pair = self.pair(spring.bodies, end_a, end_b)
         if spring.axis is None:
             return self.rod(pair)
         r = self.attitude(spring.bodies[0])
         e = (r[0], r[3], r[6])
-        if self._spring_axis_place(spring) is not None or tuple(spring.axis) != (1.0, 0.0, 0.0):
+        if self._spring_axis_slot(spring) is not None or tuple(spring.axis) != (1.0, 0.0, 0.0):
             e = vec3.rotate(r, self._spring_axis(spring)).called("e")
         arm_a, arm_b, gamma = translation(pair, e)
         return Line(e, arm_a, arm_b, gamma, vec3.dot(pair.d, e), translation_rate(pair, e))
 
     def spring_start(self, spring: Spring) -> Any:
-        """Length of a spring at the start."""
+        """Initial length of a spring, m."""
         gap = self._spring_ends(spring)[2]
         if spring.axis is None:
             return square_root(vec3.dot(gap, gap)).called("spring_start")
@@ -299,13 +320,13 @@ class State:
         start = int(self.c.model.springs_p) + at.SPRING_SIZE * self._number(spring)
         return self.case.ends(start, spring.bodies, spring.second_point is not None)
 
-    def _spring_axis_place(self, spring: Spring) -> int | None:
-        """Where the axis of a spring stands in a case, if it is dispersed."""
+    def _spring_axis_slot(self, spring: Spring) -> int | None:
+        """Parameter index of the axis of a spring, if it is dispersed."""
         return self.spec.layout.slots.get(f"spring.{spring.name}.axis.x")
 
     def _spring_axis(self, spring: Spring) -> Expr:
-        if (place := self._spring_axis_place(spring)) is not None:
-            return vec3.unit(self.case.vector(place)).called("axis")
+        if (slot := self._spring_axis_slot(spring)) is not None:
+            return vec3.unit(self.case.vector(slot)).called("axis")
         return self.case.scope.shared(int(self.c.model.springs_x) + 3 * self._number(spring), 3)
 
     def _number(self, spring: Spring) -> int:
@@ -320,13 +341,12 @@ def translation(pair: Pair, e: Any) -> Any:
 
 
 def translation_rate(pair: Pair, e: Any) -> Any:
-    """Rate of a distance along e."""
+    """Rate of a distance along e, m/s."""
     return joints.translation_rate(pair.d, pair.d_rate, e, pair.spin_a)
 
 
 def relative_acceleration(accelerations: dict[str, Any], bodies: tuple[str, str]) -> Any:
-    """Acceleration of the second body's mass centre less that of the first's; the ground has
-    none."""
+    """Acceleration of the second mass centre minus that of the first, m/s2; the ground has none."""
     of_a, of_b = (ZERO if body == GROUND else accelerations[body] for body in bodies)
     if of_a is ZERO:
         return of_b

@@ -1,11 +1,11 @@
-"""Pins of guides in a written kernel: friction in balance with the loads that it changes, and what
-each pin carries."""
+"""Guide pins, as lines of a kernel: friction in balance with the loads that it changes, and pin
+loads."""
 
 import math
 from dataclasses import replace
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, among, component, reject_unless, rejection_unless
+from sepmc.kernel.emit.context import Context, component, has_kind, reject_unless, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.motion import Motion, make_drive, make_motion, without_joints
 from sepmc.kernel.emit.rows import DEPENDENT, LeastSquares, Rows
@@ -19,35 +19,39 @@ from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
-# lateral forces (y, z) of pins: of every pin at the mouth and at the tip
+# lateral forces (y, z) of each pin at the hole entry and at its tip
 Ends = list[tuple[Any, Any]]
 
 
 def emit_friction(out: Text, c: Context, segment: Segment) -> None:
-    """A function for the friction of a phase's guides; the other functions of the phase take it as
-    a load that is known."""
+    """Write the function for the friction of the guides of a segment; the other functions of the
+    segment treat it as a known load.
+
+    Pin loads are linear in the friction forces: those without friction, and their change per newton
+    of each, are passed to `sepmc.routines.friction.balance`.
+    """
     joints = c.spec.friction_joints(segment)
     if not joints:
         return
-    says = (
+    docstring = (
         f"Friction of the guides of phase {segment.name} at the state S and the times CLOCK, "
-        "into FRICTION; a case may jam."
+        "into FRICTION; reject cases that jam."
     )
-    text = out.function(f"friction_{segment.name}(w)", says)
+    text = out.function(f"friction_{segment.name}(w)", docstring)
     ends = [2 * c.pins(joint) for joint in joints]
     c.workspace.add("FRICTION", len(c.spec.scene.joint))
     c.workspace.add(f"PIN_FORCES_{segment.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
     s = State(c, c.scope(), segment, "S")
-    motion, place = make_motion(s, rubs=False), 0
+    motion, index = make_motion(s, with_friction=False), 0
     drives = [make_drive(s, motion, joint) for joint in joints]
     for joint in joints:
         s.scope.comment(f"pins of {joint}")
-        numbers = [_friction_per_newton(s, joint)]
+        values = [_friction_per_newton(s, joint)]
         for forces in zip(*(pin_forces(s, one, joint) for one in (motion, *drives)), strict=True):
-            numbers += [x for force in forces for x in force]
-        for number in numbers:
-            s.scope.store(component(f"PIN_FORCES_{segment.name}", place), number)
-            place += 1
+            values += [x for force in forces for x in force]
+        for value in values:
+            s.scope.store(component(f"PIN_FORCES_{segment.name}", index), value)
+            index += 1
     s.scope.write(text)
     inner = text.lanes().block(
         f"if not friction.balance(w, PIN_FORCES_{segment.name} + l, {tuple(ends)}, FRICTION + l):"
@@ -56,7 +60,7 @@ def emit_friction(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _friction_per_newton(s: State, joint: str) -> Any:
-    """What 1 N on the pins of a joint rubs, along the direction of separation."""
+    """Friction in the direction of separation per newton of pin load."""
     p, speed = s.case.joint(joint), s.separation(joint).rate
     friction = guides.friction_force(
         s.case.number(p + at.FRICTION), 1.0, speed, s.case.number(p + at.SLIP_SPEED)
@@ -65,7 +69,19 @@ def _friction_per_newton(s: State, joint: str) -> Any:
 
 
 def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
-    """Lateral forces of all pins of a joint, or by how much a force changes them."""
+    """Lateral forces (y, z) of all pins of a joint at hole entry and tip, N, or their change per
+    newton of a force.
+
+    Parameters
+    ----------
+    s : State
+    motion : Motion
+    joint : str
+
+    Returns
+    -------
+    list of (Expr, Expr)
+    """
     c, p, count = s.case, s.case.joint(joint), s.c.pins(joint)
     axes = [s.axis(joint, k) for k in range(3)]
     force, moment = (
@@ -79,50 +95,61 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
     mouth, tip = guides.bearing_forces(force, moment, engaged, c.separation_sign(joint)).called(
         "bearing"
     )
-    found = []
+    forces = []
     for pin in range(count):
         around = guides.around_circle(
             float(pin), float(count), c.number(p + at.CIRCLE), c.number(p + at.PIN_CLOCK)
         ).called("around")
         around = (around[0], around[1])
-        found += [
+        forces += [
             tuple(guides.pin_force(tuple(end), moment[0], around, float(count)).called("pin"))
             for end in (mouth, tip)
         ]
-    return found
+    return forces
 
 
-def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
-    """Numbers of a guide at a state, vectors all: what drives it apart, what each pin would carry
-    at both ends if friction balanced that, and what it does carry."""
+def guide_loads(s: State, motion: Motion, joint: str) -> list[Any]:
+    """Monitored vectors of a guide at a state: driving force, pin loads if friction balanced it,
+    and present pin loads.
+
+    Parameters
+    ----------
+    s : State
+    motion : Motion
+    joint : str
+
+    Returns
+    -------
+    list of tuple of Expr
+    """
     if s.segment.least_squares:
-        return _watch_held(s, motion, joint)
+        return _guide_loads_min_norm(s, motion, joint)
     line, per_newton = s.separation(joint), make_drive(s, motion, joint)
-    pair, apart = s.spec.scene.joint[joint].bodies, s.case.separation_sign(joint)
-    faster = apart * s.lengthening(pair, line, motion.acceleration, motion.spin_rate)
-    mobility = apart * s.lengthening(
+    pair, sign = s.spec.scene.joint[joint].bodies, s.case.separation_sign(joint)
+    acceleration = sign * s.lengthening(pair, line, motion.acceleration, motion.spin_rate)
+    mobility = sign * s.lengthening(
         pair, line, per_newton.acceleration, per_newton.spin_rate, moving=False
     )
-    alone = total([s.case.inverse_mass(body) for body in pair if body != GROUND])
-    # what else holds them along x would share the drive
-    sliding, drives = s.sliding(joint), mobility > DEPENDENT * alone
+    inverse_masses = total([s.case.inverse_mass(body) for body in pair if body != GROUND])
+    # other constraints along x would share the driving force
+    sliding, is_free = s.sliding(joint), mobility > DEPENDENT * inverse_masses
     reject_unless(
         s.scope,
-        drives | sliding.equals(0.0) if isinstance(sliding, Expr) else drives,
+        is_free | sliding.equals(0.0) if isinstance(sliding, Expr) else is_free,
         Variant.LEAST_SQUARES,
     )
-    left = (faster / mobility).called("left")  # of the drive, by friction
-    forces, of_one = pin_forces(s, motion, joint), pin_forces(s, per_newton, joint)
-    held = [
-        (y - left * by_y, z - left * by_z)
-        for (y, z), (by_y, by_z) in zip(forces, of_one, strict=True)
+    balance = (acceleration / mobility).called("balance")  # driving force that friction leaves
+    forces, forces_per_newton = pin_forces(s, motion, joint), pin_forces(s, per_newton, joint)
+    balanced = [
+        (y - balance * by_y, z - balance * by_z)
+        for (y, z), (by_y, by_z) in zip(forces, forces_per_newton, strict=True)
     ]
-    return _numbers_of_guide(s, joint, left, held, forces)
+    return _guide_components(s, joint, balance, balanced, forces)
 
 
-def _watch_held(s: State, motion: Motion, joint: str) -> list[Any]:
-    """The same where all rows are solved for by least sum of squares: with one more, which holds
-    the guide along x, and perhaps shares what drives it with others that do."""
+def _guide_loads_min_norm(s: State, motion: Motion, joint: str) -> list[Any]:
+    """The same with minimum-norm multipliers: an additional row constrains the guide along x, and
+    may share the driving force with other constraints."""
     sliding = s.segment.sliding_kinds(joint)
     along = Row(joint, 0, sliding if len(sliding) < len(s.segment.joint_kinds[joint]) else ())
     rows = Rows(s, [*s.segment.rows, along])
@@ -130,30 +157,34 @@ def _watch_held(s: State, motion: Motion, joint: str) -> list[Any]:
     multipliers = LeastSquares(s, rows.coupling(), joint).solve(
         rows.without_joints(acceleration, spin_rate)
     )
-    holding = replace(motion, multipliers=multipliers, system=rows)
-    left = -s.case.separation_sign(joint) * multipliers[-1]
-    return _numbers_of_guide(
-        s, joint, left, pin_forces(s, holding, joint), pin_forces(s, motion, joint)
+    constrained = replace(motion, multipliers=multipliers, system=rows)
+    balance = -s.case.separation_sign(joint) * multipliers[-1]
+    return _guide_components(
+        s, joint, balance, pin_forces(s, constrained, joint), pin_forces(s, motion, joint)
     )
 
 
-def _numbers_of_guide(s: State, joint: str, left: Any, held: Ends, forces: Ends) -> list[Any]:
+def _guide_components(
+    s: State, joint: str, balance: Any, balanced: Ends, forces: Ends
+) -> list[Any]:
+    """Driving force and pin loads as vectors."""
     friction = s.friction(joint)
-    drive = left if friction is None else left - friction
-    return [(drive, 0.0, 0.0), *((0.0, y, z) for y, z in (*held, *forces))]
+    driving_force = balance if friction is None else balance - friction
+    return [(driving_force, 0.0, 0.0), *((0.0, y, z) for y, z in (*balanced, *forces))]
 
 
-def start_guides(c: Context) -> None:
-    """Nothing is noted of guides at first."""
+def reset_guides(c: Context) -> None:
+    """Set the initial values of guide outcomes."""
     for _, _, time, peaks in c.guide_fields:
-        for place, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
-            c.case.scope.store(component("GUIDES", place), value)
+        for index, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
+            c.case.scope.store(component("GUIDES", index), value)
     if c.output_guides:
         c.workspace.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.output_guides))
 
 
-def note_guides(text: Text, c: Context, segment: Segment) -> None:
-    """Lines for one lane that follow the guides of a phase over the step just made, of length h."""
+def update_guides(text: Text, c: Context, segment: Segment) -> None:
+    """Append lines of a lane that update the guide outcomes of a segment by the step just made, of
+    length h."""
     for joint, first, time, peaks in c.guide_fields:
         sliding = segment.sliding_kinds(joint)
         if not sliding:
@@ -161,7 +192,7 @@ def note_guides(text: Text, c: Context, segment: Segment) -> None:
         inner = (
             text
             if len(sliding) == len(segment.joint_kinds[joint])
-            else text.block(f"if {among(joint, sliding)}:")
+            else text.block(f"if {has_kind(joint, sliding)}:")
         )
         nodes = [
             f"{component('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES"
@@ -180,19 +211,28 @@ def note_guides(text: Text, c: Context, segment: Segment) -> None:
 
 
 def guide_outcomes(s: State) -> list[Any]:
-    """Of every guide that is watched: time for which its pins slid, greatest load of each, least
-    friction that would jam them."""
-    found: list[Any] = []
-    for _, _, place, peaks in s.c.guide_fields:
-        time, jams = (
-            s.scope.load(component("GUIDES", place)),
-            s.scope.load(component("GUIDES", place + 1)),
+    """Outcomes of each output guide: sliding time, s, maximum load of each pin, N, minimum friction
+    coefficient that jams it.
+
+    Parameters
+    ----------
+    s : State
+
+    Returns
+    -------
+    list of Expr
+    """
+    outcomes: list[Any] = []
+    for _, _, index, peaks in s.c.guide_fields:
+        time, jamming_friction = (
+            s.scope.load(component("GUIDES", index)),
+            s.scope.load(component("GUIDES", index + 1)),
         )
         loads = [s.scope.load(component("GUIDES", peak)) for peak in peaks]
-        found.append(time)
-        found += [
+        outcomes.append(time)
+        outcomes += [
             where(time > 0.0, scalar.larger(*loads[k : k + 2]), math.nan)
             for k in range(0, len(loads), 2)
         ]
-        found.append(where(jams < math.inf, jams, math.nan))
-    return found
+        outcomes.append(where(jamming_friction < math.inf, jamming_friction, math.nan))
+    return outcomes

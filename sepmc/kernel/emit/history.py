@@ -1,15 +1,14 @@
-"""Lines of a written kernel that write what is so over time: separations, or all there is to
-know."""
+"""Histories, as lines of a kernel: separations over time, or full rows."""
 
 import math
 from typing import Any
 
-from sepmc.kernel.emit.clearances import clearance_now, counts_in
+from sepmc.kernel.emit.clearances import emit_clearance_at, is_active
 from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import pin_forces
 from sepmc.kernel.emit.motion import Motion
-from sepmc.kernel.emit.outcomes import of_body
+from sepmc.kernel.emit.outcomes import body_outcomes
 from sepmc.kernel.emit.steps import emit_broadcast, restore_stage
 from sepmc.kernel.emit.wrenches import before_wrenches, force_of, make_wrenches, moment_of
 from sepmc.kernel.spec.kernel_spec import Segment
@@ -21,19 +20,22 @@ from sepmc.routines import layout as at
 
 
 def emit_history(out: Text, c: Context) -> None:
-    """Functions for the rows of a history."""
+    """Write the functions for the rows of a history."""
     if c.history == at.SEPARATION_HISTORY:
         _emit_curves(out, c)
         return
     for segment in c.spec.segments:
-        _everything(out, c, segment)
-    _keep_everything(out, c)
+        _emit_row(out, c, segment)
+    _emit_full_history(out, c)
 
 
 def _emit_curves(out: Text, c: Context) -> None:
-    """Functions for separations over time: the polynomial of a step through distance and speed at
-    its ends and accelerations there and at stages within. They only look on: a flight is the same
-    without them."""
+    """Write the functions for separations over time.
+
+    A polynomial through distance and speed at the ends of a step, and through accelerations there
+    and at stages within it, is evaluated at the history times. The integration is the same without
+    them.
+    """
     joints = list(c.spec.scene.joint)
     points = 2 + max(len(rk.within) for rk in c.used.values())
     for name, count in (
@@ -46,24 +48,26 @@ def _emit_curves(out: Text, c: Context) -> None:
     ):
         c.workspace.add(name, count)
     for segment in c.spec.segments:
-        _separation(out, c, segment)
+        _emit_separation(out, c, segment)
     for rk in c.used.values():
         _emit_fit_curves(out, c, rk)
-    says = "Separations of the step just made, every so many seconds, into rows of the history."
-    text = out.function("write_history(w, phase: int, first: int, a: Arrays)", says)
+    docstring = (
+        "Write the separations of the step just made at equal time intervals into the history."
+    )
+    text = out.function("write_history(w, phase: int, first: int, a: Arrays)", docstring)
     text(
         f"curves.write(w, CURVES, {len(joints)}, {points + 4}, BEGIN_T, T, LENGTH, "
         "vector(a, 5)[0], block(a, 8), first)"
     )
 
 
-def _separation(out: Text, c: Context, segment: Segment) -> None:
-    """A function for the separations at a state of a phase."""
-    says = (
+def _emit_separation(out: Text, c: Context, segment: Segment) -> None:
+    """Write the function for the separations at a state of a segment."""
+    docstring = (
         f"Distance, speed and acceleration of every joint at the state S of phase {segment.name}, "
         "which has the derivative D, into POINT."
     )
-    text = out.function(f"separation_{segment.name}(w)", says)
+    text = out.function(f"separation_{segment.name}(w)", docstring)
     s = State(c, c.scope(), segment, "S")
     for j, joint in enumerate(c.spec.scene.joint):
         line, bodies = s.separation(joint), c.spec.scene.joint[joint].bodies
@@ -74,13 +78,13 @@ def _separation(out: Text, c: Context, segment: Segment) -> None:
 
 
 def fit_curves(rk: Method) -> str:
-    """The name of the function that follows separations over a step by a method."""
+    """Name of the function that fits separations over a step by a method."""
     return f"fit_curves_{rk.name}"
 
 
 def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
-    """A function for the curves of a step that was just made by a method, whose stages are still
-    there."""
+    """Write the function for the curves of the step just made by a method, whose stages are still
+    stored."""
     text = out.function(
         f"{fit_curves(rk)}(w, phase: int)",
         f"Curves of the separations over the step from BEGIN just made by {rk.name}, into CURVES.",
@@ -90,11 +94,11 @@ def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
     for number, i in enumerate(stages):
         restore_stage(text, rk, i)
         text.block("for e in range(SIZE_Y):")(f"w[D + e] = w[K{i + 1} + e]")
-        _note_point(text, c, number)
+        _store_point(text, c, number)
     text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text("rates(w, phase)")
-    _note_point(text, c, len(stages))
+    _store_point(text, c, len(stages))
     joints, points = len(c.spec.scene.joint), 1 + len(stages)
     stride = c.workspace.counts["CURVES"] // joints
     text(
@@ -103,8 +107,8 @@ def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
     )
 
 
-def _note_point(text: Text, c: Context, number: int) -> None:
-    """What is so at the state S of a point of a step."""
+def _store_point(text: Text, c: Context, number: int) -> None:
+    """Append lines that store the separations at the state S of a point of a step."""
     for k, segment in enumerate(c.spec.segments):
         text.block(f"{'elif' if k else 'if'} phase == {k}:")(f"separation_{segment.name}(w)")
     size = c.workspace.counts["POINT"]
@@ -113,8 +117,8 @@ def _note_point(text: Text, c: Context, number: int) -> None:
     )
 
 
-def _span(text: Text) -> None:
-    """From when to when the steps of all lanes go."""
+def _emit_range(text: Text) -> None:
+    """Append lines for the time range of the steps of all lanes."""
     text("low, high = math.inf, 0.0")
     text.lanes()(
         "low = min(low, w[BEGIN_T + l])",
@@ -122,28 +126,29 @@ def _span(text: Text) -> None:
     )
 
 
-def _everything(out: Text, c: Context, segment: Segment) -> None:
-    """A function for a row of a full history, in the order of `sepmc.schema.history_columns`."""
-    says = (
-        f"All there is to know of the state S of phase {segment.name} at the times CLOCK, into ROW."
+def _emit_row(out: Text, c: Context, segment: Segment) -> None:
+    """Write the function for a row of a full history, in the order of
+    `sepmc.schema.history_columns`."""
+    docstring = (
+        f"Full history row of the state S of phase {segment.name} at the times CLOCK, into ROW."
     )
-    text = out.function(f"row_{segment.name}(w)", says)
+    text = out.function(f"row_{segment.name}(w)", docstring)
     before_wrenches(text, c, segment)
     s = State(c, c.scope(), segment, "S")
     motion, joints = make_wrenches(s), c.spec.scene.joint
-    row = [x for body in c.spec.bodies for x in of_body(s, body, _angles)]
+    row = [x for body in c.spec.bodies for x in body_outcomes(s, body, _nearest_angles)]
     row += [x for line in map(s.separation, joints) for x in (line.rate, line.length)]
     origin = (0.0, s.scope.load("ORIGIN_HEIGHT"), 0.0)
     for body in c.spec.bodies:
         row.extend(vec3.add(s.place(body), vec3.add(origin, vec3.scale(s.time, s.case.velocity))))
         row.extend(vec3.add(s.speed(body), s.case.velocity))
         row.append(vec3.unrotate(s.attitude(body), motion.acceleration[body])[0])
-    for joint, held in joints.items():
+    for joint, joint_model in joints.items():
         force, moment, gap = force_of(motion, joint), moment_of(s, motion, joint), s.joint(joint).d
-        levered = moment if force is ZERO else vec3.add(moment, vec3.cross(gap, force))
+        moment_on_first = moment if force is ZERO else vec3.add(moment, vec3.cross(gap, force))
         for sign, vector in (
             (-1.0, force),
-            (-1.0, levered),
+            (-1.0, moment_on_first),
             (1.0, force),
             (1.0, moment),
             (1.0, gap),
@@ -151,7 +156,7 @@ def _everything(out: Text, c: Context, segment: Segment) -> None:
             row.extend(
                 ZERO
                 if vector is ZERO
-                else vec3.unrotate(s.attitude(held.bodies[0]), vec3.scale(sign, vector))
+                else vec3.unrotate(s.attitude(joint_model.bodies[0]), vec3.scale(sign, vector))
             )
     row += [load for joint in c.guide_joints for load in _pin_loads(s, motion, joint)]
     clearances = c.spec.scene.clearance
@@ -160,11 +165,12 @@ def _everything(out: Text, c: Context, segment: Segment) -> None:
         s.scope.store(component("ROW", k), value)
     s.scope.write(text)
     for i in range(len(clearances)):
-        clearance_now(text, s, i, counts_in(c, segment, i), component("ROW", len(row) + i))
+        emit_clearance_at(text, s, i, is_active(c, segment, i), component("ROW", len(row) + i))
 
 
 def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
-    """Lateral load of every pin of a joint at the mouth and at the tip, while they may slide."""
+    """Lateral load of every pin of a joint at hole entry and tip while it may slide, N; else NaN.
+    Lateral load of every pin of a joint at hole entry and tip while it may slide, N; else NaN."""
     if not s.segment.sliding_kinds(joint):
         return [math.nan] * 2 * s.c.pins(joint)
     sliding = s.sliding(joint)
@@ -174,8 +180,8 @@ def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
     )
 
 
-def _angles(s: State, leader: str) -> tuple[Any, Any]:
-    """Pitch and roll of a group within a step, the nearest turn to those at its end."""
+def _nearest_angles(s: State, leader: str) -> tuple[Any, Any]:
+    """Pitch and roll of a rigid group within a step, in the turn nearest to those at its end."""
     attitude = s.attitude(leader)
     pitch, roll = (component(f"ANGLES_{leader}", k) for k in range(2))
     return scalar.nearest_turn(quat.pitch(attitude), s.scope.load(pitch)), scalar.nearest_turn(
@@ -183,29 +189,29 @@ def _angles(s: State, leader: str) -> tuple[Any, Any]:
     )
 
 
-def _keep_everything(out: Text, c: Context) -> None:
-    """A function that writes the rows of a full history whose segment and instant are those of the
-    step just made, all lanes alike."""
-    says = (
-        "Rows at those of the instants (time, segment, side) that fall within the step just "
-        "made, or at its end (-1) or beginning (1)."
+def _emit_full_history(out: Text, c: Context) -> None:
+    """Write the function that writes the rows of a full history whose segment and time are in the
+    step just made, for all lanes."""
+    docstring = (
+        "Write the rows of the instants (time, segment, side) within the step just made, or at "
+        "its end (side -1) or start (side 1)."
     )
-    text = out.function("write_history(w, phase: int, first: int, a: Arrays)", says)
+    text = out.function("write_history(w, phase: int, first: int, a: Arrays)", docstring)
     text("instants, history = table(a, 5), block(a, 8)")
-    _span(text)
+    _emit_range(text)
     text = text.block("for row in range(instants.shape[0]):")
     text.block("if not low - 1e-12 <= instants[row, 0] <= high + 1e-12:")("continue")
-    text("there = 0.0")
+    text("n_rows = 0.0")
     inner = text.lanes()
     inner("t, last = instants[row, 0], w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l]")
     inner(f"within = w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > {at.GRAIN}")
     inner("within = within and instants[row, 1] == phase and w[REJECTED + l] == 0.0")
     inner("within = within and (instants[row, 2] <= 0.0 or t < last - 1e-12)")
     inner("within = within and (instants[row, 2] >= 0.0 or t > w[BEGIN_T + l] + 1e-12)")
-    inner("w[WITHIN + l] = 1.0 if within else 0.0", "there += w[WITHIN + l]")
+    inner("w[WITHIN + l] = 1.0 if within else 0.0", "n_rows += w[WITHIN + l]")
     inner("w[THETA + l] = (t - w[BEGIN_T + l]) / w[LENGTH + l] if within else 0.0")
     c.workspace.add("WITHIN", 1)
-    text = text.block("if there > 0.0:")
+    text = text.block("if n_rows > 0.0:")
     emit_broadcast(text, c, "THETA")
     text("interpolate(w, phase)")
     for number, segment in enumerate(c.spec.segments):

@@ -1,4 +1,5 @@
-"""Motors that light at an instant that the flight itself tells: when that is."""
+"""Ignition times of motors that are triggered by an event, a release or a joint that becomes free.
+Ignition times of motors that are triggered by an event, a release or a joint that becomes free."""
 
 import math
 
@@ -7,33 +8,45 @@ from sepmc.kernel.tracer.tracer import Expr, Scope, where
 from sepmc.scene.model import Ignition, Motor
 
 
-def lights(motor: str) -> str:
-    """The field of the time at which such a motor lights, as known when a stretch begins."""
+def ignition_time(motor: str) -> str:
+    """Field of the ignition time of a triggered motor, as known at the start of an interval."""
     return f"IGNITION_TIME_{motor}"
 
 
 def ignition(scope: Scope, c: Context, motor: Motor) -> Expr:
-    """When such a motor lights, s; infinite until what it waits for has come."""
+    """Ignition time of a triggered motor.
+
+    Parameters
+    ----------
+    scope : Scope
+    c : Context
+    motor : Motor
+
+    Returns
+    -------
+    Expr
+        s; infinite until its trigger has occurred
+    """
     assert motor.trigger is not None
     slots, path = c.spec.layout.slots, f"motor.{motor.name}"
     delay = c.case.number(slots[f"{path}.ignition.delay"]) + c.case.number(slots[f"{path}.delay"])
-    return _comes(scope, c, motor.trigger) + delay
+    return _trigger_time(scope, c, motor.trigger) + delay
 
 
-def _comes(scope: Scope, c: Context, trigger: Ignition) -> Expr:
-    """When the event or release comes, or the joint becomes free, that a motor waits for."""
+def _trigger_time(scope: Scope, c: Context, trigger: Ignition) -> Expr:
+    """Time of the event or release, or at which the joint became free, that triggers a motor."""
     if trigger.joint is None:
-        place = f"EVENT_TIME_{trigger.event or trigger.release}"
-        c.start(place, math.inf)
-        return scope.load(place)
-    place = f"RELEASE_{trigger.joint}"
-    c.start(place, math.nan)
-    freed = scope.load(place)
+        path = f"EVENT_TIME_{trigger.event or trigger.release}"
+        c.start(path, math.inf)
+        return scope.load(path)
+    path = f"RELEASE_{trigger.joint}"
+    c.start(path, math.nan)
+    freed = scope.load(path)
     return where(freed < math.inf, freed, math.inf)
 
 
-def note_ignitions(scope: Scope, c: Context) -> None:
-    """Note when all such motors light, for the loads of the stretch that begins."""
+def store_ignitions(scope: Scope, c: Context) -> None:
+    """Store the ignition times of all triggered motors for the loads of the next interval."""
     for motor in c.spec.triggered_motors:
-        c.start(lights(motor.name), math.inf)
-        scope.store(lights(motor.name), ignition(scope, c, motor))
+        c.start(ignition_time(motor.name), math.inf)
+        scope.store(ignition_time(motor.name), ignition(scope, c, motor))

@@ -1,4 +1,4 @@
-"""The loads on every body at a state of a phase: force in ground axes, moment in body axes."""
+"""Loads on every body at a state: forces in ground axes, moments in body axes."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,12 +8,12 @@ from sepmc.kernel.emit.context import (
     Context,
     component,
     height,
-    level,
+    origin_height,
     reject_unless,
     rejection_unless,
 )
 from sepmc.kernel.emit.geometry import Line, State
-from sepmc.kernel.emit.ignition import lights
+from sepmc.kernel.emit.ignition import ignition_time
 from sepmc.kernel.emit.tables import looks_up
 from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
@@ -30,18 +30,31 @@ _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 @dataclass
 class _Loads:
-    """Terms of force and moment in body axes, and of force in ground axes."""
+    """Terms of the load on a body: forces and moments in body axes, forces in ground axes."""
 
     forces: list[Any] = field(default_factory=list)
     moments: list[Any] = field(default_factory=list)
-    on_ground_axes: list[Any] = field(default_factory=list)
+    ground_forces: list[Any] = field(default_factory=list)
 
 
-def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Force and moment on every body; with the friction of guides, which has to be known, if it
-    ``rubs``."""
-    scene, found = s.spec.scene, {body: _Loads() for body in s.spec.bodies}
-    for body, acting in found.items():
+def body_loads(s: State, with_friction: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Force and moment on every body.
+
+    Parameters
+    ----------
+    s : State
+    with_friction : bool
+        True to include the friction of guides, which must be known
+
+    Returns
+    -------
+    force : dict of str to Expr
+        ground axes, N
+    moment : dict of str to Expr
+        body axes, N m
+    """
+    scene, loads_of = s.spec.scene, {body: _Loads() for body in s.spec.bodies}
+    for body, acting in loads_of.items():
         if s.spec.feels_air(body):
             s.scope.comment(f"air on {body}")
             _air(s, body, acting)
@@ -55,31 +68,31 @@ def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, A
                 _load(s, i, acting)
     for i, spring in enumerate(scene.spring):
         s.scope.comment(f"spring {spring.name}")
-        _spring(s, spring, i, found)
-    for joint in s.spec.friction_joints(s.segment) if rubs else []:
+        _spring(s, spring, i, loads_of)
+    for joint in s.spec.friction_joints(s.segment) if with_friction else []:
         s.scope.comment(f"friction of {joint}")
-        push = (s.case.separation_sign(joint) * s.friction(joint)).called("rub")
-        _push_apart(s, scene.joint[joint].bodies, s.separation(joint), push, found)
+        force_along = (s.case.separation_sign(joint) * s.friction(joint)).called("friction")
+        _add_pair(s, scene.joint[joint].bodies, s.separation(joint), force_along, loads_of)
     s.scope.comment("sums of loads")
-    force = {body: _force(s, body, acting) for body, acting in found.items()}
-    return force, {body: add_all(acting.moments) for body, acting in found.items()}
+    force = {body: _force(s, body, acting) for body, acting in loads_of.items()}
+    return force, {body: vector_sum(acting.moments) for body, acting in loads_of.items()}
 
 
-def add_all(vectors: list[Any]) -> Any:
+def vector_sum(vectors: list[Any]) -> Any:
     """Sum of vectors; zero if there are none."""
-    there = [vector for vector in vectors if vector is not ZERO]
-    found = there[0] if there else ZERO
-    for vector in there[1:]:
-        found = vec3.add(found, vector)
-    return found
+    nonzero = [vector for vector in vectors if vector is not ZERO]
+    result = nonzero[0] if nonzero else ZERO
+    for vector in nonzero[1:]:
+        result = vec3.add(result, vector)
+    return result
 
 
 def _force(s: State, body: str, acting: _Loads) -> Any:
-    """All force on a body, ground axes, its weight along y."""
-    terms = list(acting.on_ground_axes)
+    """Total force on a body, ground axes; its weight acts along -y."""
+    terms = list(acting.ground_forces)
     if acting.forces:
-        terms.insert(0, vec3.rotate(s.attitude(body), add_all(acting.forces)))
-    force, weight = add_all(terms), _weight(s, body)
+        terms.insert(0, vec3.rotate(s.attitude(body), vector_sum(acting.forces)))
+    force, weight = vector_sum(terms), _weight(s, body)
     return (
         (force[0], force[1] - weight if terms else -weight, force[2])
         if weight is not None
@@ -87,29 +100,29 @@ def _force(s: State, body: str, acting: _Loads) -> Any:
     )
 
 
-def _rise(s: State, body: str) -> tuple[Expr, Expr]:
-    """Rise, m, above the height about which air and gravity are expanded, and its share of the
-    distance there from the earth's centre."""
+def _height_above_centre(s: State, body: str) -> tuple[Expr, Expr]:
+    """Height above that of the expansion of air and gravity, m, and its ratio to the distance from
+    the centre of the earth."""
     rise = (
-        s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
+        s.place(body)[1] + (origin_height(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
     ).called("rise")
-    return rise, (rise * s.scope.load(component(f"AIR_CENTRE_{body}", 1))).called("share")
+    return rise, (rise * s.scope.load(component(f"AIR_CENTRE_{body}", 1))).called("ratio")
 
 
-_BORDER = 1e-6  # m
+_BORDER = 1e-6  # m, hysteresis of layer borders
 
 
 def emit_recentre_air(out: Text, c: Context) -> None:
-    """A function that expands density and gravity anew for bodies that have left the height about
-    which they were expanded."""
+    """Write the function that expands density and gravity about the present height of bodies that
+    are far from that of the last expansion."""
     bodies = [body for body in c.spec.bodies if c.spec.in_layers(body)]
     if not bodies:
         return
-    says = (
-        "Expand density and gravity about the height of every body that is further than "
-        "``far`` metres from where they were last."
+    docstring = (
+        "Expand density and gravity about the height of every body that is more than ``far`` "
+        "metres from the last expansion."
     )
-    text = out.function("recentre_air(w, far: float)", says)
+    text = out.function("recentre_air(w, far: float)", docstring)
     scope, case = c.scope(), c.case
     if not c.spec.layer_borders:
         c.workspace.add("AIR", 4), c.workspace.add("AIR_TOP", 1)
@@ -132,7 +145,7 @@ def emit_recentre_air(out: Text, c: Context) -> None:
             )
         scope.store(f"DENSITY_{body}", air.density_series(centre, scope.load(c.layer(body), 4)))
         if not c.spec.layer_borders:
-            reached = air.geopotential(centre).called("reached")
+            reached = air.geopotential(centre).called("geopotential")
             reject_unless(
                 scope,
                 (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")),
@@ -142,12 +155,14 @@ def emit_recentre_air(out: Text, c: Context) -> None:
 
 
 def emit_layers(out: Text, c: Context) -> None:
-    """A function by which bodies enter layers of the standard atmosphere. Their borders are met
-    this side and beyond by `_BORDER`, so that a body that has just passed one is not at it; one
-    that starts on a border flies in the layer that it goes to."""
+    """Write the function that moves bodies into the next layer of the standard atmosphere.
+
+    Borders are crossed `_BORDER` beyond their height, so that a body that has just crossed one is
+    not at it; a body that starts on a border belongs to the layer that it moves into.
+    """
     text = out.function(
         "enter_layers(w)",
-        "Let bodies that pass a border of their layer of air fly in the next, if there is one.",
+        "Move bodies that cross a border of their atmosphere layer into the next layer, if any.",
     )
     text = text.lanes()
     for body in c.spec.bodies:
@@ -180,25 +195,26 @@ def emit_layers(out: Text, c: Context) -> None:
 
 
 def _air(s: State, body: str, acting: _Loads) -> None:
-    """Aerodynamic force and moment at the angles of the flow."""
+    """Aerodynamic force and moment at the flow angles."""
     case, p = s.case, s.case.body(body)
     flow = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called("flow")
     alpha, beta = loads.flow_angles(flow).called("angles")
     pressure = (_density(s, body) * vec3.dot(flow, flow)).called("pressure")
-    named = _coefficients(s, body, alpha, beta)
+    coefficients = _coefficients(s, body, alpha, beta)
     if looks_up(s.spec, body):
-        named = [
-            value + s.scope.load(component(f"LOOKED_UP_{body}", k)) for k, value in enumerate(named)
+        coefficients = [
+            value + s.scope.load(component(f"LOOKED_UP_{body}", k))
+            for k, value in enumerate(coefficients)
         ]
     scale = 0.5 * case.number(at.DENSITY_FACTOR) * case.number(p + at.AREA)
     of_force = (scale * case.number(p + at.FORCE_FACTOR)).called("force_scale")
-    force = loads.aero_force(pressure * of_force, tuple(named[:3])).called("push")
+    force = loads.aero_force(pressure * of_force, tuple(coefficients[:3])).called("force")
     acting.forces.append(force)
-    if any(isinstance(value, Expr) for value in named[3:]):
+    if any(isinstance(value, Expr) for value in coefficients[3:]):
         of_moment = (scale * case.number(p + at.LENGTH) * case.number(p + at.MOMENT_FACTOR)).called(
             "moment_scale"
         )
-        acting.moments.append(loads.aero_moment(pressure * of_moment, tuple(named[3:])))
+        acting.moments.append(loads.aero_moment(pressure * of_moment, tuple(coefficients[3:])))
     aero = s.spec.scene.body[body].aerodynamics
     if aero is not None and aero.moment_point is not None:
         arm = vehicle.arm(case.centre_of_mass(body), case.vector(p + at.MOMENT_POINT)).called(
@@ -208,17 +224,16 @@ def _air(s: State, body: str, acting: _Loads) -> None:
 
 
 def _density(s: State, body: str) -> Expr:
-    """Density of the air around a body."""
+    """Air density at a body, kg/m3."""
     if not s.spec.in_layers(body):
         return scalar.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
-    rise, share = _rise(s, body)
-    higher = air.geopotential_rise(rise, share, s.scope.load(component(f"AIR_CENTRE_{body}", 2)))
+    rise, ratio = _height_above_centre(s, body)
+    higher = air.geopotential_rise(rise, ratio, s.scope.load(component(f"AIR_CENTRE_{body}", 2)))
     return air.density_near(s.scope.load(f"DENSITY_{body}", 9), higher).called("density")
 
 
 def _coefficients(s: State, body: str, alpha: Expr, beta: Expr) -> list[Any]:
-    """The six coefficients, polynomials in the angles of the flow, multiplied out as they stand;
-    0.0 where there is no term."""
+    """Six aerodynamic coefficients, polynomials in the flow angles; 0.0 without terms."""
     terms: dict[int, list[Expr]] = {code: [] for code in range(6)}
     for k, term in enumerate(aero_terms(s.spec.scene)):
         if term.body == body:
@@ -238,7 +253,7 @@ def _power(x: Expr, n: int) -> Expr:
 
 
 def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
-    """Thrust along a line that stays: build-up, and with switches the profile and the tail-off."""
+    """Thrust along a fixed line: build-up and, with load switches, profile and tail-off."""
     case, scope, name = s.case, s.scope, motor.name
     p = int(s.c.model.motors_p) + at.MOTOR_SIZE * i
     line = loads.thrust_direction(
@@ -247,69 +262,75 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     point = (
         case.number(p + k) for k in (at.STATION, at.RADIUS, at.CLOCK, at.OFFSET, at.OFFSET + 1)
     )
-    turn = vec3.cross(loads.thrust_arm(case.centre_of_mass(motor.body), *point), line).called(
-        "turn"
+    moment = vec3.cross(loads.thrust_arm(case.centre_of_mass(motor.body), *point), line).called(
+        "moment"
     )
-    full, build_up = case.number(p + at.THRUST), case.number(p + at.BUILD_UP)
+    full_thrust, build_up = case.number(p + at.THRUST), case.number(p + at.BUILD_UP)
     rate = where(build_up > 0.0, 1.0 / build_up, 0.0).called("building")
 
-    def level(since: Expr) -> Expr:
-        """Thrust some time after ignition, apart from the profile."""
+    def thrust_level(elapsed: Expr) -> Expr:
+        """Thrust after a time since ignition, without the profile."""
         if not s.spec.may_occur(f"motor.{name}.build_up", motor.build_up > 0.0):
-            return full
-        built = loads.building_up(full, rate, since)
+            return full_thrust
+        built = loads.building_up(full_thrust, rate, elapsed)
         return (
-            where(rate > 0.0, built, full)
+            where(rate > 0.0, built, full_thrust)
             if f"motor.{name}.build_up" in s.spec.dispersed
             else built
         )
 
     if not s.spec.load_switches:
-        thrust = level(s.time).called("thrust")
+        thrust = thrust_level(s.time).called("thrust")
     else:
-        burning, share, slope = scope.load(f"BURNING_{name}", 3)
+        burning, fraction, slope = scope.load(f"BURNING_{name}", 3)
         if motor.trigger is not None:
-            s.c.start(lights(name), math.inf)
-            ignition = scope.load(lights(name))
+            s.c.start(ignition_time(name), math.inf)
+            ignition = scope.load(ignition_time(name))
         else:
             ignition = (case.number(p + at.IGNITION) + case.number(p + at.IGNITION_DELAY)).called(
                 "ignition"
             )
-        since = scalar.larger(s.time - ignition, 0.0).called("since")
-        thrust = where(burning.equals(1.0), level(since) * (share + slope * since), 0.0)
+        elapsed = scalar.larger(s.time - ignition, 0.0).called("elapsed")
+        thrust = where(
+            burning.equals(1.0), thrust_level(elapsed) * (fraction + slope * elapsed), 0.0
+        )
         if s.spec.may_occur(f"motor.{name}.tail_off", motor.tail_off > 0.0):
             burn, tail = case.number(p + at.BURN), case.number(p + at.TAIL_OFF)
-            left = level(burn) * share * loads.tail_off(scalar.larger(since - burn, 0.0), tail)
-            thrust = where(burning.equals(2.0), left, thrust)
+            remaining = (
+                thrust_level(burn)
+                * fraction
+                * loads.tail_off(scalar.larger(elapsed - burn, 0.0), tail)
+            )
+            thrust = where(burning.equals(2.0), remaining, thrust)
         thrust = thrust.called("thrust")
     acting.forces.append(vec3.scale(thrust, line))
-    acting.moments.append(vec3.scale(thrust, turn))
+    acting.moments.append(vec3.scale(thrust, moment))
 
 
 def _load(s: State, i: int, acting: _Loads) -> None:
     """Constant force and moment, in body or ground axes."""
     load, p = s.spec.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
-    push: Any = s.case.vector(p + at.LOAD_FORCE)
-    turn: Any = s.case.vector(p + at.LOAD_MOMENT)
+    force: Any = s.case.vector(p + at.LOAD_FORCE)
+    moment: Any = s.case.vector(p + at.LOAD_MOMENT)
     if s.spec.load_switches:
         acts = s.scope.load(f"ACTS_{load.name}")
-        push, turn = vec3.scale(acts, push), vec3.scale(acts, turn)
+        force, moment = vec3.scale(acts, force), vec3.scale(acts, moment)
     if load.frame == "ground":
-        push, turn = (
-            vec3.unrotate(s.attitude(load.body), push).called("push"),
-            vec3.unrotate(s.attitude(load.body), turn),
+        force, moment = (
+            vec3.unrotate(s.attitude(load.body), force).called("force"),
+            vec3.unrotate(s.attitude(load.body), moment),
         )
-    acting.forces.append(push)
-    acting.moments.append(turn)
+    acting.forces.append(force)
+    acting.moments.append(moment)
     if load.point is not None:
         arm = vehicle.arm(
             s.case.centre_of_mass(load.body), s.case.vector(p + at.LOAD_POINT)
         ).called("load_arm")
-        acting.moments.append(vec3.cross(arm, push))
+        acting.moments.append(vec3.cross(arm, force))
 
 
 def _weight(s: State, body: str) -> Any:
-    """Weight of a body; None without gravity."""
+    """Weight of a body, N; None without gravity."""
     kind, case = s.spec.scene.environment.gravity, s.case
     if kind == "none":
         return None
@@ -318,35 +339,37 @@ def _weight(s: State, body: str) -> Any:
         return (case.mass(body) * surface).called("weight")
     if s.spec.in_layers(body):
         return loads.inverse_square_near(
-            s.scope.load(component(f"AIR_CENTRE_{body}", 3)), _rise(s, body)[1]
+            s.scope.load(component(f"AIR_CENTRE_{body}", 3)), _height_above_centre(s, body)[1]
         )
     return case.mass(body) * loads.inverse_square(
-        surface, s.place(body)[1] + level(s.scope, s.time)
+        surface, s.place(body)[1] + origin_height(s.scope, s.time)
     )
 
 
-def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
-    """Force along a spring's line on both of its bodies; none once its stroke is through."""
+def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> None:
+    """Force along the line of a spring on both of its bodies; none after its stroke."""
     p = int(s.c.model.springs_p) + at.SPRING_SIZE * i
     line = s.spring(spring)
-    strengths = (s.case.number(p + k) for k in (at.SPRING_FORCE, at.STIFFNESS, at.DAMPING))
-    push = getattr(loads, "springs.spring_force")(
-        *strengths, line.length - s.spring_start(spring), line.rate
+    coefficients = (s.case.number(p + k) for k in (at.SPRING_FORCE, at.STIFFNESS, at.DAMPING))
+    force = getattr(loads, "springs.spring_force")(
+        *coefficients, line.length - s.spring_start(spring), line.rate
     )
     if s.spec.may_occur(f"spring.{spring.name}.factor", spring.factor != 1.0):
-        push = s.case.number(p + at.SPRING_FACTOR) * push
+        force = s.case.number(p + at.SPRING_FACTOR) * force
     if s.spec.may_occur(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
         s.c.start(stroke_flag(spring.name), 0.0)
-        push = where(s.scope.load(stroke_flag(spring.name)) > 0.0, 0.0, push)
-    push = push.called("push")
-    _push_apart(s, spring.bodies, line, push, found)
+        force = where(s.scope.load(stroke_flag(spring.name)) > 0.0, 0.0, force)
+    force = force.called("force")
+    _add_pair(s, spring.bodies, line, force, loads_of)
 
 
-def _push_apart(
-    s: State, bodies: tuple[str, str], line: Line, push: Expr, found: dict[str, _Loads]
+def _add_pair(
+    s: State, bodies: tuple[str, str], line: Line, force: Expr, loads_of: dict[str, _Loads]
 ) -> None:
-    """A force on two bodies along a line, away from each other."""
-    for body, signed, arm in zip(bodies, (-push, push), (line.arm_a, line.arm_b), strict=True):
+    """Add a force on two bodies along a line, positive when it separates them."""
+    for body, signed_force, arm in zip(
+        bodies, (-force, force), (line.arm_a, line.arm_b), strict=True
+    ):
         if body != GROUND:
-            found[body].on_ground_axes.append(vec3.scale(signed, line.e))
-            found[body].moments.append(vec3.scale(push, vec3.unrotate(s.attitude(body), arm)))
+            loads_of[body].ground_forces.append(vec3.scale(signed_force, line.e))
+            loads_of[body].moments.append(vec3.scale(force, vec3.unrotate(s.attitude(body), arm)))

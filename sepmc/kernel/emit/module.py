@@ -1,8 +1,8 @@
-"""Writes the kernel of one scene: a readable Python module that calls the physics this scene needs,
-in order, and nothing else.
+"""Emitter: writes the kernel of a scene as a readable Python module that calls the physics this
+scene needs, in order, and nothing else.
 
-The module flies LANES cases side by side. Sizes and places are constants in it, masses and
-coefficients are data: scenes of one structure share it. `sepmc check --code` prints it.
+The module integrates LANES cases side by side. Sizes and offsets are constants in it, masses and
+coefficients are data: scenes with equal specifications share it. `sepmc check --code` prints it.
 """
 
 from sepmc.kernel.emit.block import emit_block, emit_load_switch
@@ -18,13 +18,13 @@ from sepmc.kernel.emit.monitor import emit_monitor
 from sepmc.kernel.emit.motion import emit_correct
 from sepmc.kernel.emit.outcomes import emit_outcomes
 from sepmc.kernel.emit.rates import emit_rates
-from sepmc.kernel.emit.start import ZERO_AT_FIRST, emit_prepare, shared_size
+from sepmc.kernel.emit.start import INITIALLY_ZERO, emit_prepare, shared_size
 from sepmc.kernel.emit.steps import (
     coefficients,
     emit_advance,
     emit_event_polish,
     emit_finish_step,
-    emit_note_indicators,
+    emit_indicators,
     emit_step_length,
 )
 from sepmc.kernel.emit.tables import has_tables_over_height, looks_up
@@ -34,7 +34,7 @@ from sepmc.kernel.spec.methods import method
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, SEPARATION_HISTORY
 
-_HEADER = '''"""Flight of a scene.
+_HEADER = '''"""Kernel of a scene.
 
 Written by sepmc for scenes of this structure; not edited by hand. {about}
 """
@@ -60,7 +60,7 @@ from sepmc.routines import curves, friction, linear, peaks
 from sepmc.routines.arrays import Arrays, block, get_column, indices, put_columns, record, table
 from sepmc.routines.arrays import vector
 from sepmc.routines.clearances import load_outline, search_clearance
-from sepmc.routines.lanes import LANES, get3, get4, get6, get9, put3, put4, put6, put9
+from sepmc.routines.lanes import LANES, get3, get4, get6, put3, put4, put6
 from sepmc.routines.lanes import larger, largest3, largest4, nearest_turn, time_left
 from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, Model
 from sepmc.routines.splines import load_cell, in_cell
@@ -89,13 +89,13 @@ def emit(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
         method_name,
         history if spec.scene.joint or history == FULL_HISTORY else NO_HISTORY,
     )
-    body = _body(context)  # first: the head names all workspace that its parts add
+    body = _body(context)  # first: the head lists the fields that it adds
     return "\n".join(_head(context).lines + body.lines) + "\n"
 
 
 def _body(c: Context) -> Text:
-    """All functions of a module."""
-    _first_slabs(c)
+    """Functions of a module."""
+    _add_common_fields(c)
     body = Text()
     emit_rates(body, c)
     for segment in c.spec.segments:
@@ -114,7 +114,7 @@ def _body(c: Context) -> Text:
     emit_recentre_air(body, c)
     emit_step_length(body, c)
     emit_finish_step(body, c)
-    emit_note_indicators(body, c)
+    emit_indicators(body, c)
     for rk in c.used.values():
         emit_advance(body, c, rk)
     if any(segment.events for segment in c.spec.segments):
@@ -122,17 +122,17 @@ def _body(c: Context) -> Text:
         emit_event_flags(body, c)
     emit_outcomes(body, c)
     with c.workspace.optional():
-        _optional(body, c)
+        _emit_optional(body, c)
     block = Text()
-    # it is entered, so it stands last; what comes before a flight is known when all else is written
+    # the entry comes last; the preparation of a case is known when everything else is written
     emit_block(block, c)
     emit_prepare(body, c)
     body.lines += block.lines
     return body
 
 
-def _optional(body: Text, c: Context) -> None:
-    """Functions for what happens between the ends of steps."""
+def _emit_optional(body: Text, c: Context) -> None:
+    """Write the functions that use states between the ends of steps."""
     if c.has_extension:
         emit_extension(body, c)
         for segment in filter(c.needs_wrenches, c.spec.segments):
@@ -144,9 +144,9 @@ def _optional(body: Text, c: Context) -> None:
         emit_history(body, c)
 
 
-def _first_slabs(c: Context) -> None:
-    """Workspace that every module has."""
-    # state; state of a stage, its derivative; length of the step, for every number of a state
+def _add_common_fields(c: Context) -> None:
+    """Add the workspace fields that every module has."""
+    # state; state of a stage and its derivative; step length, for each component of a state
     for name in ("Y", "S", "D", "STEP"):
         c.workspace.add(name, c.size)
     for name in (
@@ -157,7 +157,7 @@ def _first_slabs(c: Context) -> None:
         "DONE",
         "REJECTED",
         "MAX_NEXT_STEP",
-        *ZERO_AT_FIRST,
+        *INITIALLY_ZERO,
     ):
         c.workspace.add(name, 1)
     (
@@ -200,9 +200,9 @@ def _head(c: Context) -> Text:
             *coefficients(rk, c.has_extension and rk is c.extended),
         )
     if any(segment.events for segment in c.spec.segments) and "rk4" not in c.used:
-        head("", "# rk4, for the last of the way to an event", *coefficients(method("rk4"), False))
+        head("", "# rk4, for the last step to an event", *coefficients(method("rk4"), False))
     if c.history == SEPARATION_HISTORY:
-        head("", "# Curves over a step, from what is so at its ends and within.")
+        head("", "# Polynomials over a step, fitted to values at its ends and within.")
         head(
             *(
                 f"CURVE_{name.upper()} = np.ascontiguousarray(method({name!r}).curve)"
@@ -210,23 +210,22 @@ def _head(c: Context) -> Text:
             )
         )
     if c.has_extension:
-        head("# Continuous extension: coefficients by powers of the share of a step.")
+        head("# Continuous extension: coefficients by powers of the fraction of a step.")
         head(f"DENSE = np.ascontiguousarray(method({c.extended.name!r}).dense.T)")
-    head(
-        "", "# Workspace of the workspace of a block of cases, and the places of bodies in a state."
-    )
+    head("", "# Workspace fields of a block of cases, and offsets of bodies in a state.")
     head(
         *c.workspace.lines(),
         f"SIZE_SHARED, N_INDICATORS, N_SEGMENTS, N_CHANGES = {shared_size(c)}, "
         f"{len(c.indicators)}, {len(c.spec.segments)}, {len(c.change_times)}",
         f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.spec.segments)!r}",
-        *_places(c.spec),
+        *_state_offsets(c.spec),
     )
     return head
 
 
-def _places(spec: KernelSpec) -> list[str]:
-    """Where places and speeds, then the work of all loads, attitudes and rates stand in a state."""
+def _state_offsets(spec: KernelSpec) -> list[str]:
+    """Offsets in a state: positions and velocities, then the work of all loads, attitudes and
+    angular rates."""
     lines = [
         f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES"
         for i, body in enumerate(spec.bodies)
@@ -241,12 +240,23 @@ def _places(spec: KernelSpec) -> list[str]:
 
 
 def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
-    """List the features that the kernel of a specification computes, and those it leaves out."""
+    """List the features of a kernel.
+
+    Parameters
+    ----------
+    spec : KernelSpec
+
+    Returns
+    -------
+    present, absent : list of str
+        features that the kernel computes, and those it leaves out because no scene of the
+        specification needs them
+    """
     scene = spec.scene
     air = scene.environment.atmosphere != "none" and any(
         body.aerodynamics for body in scene.body.values()
     )
-    parts = {
+    is_present = {
         "air and aerodynamics": air,
         "gravity": scene.environment.gravity != "none",
         "motors": bool(scene.motor),
@@ -255,9 +265,9 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
         "loads that switch on or off": spec.load_switches,
         "constraint rows": any(segment.rows for segment in spec.segments),
         "events on the state": any(segment.events for segment in spec.segments),
-        "rates at release": bool(scene.output.tip_off),
+        "tip-off rates": bool(scene.output.tip_off),
         "transverse rates": bool(scene.output.transverse),
-        "events that are told of": bool(scene.event),
+        "observation events": bool(scene.event),
         "aerodynamic tables": any(looks_up(spec, body) for body in spec.bodies),
         "wind or air over height": has_tables_over_height(spec),
         "friction of pins": any(spec.friction_joints(segment) for segment in spec.segments),
@@ -265,6 +275,6 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
         "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),
     }
-    return [name for name, there in parts.items() if there], [
-        name for name, there in parts.items() if not there
+    return [name for name, present in is_present.items() if present], [
+        name for name, present in is_present.items() if not present
     ]

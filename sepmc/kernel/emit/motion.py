@@ -1,5 +1,5 @@
-"""The motion in a phase: accelerations by loads and joints, and the correction of drift off the
-joints."""
+"""Accelerations in a segment by loads and joints, and the projection of the state onto the
+constraints."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -7,7 +7,7 @@ from typing import Any
 from sepmc.kernel.emit.context import Context, component, reject_unless
 from sepmc.kernel.emit.full import FullSystem, Wrench, before_full
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.emit.loads import add_all, body_loads
+from sepmc.kernel.emit.loads import body_loads, vector_sum
 from sepmc.kernel.emit.rows import (
     Factors,
     JointRow,
@@ -26,8 +26,8 @@ from sepmc.scene.model import GROUND
 
 
 def before_motion(text: Text, c: Context, segment: Segment) -> None:
-    """Lines for what has to be known of a state S before its motion: what tables give, and
-    friction."""
+    """Append lines for what the motion at a state S depends on: look-ups in tables, and friction.
+    Append lines for what the motion at a state S depends on: look-ups in tables, and friction."""
     call_look_up(text, c, segment)
     if c.spec.friction_joints(segment):
         text(f"friction_{segment.name}(w)")
@@ -37,10 +37,13 @@ def before_motion(text: Text, c: Context, segment: Segment) -> None:
 
 @dataclass
 class Motion:
-    """Force (ground axes) and moment (body axes) of the loads on every body, accelerations of mass
-    centres (ground axes) and angular accelerations of groups (body axes, by leader), and the rows
-    of the joints with their multipliers, or wrenches by the full system; or by how much a force
-    changes all these, whatever the bodies do that are ``moving``."""
+    """Loads, accelerations and joint forces at a state.
+
+    Force (ground axes, N) and moment (body axes, N m) on each body; accelerations of mass centres
+    (ground axes, m/s2) and angular accelerations of groups (body axes, by leader, rad/s2);
+    constraint rows and multipliers, or wrenches of the full system. Not ``moving``: the change of
+    all these per newton of a force, without velocity terms.
+    """
 
     force: dict[str, Any]
     moment: dict[str, Any]
@@ -51,19 +54,29 @@ class Motion:
     factors: Solver | None = None
     wrenches: dict[str, Wrench] = field(default_factory=dict)
     moving: bool = True
-    # whether the rows are those of bodies that turn apart, the multipliers those of least sum of
-    # squares
-    shared: bool = False
+    # the rows are those of bodies that rotate by themselves, the multipliers those of minimum norm
+    min_norm: bool = False
 
     @property
     def rows(self) -> list[JointRow]:
-        """Rows of the joints; none if there is no system of them."""
+        """Constraint rows of the joints."""
         return self.system.rows if self.system else []
 
 
-def make_motion(s: State, rubs: bool = True) -> Motion:
-    """The motion at a state; with the friction of guides, which has to be known, if it ``rubs``."""
-    force, moment = body_loads(s, rubs)
+def make_motion(s: State, with_friction: bool = True) -> Motion:
+    """Motion at a state.
+
+    Parameters
+    ----------
+    s : State
+    with_friction : bool
+        True to include the friction of guides, which must be known
+
+    Returns
+    -------
+    Motion
+    """
+    force, moment = body_loads(s, with_friction)
     force, moment = (
         {name: called(vector, what) for name, vector in of.items()}
         for of, what in ((force, "force"), (moment, "moment"))
@@ -73,21 +86,21 @@ def make_motion(s: State, rubs: bool = True) -> Motion:
     if not s.segment.rows:
         return Motion(force, moment, acceleration, spin_rate)
     rows = Rows(s)
-    s.scope.comment("inverse inertia that the rows feel")
+    s.scope.comment("inverse inertia along the rows")
     factors = make_solver(s, rows.coupling())
-    if s.segment.full and rubs:
+    if s.segment.full and with_friction:
         acceleration, spin_rate, wrenches = FullSystem(s, rows, force, moment).solve()
         return Motion(
             force, moment, acceleration, spin_rate, system=rows, factors=factors, wrenches=wrenches
         )
     multipliers = factors.solve(rows.without_joints(acceleration, spin_rate))
     linear, angular = rows.act(multipliers)
-    s.scope.comment("what the joints do")
+    s.scope.comment("accelerations by the joints")
     return Motion(
         force,
         moment,
-        _plus(acceleration, linear),
-        _plus(spin_rate, angular),
+        _added(acceleration, linear),
+        _added(spin_rate, angular),
         multipliers,
         rows,
         factors,
@@ -103,38 +116,50 @@ def without_joints(
         for body in s.spec.bodies
     }
     return acceleration, {
-        group[0]: spin_rate_of(s, group, moment).called("spin_rate")
+        group[0]: angular_acceleration(s, group, moment).called("spin_rate")
         for group in s.segment.groups
         if GROUND not in group
     }
 
 
 def make_drive(s: State, motion: Motion, joint: str) -> Motion:
-    """By how much 1 N changes a motion that drives the bodies of a joint apart along its x axis."""
+    """Change of the motion per newton of a force that separates the bodies of a joint along its x
+    axis.
+
+    Parameters
+    ----------
+    s : State
+    motion : Motion
+    joint : str
+
+    Returns
+    -------
+    Motion
+    """
     assert motion.system is not None
     assert motion.factors is not None
     acceleration, moment = dict.fromkeys(s.spec.bodies, ZERO), dict.fromkeys(s.spec.bodies, ZERO)
-    line, apart = s.separation(joint), s.case.separation_sign(joint)
+    line, outward = s.separation(joint), s.case.separation_sign(joint)
     for body, sign, arm in zip(
         s.spec.scene.joint[joint].bodies, (-1.0, 1.0), (line.arm_a, line.arm_b), strict=True
     ):
         if body != GROUND:
-            acceleration[body] = vec3.scale(sign * apart * s.case.inverse_mass(body), line.e)
-            moment[body] = vec3.scale(apart, vec3.unrotate(s.attitude(body), arm))
+            acceleration[body] = vec3.scale(sign * outward * s.case.inverse_mass(body), line.e)
+            moment[body] = vec3.scale(outward, vec3.unrotate(s.attitude(body), arm))
     spin_rate = dict.fromkeys(s.segment.leaders, ZERO)
     for group in s.segment.groups:
-        turning = add_all([moment[body] for body in group if body != GROUND])
-        if group[0] in spin_rate and turning is not ZERO:
-            spin_rate[group[0]] = vec3.rotate(s.case.inverse_inertia(group), turning)
+        group_moment = vector_sum([moment[body] for body in group if body != GROUND])
+        if group[0] in spin_rate and group_moment is not ZERO:
+            spin_rate[group[0]] = vec3.rotate(s.case.inverse_inertia(group), group_moment)
     multipliers = motion.factors.solve(
         motion.system.without_joints(acceleration, spin_rate, moving=False)
     )
     linear, angular = motion.system.act(multipliers)
-    changed = _plus(acceleration, linear), _plus(spin_rate, angular)
+    changes = _added(acceleration, linear), _added(spin_rate, angular)
     return Motion(
         dict.fromkeys(moment, ZERO),
         moment,
-        *changed,
+        *changes,
         multipliers,
         motion.system,
         motion.factors,
@@ -142,68 +167,70 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
     )
 
 
-def spin_rate_of(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
-    """Euler's equations of bodies that turn as one."""
-    leader, felt = s.segment.leader(group[0]), add_all([moment[body] for body in group])
+def angular_acceleration(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
+    """Angular acceleration of a rigid group by Euler's equations, I w' = m - w x I w."""
+    leader, total_moment = s.segment.leader(group[0]), vector_sum([moment[body] for body in group])
     if leader != GROUND:
         omega = s.rate(leader)
-        felt = vec3.sub(felt, vec3.cross(omega, vec3.rotate(s.case.group_inertia(group), omega)))
-    return vec3.rotate(s.case.inverse_inertia(group), felt)
+        total_moment = vec3.sub(
+            total_moment, vec3.cross(omega, vec3.rotate(s.case.group_inertia(group), omega))
+        )
+    return vec3.rotate(s.case.inverse_inertia(group), total_moment)
 
 
-def _plus(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
-    added = {name: ZERO if other is None else other for name, other in others.items()}
-    return {name: add_all([vector, added[name]]) for name, vector in vectors.items()}
+def _added(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
+    additions = {name: ZERO if other is None else other for name, other in others.items()}
+    return {name: vector_sum([vector, additions[name]]) for name, vector in vectors.items()}
 
 
 def emit_correct(out: Text, c: Context, segment: Segment) -> None:
-    """A function that notes how far a phase's rows are off, and brings the state back if the scene
-    asks for it."""
+    """Write the function that updates the constraint residuals of a segment and, if the scene asks
+    for it, projects the state onto the constraints."""
     if c.emit_alias(out, segment, "correct"):
         return
     corrects = c.spec.scene.solver.drift == "projection"
-    says = "Note how far the state Y is off the constraints"
-    says += (
-        ", and bring it back onto them by the least correction, weighted by mass."
+    docstring = "Update the residuals of the constraints at the state Y"
+    docstring += (
+        ", and project it onto them by the minimum correction, weighted by mass."
         if corrects
         else "."
     )
-    text = out.function(f"correct_{segment.name}(w)", says)
+    text = out.function(f"correct_{segment.name}(w)", docstring)
     s = State(c, c.scope(), segment, "Y")
     for k in range(4):
         s.scope.store(component("RESIDUAL_NOW", k), 0.0)
     reject_unless(s.scope, is_finite(s))
     rows = Rows(s)
-    rows.note_residuals()
+    rows.update_residuals()
     coupling = rows.coupling()
     factors = make_solver(s, coupling)
     if isinstance(factors, Factors):
         dropped = Rows(s, s.segment.dropped)
-        dropped.note_residuals()
+        dropped.update_residuals()
         for one in dropped.rows:
             rows.reject_independent(one, factors)
     else:
         factors.solve([one.value for one in rows.rows])
     check_pivots(s, coupling, factors)
     if corrects:
-        _correct(s, rows, factors)
+        _project(s, rows, factors)
     s.scope.write(text)
 
 
-def _correct(s: State, rows: Rows, factors: Solver) -> None:
-    """Bring a state back onto its constraints: places and attitudes, speeds and rates."""
-    shift, turn = rows.act(factors.solve([-one.value for one in rows.rows]))
-    kick, swing = rows.act(factors.solve([-one.rate for one in rows.rows]))
+def _project(s: State, rows: Rows, factors: Solver) -> None:
+    """Project positions and attitudes, then velocities and angular rates, onto the constraints."""
+    position_change, rotation = rows.act(factors.solve([-one.value for one in rows.rows]))
+    velocity_change, rate_change = rows.act(factors.solve([-one.rate for one in rows.rows]))
     for body in s.spec.bodies:
-        for vector, now, change in (
-            ("X", s.place(body), shift[body]),
-            ("V", s.speed(body), kick[body]),
+        for vector, value, change in (
+            ("X", s.place(body), position_change[body]),
+            ("V", s.speed(body), velocity_change[body]),
         ):
             if change is not None:
-                s.scope.store(f"Y + {vector}_{body}", vec3.add(now, change))
+                s.scope.store(f"Y + {vector}_{body}", vec3.add(value, change))
     for leader in s.segment.leaders:
-        if turn[leader] is not None:
+        if rotation[leader] is not None:
             q = s.quaternion(leader)
-            d = quat.rate(q, turn[leader]).called("d")
+            d = quat.rate(q, rotation[leader]).called("d")
             s.scope.store(f"Y + Q_{leader}", tuple(q[i] + d[i] for i in range(4)))
-            s.scope.store(f"Y + OMEGA_{leader}", vec3.add(s.rate(leader), swing[leader]))
+            s.scope.store(f"Y + OMEGA_{leader}", vec3.add(s.rate(leader), rate_change[leader]))

@@ -1,11 +1,11 @@
-"""The outcomes of a flight: from the final state into workspace, from workspace into the columns of
-results."""
+"""Outcomes of a case, as lines of a kernel: from the final state into fields, from fields into the
+result arrays."""
 
 import math
 from collections.abc import Callable
 from typing import Any
 
-from sepmc.kernel.emit.clearances import clearance_now, counts_from_start
+from sepmc.kernel.emit.clearances import emit_clearance_at, is_active_at_start
 from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import guide_outcomes
@@ -19,13 +19,13 @@ from sepmc.scene.contents import contents
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status, across
 
-# drift of a quaternion in a step, or share of energy lost, beyond which a case is not vouched for
+# quaternion drift in a step, or relative energy defect, beyond which a case is rejected
 _UNRESOLVED = 1e-6
-AT_EVENT = 6  # the last outcomes of a body, which are told at events too: rates and attitude
+AT_EVENT = 6  # last outcomes of a body, reported at events too: rates and attitude
 
 
 def emit_outcomes(out: Text, c: Context) -> None:
-    """A function for the outcomes of all lanes."""
+    """Write the function for the outcomes of all lanes."""
     spec, segment = c.spec, c.spec.segments[-1]
     text = out.function(
         "compute_outcomes(w)",
@@ -45,7 +45,7 @@ def emit_outcomes(out: Text, c: Context) -> None:
     s = State(c, c.scope(), segment, "Y")
     o = 0
     for body in spec.bodies:
-        for k, value in enumerate(of_body(s, body, angles)):
+        for k, value in enumerate(body_outcomes(s, body, angles)):
             s.scope.store(component("OUTCOMES", o + k), value)
         o += at.BODY_OUTCOMES
     for joint in spec.scene.joint:
@@ -58,55 +58,54 @@ def emit_outcomes(out: Text, c: Context) -> None:
         s.scope.store(component("GUIDE_OUTCOMES", k), value)
     events = [event.name for event in spec.scene.event]
     for number, event in enumerate(events):
-        _at_event(s, event, number * _told_at_event(c))
-    _ignitions(s)
+        _event_outcomes(s, event, number * _event_size(c))
+    _ignition_outcomes(s)
     s.scope.write(text)
     for number, event in enumerate(events):
-        _clearances_at_event(text, s, event, (number + 1) * _told_at_event(c))
+        _event_clearances(text, s, event, (number + 1) * _event_size(c))
 
 
-def kept(event: str) -> str:
-    """The field of the state at an event, and of the pitch and the roll of every body then."""
+def event_field(event: str) -> str:
+    """Field of the state at an event, with pitch and roll of every body."""
     return f"AT_{event}"
 
 
-def kept_angle(c: Context, event: str, body: str, k: int) -> str:
-    """The place of the pitch (0) or roll (1) of a body at an event, carried through turns."""
-    return component(kept(event), c.size + 2 * c.spec.bodies.index(body) + k)
+def event_angle(c: Context, event: str, body: str, k: int) -> str:
+    """Path of the pitch (0) or roll (1) of a body at an event, with full turns."""
+    return component(event_field(event), c.size + 2 * c.spec.bodies.index(body) + k)
 
 
-def _told_at_event(c: Context) -> int:
-    """How many numbers are told at an event."""
+def _event_size(c: Context) -> int:
+    """Number of outcomes of an event."""
     scene = c.spec.scene
     return 1 + AT_EVENT * len(c.spec.bodies) + 2 * len(scene.joint) + len(scene.clearance)
 
 
-def _at_event(end: State, event: str, o: int) -> None:
-    """The time of an event, rates and attitudes of all bodies and all separations then, from number
+def _event_outcomes(end: State, event: str, o: int) -> None:
+    """Store time, rates and attitudes of all bodies and all separations at an event, from component
     ``o`` of EVENT_OUTCOMES on."""
     c, scope, spec = end.c, end.scope, end.spec
-    c.workspace.add("EVENT_OUTCOMES", len(spec.scene.event) * _told_at_event(c), optional=True)
+    c.workspace.add("EVENT_OUTCOMES", len(spec.scene.event) * _event_size(c), optional=True)
     c.start(f"EVENT_TIME_{event}", math.inf)
-    s = State(c, scope, end.segment, kept(event), f"EVENT_TIME_{event}")
+    s = State(c, scope, end.segment, event_field(event), f"EVENT_TIME_{event}")
 
     def angles_at_event(s: State, leader: str) -> tuple[Any, Any]:
-        pitch, roll = (scope.load(kept_angle(c, event, leader, k)) for k in range(2))
+        pitch, roll = (scope.load(event_angle(c, event, leader, k)) for k in range(2))
         return pitch, roll
 
-    came = s.time < math.inf
-    found = [where(came, s.time, math.nan)]
+    occurred = s.time < math.inf
+    values = [where(occurred, s.time, math.nan)]
     for body in spec.bodies:
-        found += of_body(s, body, angles_at_event)[-AT_EVENT:]
+        values += body_outcomes(s, body, angles_at_event)[-AT_EVENT:]
     for joint in spec.scene.joint:
         line = s.separation(joint)
-        found += [line.rate, line.length]
-    for k, value in enumerate(found):
-        scope.store(component("EVENT_OUTCOMES", o + k), where(came, value, math.nan))
+        values += [line.rate, line.length]
+    for k, value in enumerate(values):
+        scope.store(component("EVENT_OUTCOMES", o + k), where(occurred, value, math.nan))
 
 
-def _ignitions(end: State) -> None:
-    """When motors lit that waited for an instant of the flight, into IGNITIONS; NaN if they did
-    not."""
+def _ignition_outcomes(end: State) -> None:
+    """Store the ignition times of triggered motors into IGNITIONS; NaN without ignition."""
     c, motors = end.c, end.spec.triggered_motors
     if motors:
         c.workspace.add("IGNITIONS", len(motors), optional=True)
@@ -115,48 +114,69 @@ def _ignitions(end: State) -> None:
         end.scope.store(component("IGNITIONS", k), where(time <= end.time, time, math.nan))
 
 
-def _clearances_at_event(text: Text, end: State, event: str, behind: int) -> None:
-    """Lines for all clearances at an event, into EVENT_OUTCOMES, up to number ``behind``."""
+def _event_clearances(text: Text, end: State, event: str, end_index: int) -> None:
+    """Append lines for all clearances at an event, into EVENT_OUTCOMES up to component
+    ``end_index``. Append lines for all clearances at an event, into EVENT_OUTCOMES up to component
+    ``end_index``."""
     c, clearances = end.c, end.spec.scene.clearance
-    s = State(c, end.scope, end.segment, kept(event), f"EVENT_TIME_{event}")
+    s = State(c, end.scope, end.segment, event_field(event), f"EVENT_TIME_{event}")
     for i, entry in enumerate(clearances):
         counts = f"w[EVENT_TIME_{event} + l] < math.inf"
-        if not counts_from_start(c, i):
+        if not is_active_at_start(c, i):
             counts += f" and w[EVENT_TIME_{event} + l] >= w[RELEASE_{entry.after} + l]"
-        clearance_now(text, s, i, counts, component("EVENT_OUTCOMES", behind - len(clearances) + i))
+        emit_clearance_at(
+            text, s, i, counts, component("EVENT_OUTCOMES", end_index - len(clearances) + i)
+        )
 
 
-def of_body(s: State, body: str, followed: Callable[[State, str], tuple[Any, Any]]) -> list[Any]:
-    """Angles of the flow, the pitch above the nominal path, rates and attitude of a body;
-    ``followed`` gives the pitch and the roll of a group that turns, carried through turns."""
+def body_outcomes(
+    s: State, body: str, angles_of: Callable[[State, str], tuple[Any, Any]]
+) -> list[Any]:
+    """Outcomes of a body: flow angles, pitch above the nominal path, angular rates and attitude.
+
+    Parameters
+    ----------
+    s : State
+    body : str
+    angles_of : callable
+        pitch and roll of a rigid group with full turns
+
+    Returns
+    -------
+    list of Expr
+        rad, rad/s
+    """
     leader, attitude, case = s.segment.leader(body), s.attitude(body), s.case
     flow = vec3.unrotate(attitude, vec3.add(s.speed(body), s.stream(body))).called("flow")
     alpha, beta = loads.reported_angles(flow, loads.flow_angles(flow).called("angles"))
-    held = leader == GROUND
-    pitch, roll = (case.number(at.PITCH), case.number(at.ROLL)) if held else followed(s, leader)
-    found = [
+    fixed = leader == GROUND
+    pitch, roll = (case.number(at.PITCH), case.number(at.ROLL)) if fixed else angles_of(s, leader)
+    outcomes = [
         alpha,
         beta,
         pitch - case.number(at.PATH_REFERENCE),
-        *(ZERO if held else s.rate(leader)),
+        *(ZERO if fixed else s.rate(leader)),
     ]
-    return [*found, roll, quat.yaw(attitude), pitch]
+    return [*outcomes, roll, quat.yaw(attitude), pitch]
 
 
 def angles(s: State, leader: str) -> tuple[Any, Any]:
-    """Pitch and roll of a group at the end of a step."""
+    """Pitch and roll of a rigid group at the end of a step, rad."""
     return s.scope.load(f"ANGLES_{leader}"), s.scope.load(component(f"ANGLES_{leader}", 1))
 
 
 def emit_results(text: Text, c: Context) -> None:
-    """Lines that copy outcomes, rates at release, audit columns and ends of phases into the arrays
-    of a block, and say which cases hold. Numbers go from workspace to columns for all lanes at
-    once: one by one they took a tenth of a flight."""
+    """Append lines that copy outcomes, audit columns, error indicators and segment ends into the
+    result arrays and set the status.
+
+    Whole columns are copied for all lanes at once: one number at a time took a tenth of the run
+    time.
+    """
     spec, bodies = c.spec, len(c.spec.bodies)
-    own = bodies * at.BODY_OUTCOMES + len(spec.scene.joint) * at.JOINT_OUTCOMES
+    n_own = bodies * at.BODY_OUTCOMES + len(spec.scene.joint) * at.JOINT_OUTCOMES
     audits = _audits(c)
     text("# outcomes", "compute_outcomes(w)")
-    _judge(text, c)
+    _set_status(text, c)
     c.workspace.add("AUDIT", len(audits))
     inner = text.lanes()
     for k, value in enumerate(audits):
@@ -169,7 +189,7 @@ def emit_results(text: Text, c: Context) -> None:
         place = component("INDICATORS", k)
         inner(f"w[{place} + l] = w[{place} + l] if known else unknown")
     o = 0
-    for field, count in [("OUTCOMES", own), *_other_outcomes(c)]:
+    for field, count in [("OUTCOMES", n_own), *_other_outcomes(c)]:
         text(f"put_columns(outcomes, {o}, w, {field}, {count}, first)")
         o += count
     for y, z in across(contents(spec.scene)):
@@ -178,7 +198,7 @@ def emit_results(text: Text, c: Context) -> None:
         )
         o += 1
     text(f"put_columns(outcomes, {o}, w, AUDIT, {len(audits)}, first)")
-    o += len(audits) + 1  # the estimate of the error is not known here
+    o += len(audits) + 1  # the error estimate is filled in later
     text(f"put_columns(outcomes, {o}, w, INDICATORS, N_INDICATORS, first)")
     for number, place in enumerate(
         [*(f"ENDED_{one.name}" for one in spec.segments), *c.change_times]
@@ -191,16 +211,16 @@ def emit_results(text: Text, c: Context) -> None:
     )("outcomes[k, i] = math.nan")
 
 
-def tip_off(joint: str, body: str) -> str:
-    """The field of the rates of a body of a joint as that becomes free."""
+def tip_off_field(joint: str, body: str) -> str:
+    """Field of the rates of a body as a joint becomes free."""
     return f"TIP_OFF_{joint}_{body}"
 
 
-def tip_offs(c: Context) -> list[str]:
-    """All of them that are asked for, in the order of the columns."""
+def tip_off_fields(c: Context) -> list[str]:
+    """Fields of all tip-off rates that are outputs, in the order of the columns."""
     scene = c.spec.scene
     return [
-        tip_off(joint, body)
+        tip_off_field(joint, body)
         for joint in scene.output.tip_off
         for body in scene.joint[joint].bodies
         if body != GROUND
@@ -208,23 +228,23 @@ def tip_offs(c: Context) -> list[str]:
 
 
 def _other_outcomes(c: Context) -> list[tuple[str, int]]:
-    """Workspace of outcomes after those of bodies and joints, in the order of the columns, and how
-    many numbers each has."""
-    found: list[tuple[str, int]] = [
+    """Fields of outcomes after those of bodies and joints, in the order of the columns, with their
+    sizes."""
+    fields: list[tuple[str, int]] = [
         (field, c.workspace.counts[field])
         for field in ("PEAKS", "GUIDE_OUTCOMES", "CLEARANCES")
         if field in c.workspace.counts
     ]
-    found += [(field, 3) for field in tip_offs(c)]
+    fields += [(field, 3) for field in tip_off_fields(c)]
     if "EVENT_OUTCOMES" in c.workspace.counts:
-        found.append(("EVENT_OUTCOMES", c.workspace.counts["EVENT_OUTCOMES"]))
+        fields.append(("EVENT_OUTCOMES", c.workspace.counts["EVENT_OUTCOMES"]))
     if "IGNITIONS" in c.workspace.counts:
-        found.append(("IGNITIONS", c.workspace.counts["IGNITIONS"]))
-    return found
+        fields.append(("IGNITIONS", c.workspace.counts["IGNITIONS"]))
+    return fields
 
 
 def _audits(c: Context) -> list[str]:
-    """Values of the audit columns, for a lane."""
+    """Code of the audit columns of a lane."""
     redundant = str(float(max(segment.redundant for segment in c.spec.segments)))
     return [
         *(f"w[{component('RESIDUAL', k)} + l]" for k in range(4)),
@@ -238,9 +258,9 @@ def _audits(c: Context) -> list[str]:
     ]
 
 
-def _judge(text: Text, c: Context) -> None:
-    """Lines that say how cases end, into STATUS: they hold if they came to the end, the integration
-    is sound and the outcomes that all have are finite."""
+def _set_status(text: Text, c: Context) -> None:
+    """Append lines for the status of cases: valid if they reached the end, the integration is
+    resolved and all common outcomes are finite."""
     c.workspace.add("STATUS", 1)
     text.lanes()("w[NOT_FINITE + l] = 0.0")
     bodies = len(c.spec.bodies)
@@ -250,9 +270,9 @@ def _judge(text: Text, c: Context) -> None:
             "w[NOT_FINITE + l] += w[OUTCOMES + k * LANES + l] - w[OUTCOMES + k * LANES + l]"
         )
     text.lanes()(
-        "lost = w[ENERGY + l] / w[ENERGY + 2 * LANES + l]",
-        "sound = w[NOT_FINITE + l] == 0.0 and w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= "
-        f"{_UNRESOLVED} and lost <= {_UNRESOLVED}",
-        f"told = w[UNRELEASED + l] if sound else {float(at.FINER_STEPS)}",
-        "w[STATUS + l] = w[REJECTED + l] if w[REJECTED + l] != 0.0 else told",
+        "defect = w[ENERGY + l] / w[ENERGY + 2 * LANES + l]",
+        "valid = w[NOT_FINITE + l] == 0.0 and w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= "
+        f"{_UNRESOLVED} and defect <= {_UNRESOLVED}",
+        f"status = w[UNRELEASED + l] if valid else {float(at.FINER_STEPS)}",
+        "w[STATUS + l] = w[REJECTED + l] if w[REJECTED + l] != 0.0 else status",
     )

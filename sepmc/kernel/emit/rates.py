@@ -1,4 +1,4 @@
-"""The derivative of a state in every phase, and with it what the joints carry that are followed."""
+"""Derivative of the state in every segment, with the joint loads that are monitored."""
 
 from sepmc.kernel.emit.context import Context
 from sepmc.kernel.emit.energy import power
@@ -12,23 +12,30 @@ from sepmc.kernel.tracer.text import Text
 
 
 def emit_rates(out: Text, c: Context) -> None:
-    """Functions for the derivative in every phase, and one that calls that of the phase."""
+    """Write the functions for the derivative in every segment, and the one that calls that of the
+    present segment."""
     for segment in c.spec.segments:
         emit_look_up(out, c, segment)
         if not c.emit_alias(out, segment, "rates"):
-            _rates(out, c, segment)
+            _emit_rates(out, c, segment)
     text = out.function("rates(w, phase: int)", "Derivative D of the state S at the times CLOCK.")
     for number, segment in enumerate(c.spec.segments):
         text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"rates_{segment.name}(w)")
 
 
-def _rates(out: Text, c: Context, segment: Segment) -> None:
-    """Derivative in a phase: loads, motion without the joints, what the joints add."""
-    what = [" and ".join(group) + " turn as one" for group in segment.groups if len(group) > 1]
-    what.append(
+def _emit_rates(out: Text, c: Context, segment: Segment) -> None:
+    """Write the derivative of a segment: loads, motion without the joints, joint forces."""
+    properties = [
+        " and ".join(group) + " rotate as one rigid group"
+        for group in segment.groups
+        if len(group) > 1
+    ]
+    properties.append(
         f"{len(segment.rows)} constraint rows" if segment.rows else "nothing is constrained"
     )
-    text = out.function(f"rates_{segment.name}(w)", f"Phase {segment.name}: {', '.join(what)}.")
+    text = out.function(
+        f"rates_{segment.name}(w)", f"Phase {segment.name}: {', '.join(properties)}."
+    )
     before_motion(text, c, segment)
     s = State(c, c.scope(), segment, "S")
     motion = make_motion(s)

@@ -1,4 +1,8 @@
-"""Constraint rows of a phase and the reduced constraint force equation, as expressions."""
+"""Constraint rows of a segment and the reduced constraint force equation.
+
+Each row is G(q) v' = gamma with the Jacobian G; the multipliers follow from
+(G M^-1 G^T) lambda = gamma - G v'_free (constraint force equation, NASA/TP-2016-219326).
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +17,7 @@ from sepmc.kernel.emit.geometry import (
     translation,
     translation_rate,
 )
-from sepmc.kernel.emit.loads import add_all
+from sepmc.kernel.emit.loads import vector_sum
 from sepmc.kernel.spec.kernel_spec import Row
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, joints, linear, scalar, square_root, vec3
@@ -22,31 +26,31 @@ from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
-# share of its diagonal below which a pivot is too small: rows are redundant, or nearly
+# minimum pivot relative to its diagonal element: below it, rows are redundant or nearly so
 DEPENDENT = 1e-9
 
 
 @dataclass
 class JointRow:
-    """A row: direction e of a translation, arms of its two bodies (ground axes), normals n of the
-    groups that it turns (body axes) and these times the inverse inertia, the component gamma of its
-    second derivative, and how far it is off."""
+    """Constraint row: direction e of a translation, arms of its two bodies (ground axes), normals n
+    of the groups that it rotates (body axes), these times the inverse inertia, gamma of its second
+    derivative, and its residuals."""
 
     row: Row
     e: Any
     arms: tuple[Any, Any]
     normals: dict[str, Any]
-    turned: dict[str, Any]
+    inverse_normals: dict[str, Any]
     gamma: Any
     value: Any
     rate: Any
-    held: Any = 1.0  # 0 while its joint does not hold it
-    own: Own | None = None  # of a translation of bodies that turn as one
+    mask: Any = 1.0  # 0 while the row is inactive
+    own: Own | None = None  # of a translation between bodies of one rigid group
 
 
 class Rows:
-    """The rows of a phase at a state: those that it is flown by, or others; of groups that turn as
-    one, or of bodies ``apart``."""
+    """Constraint rows of a segment at a state; of rigid groups, or ``per_body``: each body rotates
+    by itself."""
 
     def __init__(self, s: State, rows: list[Row] | None = None, per_body: bool = False):
         self.s, self.bodies = s, {name: joint.bodies for name, joint in s.spec.scene.joint.items()}
@@ -69,38 +73,40 @@ class Rows:
         if not (row.turns or row.code == at.ROD or self.per_body):
             line = s.sliding_line(row.joint, row.code)
         if line is not None:
-            return self._sliding(row, line)
+            return self._group_translation(row, line)
         e, arm_a, arm_b, gamma, value, rate = (
-            self._turning(row, pair) if row.turns else self._moving(row, pair)
+            self._rotation(row, pair) if row.turns else self._translation(row, pair)
         )
         arms: dict[str, Any] = {}
         for body, arm in zip(self.bodies[row.joint], (arm_a, arm_b), strict=True):
             leader = body if self.per_body else s.segment.leader(body)
             if leader != GROUND:
                 arms[leader] = vec3.add(arms[leader], arm) if leader in arms else arm
-        gamma = self._pulled_back(gamma, value, rate)
+        gamma = self._stabilised(gamma, value, rate)
         normals = {
             leader: vec3.unrotate(s.attitude(leader), arm).called("n")
             for leader, arm in arms.items()
         }
-        turned = {
-            leader: vec3.rotate(self.inverse[leader], n).called("turned")
+        inverse_normals = {
+            leader: vec3.rotate(self.inverse[leader], n).called("inverse_n")
             for leader, n in normals.items()
         }
-        held = s.while_held(row.joint, row.kinds) if row.kinds else 1.0
+        mask = s.is_active(row.joint, row.kinds) if row.kinds else 1.0
         return JointRow(
-            row, e, (arm_a, arm_b), normals, turned, gamma, held * value, held * rate, held
+            row, e, (arm_a, arm_b), normals, inverse_normals, gamma, mask * value, mask * rate, mask
         )
 
-    def _sliding(self, row: Row, line: Line) -> JointRow:
-        """A row that holds a distance between bodies that turn as one: in the axes of their group
-        it is a few numbers."""
+    def _group_translation(self, row: Row, line: Line) -> JointRow:
+        """Row of a translation between bodies of one rigid group: in the axes of the group it has
+        few terms."""
         own = line.own
         assert own is not None
-        held = self.s.while_held(row.joint, row.kinds) if row.kinds else 1.0
+        mask = self.s.is_active(row.joint, row.kinds) if row.kinds else 1.0
         inverse = self.s.scope.localize(self.inverse[own.leader])
-        turned = tuple(
-            called(product(own.lever, tuple(inverse[3 * i + k] for k in range(3))), "turned")
+        inverse_normal = tuple(
+            called(
+                product(own.lever, tuple(inverse[3 * i + k] for k in range(3))), "inverse_normal"
+            )
             for i in range(3)
         )
         return JointRow(
@@ -108,22 +114,23 @@ class Rows:
             line.e,
             (line.arm_a, line.arm_b),
             {own.leader: own.lever},
-            {own.leader: turned},
-            self._pulled_back(line.gamma, line.length, line.rate),
-            held * line.length,
-            held * line.rate,
-            held,
+            {own.leader: inverse_normal},
+            self._stabilised(line.gamma, line.length, line.rate),
+            mask * line.length,
+            mask * line.rate,
+            mask,
             own,
         )
 
-    def _pulled_back(self, gamma: Any, value: Any, rate: Any) -> Any:
-        """The right-hand side of a row that is off by so much, if drift is to decay."""
+    def _stabilised(self, gamma: Any, value: Any, rate: Any) -> Any:
+        """Right-hand side of a row with residuals, with Baumgarte terms if the scene asks for them.
+        Right-hand side of a row with residuals, with Baumgarte terms if the scene asks for them."""
         if self.s.spec.scene.solver.drift != "baumgarte":
             return gamma
         return gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
 
-    def _turning(self, row: Row, pair: Pair) -> tuple[Any, ...]:
-        """A row that holds an angle."""
+    def _rotation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
+        """Terms of a row that constrains a rotation."""
         of_second, of_first = (row.code - at.ROTATION) // 3, (row.code - at.ROTATION) % 3
         b, a = self.s.axis(row.joint, of_second, second=True), self.s.axis(row.joint, of_first)
         arm, gamma = joints.rotation(b, a, pair.spin_a, pair.spin_b).called("row")
@@ -136,8 +143,8 @@ class Rows:
             joints.rotation_rate(b, a, pair.spin_a, pair.spin_b),
         )
 
-    def _moving(self, row: Row, pair: Pair) -> tuple[Any, ...]:
-        """A row that holds a distance."""
+    def _translation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
+        """Terms of a row that constrains a translation."""
         if row.code == at.ROD:
             line, gap = self.s.rod(pair), self.s.case.joint_ends(row.joint)[2]
             length = square_root(vec3.dot(gap, gap)).called("rod")
@@ -147,8 +154,8 @@ class Rows:
         return e, arm_a, arm_b, gamma, vec3.dot(pair.d, e), translation_rate(pair, e)
 
     def coupling(self) -> list[list[Any]]:
-        """G M^-1 G^T below and on its diagonal; of a row that is not held any more, that of a
-        multiplier of zero."""
+        """Lower triangle of G M^-1 G^T, row by row; an inactive row has a 1 on the diagonal, so
+        that its multiplier is zero."""
         return [
             [self._coupling(one, two) for two in self.rows[: r + 1]]
             for r, one in enumerate(self.rows)
@@ -173,131 +180,137 @@ class Rows:
             )
             terms.append(masses if one is two else masses * vec3.dot(one.e, two.e))
         terms += [
-            product(two.normals[leader], one.turned[leader])
+            product(two.normals[leader], one.inverse_normals[leader])
             if two.own or one.own
-            else vec3.dot(two.normals[leader], one.turned[leader])
+            else vec3.dot(two.normals[leader], one.inverse_normals[leader])
             for leader in one.normals
             if leader in two.normals
         ]
-        found = one.held * two.held * total(terms) if terms else 0.0
-        return found + (1.0 - one.held) if one is two else found
+        coefficient = one.mask * two.mask * total(terms) if terms else 0.0
+        return coefficient + (1.0 - one.mask) if one is two else coefficient
 
     def reject_independent(self, one: JointRow, factors: "Factors") -> None:
-        """A case is lost where a row does not follow from these."""
+        """Reject cases in which a row that was left out is not redundant."""
         side = [self._coupling(one, other) for other in self.rows]
         own = self._coupling(one, one)
-        left = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
-        reject_unless(self.s.scope, left <= DEPENDENT * own, Variant.LEAST_SQUARES)
+        remainder = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
+        reject_unless(self.s.scope, remainder <= DEPENDENT * own, Variant.LEAST_SQUARES)
 
     def without_joints(
         self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True
     ) -> list[Any]:
-        """What accelerations without the joints leave of each row; by themselves, apart from what
-        bodies do that are ``moving``."""
-        found = []
+        """Right-hand sides: gamma minus G times the accelerations without joints; without gamma
+        unless ``moving``."""
+        sides = []
         for one in self.rows:
             side = one.gamma if moving else 0.0
             if not one.row.turns:
-                apart = relative_acceleration(acceleration, self.bodies[one.row.joint])
-                if apart is not ZERO and one.own:
+                relative = relative_acceleration(acceleration, self.bodies[one.row.joint])
+                if relative is not ZERO and one.own:
                     axes = self.s.attitude(one.own.leader)
-                    side = side - product(one.own.e, vec3.unrotate(axes, apart).called("apart"))
-                elif apart is not ZERO:
-                    side = side - vec3.dot(one.e, apart)
+                    side = side - product(
+                        one.own.e, vec3.unrotate(axes, relative).called("relative")
+                    )
+                elif relative is not ZERO:
+                    side = side - vec3.dot(one.e, relative)
             dot = product if one.own else vec3.dot
             for leader, normal in one.normals.items():
                 if spin_rate[leader] is not ZERO:
                     side = side - dot(normal, spin_rate[leader])
-            found.append(one.held * side)
-        return found
+            sides.append(one.mask * side)
+        return sides
 
     def act(self, multipliers: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What multipliers do to bodies, in ground axes, and to groups, in body axes."""
+        """Accelerations by multipliers: of bodies in ground axes, of groups in body axes; None
+        where there are none."""
         linear, angular = {}, {}
-        of_slides = self._slide_forces(multipliers)
+        group_forces = self._group_forces(multipliers)
         for body in self.s.spec.bodies:
-            pulls = []
+            forces = []
             for m, one in zip(multipliers, self.rows, strict=True):
                 a, b = self.bodies[one.row.joint]
                 if not one.row.turns and one.own is None and body in (a, b):
-                    pulls.append(vec3.scale(-m if body == a else m, one.e))
-            for joint, force in of_slides.items():
+                    forces.append(vec3.scale(-m if body == a else m, one.e))
+            for joint, force in group_forces.items():
                 a, b = self.bodies[joint]
                 if body in (a, b):
-                    pulls.append(vec3.scale(-1.0, force) if body == a else force)
+                    forces.append(vec3.scale(-1.0, force) if body == a else force)
             linear[body] = (
-                vec3.scale(self.s.case.inverse_mass(body), add_all(pulls)) if pulls else None
+                vec3.scale(self.s.case.inverse_mass(body), vector_sum(forces)) if forces else None
             )
         for leader in self.s.segment.leaders:
-            turns = [
-                vec3.scale(m, one.turned[leader])
+            terms = [
+                vec3.scale(m, one.inverse_normals[leader])
                 for m, one in zip(multipliers, self.rows, strict=True)
-                if leader in one.turned
+                if leader in one.inverse_normals
             ]
-            angular[leader] = add_all(turns) if turns else None
+            angular[leader] = vector_sum(terms) if terms else None
         return linear, angular
 
-    def _slide_forces(self, multipliers: list[Any]) -> dict[str, Any]:
-        """What multipliers do to the second bodies of joints whose bodies turn as one, ground
-        axes."""
+    def _group_forces(self, multipliers: list[Any]) -> dict[str, Any]:
+        """Forces on the second bodies of joints within rigid groups, ground axes."""
         own: dict[str, Any] = {}
         for m, one in zip(multipliers, self.rows, strict=True):
             if one.own:
-                before = own.get(one.row.joint, ZERO)
-                own[one.row.joint] = tuple(before[i] + m * one.own.e[i] for i in range(3))
-        found = {}
+                force_before = own.get(one.row.joint, ZERO)
+                own[one.row.joint] = tuple(force_before[i] + m * one.own.e[i] for i in range(3))
+        forces = {}
         for joint, force in own.items():
             r = self.s.attitude(self.bodies[joint][0])
-            found[joint] = tuple(
+            forces[joint] = tuple(
                 called(product((r[3 * i], r[3 * i + 1], r[3 * i + 2]), force), "pull")
                 for i in range(3)
             )
-        return found
+        return forces
 
-    def note_residuals(self) -> None:
-        """How far the rows are off, into RESIDUAL_NOW: gaps and angles, then their rates."""
+    def update_residuals(self) -> None:
+        """Update the largest residuals RESIDUAL_NOW: gaps, angles, and their rates."""
         scope = self.s.scope
         for one in self.rows:
             first = 1 if one.row.turns else 0
             for k, x in ((first, one.value), (first + 2, one.rate)):
-                place = component("RESIDUAL_NOW", k)
-                scope.store(place, scalar.larger(scope.load(place), scalar.abs(x)))
+                path = component("RESIDUAL_NOW", k)
+                scope.store(path, scalar.larger(scope.load(path), scalar.abs(x)))
 
 
 class LeastSquares:
-    """Solutions of least sum of squares of a symmetric system some of whose rows follow from
-    others, given below and on its diagonal."""
+    """Minimum-norm solutions of a symmetric, possibly singular system, given by its lower triangle.
+    Minimum-norm solutions of a symmetric, possibly singular system, given by its lower triangle."""
 
     def __init__(self, s: State, a: list[list[Any]], name: str = ""):
-        self.s, self.matrix, self.solved = s, [x for row in a for x in row], 0
+        self.s, self.matrix, self.solutions = s, [x for row in a for x in row], 0
         self.name = f"{s.segment.name}_{name}" if name else s.segment.name
         self.rank: Any = None
-        self.smallest: Any = None  # share of its diagonal that a pivot keeps
+        self.smallest: Any = None  # smallest pivot relative to its diagonal element
 
     def solve(self, side: list[Any]) -> list[Any]:
-        """The solution for a right-hand side."""
+        """Solution for a right-hand side."""
         scope, workspace, n = self.s.scope, self.s.c.workspace, len(side)
-        self.solved += 1
-        system, found, rank = (
-            f"{field}_{self.name}_{self.solved}" for field in ("SYSTEM", "MULTIPLIERS", "RANK")
+        self.solutions += 1
+        system, solution, rank = (
+            f"{field}_{self.name}_{self.solutions}" for field in ("SYSTEM", "MULTIPLIERS", "RANK")
         )
-        workspace.add(system, len(self.matrix) + n), workspace.add(found, n), workspace.add(rank, 1)
+        (
+            workspace.add(system, len(self.matrix) + n),
+            workspace.add(solution, n),
+            workspace.add(rank, 1),
+        )
         workspace.add(f"SCRATCH_{self.name}", 3 * n**2 + 5 * n)
         for k, value in enumerate((*self.matrix, *side)):
             scope.store(component(system, k), value)
-        w, here, there, scratch = map(
-            scope.named, ("w", f"{system} + l", f"{found} + l", f"SCRATCH_{self.name}")
+        w, system_path, solution_path, scratch = map(
+            scope.named, ("w", f"{system} + l", f"{solution} + l", f"SCRATCH_{self.name}")
         )
-        self.rank, self.smallest = linear.solve_min_norm(w, here, n, scratch, there).called(
-            "solved"
-        )
-        scope.store(rank, self.rank)  # what is stored is written
+        self.rank, self.smallest = linear.solve_min_norm(
+            w, system_path, n, scratch, solution_path
+        ).called("solved")
+        scope.store(rank, self.rank)  # stored so that the call is written
         reject_if(scope, (self.rank <= 0.0) & is_finite(self.s), Status.SINGULAR_JOINT)
-        return [scope.load(component(found, k)) for k in range(n)]
+        return [scope.load(component(solution, k)) for k in range(n)]
 
 
 class Factors:
-    """L D L^T of a symmetric matrix, given below and on its diagonal."""
+    """Factorisation L D L^T of a symmetric matrix, given by its lower triangle."""
 
     def __init__(self, a: list[list[Any]]):
         n = len(a)
@@ -314,7 +327,7 @@ class Factors:
                     a[i][k] = called(a[i][k] - self.lower[i][j] * a[k][j], "s")
 
     def solve(self, side: list[Any]) -> list[Any]:
-        """The solution for a right-hand side."""
+        """Solution for a right-hand side."""
         x, n = list(side), len(side)
         for i in range(1, n):
             x[i] = called(x[i] - total([self.lower[i][j] * x[j] for j in range(i)]), "m")
@@ -330,34 +343,34 @@ Solver = Factors | LeastSquares
 
 
 def is_finite(s: State) -> Expr:
-    """Whether a state is made of numbers: what is none spreads to the velocities of all bodies that
-    it moves."""
-    found: Expr = getattr(scalar, "math.isfinite")(
+    """Condition that a state is finite: NaN and inf spread to the velocities of all bodies that
+    they affect."""
+    finite: Expr = getattr(scalar, "math.isfinite")(
         total([x for body in s.spec.bodies for x in s.speed(body)])
     )
-    return found
+    return finite
 
 
 def make_solver(s: State, coupling: list[list[Any]]) -> Solver:
-    """What solves for the multipliers of a phase's rows."""
+    """Solver for the multipliers of the rows of a segment."""
     return LeastSquares(s, coupling) if s.segment.least_squares else Factors(coupling)
 
 
 def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
-    """Note the smallest share of its diagonal that a pivot keeps; a case is lost where that is too
-    little: rows follow from others, or nearly do. If some are known to, note how many."""
+    """Update the smallest pivot relative to its diagonal element; reject a case where it is too
+    small (redundant rows). Of a minimum-norm solution, update the number of redundant rows."""
     s.c.start("PIVOT", 1.0)
-    least = s.scope.load("PIVOT")
+    smallest = s.scope.load("PIVOT")
     if isinstance(factors, LeastSquares):
         s.c.start("REDUNDANT", 0.0)
         s.scope.store(
             "REDUNDANT", scalar.larger(s.scope.load("REDUNDANT"), len(coupling) - factors.rank)
         )
-        s.scope.store("PIVOT", where(factors.smallest < least, factors.smallest, least))
+        s.scope.store("PIVOT", where(factors.smallest < smallest, factors.smallest, smallest))
         return
     for row, pivot in zip(coupling, factors.diagonal, strict=True):
         if isinstance(pivot, Expr):
-            share = (pivot / row[-1]).called("share")
-            reject_unless(s.scope, share > DEPENDENT, Variant.LEAST_SQUARES)
-            least = where(share < least, share, least).called("least")
-    s.scope.store("PIVOT", least)
+            ratio = (pivot / row[-1]).called("ratio")
+            reject_unless(s.scope, ratio > DEPENDENT, Variant.LEAST_SQUARES)
+            smallest = where(ratio < smallest, ratio, smallest).called("smallest")
+    s.scope.store("PIVOT", smallest)

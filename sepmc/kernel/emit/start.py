@@ -1,5 +1,5 @@
-"""The start of a flight: the initial state, what disqualifies a case, and what depends on its
-parameters alone."""
+"""Start of a case, as lines of a kernel: initial state, rejected input, and values that depend on
+the parameters alone."""
 
 from typing import Any
 
@@ -10,12 +10,12 @@ from sepmc.kernel.tracer.formulas import quat, vec3, vehicle
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total, where
 from sepmc.routines import layout as at
-from sepmc.scene.initial_rates import swings
+from sepmc.scene.initial_rates import initial_rates
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
-_MOST_LINES = 120  # of a loop: in one, that of `srb` takes 9.8 s to compile, so 6.2
-ZERO_AT_FIRST = (
+_MOST_LINES = 120  # per loop: a single loop of `srb` takes 9.8 s to compile, divided ones 6.2 s
+INITIALLY_ZERO = (
     "DRIFT",
     "TURNED_FAR",
     "EVENT_ERROR",
@@ -27,29 +27,33 @@ ZERO_AT_FIRST = (
 
 
 def shared_size(c: Context) -> int:
-    """Numbers that all cases share: axes of joints and what makes their separation positive, axes
-    of springs; outlines and tables."""
+    """Number of values that all cases share: joint axes and separation signs, spring axes; outlines
+    and tables if needed."""
     if c.spec.scene.clearance or has_tables(c.spec):
         return len(c.spec.layout.model.numbers)
     return int(c.model.springs_x) + 3 * len(c.spec.scene.spring)
 
 
 def emit_prepare(out: Text, c: Context) -> None:
-    """A function that sets up a flight; written when the other parts have said what they need."""
+    """Write the function that prepares a case; it is written last, when all needed values are
+    known."""
     spec, workspace, case = c.spec, c.workspace, c.case
-    text = out.function("prepare(w)", "What a flight needs of the parameters P of its cases.")
+    text = out.function(
+        "prepare(w)",
+        "Compute the initial state and all values that depend on the parameters P alone.",
+    )
     (
         workspace.add("P", int(c.model.work)),
         workspace.add("NOT_FINITE", 1),
         workspace.add("SHARED", shared_size(c)),
     )
-    text.block("for k in range(D, D + SIZE_Y):  # what a phase does not integrate stays")(
-        "w[k] = 0.0"
-    )
-    _start(c)
+    text.block(
+        "for k in range(D, D + SIZE_Y):  # components that a segment does not integrate stay 0"
+    )("w[k] = 0.0")
+    _set_initial_state(c)
     scope = case.scope
     for name in (
-        *ZERO_AT_FIRST,
+        *INITIALLY_ZERO,
         *(component("RESIDUAL", k) for k in range(4)),
         *(c.indicator(name) for name in c.indicators),
     ):
@@ -60,51 +64,56 @@ def emit_prepare(out: Text, c: Context) -> None:
             workspace.add(f"UNTIL_{segment.name}", 1)
             scope.store(
                 f"UNTIL_{segment.name}",
-                total([case.number(place) for place in (*segment.end_time, *_some(segment.delay))]),
+                total(
+                    [
+                        case.number(place)
+                        for place in (*segment.end_time, *_optional_slot(segment.delay))
+                    ]
+                ),
             )
     for joint in [] if spec.any_order else spec.failing_joints:
         reject_unless(
             scope, case.number(spec.layout.slots[f"joint.{joint}.fails"]) < 0.5, Variant.ANY_ORDER
         )
-    if workspace.has("AIR"):  # a look-up, lane by lane
+    if workspace.has("AIR"):  # look-up, lane by lane
         inner = text.lanes()
         inner(
             f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])",
             "put4(w, AIR + l, air)",
         )
     for body, start in spec.layout.outlines.items():
-        if workspace.has(held := f"OUTLINE_{body}"):
-            size = workspace.counts[held]
+        if workspace.has(outline_field := f"OUTLINE_{body}"):
+            size = workspace.counts[outline_field]
             text.lanes()(
-                f"load_outline(w, {held} + {size} * l, P + {start} * LANES + l, "
+                f"load_outline(w, {outline_field} + {size} * l, P + {start} * LANES + l, "
                 f"{size // at.PART_SIZE})"
             )
     scope.write(text, _MOST_LINES)
 
 
-def _some(place: int | None) -> list[int]:
+def _optional_slot(place: int | None) -> list[int]:
     return [] if place is None else [place]
 
 
-def _start(c: Context) -> None:
-    """The initial state of the mated vehicle, consistent with every joint, and what disqualifies a
-    case.
+def _set_initial_state(c: Context) -> None:
+    """Set the initial state of the mated vehicle, consistent with every joint, and reject invalid
+    input.
 
-    It is seen from a frame that moves with the first velocity of the mass centre: places and speeds
-    of separation are then small numbers, and reject_unless nothing to cancellation. A vehicle held
-    to the ground turns about the joint that holds it.
+    The frame moves with the initial velocity of the mass centre: positions and velocities of
+    separation are then small numbers without cancellation. A vehicle that is connected to the
+    ground rotates about that joint.
     """
     spec, workspace, case, scope = c.spec, c.workspace, c.case, c.case.scope
     r, omega = quat.matrix(case.attitude).called("r"), case.vector(at.OMEGA)
-    pivot, found = _pivot(c), dict(swings(spec.scene, spec.dispersed))
-    sound: Any = None
+    pivot, rates_of_joints = _pivot(c), dict(initial_rates(spec.scene, spec.dispersed))
+    valid: Any = None
     for body in spec.bodies:
         offset = vec3.scale(
             -1.0, vehicle.arm(case.centre_of_mass(body), case.common_centre)
         ).called("offset")
-        turning = offset if pivot is None else vec3.sub(offset, pivot)
-        speed, rate = vec3.cross(omega, turning), omega
-        for joint in (name for name, beyond in found.items() if body in beyond):
+        arm = offset if pivot is None else vec3.sub(offset, pivot)
+        speed, rate = vec3.cross(omega, arm), omega
+        for joint in (name for name, bodies in rates_of_joints.items() if body in bodies):
             swing, to_joint = case.swing(joint, body)
             speed = vec3.add(speed, vec3.cross(to_joint, swing))
             rate = vec3.add(rate, swing)
@@ -118,9 +127,9 @@ def _start(c: Context) -> None:
         if workspace.has(f"HEADING_{body}"):
             scope.store(f"HEADING_{body}", quat.heading(r))
             scope.store(f"LAST_RATE_{body}", rate)
-        heavy = (case.mass(body) > 0.0) & vec3.is_positive_definite(case.inertia(body))
-        sound = heavy if sound is None else sound & heavy
-    scope.store("REJECTED", where(sound, 0.0, float(Status.INVALID_INPUT)))
+        physical = (case.mass(body) > 0.0) & vec3.is_positive_definite(case.inertia(body))
+        valid = physical if valid is None else valid & physical
+    scope.store("REJECTED", where(valid, 0.0, float(Status.INVALID_INPUT)))
     scope.store("T", 0.0)
     scope.store("Y + WORK", 0.0)
     scope.store("RUN_END", case.number(at.END_TIME))
@@ -128,7 +137,7 @@ def _start(c: Context) -> None:
     scope.store("ORIGIN_HEIGHT", case.number(at.ALTITUDE))
     scope.store("ORIGIN_CLIMB", case.velocity[1])
     for body in spec.bodies:
-        if workspace.has(f"CLIMB_{body}"):  # height and its rate at the last end of a step
+        if workspace.has(f"CLIMB_{body}"):  # height and its rate at the end of the last step
             scope.store(
                 f"CLIMB_{body}", scope.load(f"Y + X_{body}", 3)[1] + case.number(at.ALTITUDE)
             )
@@ -138,8 +147,8 @@ def _start(c: Context) -> None:
 
 
 def _pivot(c: Context) -> Any:
-    """From the mass centre to the joint point about which the vehicle turns at the start; None:
-    about the mass centre."""
+    """Vector from the mass centre to the joint point about which the vehicle rotates at the start;
+    None for the mass centre."""
     if c.model.pivot_joint < 0:
         return None
     joint = list(c.spec.scene.joint.values())[int(c.model.pivot_joint)]

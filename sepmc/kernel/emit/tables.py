@@ -1,15 +1,15 @@
-"""Tables in a written kernel: of aerodynamic coefficients, of increments over a distance, of wind
-and air over height.
+"""Table look-ups, as lines of a kernel: aerodynamic coefficients, increments over a distance, wind
+and air over altitude.
 
-Every lane holds the cell of a table that it is in (`sepmc.routines.splines`). Whether it still is
-there is asked lane by lane, in a loop of its own; what the tables give is then summed for all lanes
-side by side.
+Every lane stores the table cell that it is in (`sepmc.routines.splines`). A loop of its own checks
+lane by lane if the point is still in the cell; the table values are then summed for all lanes side
+by side.
 """
 
 import math
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, component, level, rejection_unless
+from sepmc.kernel.emit.context import Context, component, origin_height, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment
 from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
@@ -23,7 +23,7 @@ COEFFICIENTS = 6
 
 
 def looks_up(spec: KernelSpec, body: str) -> bool:
-    """Whether a body has coefficients from a table, or increments."""
+    """True if a body has coefficients from a table, or increments."""
     aero = spec.scene.body[body].aerodynamics
     in_air = spec.scene.environment.atmosphere != "none" and aero is not None
     return in_air and (
@@ -33,63 +33,65 @@ def looks_up(spec: KernelSpec, body: str) -> bool:
 
 
 def has_wind_profile(spec: KernelSpec) -> bool:
-    """Whether the wind depends on height."""
+    """True if the wind depends on altitude."""
     return spec.scene.environment.wind.profile is not None
 
 
 def has_tables_over_height(spec: KernelSpec) -> bool:
-    """Whether wind or air comes from a table over height."""
+    """True if wind or air comes from a table over altitude."""
     return has_wind_profile(spec) or any(_has_air(spec, body) for body in spec.bodies)
 
 
 def has_tables(spec: KernelSpec) -> bool:
-    """Whether anything is looked up."""
+    """True if a kernel has table look-ups."""
     return has_tables_over_height(spec) or any(looks_up(spec, body) for body in spec.bodies)
 
 
 def _has_air(spec: KernelSpec, body: str) -> bool:
-    """Whether a body flies in air from a table over height."""
+    """True if a body is in air from a table over altitude."""
     return spec.feels_air(body) and not spec.in_layers(body)
 
 
 def emit_look_up(out: Text, c: Context, segment: Segment) -> None:
-    """A function for what tables give at a state of a phase."""
+    """Write the function for the table values at a state of a segment."""
     if not has_tables(c.spec) or c.emit_alias(out, segment, "look_up"):
         return
-    text = Text(out.indent + 1)  # that of each table comes before it
-    _over_height(out, text, c, segment)
+    text = Text(out.indent + 1)  # the functions of the tables come before it
+    _emit_height_tables(out, text, c, segment)
     bodies = [body for body in c.spec.bodies if looks_up(c.spec, body)]
     if bodies:
-        _of_bodies(out, text, c, segment, bodies)
+        _emit_aero_tables(out, text, c, segment, bodies)
     out.function(
         f"look_up_{segment.name}(w)",
-        f"What tables give at the state S in phase {segment.name}, into workspace of lanes.",
+        f"Table values at the state S in phase {segment.name}.",
     ).lines.extend(text.lines)
 
 
-def _of_bodies(out: Text, text: Text, c: Context, segment: Segment, bodies: list[str]) -> None:
-    """Lines for the coefficients of bodies, from tables and with what a distance adds."""
+def _emit_aero_tables(
+    out: Text, text: Text, c: Context, segment: Segment, bodies: list[str]
+) -> None:
+    """Append lines for the coefficients of bodies, from tables and increments."""
     s = State(c, c.scope(), segment, "S")
     for body in bodies:
-        if _table(c, body) >= 0:
-            _put_place(s, f"FLOW_{body}", _flow(s, body))
-    for i, entry in _entries(c, bodies):
-        _put_place(s, f"DISTANCE_{i}", (s.separation(entry.joint).length, 0.0, 0.0))
+        if _table_start(c, body) >= 0:
+            _store_point(s, f"FLOW_{body}", _flow(s, body))
+    for i, entry in _increments(c, bodies):
+        _store_point(s, f"DISTANCE_{i}", (s.separation(entry.joint).length, 0.0, 0.0))
     s.scope.write(text)
     for body in bodies:
         c.workspace.add(f"LOOKED_UP_{body}", COEFFICIENTS)
-        if (start := _table(c, body)) >= 0:
-            _sum_cells(out, text, c, start, f"CELL_{body}", f"FLOW_{body}", f"LOOKED_UP_{body}")
+        if (start := _table_start(c, body)) >= 0:
+            _emit_table(out, text, c, start, f"CELL_{body}", f"FLOW_{body}", f"LOOKED_UP_{body}")
         else:
             text.block(f"for e in range({COEFFICIENTS} * LANES):")(f"w[LOOKED_UP_{body} + e] = 0.0")
-    for i, entry in _entries(c, bodies):
+    for i, entry in _increments(c, bodies):
         start, factor = (
             int(c.spec.layout.model.table[int(c.model.proximity_i) + i]),
             int(c.model.proximity_p) + i,
         )
         c.workspace.add(f"INCREMENTS_{i}", COEFFICIENTS)
-        _within_ends(text, c, start, f"DISTANCE_{i}")
-        _sum_cells(out, text, c, start, f"INCREMENT_CELL_{i}", f"DISTANCE_{i}", f"INCREMENTS_{i}")
+        _clamp(text, c, start, f"DISTANCE_{i}")
+        _emit_table(out, text, c, start, f"INCREMENT_CELL_{i}", f"DISTANCE_{i}", f"INCREMENTS_{i}")
         inner = text.block(f"for k in range({COEFFICIENTS}):").lanes()
         inner(
             f"w[LOOKED_UP_{entry.body} + k * LANES + l] += w[P + {factor} * LANES + l] * "
@@ -97,9 +99,9 @@ def _of_bodies(out: Text, text: Text, c: Context, segment: Segment, bodies: list
         )
 
 
-def _over_height(out: Text, text: Text, c: Context, segment: Segment) -> None:
-    """Lines for what depends on the height of a body: logarithm of the density and speed of sound,
-    and what the wind has there more."""
+def _emit_height_tables(out: Text, text: Text, c: Context, segment: Segment) -> None:
+    """Append lines for tables over altitude: log density and speed of sound, and the wind profile.
+    Append lines for tables over altitude: log density and speed of sound, and the wind profile."""
     in_air = [body for body in c.spec.bodies if _has_air(c.spec, body)]
     windy = c.spec.bodies if has_wind_profile(c.spec) else []
     if not (in_air or windy):
@@ -107,11 +109,13 @@ def _over_height(out: Text, text: Text, c: Context, segment: Segment) -> None:
     s = State(c, c.scope(), segment, "S")
     for name, bodies in (("HEIGHT_OF", in_air), ("WIND_HEIGHT", windy)):
         for body in bodies:
-            _put_place(s, f"{name}_{body}", (s.place(body)[1] + level(s.scope, s.time), 0.0, 0.0))
+            _store_point(
+                s, f"{name}_{body}", (s.place(body)[1] + origin_height(s.scope, s.time), 0.0, 0.0)
+            )
     s.scope.write(text)
     for body in in_air:
         c.workspace.add(f"AIR_OF_{body}", 2)
-        _sum_cells(
+        _emit_table(
             out,
             text,
             c,
@@ -123,8 +127,8 @@ def _over_height(out: Text, text: Text, c: Context, segment: Segment) -> None:
         )
     for body in windy:
         c.workspace.add(f"WIND_{body}", 2)
-        _within_ends(text, c, int(c.model.wind_x), f"WIND_HEIGHT_{body}")
-        _sum_cells(
+        _clamp(text, c, int(c.model.wind_x), f"WIND_HEIGHT_{body}")
+        _emit_table(
             out,
             text,
             c,
@@ -135,44 +139,47 @@ def _over_height(out: Text, text: Text, c: Context, segment: Segment) -> None:
         )
 
 
-def _put_place(s: State, field: str, place: tuple[Any, Any, Any]) -> None:
-    """Record where in a table a lane is."""
+def _store_point(s: State, field: str, point: tuple[Any, Any, Any]) -> None:
+    """Store the table coordinates of a lane."""
     s.c.workspace.add(field, 3)
-    for k, value in enumerate(place):
+    for k, value in enumerate(point):
         s.scope.store(component(field, k), value)
 
 
-def _within_ends(text: Text, c: Context, start: int, place: str) -> None:
-    """Lines that hold a place between the ends of a pack of one axis."""
+def _clamp(text: Text, c: Context, start: int, point: str) -> None:
+    """Append lines that limit a coordinate to the range of a table of one axis."""
     first, last = start + 2, start + 2 + int(c.spec.layout.model.numbers[start + 1])
     text.lanes()(
-        f"w[{place} + l] = min(max(w[{place} + l], w[SHARED + {first}]), w[SHARED + {last}])"
+        f"w[{point} + l] = min(max(w[{point} + l], w[SHARED + {first}]), w[SHARED + {last}])"
     )
 
 
-def _sum_cells(
+def _emit_table(
     out: Text,
     text: Text,
     c: Context,
     start: int,
     cell: str,
-    place: str,
-    found: str,
+    point: str,
+    values: str,
     leaves: Status = Status.OUTSIDE_TABLE,
 ) -> None:
-    """Lines that put what a pack gives at places of three numbers where it is read, and, the first
-    time, a function that sums it; ``start`` is that of the pack among the numbers that cases share,
-    ``cell`` where lanes hold theirs; who ``leaves`` it is lost so."""
-    functions, counts = int(c.spec.layout.model.numbers[start]), _counts(c, start)
+    """Append lines that evaluate a table at the stored points and, the first time, write the
+    function that sums its values.
+
+    ``start`` is the index of the table among the shared numbers, ``cell`` the field of the cells; a
+    lane outside the table is rejected with the status ``leaves``.
+    """
+    functions, counts = int(c.spec.layout.model.numbers[start]), _basis_counts(c, start)
     if c.workspace.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
-        for n in range(3):  # holds no place
+        for n in range(3):  # contains no point
             c.case.scope.store(component(cell, at.CELL_ENDS + 3 * n), math.inf)
-        says = "What a table gives at the places of lanes, from the cells that they hold."
-        inner = out.function(f"sum_{cell}(w)", says).lanes()
-        for line in sum_of_cell(cell, place, found, functions, counts):
+        docstring = "Table values at the points of the lanes, from their cells."
+        inner = out.function(f"sum_{cell}(w)", docstring).lanes()
+        for line in cell_sum_lines(cell, point, values, functions, counts):
             inner.broken(line)
     inner = text.lanes()
-    inner("x, y, z = " + ", ".join(f"w[{component(place, k)} + l]" for k in range(3)))
+    inner("x, y, z = " + ", ".join(f"w[{component(point, k)} + l]" for k in range(3)))
     inner = inner.block(f"if not in_cell(w, {cell} + l, x, y, z):")
     inner(
         f"inside = load_cell(w, {cell} + l, SHARED + {start}, x, y, z)",
@@ -181,20 +188,38 @@ def _sum_cells(
     text(f"sum_{cell}(w)")
 
 
-def sum_of_cell(cell: str, place: str, found: str, functions: int, counts: list[int]) -> list[str]:
-    """Lines for one lane: the basis functions of each axis at its place, their products, and what
-    so many functions are with these; all places are constants, so that lanes are vectorised."""
+def cell_sum_lines(
+    cell: str, point: str, values: str, functions: int, counts: list[int]
+) -> list[str]:
+    """Lines of a lane for the values of a table in its cell.
 
-    def held(k: int) -> str:
+    Basis functions of each axis, their products, and the sums over coefficients; all offsets are
+    constants, so that lanes are vectorised.
+
+    Parameters
+    ----------
+    cell, point, values : str
+        fields of cell, point and values
+    functions : int
+        number of functions in the table
+    counts : list of int
+        number of basis functions of each axis
+
+    Returns
+    -------
+    list of str
+    """
+
+    def cell_value(k: int) -> str:
         return f"w[{component(cell, k)} + l]"
 
     lines, products = [], [""]
     for n, (axis, count) in enumerate(zip("uvz", counts, strict=True)):
-        if count == 1:  # an axis of one point: its function is 1
+        if count == 1:  # axis of a single point: its function is 1
             continue
-        lines.append(f"s = w[{component(place, n)} + l] - {held(at.CELL_ENDS + 3 * n + 2)}")
+        lines.append(f"s = w[{component(point, n)} + l] - {cell_value(at.CELL_ENDS + 3 * n + 2)}")
         for i in range(count):
-            a, b, c, d = (held(at.CELL_BASIS + 16 * n + 4 * i + q) for q in range(4))
+            a, b, c, d = (cell_value(at.CELL_BASIS + 16 * n + 4 * i + q) for q in range(4))
             lines.append(f"{axis}{i} = {a} + s * ({b} + s * ({c} + s * {d}))")
         products = [
             f"{product} * {axis}{i}" if product else f"{axis}{i}"
@@ -207,44 +232,43 @@ def sum_of_cell(cell: str, place: str, found: str, functions: int, counts: list[
     ]
     for f in range(functions):
         terms = (
-            f"{weight} * {held(at.CELL_COEFFICIENTS + functions * k + f)}"
+            f"{weight} * {cell_value(at.CELL_COEFFICIENTS + functions * k + f)}"
             for k, weight in enumerate(weights)
         )
-        lines.append(f"w[{component(found, f)} + l] = {' + '.join(terms)}")
+        lines.append(f"w[{component(values, f)} + l] = {' + '.join(terms)}")
     return lines
 
 
-def _counts(c: Context, start: int) -> list[int]:
-    """Basis functions that a place sees along each axis of a pack."""
-    found, axis = [], start + 1
+def _basis_counts(c: Context, start: int) -> list[int]:
+    """Number of basis functions at a point along each axis of a table."""
+    counts, axis = [], start + 1
     for _ in range(3):
         spans = int(c.spec.layout.model.numbers[axis])
-        found.append(4 if spans else 1)
+        counts.append(4 if spans else 1)
         axis += 2 + 17 * spans
-    return found
+    return counts
 
 
 def call_look_up(text: Text, c: Context, segment: Segment) -> None:
-    """A line for it, ahead of what needs it."""
+    """Append the call of the look-up, if the kernel has tables."""
     if has_tables(c.spec):
         text(f"look_up_{segment.name}(w)")
 
 
-def _entries(c: Context, bodies: list[str]) -> list[tuple[int, Proximity]]:
-    """Increments over a distance of separation, and their numbers."""
+def _increments(c: Context, bodies: list[str]) -> list[tuple[int, Proximity]]:
+    """Coefficient increments of some bodies, with their numbers."""
     return [(i, entry) for i, entry in enumerate(c.spec.scene.proximity) if entry.body in bodies]
 
 
-def _table(c: Context, body: str) -> int:
-    """Where a body's table over Mach number, alpha and beta starts among the numbers that cases
-    share; -1 if it has none."""
+def _table_start(c: Context, body: str) -> int:
+    """Index of the aerodynamic table of a body among the shared numbers; -1 if it has none."""
     return int(
         c.spec.layout.model.table[int(c.model.aero_table_i) + list(c.spec.bodies).index(body)]
     )
 
 
 def _flow(s: State, body: str) -> tuple[Expr, Expr, Expr]:
-    """Mach number, alpha and beta."""
+    """Mach number, alpha and beta at a body."""
     flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called(
         "flow"
     )
@@ -256,6 +280,8 @@ def _flow(s: State, body: str) -> tuple[Expr, Expr, Expr]:
             beta,
         )
     base = s.scope.load(s.c.layer(body), 4)
-    higher = air.geopotential(s.place(body)[1] + level(s.scope, s.time)) - base[0]
-    temperature = (1.0 + base[1] * higher) / base[2]
+    height_above_base = (
+        air.geopotential(s.place(body)[1] + origin_height(s.scope, s.time)) - base[0]
+    )
+    temperature = (1.0 + base[1] * height_above_base) / base[2]
     return square_root(vec3.dot(flow, flow)) / air.sound_speed(temperature), alpha, beta

@@ -1,13 +1,12 @@
-"""What joints carry: force and moment on the second body of a joint, at its own copy of the joint
-point."""
+"""Joint loads: force and moment on the second body of a joint, at its copy of the joint point."""
 
 from dataclasses import replace
 from typing import Any
 
 from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.emit.loads import add_all, body_loads
-from sepmc.kernel.emit.motion import Motion, before_motion, make_motion, spin_rate_of
+from sepmc.kernel.emit.loads import body_loads, vector_sum
+from sepmc.kernel.emit.motion import Motion, angular_acceleration, before_motion, make_motion
 from sepmc.kernel.emit.rows import Rows
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import ZERO, vec3
@@ -16,16 +15,16 @@ from sepmc.scene.model import GROUND
 
 
 def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
-    """A function for what joints carry in a phase in which rows are redundant: that of least sum of
-    squares."""
+    """Write the function for the joint loads of a segment with redundant rows: the multipliers of
+    minimum norm."""
     if not segment.needs_min_norm:
         return
-    says = (
-        f"What the joints of phase {segment.name} carry at the state S and the times CLOCK: of "
-        "all that would do the multipliers of least"
+    docstring = (
+        f"Joint loads of phase {segment.name} at the state S and the times CLOCK: the "
+        "multipliers of minimum"
     )
     text = out.function(
-        f"min_norm_{segment.name}(w)", says + " sum of squares, into MIN_NORM_MULTIPLIERS."
+        f"min_norm_{segment.name}(w)", docstring + " norm, into MIN_NORM_MULTIPLIERS."
     )
     s = State(c, c.scope(), segment, "S")
     force, moment = body_loads(s)
@@ -35,7 +34,7 @@ def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
         for body in c.spec.bodies
     }
     spin_rate = {
-        body: spin_rate_of(s, (body,), moment).called("spin_rate") for body in c.spec.bodies
+        body: angular_acceleration(s, (body,), moment).called("spin_rate") for body in c.spec.bodies
     }
     system = [x for row in rows.coupling() for x in row] + rows.without_joints(
         acceleration, spin_rate
@@ -53,14 +52,23 @@ def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
 
 
 def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
-    """Lines for what has to be known of a state S before what joints carry."""
+    """Append lines for what the joint loads at a state S depend on."""
     before_motion(text, c, segment)
     if segment.needs_min_norm:
         text(f"min_norm_{segment.name}(w)")
 
 
 def make_wrenches(s: State) -> Motion:
-    """The motion at a state, with multipliers that tell what joints carry."""
+    """Motion at a state, with the multipliers that give the joint loads.
+
+    Parameters
+    ----------
+    s : State
+
+    Returns
+    -------
+    Motion
+    """
     motion = make_motion(s)
     if not s.segment.needs_min_norm:
         return motion
@@ -71,12 +79,12 @@ def make_wrenches(s: State) -> Motion:
             s.scope.load(component("MIN_NORM_MULTIPLIERS", k)) for k in range(len(rows.rows))
         ],
         system=rows,
-        shared=True,
+        min_norm=True,
     )
 
 
 def store_wrenches(s: State, motion: Motion) -> None:
-    """Force and moment of every joint that is followed, in axes of its first body, into WRENCH."""
+    """Store force and moment of every monitored joint, in axes of its first body, into WRENCH."""
     with s.c.workspace.optional():
         s.c.workspace.add("WRENCH", s.c.node_size)
     for i, joint in enumerate(s.c.monitored_joints):
@@ -89,55 +97,54 @@ def store_wrenches(s: State, motion: Motion) -> None:
 
 
 def force_of(motion: Motion, joint: str) -> Any:
-    """Force on the second body of a joint, ground axes."""
+    """Force on the second body of a joint, ground axes, N."""
     if motion.wrenches:
         return motion.wrenches[joint][0] if joint in motion.wrenches else ZERO
     rows = zip(motion.multipliers, motion.rows, strict=True)
-    return add_all(
+    return vector_sum(
         [vec3.scale(m, one.e) for m, one in rows if one.row.joint == joint and not one.row.turns]
     )
 
 
 def moment_of(s: State, motion: Motion, joint: str) -> Any:
-    """Moment on the second body of a joint, ground axes: what its rows of rotation do, or else what
-    its bodies need to turn as one."""
+    """Moment on the second body of a joint, ground axes, N m: from its rotation rows, or from the
+    balance of its rigid group."""
     if motion.wrenches:
         return motion.wrenches[joint][1] if joint in motion.wrenches else ZERO
-    if joint in s.segment.welds and not motion.shared:
+    if joint in s.segment.welds and not motion.min_norm:
         return _moment_of_weld(s, motion, joint)
     rows = zip(motion.multipliers, motion.rows, strict=True)
-    return add_all(
+    return vector_sum(
         [vec3.scale(m, one.arms[1]) for m, one in rows if one.row.joint == joint and one.row.turns]
     )
 
 
 def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
-    """Euler's equations of the bodies on one side of a joint that lets nothing turn: what other
-    loads and joints leave to it."""
+    """Moment of a joint within a rigid group, from Euler's equations of the bodies on one side of
+    it."""
     joints = s.spec.scene.joint
     first, second = joints[joint].bodies
     side = _side(s, joint, second)
-    if GROUND in side:  # nothing is known of what else the ground feels
-        # the couple of the force that does not pass through the first body's point is in the arms
-        # of its rows
-        return vec3.scale(-1.0, _left_to(s, motion, joint, _side(s, joint, first)))
-    return _left_to(s, motion, joint, side)
+    if GROUND in side:  # other loads on the ground are unknown
+        # the arms of the rows include the couple of a force that misses the first body's point
+        return vec3.scale(-1.0, _required_moment(s, motion, joint, _side(s, joint, first)))
+    return _required_moment(s, motion, joint, side)
 
 
 def _side(s: State, joint: str, body: str) -> set[str]:
-    """Bodies that turn as one with a body though a joint is cut."""
-    found, pairs = (
+    """Bodies of a rigid group that stay connected to a body when a joint is cut."""
+    bodies, pairs = (
         {body},
         [set(s.spec.scene.joint[weld].bodies) for weld in s.segment.welds if weld != joint],
     )
-    while more := [pair for pair in pairs if found & pair and not pair <= found]:
-        found |= more[0]
-    return found
+    while connected := [pair for pair in pairs if bodies & pair and not pair <= bodies]:
+        bodies |= connected[0]
+    return bodies
 
 
-def _left_to(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
-    """Moment that bodies which turn as one need besides their loads and the other joints', ground
-    axes."""
+def _required_moment(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
+    """Moment, ground axes, that bodies of a rigid group need in addition to their loads and the
+    other joints."""
     case, terms = s.case, []
     for body in sorted(side):
         leader = s.segment.leader(body)
@@ -145,15 +152,15 @@ def _left_to(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
             inertial: Any = ZERO
         else:
             omega, inertia = s.rate(leader), case.inertia(body)
-            turning = vec3.cross(omega, vec3.rotate(inertia, omega)) if motion.moving else ZERO
-            inertial = add_all([vec3.rotate(inertia, motion.spin_rate[leader]), turning])
+            gyroscopic = vec3.cross(omega, vec3.rotate(inertia, omega)) if motion.moving else ZERO
+            inertial = vector_sum([vec3.rotate(inertia, motion.spin_rate[leader]), gyroscopic])
         moment = motion.moment[body]
         if inertial is not ZERO or moment is not ZERO:
-            left = inertial if moment is ZERO else vec3.sub(inertial, moment)
-            terms.append(vec3.rotate(s.attitude(body), left))
+            required = inertial if moment is ZERO else vec3.sub(inertial, moment)
+            terms.append(vec3.rotate(s.attitude(body), required))
         for m, one in zip(motion.multipliers, motion.rows, strict=True):
             pair = s.spec.scene.joint[one.row.joint].bodies
             terms += [
                 vec3.scale(-m, arm) for end, arm in zip(pair, one.arms, strict=True) if end == body
             ]
-    return add_all(terms)
+    return vector_sum(terms)

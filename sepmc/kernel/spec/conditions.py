@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from sepmc.routines import layout as at
-from sepmc.scene.model import Scene, Until
+from sepmc.scene.model import Condition, Scene
 
 _ON_JOINT = {
     "stroke": at.AT_STROKE,
@@ -51,7 +51,7 @@ class Conditions:
     clauses: list[int] = field(default_factory=list)
     clause_leaves: list[int] = field(default_factory=list)
 
-    def add(self, until: Until | None, path: str) -> None:
+    def add(self, until: Condition | None, path: str) -> None:
         """Append an event with the condition ``until``; with None it never occurs."""
         self._close(self._clauses(until, path) if until is not None else [])
 
@@ -70,7 +70,7 @@ class Conditions:
         self.leaves.append(Leaf(quantity, item, len(self.events) // 2, path, direction))
         return len(self.leaves) - 1
 
-    def _clauses(self, until: Until, path: str) -> list[list[int]]:
+    def _clauses(self, until: Condition, path: str) -> list[list[int]]:
         """Clauses of a condition, each a list of leaf numbers."""
         clauses = []
         if until.time is not None:

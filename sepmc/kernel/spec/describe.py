@@ -4,7 +4,7 @@ import numpy as np
 
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import Motor, Scene, Until
+from sepmc.scene.model import Condition, Motor, Scene
 
 
 def lines(layout: ParameterLayout) -> list[str]:
@@ -101,7 +101,7 @@ def _names(names) -> str:
     return ", ".join(names) or "none"
 
 
-def condition(until: Until) -> str:
+def condition(until: Condition) -> str:
     """Describe a condition in words.
 
     Parameters

@@ -3,7 +3,8 @@
 
 Row 12 of A holds the weights; rows 13 to 15 the stages of the continuous extension, D its weights.
 Zero entries are left out. E5 is the difference of the weights from those of an embedded method of
-order 5."""
+order 5.
+"""
 
 C = (
     0.0,

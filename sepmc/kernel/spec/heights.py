@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from sepmc.physics.us1976_table import BORDERS
-from sepmc.scene.kinds import hanging_together
+from sepmc.scene.kinds import connected_bodies
 from sepmc.scene.model import GROUND, Motor, Scene
 
 # maximum rows of an altitude table per step: the stages then sample every row
@@ -98,7 +98,7 @@ def _pushed(scenes: Sequence[Scene]) -> float:
     """Maximum speed, m/s, that motors, springs and loads give a body, acting on all bodies
     connected to it in some phase."""
     scene = scenes[0]
-    groups = [group for phase in scene.phase for group in hanging_together(scene, phase)]
+    groups = [group for phase in scene.phase for group in connected_bodies(scene, phase)]
     masses = {
         name: min((s.body[name].mass for s in scenes if s.body[name].mass > 0.0), default=math.inf)
         for name in scene.body

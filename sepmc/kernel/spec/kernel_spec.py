@@ -11,7 +11,7 @@ from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.kernel.spec.variant import Variant
 from sepmc.routines import layout as at
-from sepmc.scene.kinds import joint_axes, slides
+from sepmc.scene.kinds import joint_axes, leaves_pins_sliding
 from sepmc.scene.model import GROUND, Motor, Scene
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -219,7 +219,9 @@ class Segment:
 
     def sliding_kinds(self, joint: str) -> tuple[int, ...]:
         """Numbers of the kinds in which the pins of a joint are engaged and may slide."""
-        return tuple(k for k, codes in self.joint_kinds[joint].items() if slides(codes))
+        return tuple(
+            k for k, codes in self.joint_kinds[joint].items() if leaves_pins_sliding(codes)
+        )
 
     @property
     def variable_joints(self) -> list[str]:

@@ -25,7 +25,8 @@ class Method:
     error, but it varies from case to case as the error does.
 
     ``within`` are stages inside a step, in the order of time, whose states are among the most
-    accurate."""
+    accurate.
+    """
 
     name: str
     order: int

@@ -7,7 +7,7 @@ from dataclasses import replace
 from msgspec.structs import replace as change
 
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
-from sepmc.scene.model import GROUND, Ignition, Phase, Scene, Until
+from sepmc.scene.model import GROUND, Condition, Ignition, Phase, Scene
 
 # tables whose items have names, and the word of the generated names
 _WORDS = {
@@ -156,7 +156,7 @@ class Names:
         waits = {key: getattr(ignition, key) for key in ("event", "release", "joint")}
         return change(ignition, **{key: name and self.of[key][name] for key, name in waits.items()})
 
-    def _until(self, until: Until) -> Until:
+    def _until(self, until: Condition) -> Condition:
         """Condition, and its components, with names replaced."""
         return change(
             until,

@@ -12,7 +12,7 @@ from sepmc.kernel.spec.conditions import Conditions, make_conditions
 from sepmc.kernel.spec.packing import Pool
 from sepmc.routines import layout as at
 from sepmc.scene.contents import contents
-from sepmc.scene.kinds import centres, joint_axes, toward_second
+from sepmc.scene.kinds import axial_offset, joint_axes, mass_centres
 from sepmc.scene.model import GROUND, XYZ, Scene
 from sepmc.scene.parameters import value
 from sepmc.schema import Contents
@@ -387,5 +387,5 @@ def separation_sign(scene: Scene, name: str) -> int:
     joint = scene.joint[name]
     if joint.apart is not None:
         return joint.apart
-    level = _LEVEL * max(1.0, *(abs(x) for centre in centres(scene, joint) for x in centre))
-    return 1 if toward_second(scene, joint) >= -level else -1
+    level = _LEVEL * max(1.0, *(abs(x) for centre in mass_centres(scene, joint) for x in centre))
+    return 1 if axial_offset(scene, joint) >= -level else -1

@@ -2,7 +2,8 @@
 Runge-Kutta pairs for ephemerides of the Solar System and the Moon, Journal of Applied Mathematics
 and Decision Sciences 4 (2000) 183: the method of higher order of his pair.
 
-Zero entries are left out."""
+Zero entries are left out.
+"""
 
 C = (
     0.0,

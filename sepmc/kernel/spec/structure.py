@@ -13,7 +13,7 @@ from sepmc.kernel.spec.parameter_layout import ParameterLayout, is_ground_named
 from sepmc.kernel.spec.variant import Variant
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import GROUND, Phase, Scene, Until
+from sepmc.scene.model import GROUND, Condition, Phase, Scene
 from sepmc.scene.redundancy import dependent_rows
 
 _ON_STATE = {
@@ -50,7 +50,7 @@ def _needs_any_order(spec: KernelSpec) -> bool:
     )
 
 
-def _has_several_conditions(scene: Scene, until: Until) -> bool:
+def _has_several_conditions(scene: Scene, until: Condition) -> bool:
     """True if a phase ends by several conditions, or by one that is handled as such: a spring
     stroke, or the burn-out of a motor whose ignition time is not known beforehand."""
     keys = ("time", "burn_out", *_ON_LOAD, *_ON_STATE)

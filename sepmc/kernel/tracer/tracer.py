@@ -38,7 +38,7 @@ _PRECEDENCE = {
 }
 _ATOM = 9
 # names that functions already use, and names of functions
-_TAKEN = {"w", "math", "np", "phase", "usual", "left", "size"}
+_TAKEN = {"w", "math", "np", "phase", "typical", "left", "size"}
 _TAKEN |= {"e", "i", "k", "l"}  # counters of hand-written loops
 _TAKEN |= {
     "add",

@@ -1,1 +1,1 @@
-"""The checks of `sepmc verify`: small functions that fly a scene and give its lines."""
+"""Checks of `sepmc verify`: functions that run a scene and return its lines."""

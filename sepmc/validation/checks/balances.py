@@ -1,26 +1,26 @@
-"""What every motion must obey, whatever the formulation: joints do no work; momentum, angular
-momentum and energy are kept."""
+"""Laws of every motion, whatever the formulation: joints do no work; momentum, angular momentum and
+energy are conserved."""
 
 import numpy as np
 from scipy.integrate import simpson
 
-from sepmc.validation.checks.kinds import KINDS, flight_of
-from sepmc.validation.flights import Array, NominalFlight, arm, campaign, tensor, to_ground
+from sepmc.validation.checks.kinds import KINDS, nominal_run
+from sepmc.validation.flights import Array, NominalRun, arm, campaign, tensor, to_ground
 from sepmc.validation.line import Line, worst
 
-ROUND_OFF = 1e-11  # relative to the largest of the terms that cancel
+ROUND_OFF = 1e-11  # relative to the largest cancelling term
 
 
 def no_work() -> list[Line]:
-    """Power of the wrench of an ideal joint on its two bodies together, F . v(r) + M . w summed,
+    """Power of the wrench of an ideal joint on its two bodies, the sum of F . v(r) + M . w,
     relative to its largest term."""
     lines = []
     for kind in KINDS:
-        found = flight_of(kind)
+        run = nominal_run(kind)
         terms = []
-        for body, point in zip(("fore", "aft"), _ends(found), strict=True):
-            track, lever = found.body(body), arm(found.scene, body, point)
-            force, moment = found.wrench("link", body)
+        for body, point in zip(("fore", "aft"), _ends(run), strict=True):
+            track, lever = run.body(body), arm(run.scene, body, point)
+            force, moment = run.wrench("link", body)
             omega = to_ground(track.r, track.w)
             speed = track.v + np.cross(omega, to_ground(track.r, lever))
             terms += [np.sum(force * speed, axis=1), np.sum(moment * omega, axis=1)]
@@ -34,70 +34,72 @@ def no_work() -> list[Line]:
     return lines
 
 
-def _ends(found: NominalFlight) -> tuple:
-    joint = found.scene.joint["link"]
+def _ends(run: NominalRun) -> tuple:
+    """Layout points of the joint on its two bodies."""
+    joint = run.scene.joint["link"]
     return joint.point, joint.second_point or joint.point
 
 
 class _Sums:
     """Momentum, angular momentum about the origin and kinetic energy of all bodies over time."""
 
-    def __init__(self, found: NominalFlight):
+    def __init__(self, run: NominalRun):
         self.momentum, self.spin, self.energy = (
-            np.zeros((len(found.t), 3)),
-            np.zeros((len(found.t), 3)),
-            np.zeros(len(found.t)),
+            np.zeros((len(run.t), 3)),
+            np.zeros((len(run.t), 3)),
+            np.zeros(len(run.t)),
         )
-        for name, body in found.scene.body.items():
-            x, v, r, w = found.body(name)
-            own = w @ tensor(found.scene, name)
+        for name, body in run.scene.body.items():
+            x, v, r, w = run.body(name)
+            spin_of_body = w @ tensor(run.scene, name)
             self.momentum += body.mass * v
-            self.spin += body.mass * np.cross(x, v) + to_ground(r, own)
-            self.energy += 0.5 * body.mass * np.sum(v * v, axis=1) + 0.5 * np.sum(w * own, axis=1)
+            self.spin += body.mass * np.cross(x, v) + to_ground(r, spin_of_body)
+            self.energy += 0.5 * body.mass * np.sum(v * v, axis=1) + 0.5 * np.sum(
+                w * spin_of_body, axis=1
+            )
 
 
-def _gained(found: NominalFlight, rate: Array) -> Array:
-    """Integral of a rate over the flight: Simpson's rule on each phase, whose rows are 1 ms
-    apart."""
+def _integral(run: NominalRun, rate: Array) -> Array:
+    """Integral of a rate over the run: Simpson's rule on each phase, with rows every 1 ms."""
     return sum(
-        simpson(rate[found.phase == phase], x=found.t[found.phase == phase], axis=0)
-        for phase in dict.fromkeys(found.phase)
+        simpson(rate[run.phase == phase], x=run.t[run.phase == phase], axis=0)
+        for phase in dict.fromkeys(run.phase)
     )
 
 
-def _thrust(found: NominalFlight) -> tuple[Array, Array, Array]:
+def _thrust(run: NominalRun) -> tuple[Array, Array, Array]:
     """Force, moment about the origin and power of all motors, ground axes. The thrust is
     constant."""
     force, moment, power = (
-        np.zeros((len(found.t), 3)),
-        np.zeros((len(found.t), 3)),
-        np.zeros(len(found.t)),
+        np.zeros((len(run.t), 3)),
+        np.zeros((len(run.t), 3)),
+        np.zeros(len(run.t)),
     )
-    for motor in found.scene.motor:
+    for motor in run.scene.motor:
         cant, clock, (dy, dz) = motor.cant, motor.clock, motor.offset
         # CONVENTIONS.md, Motor
-        along = np.array(
+        direction = np.array(
             [np.cos(cant), -np.sin(clock) * np.sin(cant), np.cos(clock) * np.sin(cant)]
         )
         lever = arm(
-            found.scene,
+            run.scene,
             motor.body,
             (motor.station, -motor.radius * np.sin(clock) + dy, motor.radius * np.cos(clock) + dz),
         )
-        x, v, r, w = found.body(motor.body)
-        push, out = to_ground(r, motor.thrust * along), to_ground(r, lever)
+        x, v, r, w = run.body(motor.body)
+        push, out = to_ground(r, motor.thrust * direction), to_ground(r, lever)
         force, moment = force + push, moment + np.cross(x + out, push)
         power += np.sum(push * (v + np.cross(to_ground(r, w), out)), axis=1)
     return force, moment, power
 
 
-def _springs(found: NominalFlight) -> tuple[Array, Array]:
-    """Energy stored in all springs since the start, and the power of their dampers."""
-    stored, lost = np.zeros(len(found.t)), np.zeros(len(found.t))
-    for spring in found.scene.spring:
-        a, b = (found.body(name) for name in spring.bodies)
+def _springs(run: NominalRun) -> tuple[Array, Array]:
+    """Energy stored in all springs since the start, J, and the power lost in their dampers, W."""
+    stored, lost = np.zeros(len(run.t)), np.zeros(len(run.t))
+    for spring in run.scene.spring:
+        a, b = (run.body(name) for name in spring.bodies)
         out_a, out_b = (
-            to_ground(track.r, arm(found.scene, name, point))
+            to_ground(track.r, arm(run.scene, name, point))
             for track, name, point in zip(
                 (a, b),
                 spring.bodies,
@@ -123,8 +125,8 @@ def _springs(found: NominalFlight) -> tuple[Array, Array]:
 
 
 def balance() -> list[Line]:
-    """Three bodies, a ball joint, a slider that lets go, two springs, two motors: impulse, moment
-    and work of thrust account for all."""
+    """Three bodies, a ball joint, a slider that is released, two springs, two motors: momentum,
+    angular momentum and energy at the end follow from impulse, moment and work of the thrust."""
     lines = []
     for case, settings in (
         ("chain with springs", {"motor.ahead.thrust_N": 0.0, "motor.retro.thrust_N": 0.0}),
@@ -134,16 +136,16 @@ def balance() -> list[Line]:
             {"spring.pusher.damping_N_s_per_m": 3.0, "spring.strap.damping_N_s_per_m": 2.0},
         ),
     ):
-        found = NominalFlight(campaign("chain", settings), 0.001)
-        sums, (force, moment, power), (stored, lost) = _Sums(found), _thrust(found), _springs(found)
+        run = NominalRun(campaign("chain", settings), 0.001)
+        sums, (force, moment, power), (stored, lost) = _Sums(run), _thrust(run), _springs(run)
         momentum, spin, energy = (
-            sums.momentum[0] + _gained(found, force),
-            sums.spin[0] + _gained(found, moment),
+            sums.momentum[0] + _integral(run, force),
+            sums.spin[0] + _integral(run, moment),
             sums.energy + stored,
         )
         largest = max(
-            float(np.abs(body.mass * found.body(name).v).max())
-            for name, body in found.scene.body.items()
+            float(np.abs(body.mass * run.body(name).v).max())
+            for name, body in run.scene.body.items()
         )
         turning = float(np.abs(sums.spin).max())
         lines.append(
@@ -154,7 +156,7 @@ def balance() -> list[Line]:
         )
         lines.append(
             worst(
-                case, "energy at the end, J", energy[0] + _gained(found, power - lost), energy[-1]
+                case, "energy at the end, J", energy[0] + _integral(run, power - lost), energy[-1]
             )
         )
     return lines

@@ -5,32 +5,32 @@ import math
 import numpy as np
 
 from sepmc.validation import references as ref
-from sepmc.validation.flights import NominalFlight, arm, campaign, tensor
+from sepmc.validation.flights import NominalRun, arm, campaign, tensor
 from sepmc.validation.line import Line, worst
 
 LBF, FT = 4.4482216152605, 0.3048
-# Rates (rad/s) of free_body.toml by branch of the solution; the last sets out along the middle axis
+# Rates (rad/s) of free_body.toml by branch of the solution; the last starts along the middle axis
 # and turns over.
 TOPS = {
-    "about the least axis": [1.6, 0.2, -0.1],
-    "about the greatest axis": [0.2, 0.3, 1.4],
+    "about the minimum axis": [1.6, 0.2, -0.1],
+    "about the maximum axis": [0.2, 0.3, 1.4],
     "turning over": None,
 }
 
 
 def free_body() -> list[Line]:
-    """Euler's equations of a body without symmetry, in both branches and turning over near the
-    separatrix between them."""
+    """Euler's equations of a body without symmetry, in both branches and near the separatrix
+    between them."""
     lines = []
     for name, rates in TOPS.items():
-        flown = campaign("free_body")
-        inertia = tensor(flown.scene, "stone")
+        base = campaign("free_body")
+        inertia = tensor(base.scene, "stone")
         if rates is None:
             axes = np.linalg.eigh(inertia)[1]
             rates = (1.8 * axes[:, 1] + 1e-3 * axes[:, 0]).tolist()
-        found = NominalFlight(flown.with_settings({"initial.omega_rad_s": rates}), 0.05)
-        w, r = ref.asymmetric_top(found.t, inertia, rates)
-        stone, case = found.body("stone"), f"free body {name}"
+        run = NominalRun(base.with_settings({"initial.omega_rad_s": rates}), 0.05)
+        w, r = ref.asymmetric_top(run.t, inertia, rates)
+        stone, case = run.body("stone"), f"free body {name}"
         lines += [
             worst(case, "rate, rad/s", w, stone.w),
             worst(case, "attitude matrix", r, stone.r),
@@ -38,53 +38,50 @@ def free_body() -> list[Line]:
     return lines
 
 
-def _welded(found: NominalFlight, joint: str, case: str) -> list[Line]:
-    """Rates, attitude and the joint's wrench of two welded bodies against those of the
-    composite."""
-    scene = found.scene
+def _welded(run: NominalRun, joint: str, case: str) -> list[Line]:
+    """Rates, attitude and joint wrench of two welded bodies against those of the composite."""
+    scene = run.scene
     first, second = scene.joint[joint].bodies
     # from the joint point
-    places = [-arm(scene, body, scene.joint[joint].point) for body in (first, second)]
+    positions = [-arm(scene, body, scene.joint[joint].point) for body in (first, second)]
     masses, tensors = (
         [scene.body[b].mass for b in (first, second)],
         [tensor(scene, b) for b in (first, second)],
     )
-    whole = ref.composite(masses, tensors, places)
-    w, r = ref.asymmetric_top(found.t, whole.inertia, scene.initial.omega)
-    body = found.body(second)
-    force, moment = ref.weld_wrench(whole, masses[1], tensors[1], places[1], np.zeros(3), w)
+    combined = ref.composite(masses, tensors, positions)
+    w, r = ref.asymmetric_top(run.t, combined.inertia, scene.initial.omega)
+    body = run.body(second)
+    force, moment = ref.weld_wrench(combined, masses[1], tensors[1], positions[1], np.zeros(3), w)
     return [
         worst(case, "rate, rad/s", w, body.w),
         worst(case, "attitude matrix", r, body.r),
-        worst(
-            case, f"force on {second}, N", force, found.columns(f"{joint}_force_on_{second}_*_N")
-        ),
+        worst(case, f"force on {second}, N", force, run.columns(f"{joint}_force_on_{second}_*_N")),
         worst(
             case,
             f"moment on {second}, N m",
             moment,
-            found.columns(f"{joint}_moment_on_{second}_*_N_m"),
+            run.columns(f"{joint}_moment_on_{second}_*_N_m"),
         ),
     ]
 
 
 def welded() -> list[Line]:
-    """Two lopsided bodies in a fixed joint are one rigid body."""
-    return _welded(NominalFlight(campaign("welded"), 0.05), "weld", "welded pair")
+    """Two asymmetric bodies in a fixed joint are one rigid body."""
+    return _welded(NominalRun(campaign("welded"), 0.05), "weld", "welded pair")
 
 
 def nasa_boxes() -> list[Line]:
     """NASA/TP-2016-219326 test case 1: the closed form, and the digits of an independent solution
-    with 24 unknowns (half a last unit)."""
-    case, found = "NASA boxes", NominalFlight(campaign("nasa_boxes"), 0.05)
-    lines = _welded(found, "face", case)
+    with 24 unknowns (half a unit of the last digit)."""
+    case, run = "NASA boxes", NominalRun(campaign("nasa_boxes"), 0.05)
+    lines = _welded(run, "face", case)
     for axis, value, digits in zip(
-        "xyz", (0.43643767, 1.04653498, -0.07596399), found.body("B").w[-1], strict=True
+        "xyz", (0.43643767, 1.04653498, -0.07596399), run.body("B").w[-1], strict=True
     ):
         lines.append(Line(case, f"rate at 10 s, {axis}, rad/s", value, float(digits), 5e-9))
     force, moment = (
-        found.columns("face_force_on_B_*_N")[0] / LBF,
-        found.columns("face_moment_on_B_*_N_m")[0] / (LBF * FT),
+        run.columns("face_force_on_B_*_N")[0] / LBF,
+        run.columns("face_moment_on_B_*_N_m")[0] / (LBF * FT),
     )
     for axis, value, digits in zip("xyz", (-1.09, 0.0754717, -0.006), force, strict=True):
         lines.append(Line(case, f"force on B at 0 s, {axis}, lbf", value, float(digits), 5e-8))
@@ -94,7 +91,7 @@ def nasa_boxes() -> list[Line]:
 
 
 def pushed_apart() -> list[Line]:
-    """A linear spring between two free bodies: all along its push, and with a stroke limit, where
+    """A linear spring between two free bodies: during the push, and with a stroke limit, where
     momentum and energy give the speeds."""
     lines = []
     for case, settings in (
@@ -109,28 +106,28 @@ def pushed_apart() -> list[Line]:
             {"spring.push.stroke_m": 0.15, "spring.push.stiffness_N_per_m": 0.0},
         ),
     ):
-        lines += _pushed(NominalFlight(campaign("pushed_apart", settings)), case)
+        lines += _pushed(NominalRun(campaign("pushed_apart", settings)), case)
     return lines
 
 
-def _pushed(found: NominalFlight, case: str) -> list[Line]:
+def _pushed(run: NominalRun, case: str) -> list[Line]:
     """Extension of the spring and speeds of the bodies."""
-    spring, mass = found.scene.spring[0], [found.scene.body[b].mass for b in ("fore", "aft")]
-    law = ref.reduced_mass(*mass), spring.force, spring.stiffness
-    x, v = ref.spring_extension(found.t, *law, spring.damping)
+    spring, mass = run.scene.spring[0], [run.scene.body[b].mass for b in ("fore", "aft")]
+    spring_data = ref.reduced_mass(*mass), spring.force, spring.stiffness
+    x, v = ref.spring_extension(run.t, *spring_data, spring.damping)
     if math.isfinite(spring.stroke):
-        released, speed = ref.spring_release(*law, spring.stroke, spring.damping)
-        after = found.t > released
-        x[after], v[after] = spring.stroke + speed * (found.t[after] - released), speed
-    lines = [worst(case, "extension, m", x, 1e-3 * found.history["separation_distance_mm"])]
-    lines.append(worst(case, "speed apart, m/s", v, found.history["separation_speed_m_s"]))
-    for body, share in (("fore", mass[1]), ("aft", -mass[0])):
+        released, speed = ref.spring_release(*spring_data, spring.stroke, spring.damping)
+        after = run.t > released
+        x[after], v[after] = spring.stroke + speed * (run.t[after] - released), speed
+    lines = [worst(case, "extension, m", x, 1e-3 * run.history["separation_distance_mm"])]
+    lines.append(worst(case, "separation speed, m/s", v, run.history["separation_speed_m_s"]))
+    for body, other_mass in (("fore", mass[1]), ("aft", -mass[0])):
         lines.append(
             worst(
                 case,
                 f"speed of the {body} body, m/s",
-                v * share / sum(mass),
-                found.body(body).v[:, 0],
+                v * other_mass / sum(mass),
+                run.body(body).v[:, 0],
             )
         )
     return lines
@@ -138,7 +135,7 @@ def _pushed(found: NominalFlight, case: str) -> list[Line]:
 
 def thrust_slider() -> list[Line]:
     """Thrust along a slider that accelerates both bodies: gap and rate, with build-up and tail-off,
-    and the time of release."""
+    and the release time."""
     motors = [f"motor.{name}" for name in ("ahead", "retro")]
     ending = {f"{motor}.burn_s": 0.3 for motor in motors} | {
         f"{motor}.tail_off_s": 0.1 for motor in motors
@@ -149,31 +146,29 @@ def thrust_slider() -> list[Line]:
         ("thrust with build-up", {f"{motor}.build_up_s": 0.1 for motor in motors}),
         ("thrust with tail-off", ending),
     ):
-        found = NominalFlight(campaign("thrust_slider", settings))
-        motor = found.scene.motor[0]
-        apart = sum(m.thrust / found.scene.body[m.body].mass for m in found.scene.motor)  # m/s2
+        run = NominalRun(campaign("thrust_slider", settings))
+        motor = run.scene.motor[0]
+        acceleration = sum(m.thrust / run.scene.body[m.body].mass for m in run.scene.motor)  # m/s2
         if motor.tail_off:
-            gap, rate = ref.burn_gap(found.t, apart, motor.burn, motor.tail_off)
+            gap, rate = ref.burn_gap(run.t, acceleration, motor.burn, motor.tail_off)
         else:
-            gap, rate = ref.thrust_gap(found.t, apart, motor.build_up)
-        held = found.phase == "guided"
+            gap, rate = ref.thrust_gap(run.t, acceleration, motor.build_up)
+        joined = run.phase == "guided"
         lines.append(
-            worst(case, "gap, m", gap[held], 1e-3 * found.history["separation_distance_mm"][held])
+            worst(case, "gap, m", gap[joined], 1e-3 * run.history["separation_distance_mm"][joined])
         )
-        lines.append(
-            worst(case, "rate of the gap, m/s", rate, found.history["separation_speed_m_s"])
-        )
+        lines.append(worst(case, "rate of the gap, m/s", rate, run.history["separation_speed_m_s"]))
         if not settings:
-            release = math.sqrt(2.0 * 0.37 / apart)  # the stroke in the file
-            lines.append(worst(case, "release, s", release, found.outcomes["release_time_s"]))
+            release = math.sqrt(2.0 * 0.37 / acceleration)  # stroke of the file
+            lines.append(worst(case, "release, s", release, run.outcomes["release_time_s"]))
     return lines
 
 
 def rail() -> list[Line]:
-    """Tip-off: a rocket turns about its rear shoe on gravity from where the front one has left the
-    rail until the rear one does."""
-    found, case = NominalFlight(campaign("rail")), "tip-off from a rail"
-    scene = found.scene
+    """Tip-off: a rocket turns about its rear shoe under gravity after the front one has left the
+    rail, until the rear one leaves."""
+    run, case = NominalRun(campaign("rail")), "tip-off from a rail"
+    scene = run.scene
     body, motor, g, elevation = (
         scene.body["rocket"],
         scene.motor[0],
@@ -195,7 +190,7 @@ def rail() -> list[Line]:
     release, rate = leaves + tip.time, math.degrees(tip.rate)
     pitch = math.degrees(elevation + tip.angle)
     lines = [
-        worst(case, quantity, expected, found.outcomes[column])
+        worst(case, quantity, expected, run.outcomes[column])
         for quantity, expected, column in (
             ("release, s", release, "release_time_s"),
             ("rate at release, deg/s", rate, "shoe_tip_off_rocket_z_deg_s"),
@@ -207,5 +202,5 @@ def rail() -> list[Line]:
             ),
         )
     ]
-    last = found.history["rocket_pitch_deg"][found.phase == "pivot"].iloc[-1]
+    last = run.history["rocket_pitch_deg"][run.phase == "pivot"].iloc[-1]
     return [*lines, worst(case, "pitch at release, deg", pitch, float(last))]

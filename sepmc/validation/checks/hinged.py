@@ -6,17 +6,17 @@ import math
 import numpy as np
 
 from sepmc.validation import references as ref
-from sepmc.validation.flights import NominalFlight, arm, campaign, tensor, to_ground
+from sepmc.validation.flights import NominalRun, arm, campaign, tensor, to_ground
 from sepmc.validation.line import Line, worst
 
 
 def pendulum() -> list[Line]:
-    """A body without symmetry on a revolute joint: swinging, circling, its period, and what it asks
-    of the hinge."""
+    """A body without symmetry on a revolute joint: swinging, circling, its period, and the loads of
+    the hinge."""
     lines = []
     for case, rate in (("physical pendulum", 0.0), ("pendulum over the top", 9.0)):
-        found = NominalFlight(campaign("pendulum", {"initial.omega_rad_s": [0.0, 0.0, rate]}))
-        scene, bob = found.scene, found.body("bob")
+        run = NominalRun(campaign("pendulum", {"initial.omega_rad_s": [0.0, 0.0, rate]}))
+        scene, bob = run.scene, run.body("bob")
         mass, g, inertia = (
             scene.body["bob"].mass,
             scene.environment.surface_gravity,
@@ -28,7 +28,7 @@ def pendulum() -> list[Line]:
         # pitch at which the mass centre hangs straight down
         hang = -0.5 * math.pi - math.atan2(to_centre[1], to_centre[0])
         start = math.remainder(scene.initial.pitch - hang, 2.0 * math.pi)
-        angle, turning = ref.pendulum(found.t, frequency, start, rate)
+        angle, turning = ref.pendulum(run.t, frequency, start, rate)
         lines.append(worst(case, "attitude matrix", ref.turn(2, angle + hang), bob.r))
         lines.append(worst(case, "rate, rad/s", turning, bob.w[:, 2]))
         wrench = [
@@ -39,17 +39,17 @@ def pendulum() -> list[Line]:
         ]
         force, moment = (np.array(part) for part in zip(*wrench, strict=True))
         lines.append(
-            worst(case, "force of the hinge, N", force, found.columns("hinge_force_on_bob_*_N"))
+            worst(case, "force of the hinge, N", force, run.columns("hinge_force_on_bob_*_N"))
         )
         lines.append(
             worst(
-                case, "moment of the hinge, N m", moment, found.columns("hinge_moment_on_bob_*_N_m")
+                case, "moment of the hinge, N m", moment, run.columns("hinge_moment_on_bob_*_N_m")
             )
         )
         if rate == 0.0:
             period = ref.pendulum_period(frequency, start)
             last = float(
-                NominalFlight(campaign("pendulum", {"run.end_time_s": period}), period)
+                NominalRun(campaign("pendulum", {"run.end_time_s": period}), period)
                 .body("bob")
                 .w[-1, 2]
             )
@@ -59,15 +59,15 @@ def pendulum() -> list[Line]:
     return lines
 
 
-def _turned(pitch: float, spin: float, precession: float) -> NominalFlight:
-    """The top set out with this pitch (rad), rate about its axis and rate of the axis about the
-    upward vertical (rad/s).
+def _started_top(pitch: float, spin: float, precession: float) -> NominalRun:
+    """The top started with a pitch, rad, a rate about its axis and a rate of the axis about the
+    upward vertical, rad/s.
 
-    The axis, from the ball to the mass centre, is body -x; the vertical is (sin, cos, 0) of pitch
-    in body axes.
+    The axis, from the ball to the mass centre, is body -x; the vertical is (sin, cos, 0) of the
+    pitch in body axes.
     """
     rates = [-spin, precession * math.cos(pitch), 0.0]
-    return NominalFlight(
+    return NominalRun(
         campaign("top", {"initial.pitch_deg": math.degrees(pitch), "initial.omega_rad_s": rates})
     )
 
@@ -82,36 +82,36 @@ def top() -> list[Line]:
         scene.body["top"].mass,
     )
     axial, across, _ = scene.body["top"].inertia
-    law = axial, across + mass * length**2, mass * g * length
+    top_data = axial, across + mass * length**2, mass * g * length
     lines = []
     for case, degrees, spin, precession in (
         ("spherical pendulum", 50.0, 0.0, 2.5),
         ("top, nutating", -40.0, 90.0, 1.0),
     ):
         pitch = math.radians(degrees)
-        found = _turned(pitch, spin, precession)
-        body = found.body("top")
-        tilt = ref.heavy_top(found.t, *law, 0.5 * math.pi + pitch, spin, precession)
+        run = _started_top(pitch, spin, precession)
+        body = run.body("top")
+        tilt = ref.heavy_top(run.t, *top_data, 0.5 * math.pi + pitch, spin, precession)
         lines.append(worst(case, "cosine of the tilt", tilt, -body.r[:, 1, 0]))
         lines.append(worst(case, "spin, rad/s", spin, -body.w[:, 0], size=precession))
-    for case, degrees, spin, which in (
+    for case, degrees, spin, root in (
         ("conical pendulum", 50.0, 0.0, 0),
         ("top, slow precession", -40.0, 90.0, 0),
         ("top, fast precession", -40.0, 90.0, 1),
     ):
         pitch = math.radians(degrees)
-        precession = ref.steady_precession(*law, 0.5 * math.pi + pitch, spin)[which]
-        found = _turned(pitch, spin, precession)
-        azimuth = precession * found.t  # about the upward vertical, from x toward -z
+        precession = ref.steady_precession(*top_data, 0.5 * math.pi + pitch, spin)[root]
+        run = _started_top(pitch, spin, precession)
+        azimuth = precession * run.t  # about the upward vertical, from x toward -z
         level = [np.cos(azimuth), np.zeros_like(azimuth), -np.sin(azimuth)]
         axis = np.cos(pitch) * np.stack(level, axis=1) + np.sin(pitch) * np.array([0.0, 1.0, 0.0])
-        lines.append(worst(case, "direction of the axis", axis, found.body("top").r[:, :, 0]))
+        lines.append(worst(case, "direction of the axis", axis, run.body("top").r[:, :, 0]))
     return lines
 
 
 def rod_pendulum() -> list[Line]:
-    """A body hung by its mass centre on a rod: swing and tension of the simple pendulum, the
-    conical one, and its own free turning."""
+    """A body on a rod at its mass centre: swing and tension of the simple pendulum, the conical
+    one, and its free rotation."""
     scene = campaign("rod_pendulum").scene
     mass, g, length = (
         scene.body["bob"].mass,
@@ -120,14 +120,14 @@ def rod_pendulum() -> list[Line]:
     )
     # from hanging, backward
     frequency, start = math.sqrt(g / length), 0.5 * math.pi - scene.initial.pitch
-    case, found = "rod pendulum", NominalFlight(campaign("rod_pendulum"))
-    angle, rate = ref.pendulum(found.t, frequency, start)
-    place = length * np.stack([-np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=1)
-    moved = found.body("bob").x
-    lines = [worst(case, "place, m", place - place[0], moved - moved[0])]
-    force, moment = found.wrench("rod", "bob")
+    case, run = "rod pendulum", NominalRun(campaign("rod_pendulum"))
+    angle, rate = ref.pendulum(run.t, frequency, start)
+    position = length * np.stack([-np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=1)
+    moved = run.body("bob").x
+    lines = [worst(case, "position, m", position - position[0], moved - moved[0])]
+    force, moment = run.wrench("rod", "bob")
     tension = mass * (length * rate**2 + g * np.cos(angle))
-    lines.append(worst(case, "tension, N", tension[:, None] * -place / length, force))
+    lines.append(worst(case, "tension, N", tension[:, None] * -position / length, force))
     lines.append(
         worst(
             case,
@@ -140,11 +140,11 @@ def rod_pendulum() -> list[Line]:
     pitch = math.radians(50.0)
     around = ref.conical_rate(length, g, 0.5 * math.pi - pitch)
     rates = np.array([math.sin(pitch), math.cos(pitch), 0.0]) * around
-    found = NominalFlight(
+    run = NominalRun(
         campaign("rod_pendulum", {"initial.pitch_deg": 50.0, "initial.omega_rad_s": rates.tolist()})
     )
-    azimuth, bob = around * found.t, found.body("bob")
-    place = length * np.stack(
+    azimuth, bob = around * run.t, run.body("bob")
+    position = length * np.stack(
         [
             -np.cos(pitch) * np.cos(azimuth),
             np.full_like(azimuth, -np.sin(pitch)),
@@ -152,29 +152,31 @@ def rod_pendulum() -> list[Line]:
         ],
         axis=1,
     )
-    lines.append(worst("conical rod pendulum", "place, m", place - place[0], bob.x - bob.x[0]))
-    w, _ = ref.asymmetric_top(found.t, tensor(scene, "bob"), rates)
+    lines.append(
+        worst("conical rod pendulum", "position, m", position - position[0], bob.x - bob.x[0])
+    )
+    w, _ = ref.asymmetric_top(run.t, tensor(scene, "bob"), rates)
     return [*lines, worst("conical rod pendulum", "rate of the bob, rad/s", w, bob.w)]
 
 
 def hooke() -> list[Line]:
     """A universal joint between two shafts in bearings, a closed loop through the ground: attitude
     and rate of the driven shaft, and the energy of both, from the angle of the driving one."""
-    case, bend, found = "Hooke's joint", math.radians(40.0), NominalFlight(campaign("hooke"))
-    driving, driven = found.body("driving"), found.body("driven")
-    angle = np.radians(found.history["driving_roll_deg"].to_numpy())
+    case, bend, run = "Hooke's joint", math.radians(40.0), NominalRun(campaign("hooke"))
+    driving, driven = run.body("driving"), run.body("driven")
+    angle = np.radians(run.history["driving_roll_deg"].to_numpy())
     shaft = np.array([math.cos(bend), math.sin(bend), 0.0])
     # The driving fork's pin, z, stands across the plane of the shafts at the start.
     expected = ref.rotation(shaft, ref.hooke_angle(angle, bend))
     rate = ref.hooke_ratio(angle, bend) * driving.w[:, 0]
     lines = [worst(case, "attitude of the driven shaft", expected, driven.r)]
-    given = rate[:, None] * shaft
+    driven_rate = rate[:, None] * shaft
     lines.append(
-        worst(case, "rate of the driven shaft, rad/s", given, to_ground(driven.r, driven.w))
+        worst(case, "rate of the driven shaft, rad/s", driven_rate, to_ground(driven.r, driven.w))
     )
-    work = 0.2 * angle  # of the moment that turns the first shaft
+    work = 0.2 * angle  # work of the moment on the first shaft
     energy = (
-        0.5 * np.einsum("ni,ij,nj->n", driven.w, tensor(found.scene, "driven"), driven.w)
+        0.5 * np.einsum("ni,ij,nj->n", driven.w, tensor(run.scene, "driven"), driven.w)
         + 0.5 * 0.02 * driving.w[:, 0] ** 2
     )
     return [*lines, worst(case, "energy, J", work, energy)]

@@ -1,5 +1,4 @@
-"""One random scene flown with every joint kind: two formulations of the engine, and minimal
-coordinates."""
+"""One scene with every joint kind: two formulations of the engine, and minimal coordinates."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -9,28 +8,28 @@ import numpy as np
 
 from sepmc.campaign.campaign import Campaign
 from sepmc.validation import lagrange
-from sepmc.validation.flights import SIZES, NominalFlight, campaign
+from sepmc.validation.flights import SIZES, NominalRun, campaign
 from sepmc.validation.line import CLOSE, Line
 
-# Kinds of one's own: joint axes along which, and about which, they hold.
-OWN = {
-    "own y - x": ("y", "x"),
-    "own xz - y": ("xz", "y"),
-    "own xyz - xz": ("xyz", "xz"),
-    "own none - xy": ("", "xy"),
+# Custom kinds: constrained joint axes in translation and rotation.
+CUSTOM = {
+    "custom y - x": ("y", "x"),
+    "custom xz - y": ("xz", "y"),
+    "custom xyz - xz": ("xyz", "xz"),
+    "custom none - xy": ("", "xy"),
 }
-KINDS = (*(kind for kind in lagrange.KINDS if kind != "free"), *OWN)
+KINDS = (*(kind for kind in lagrange.KINDS if kind != "free"), *CUSTOM)
 
 
-def _campaign(kind: str, more: dict[str, Any] | None = None) -> Campaign:
-    """two_bodies.toml held by a joint of one kind, with ``more`` settings."""
-    name = "own" if kind in OWN else kind
+def _campaign(kind: str, other_settings: dict[str, Any] | None = None) -> Campaign:
+    """two_bodies.toml with a joint of one kind, and ``more`` settings."""
+    name = "own" if kind in CUSTOM else kind
     settings: dict[str, Any] = {"phase": [{"name": "held", "joints": {"link": name}}]} | (
-        more or {}
+        other_settings or {}
     )
-    if kind in OWN:
+    if kind in CUSTOM:
         settings["joint.link.kind"] = {
-            "own": dict(zip(("translations", "rotations"), map(list, OWN[kind]), strict=True))
+            "own": dict(zip(("translations", "rotations"), map(list, CUSTOM[kind]), strict=True))
         }
     if kind == "rod":
         settings["joint.link.second_point_m"] = [2.5, -0.15, 0.2]
@@ -38,19 +37,18 @@ def _campaign(kind: str, more: dict[str, Any] | None = None) -> Campaign:
 
 
 @cache
-def flight_of(kind: str) -> NominalFlight:
-    """That campaign's nominal case, flown once."""
-    return NominalFlight(_campaign(kind), 0.05)
+def nominal_run(kind: str) -> NominalRun:
+    """Nominal run of that campaign, cached."""
+    return NominalRun(_campaign(kind), 0.05)
 
 
-def furthest(
-    case: str, found: Mapping[str, Any], expected: Mapping[str, Any], sizes: Mapping[str, float]
+def largest_difference(
+    case: str, run: Mapping[str, Any], expected: Mapping[str, Any], sizes: Mapping[str, float]
 ) -> Line:
-    """The line of the quantity that differs most, relative to its own value or to its size,
-    whichever is larger."""
+    """Line of the quantity that differs most, relative to the larger of its value and its size."""
     difference = {
         name: float(
-            np.max(np.abs(np.asarray(found[name]) - value) / np.maximum(np.abs(value), sizes[name]))
+            np.max(np.abs(np.asarray(run[name]) - value) / np.maximum(np.abs(value), sizes[name]))
         )
         for name, value in expected.items()
     }
@@ -58,34 +56,33 @@ def furthest(
     return Line(case, f"difference, {name}", 0.0, difference[name], CLOSE)
 
 
-def sizes(found: NominalFlight) -> dict[str, float]:
-    """What counts as large, for every column of a flight of two_bodies.toml."""
-    units = found.history.attrs["units"]
+def sizes(run: NominalRun) -> dict[str, float]:
+    """Scale of every column of a run of two_bodies.toml."""
+    units = run.history.attrs["units"]
     wrench = max(
-        float(found.history[name].abs().max())
-        for name, unit in units.items()
-        if unit in ("N", "N m")
+        float(run.history[name].abs().max()) for name, unit in units.items() if unit in ("N", "N m")
     )
     by_unit = SIZES | {"N": wrench, "N m": wrench}
     return {name: by_unit.get(unit, 1.0) for name, unit in units.items()}
 
 
 def full_against_reduced() -> list[Line]:
-    """Every column of the history, over the whole flight; at long steps, which take both alike from
-    the true motion."""
+    """Every column of the history; at long steps, whose errors are equal in both formulations."""
     lines = []
     for kind in KINDS:
         reduced, full = (
-            NominalFlight(_campaign(kind, {"solver": {"step_s": 0.05, "formulation": way}}), 0.05)
-            for way in ("reduced", "full")
+            NominalRun(
+                _campaign(kind, {"solver": {"step_s": 0.05, "formulation": formulation}}), 0.05
+            )
+            for formulation in ("reduced", "full")
         )
         expected = {
             str(name): column.to_numpy()
             for name, column in reduced.history.items()
             if name != "phase"
         }
-        ours = {name: full.history[name].to_numpy() for name in expected}
-        lines.append(furthest(f"full, reduced: {kind}", ours, expected, sizes(reduced)))
+        values = {name: full.history[name].to_numpy() for name in expected}
+        lines.append(largest_difference(f"full, reduced: {kind}", values, expected, sizes(reduced)))
     return lines
 
 
@@ -93,16 +90,16 @@ def against_lagrange() -> list[Line]:
     """Outcomes, history and reaction at the end against minimal coordinates."""
     lines = []
     for kind in KINDS:
-        found = flight_of(kind)
-        expected = lagrange.fly(_campaign(kind).nominal().to_dict())
-        should = {name: value for name, value in expected.items() if name in found.history}
-        ours = {
-            name: [found.history[name].iloc[-1], found.outcomes.get(name, value)]
-            for name, value in should.items()
+        run = nominal_run(kind)
+        expected = lagrange.simulate(_campaign(kind).nominal().to_dict())
+        references = {name: value for name, value in expected.items() if name in run.history}
+        values = {
+            name: [run.history[name].iloc[-1], run.outcomes.get(name, value)]
+            for name, value in references.items()
         }
-        for what, unit in (("force", "N"), ("moment", "N_m")):
-            for axis, value in zip("xyz", expected[f"end_{what}_on_aft_{unit}"], strict=True):
-                name = f"link_{what}_on_aft_{axis}_{unit}"
-                ours[name], should[name] = [found.history[name].iloc[-1]], value
-        lines.append(furthest(f"Lagrange: {kind}", ours, should, sizes(found)))
+        for load, unit in (("force", "N"), ("moment", "N_m")):
+            for axis, value in zip("xyz", expected[f"end_{load}_on_aft_{unit}"], strict=True):
+                name = f"link_{load}_on_aft_{axis}_{unit}"
+                values[name], references[name] = [run.history[name].iloc[-1]], value
+        lines.append(largest_difference(f"Lagrange: {kind}", values, references, sizes(run)))
     return lines

@@ -1,4 +1,4 @@
-"""Every integrator proves its order, with and without an event in the flight."""
+"""Order of convergence of every integrator, with and without an event."""
 
 from collections.abc import Callable
 
@@ -6,13 +6,12 @@ import numpy as np
 
 from sepmc.validation import lagrange
 from sepmc.validation import references as ref
-from sepmc.validation.flights import NominalFlight, campaign, tensor
+from sepmc.validation.flights import NominalRun, campaign, tensor
 from sepmc.validation.line import Line
 
-# By method: its order, how far below it a fitted slope may lie, the longest step (s) of the smooth
-# flight, others following by half octaves, and how many steps fit until the release: a kernel makes
-# its steps so long that a whole number of them does. Over all these errors stand clear of
-# round-off, and no body turns too far in a step.
+# By method: its order, allowed deficit of the fitted slope, longest step (s) of the smooth run (the
+# others follow by half octaves), and numbers of steps until the release, for a kernel takes a whole
+# number of them. All these errors are well above round-off, and no body turns too far in a step.
 STUDIES = {
     "rk4": (4.0, 0.3, 0.05, (12, 16, 24, 32, 48)),
     "dop853": (8.0, 0.7, 0.28, (2, 3, 4, 5, 6)),
@@ -42,32 +41,34 @@ def _order(case: str, method: str, steps: np.ndarray, error: Callable[[dict], fl
 
 
 def orders() -> list[Line]:
-    """A free body's rates and attitude against the closed form; after a release, against Newton and
-    Euler."""
+    """Rates and attitude of a free body against the closed form; after a release, against Newton
+    and Euler."""
     smooth, event = campaign("free_body", SMOOTH), campaign("two_bodies", RELEASE)
     w, r = ref.asymmetric_top(
         smooth.scene.run.end_time, tensor(smooth.scene, "stone"), smooth.scene.initial.omega
     )
-    expected = lagrange.fly(event.nominal().to_dict())
+    expected = lagrange.simulate(event.nominal().to_dict())
     names = (
         "release_time_s",
         *(f"{body}_omega_{axis}_deg_s" for body in ("fore", "aft") for axis in "xyz"),
     )
 
     def of_smooth(settings: dict) -> float:
-        stone = NominalFlight(smooth.with_settings(settings), smooth.scene.run.end_time).body(
-            "stone"
-        )
+        """Error of a run without events."""
+        stone = NominalRun(smooth.with_settings(settings), smooth.scene.run.end_time).body("stone")
         return float(max(np.abs(stone.w[-1] - w[0]).max(), np.abs(stone.r[-1] - r[0]).max()))
 
     def of_event(settings: dict) -> float:
-        found = NominalFlight(event.with_settings(settings), event.scene.run.end_time).outcomes
-        return float(max(abs(found[name] - expected[name]) / abs(expected[name]) for name in names))
+        """Error of a run with a release."""
+        outcomes = NominalRun(event.with_settings(settings), event.scene.run.end_time).outcomes
+        return float(
+            max(abs(outcomes[name] - expected[name]) / abs(expected[name]) for name in names)
+        )
 
     lines = []
-    for method, (_, _, longest, counts) in STUDIES.items():
+    for method, (_, _, max_step, counts) in STUDIES.items():
         lines.append(
-            _order("smooth flight", method, longest / 2.0 ** (0.5 * np.arange(COUNT)), of_smooth)
+            _order("smooth flight", method, max_step / 2.0 ** (0.5 * np.arange(COUNT)), of_smooth)
         )
         lines.append(
             _order(

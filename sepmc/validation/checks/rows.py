@@ -1,5 +1,5 @@
-"""Constraint rows of every joint kind: C' and C'' as the kernels have them, against derivatives of
-C itself along random motions."""
+"""Constraint rows of every joint kind: C' and C'' of the kernels against derivatives of C along
+random motions."""
 
 import numpy as np
 
@@ -10,15 +10,18 @@ from sepmc.validation.line import Line, worst
 Array = np.ndarray
 STATES = 12  # random states per kind
 ROUND_OFF = 1e-11  # relative; the derivatives of C are good to 1e-14
-RADIUS, POINTS = 0.25, 48  # s; of the circle of complex times on which C is sampled
+RADIUS, POINTS = (
+    0.25,
+    48,
+)  # radius, s, and points of the circle of complex times on which C is sampled
 TIMES = RADIUS * np.exp(2j * np.pi * np.arange(POINTS) / POINTS)
 AXES = dict(zip("xyz", np.eye(3), strict=True))
 Row = tuple[float, float, float]  # C' by the row's own arms, C' by the kernels' formula, C''
 
 
 class _Body:
-    """A smooth random motion, good for complex times: a place of the second degree, and exp([w t +
-    w' t^2 / 2]) R0."""
+    """Smooth random motion, valid for complex times: a position of second degree, and exp([w t + w'
+    t^2 / 2]) R0."""
 
     def __init__(self, random: np.random.Generator):
         self.x, self.v, self.a, self.w, self.w_rate = random.normal(size=(5, 3))
@@ -26,26 +29,26 @@ class _Body:
         self.r *= np.linalg.det(self.r)
 
     def turn(self, body: Array) -> Array:
-        """A vector of body axes in ground axes at all times (n, 3): Rodrigues' formula, whose
+        """Body vector (3,) in ground axes at all times (n, 3): Rodrigues' formula, whose
         coefficients are even in the angle."""
         t, start = TIMES[:, None], self.r @ body
         turned = self.w * t + 0.5 * self.w_rate * t * t
         angle = np.sqrt(np.sum(turned * turned, axis=1))[:, None]
-        once = np.cross(turned, start)
+        cross = np.cross(turned, start)
         return (
             start
-            + np.sin(angle) / angle * once
-            + (1.0 - np.cos(angle)) / angle**2 * np.cross(turned, once)
+            + np.sin(angle) / angle * cross
+            + (1.0 - np.cos(angle)) / angle**2 * np.cross(turned, cross)
         )
 
     def point(self, body: Array) -> Array:
-        """A point of the body, given from its mass centre in body axes, at all times (n, 3)."""
+        """Point of the body, given from its mass centre in body axes, at all times (n, 3)."""
         t = TIMES[:, None]
         return self.x + self.v * t + 0.5 * self.a * t * t + self.turn(body)
 
 
 def derivatives(constraint: Array) -> Row:
-    """C', again, and C'' at t = 0 from C on a circle about it: Cauchy's integral, exact to
+    """C', again C', and C'' at t = 0 from C on a circle around it: Cauchy's integral, exact to
     round-off for an entire function."""
     series = np.fft.fft(constraint).real / POINTS
     rate = float(series[1]) / RADIUS
@@ -64,39 +67,42 @@ def _gap(a: _Body, b: _Body, arms: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _translation(a: _Body, b: _Body, arms: Array, axis: Array) -> tuple[Row, Row]:
+    """Row of a translation by the kernels' formulas, and by `derivatives`."""
     d, d_rate, rho_a, rho_b = (tuple(v) for v in _gap(a, b, arms))
     e = a.r @ axis
     arm_a, arm_b, gamma = joints.translation(
         d, d_rate, tuple(e), rho_a, rho_b, tuple(a.w), tuple(b.w)
     )
     rate = joints.translation_rate(d, d_rate, tuple(e), tuple(a.w))
-    row = _moved(a, b, e, arm_a, arm_b, gamma)
+    row = _rates_of(a, b, e, arm_a, arm_b, gamma)
     return (row[0], rate, row[1]), derivatives(
         np.sum((b.point(arms[1]) - a.point(arms[0])) * a.turn(axis), axis=1)
     )
 
 
 def _rod(a: _Body, b: _Body, arms: Array) -> tuple[Row, Row]:
+    """Row of a rod by the kernels' formulas, and by `derivatives`."""
     d, d_rate, rho_a, rho_b = _gap(a, b, arms)
     e, arm_a, arm_b, gamma = joints.rod(*(tuple(v) for v in (d, d_rate, rho_a, rho_b, a.w, b.w)))
-    row = _moved(a, b, e, arm_a, arm_b, gamma)
+    row = _rates_of(a, b, e, arm_a, arm_b, gamma)
     return (row[0], float(d_rate @ e), row[1]), derivatives(
         np.sqrt(np.sum((b.point(arms[1]) - a.point(arms[0])) ** 2, axis=1))
     )
 
 
-def _moved(
+def _rates_of(
     a: _Body, b: _Body, e: Array, arm_a: Array, arm_b: Array, gamma: float
 ) -> tuple[float, float]:
-    """C' and C'' of a row that acts with e on the mass centres and with its arms on the rates."""
+    """C' and C'' of a row with direction e on the mass centres and arms on the rates."""
     first = np.dot(e, b.v - a.v) + np.dot(arm_a, a.w) + np.dot(arm_b, b.w)
     return float(first), float(
         np.dot(e, b.a - a.a) + np.dot(arm_a, a.w_rate) + np.dot(arm_b, b.w_rate) - gamma
     )
 
 
-def _rotation(a: _Body, b: _Body, held: str) -> tuple[Row, Row]:
-    of_a, of_b = (AXES[axis] for axis in PERPENDICULAR[held])
+def _rotation(a: _Body, b: _Body, constrained: str) -> tuple[Row, Row]:
+    """Row of a rotation by the kernels' formulas, and by `derivatives`."""
+    of_a, of_b = (AXES[axis] for axis in PERPENDICULAR[constrained])
     state = tuple(b.r @ of_b), tuple(a.r @ of_a), tuple(a.w), tuple(b.w)
     n, gamma = joints.rotation(*state)
     row = (
@@ -113,23 +119,23 @@ def rows() -> list[Line]:
     for number, (kind, (translations, rotations)) in enumerate(KINDS.items()):
         if kind == "free":
             continue
-        random, found = np.random.default_rng(number), []
+        random, pairs = np.random.default_rng(number), []
         for _ in range(STATES):
             a, b, arms = _Body(random), _Body(random), random.normal(size=(2, 3))
             if translations == "length":
-                arms[1] += 6.0  # far from a rod of no length, where C has a corner
-                found.append(_rod(a, b, arms))
+                arms[1] += 6.0  # far from zero length, where C has a corner
+                pairs.append(_rod(a, b, arms))
             else:
-                found += [_translation(a, b, arms, AXES[axis]) for axis in translations]
-            found += [_rotation(a, b, axis) for axis in rotations]
-        ours, expected = np.array(found).transpose(1, 0, 2)
+                pairs += [_translation(a, b, arms, AXES[axis]) for axis in translations]
+            pairs += [_rotation(a, b, axis) for axis in rotations]
+        values, expected = np.array(pairs).transpose(1, 0, 2)
         for name, part in (("C'", slice(0, 2)), ("C''", slice(2, 3))):
             lines.append(
                 worst(
                     f"rows of {kind}",
-                    f"{name} of {len(found)} rows",
+                    f"{name} of {len(pairs)} rows",
                     expected[:, part],
-                    ours[:, part],
+                    values[:, part],
                     ROUND_OFF,
                 )
             )

@@ -14,7 +14,8 @@ from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.layout import FULL_HISTORY
 from sepmc.schema import AUDIT_BOUNDS
-from sepmc.validation.flights import NominalFlight, tensor, to_ground
+from sepmc.text_table import text_table
+from sepmc.validation.flights import NominalRun, tensor, to_ground
 from sepmc.validation.stresses.line import EPS, Bound, Stress, judge, relative
 from sepmc.validation.stresses.scenes import (
     AFT,
@@ -44,7 +45,7 @@ class Hour:
 
     motion: str
     way: str
-    found: NominalFlight
+    found: NominalRun
     energy: float
     angular_momentum: float
     attitude: float  # NaN where there is no closed form
@@ -77,7 +78,7 @@ def motions() -> dict[str, Tree]:
     }
 
 
-def invariants(found: NominalFlight) -> tuple[np.ndarray, np.ndarray]:
+def invariants(found: NominalRun) -> tuple[np.ndarray, np.ndarray]:
     """Kinetic energy (n,) and angular momentum about the origin (n, 3), ground axes."""
     energy, spin = np.zeros(len(found.t)), np.zeros((len(found.t), 3))
     for name, data in found.scene.body.items():
@@ -215,12 +216,4 @@ def hours_table() -> str:
                 f"{x.step_s / base:.3f}",
             )
         )
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    text = [
-        "  ".join(
-            c.ljust(w) if i < 2 else c.rjust(w)
-            for i, (c, w) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in rows
-    ]
-    return "\n".join(line.rstrip() for line in text)
+    return "\n".join(text_table(rows, left=(0, 1)))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from sepmc.validation.flights import NominalFlight
+from sepmc.validation.flights import NominalRun
 from sepmc.validation.stresses.line import FORM, NONE, Bound, Stress, judge, relative
 from sepmc.validation.stresses.scenes import Tree, body, fly, scene
 
@@ -40,7 +40,7 @@ def _drag(t: np.ndarray, axial: float, speed: float = SPEED) -> np.ndarray:
     return speed / (1.0 + 0.5 * DENSITY * AREA * axial / MASS * speed * t)
 
 
-def _speed_error(found: NominalFlight, expected: np.ndarray) -> float:
+def _speed_error(found: NominalRun, expected: np.ndarray) -> float:
     return relative(found.body("probe").v[:, 0], expected)
 
 

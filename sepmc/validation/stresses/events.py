@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from sepmc.schema import AUDIT_BOUNDS
 from sepmc.validation import references as ref
-from sepmc.validation.flights import NominalFlight
+from sepmc.validation.flights import NominalRun
 from sepmc.validation.stresses.drift import invariants
 from sepmc.validation.stresses.line import EPS, FORM, Bound, Stress, judge, relative
 from sepmc.validation.stresses.scenes import Tree, body, fly, held, joint, pushed, scene
@@ -110,7 +110,7 @@ def angle_limits() -> list[Stress]:
     return lines
 
 
-def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalFlight:
+def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
     """A core with two boosters beside it on sliders, pushed back alike."""
     bodies = {"core": body(4.0, [2.0, 5.0, 5.0], [2.0, 0.0, 0.0])}
     joints, springs = {}, []

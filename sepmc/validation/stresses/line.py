@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sepmc.schema import AUDIT_BOUNDS, Status
-from sepmc.validation.flights import NominalFlight
+from sepmc.text_table import text_table
+from sepmc.validation.flights import NominalRun
 from sepmc.validation.line import CLOSE
 
 EPS = float(np.finfo(float).eps)
@@ -91,7 +92,7 @@ def judge(
     quantity: str,
     error: float,
     bound: Bound,
-    flown: NominalFlight,
+    flown: NominalRun,
     resolved: bool = False,
 ) -> Stress:
     """The line of a flight."""
@@ -120,6 +121,12 @@ def _told(line: Stress) -> str:
     )
 
 
+def counts(lines: Sequence[Stress]) -> tuple[int, int]:
+    """Number of accurate and of flagged lines."""
+    verdicts = [line.verdict for line in lines]
+    return verdicts.count(ACCURATE), verdicts.count(FLAGGED)
+
+
 def table(lines: Sequence[Stress]) -> str:
     """The lines as plain text of at most 140 columns, with a count below."""
     rows = [("input", "quantity", "why this bound", "told", "error", "bound", "verdict")]
@@ -131,20 +138,8 @@ def table(lines: Sequence[Stress]) -> str:
         rows.append(
             (cells[0], cells[1], cells[2], cells[3], error, f"{x.bound.value:.1e}", verdict)
         )
-    widths = [max(len(row[i]) for row in rows) for i in range(7)]
-    order = (0, 1, 4, 5, 2, 3)
-    out = [
-        "  ".join(
-            [
-                *(
-                    row[i].rjust(widths[i]) if i in (4, 5) else row[i].ljust(widths[i])
-                    for i in order
-                ),
-                row[6],
-            ]
-        ).rstrip()
-        for row in rows
-    ]
+    order = (0, 1, 4, 5, 2, 3, 6)
+    out = text_table([[row[i] for i in order] for row in rows], left=(0, 1, 4, 5, 6))
     count = {
         verdict: sum(x.verdict == verdict for x in lines) for verdict in (ACCURATE, FLAGGED, SILENT)
     }

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sepmc.scene.messages import SceneError
-from sepmc.validation.flights import NominalFlight, arm
+from sepmc.validation.flights import NominalRun, arm
 from sepmc.validation.stresses.line import (
     EPS,
     EXACT,
@@ -52,7 +52,7 @@ def _axes(data: Any) -> Array:
     return np.stack([x, y, np.cross(x, y)])
 
 
-def jacobian(found: NominalFlight) -> Array:
+def jacobian(found: NominalRun) -> Array:
     """Constraint rows of all joints at the start, on the velocities and rates of all bodies, in
     body axes; in the engine's order."""
     names, rows = list(found.scene.body), []
@@ -71,7 +71,7 @@ def jacobian(found: NominalFlight) -> Array:
     return np.array(rows)
 
 
-def multipliers(found: NominalFlight) -> Array:
+def multipliers(found: NominalRun) -> Array:
     """Joint wrenches at the start, as the engine gives them, along the rows of `jacobian`."""
     given = []
     for name, data in found.scene.joint.items():
@@ -87,15 +87,13 @@ def multipliers(found: NominalFlight) -> Array:
     return np.array(given)
 
 
-def least(found: NominalFlight, load: Array) -> Array:
+def least(found: NominalRun, load: Array) -> Array:
     """Multipliers of least sum of squares that put this load (n 6,) on the bodies: numpy's
     pseudo-inverse."""
     return np.linalg.pinv(jacobian(found).T, rcond=1e-10) @ load
 
 
-def _same_motion(
-    given: str, found: NominalFlight, without: NominalFlight, bound: Bound
-) -> list[Stress]:
+def _same_motion(given: str, found: NominalRun, without: NominalRun, bound: Bound) -> list[Stress]:
     """Rates and places of all bodies as without the redundant joint."""
     ours, theirs = ([f.body(name) for name in f.scene.body] for f in (found, without))
     rates = relative([track.w for track in ours], [track.w for track in theirs])
@@ -107,7 +105,7 @@ def _same_motion(
 
 
 def _reactions(
-    given: str, found: NominalFlight, without: NominalFlight, rows: int, bound: Bound
+    given: str, found: NominalRun, without: NominalRun, rows: int, bound: Bound
 ) -> list[Stress]:
     """Reactions of least norm, of the load that the flight without the redundant joint has; and the
     number of redundant rows."""
@@ -197,7 +195,7 @@ def four_bar() -> list[Stress]:
     return lines + _reactions("closed four-bar of hinges", found, without, 3, FORM)
 
 
-def _fly_unless_refused(tree: Tree) -> NominalFlight | None:
+def _fly_unless_refused(tree: Tree) -> NominalRun | None:
     """The flight of a scene, or None if it is refused."""
     try:
         return fly(tree)

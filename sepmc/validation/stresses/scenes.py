@@ -8,7 +8,7 @@ import numpy as np
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 from sepmc.validation import references as ref
-from sepmc.validation.flights import NominalFlight, arm, tensor
+from sepmc.validation.flights import NominalRun, arm, tensor
 from sepmc.validation.stresses.line import relative
 
 Tree = dict[str, Any]
@@ -82,10 +82,10 @@ def settled(tree: Tree) -> Tree:
     }
 
 
-def fly(tree: Tree, rows: int = 20) -> NominalFlight:
+def fly(tree: Tree, rows: int = 20) -> NominalRun:
     """The nominal case with about so many rows of history."""
     campaign = make(tree)
-    return NominalFlight(campaign, campaign.scene.run.end_time / rows)
+    return NominalRun(campaign, campaign.scene.run.end_time / rows)
 
 
 # Two bodies, no two numbers alike: what is varied below starts from these.
@@ -149,7 +149,7 @@ class Composite:
     """All bodies of a flight welded together: rates, attitude, and wrench on one of them, in closed
     form."""
 
-    def __init__(self, found: NominalFlight, second: str, point: list[float]):
+    def __init__(self, found: NominalRun, second: str, point: list[float]):
         scene_, self.found, self.second = found.scene, found, second
         names = list(scene_.body)
         places, masses = (

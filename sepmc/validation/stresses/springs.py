@@ -4,7 +4,7 @@ import math
 
 from sepmc.schema import AUDIT_BOUNDS
 from sepmc.validation import references as ref
-from sepmc.validation.flights import NominalFlight
+from sepmc.validation.flights import NominalRun
 from sepmc.validation.stresses.line import EPS, FORM, Bound, Stress, judge, promised, relative
 from sepmc.validation.stresses.scenes import Tree, fly, pushed
 
@@ -28,7 +28,7 @@ def _sprung(
     return tree
 
 
-def _error(found: NominalFlight, stiffness: float, damping: float = 0.0) -> float:
+def _error(found: NominalRun, stiffness: float, damping: float = 0.0) -> float:
     """Largest error of the extension over the largest extension."""
     x, _ = ref.spring_extension(found.t, MASS, FORCE, stiffness, damping)
     return relative(1e-3 * found.history["separation_distance_mm"].to_numpy(), x, FORCE / stiffness)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from sepmc.validation import references as ref
-from sepmc.validation.flights import NominalFlight, arm, tensor
+from sepmc.validation.flights import NominalRun, arm, tensor
 from sepmc.validation.stresses.line import (
     EXACT,
     FORM,
@@ -31,7 +31,7 @@ from sepmc.validation.stresses.scenes import (
 STONE = body(1.0, [1.0, 2.0, 2.2], [1.0, 0.0, 0.0], [0.2, -0.1, 0.15])
 
 
-def _tumbling(deg_s: float, step: float, steps: int) -> NominalFlight:
+def _tumbling(deg_s: float, step: float, steps: int) -> NominalRun:
     """A weld of two bodies without symmetry that tumbles at a rate, deg/s."""
     rate = np.array(OMEGA) / np.linalg.norm(OMEGA) * math.radians(deg_s)
     return fly(pair("fixed", end=steps * step, step=step, omega=rate.tolist()), 10)
@@ -150,7 +150,7 @@ def hinged_steps() -> list[Stress]:
 
 
 def _judge_angles(
-    given: str, error: float, bound: Bound, found: NominalFlight, resolved: bool = False
+    given: str, error: float, bound: Bound, found: NominalRun, resolved: bool = False
 ) -> Stress:
     """As `judge`; for angles, ``attitude_singular`` tells that they may have jumped."""
     told = beyond(found.outcomes) + (

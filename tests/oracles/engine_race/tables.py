@@ -32,7 +32,7 @@ def measure(study: Study, reference: Reference) -> pd.DataFrame:
         study.campaign,
         study.threads,
         study.say,
-        {name: min(n, len(reference.sound)) for name, n in most.items()},
+        {name: min(n, len(reference.valid)) for name, n in most.items()},
         study.repeats,
     )
     rows = [_ours({str(k): v for k, v in row.items()}) for row in ours.to_dict("records")]
@@ -49,7 +49,7 @@ def _error(study: Study, reference: Reference, entry: Entry) -> float:
     columns = [entry.outcomes[c.name] / c.scale for c in study.campaign.outcome_columns]
     found = np.column_stack(columns)
     return study.error_of(
-        found, np.asarray(np.isfinite(found).all(axis=1)), reference.outcomes, reference.sound
+        found, np.asarray(np.isfinite(found).all(axis=1)), reference.outcomes, reference.valid
     )[0]
 
 

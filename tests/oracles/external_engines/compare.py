@@ -38,7 +38,7 @@ import pandas as pd
 from oracles.external_engines.case import GROUND, Case, attitude
 from oracles.external_engines.loads import motor_switches
 from sepmc.paths import EXTRA
-from sepmc.scene.messages import InputError, Log, nobody
+from sepmc.scene.messages import InputError, Log, no_log
 
 ENGINES = ("heyoka", "pinocchio", "exudyn")
 FLOORS = {
@@ -83,7 +83,7 @@ def installed(say: Log = print) -> dict[str, Any]:
 
 def needed(say: Log) -> dict[str, Any]:
     """`installed`. Raises InputError if none is."""
-    found = installed(nobody)
+    found = installed(no_log)
     if not found:
         names = ", ".join(ENGINES)
         raise InputError(f"none of {names} is installed: {EXTRA.format('peers')}")
@@ -288,7 +288,7 @@ def compare(
         case = Case(data)
         times = np.arange(int(np.floor(case.end_time / step_s + 1e-9)) + 1) * step_s
         times[-1] = min(times[-1], case.end_time)
-        history = campaign.simulate(resolved, step_s, nobody)
+        history = campaign.simulate(resolved, step_s, no_log)
         if history.attrs["status"] != "ok":
             raise ValueError(f"case {number} did not fly: {history.attrs['status']}")
         if history["time_s"].iloc[-1] < times[-1] - 1e-9:

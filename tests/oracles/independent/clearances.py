@@ -10,7 +10,7 @@ import numpy as np
 
 from oracles.independent.case import Table
 from oracles.independent.state import Array, Vehicle
-from sepmc.validation.geometry import least_clearance, outline_distance, parts_of
+from sepmc.validation.geometry import min_clearance, outline_distance, parts_of
 
 _SAMPLES = 8  # distances per step, before refinement
 _COARSE = 400  # distances per simulation, at most
@@ -93,7 +93,7 @@ class Clearances:
             np.concatenate([np.linspace(max(begin, s.start), s.end, _SAMPLES + 1) for s in steps])
         )
         motion = self._motion(a, b, steps)
-        minimum, time = least_clearance(motion, self.parts[a], self.parts[b], times, _COARSE)
+        minimum, time = min_clearance(motion, self.parts[a], self.parts[b], times, _COARSE)
         return (minimum, time) if math.isfinite(minimum) else (math.nan, math.nan)
 
     def _motion(self, a: str, b: str, steps: list[Step]) -> Callable[[Array], tuple[Array, Array]]:

@@ -11,9 +11,9 @@ from oracles.random_scenes.rng import RandomStream, rounded
 from sepmc.scene.checks import check_dispersion
 from sepmc.scene.dispersion import resolve
 from sepmc.scene.fields import Field, fields_of
-from sepmc.scene.initial_rates import check_swings
+from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.messages import Problems
-from sepmc.scene.model import Law, NotNegative, Scene
+from sepmc.scene.model import Distribution, NotNegative, Scene
 from sepmc.scene.parameters import item_names, value
 
 # angles that may vary over a full turn
@@ -136,12 +136,12 @@ def _allowed(scene: Scene, key: str, distribution: dict[str, Any]) -> bool:
     """True if the parser accepts a distribution."""
     problems = Problems()
     try:
-        model = msgspec.convert(distribution, Law)
+        model = msgspec.convert(distribution, Distribution)
     except msgspec.ValidationError:
         return False
     for dispersion in resolve(scene, {key: model}, problems):
         check_dispersion(dispersion, scene, problems)
-        check_swings(scene, frozenset({dispersion.parameter.path}), problems)
+        check_initial_rates(scene, frozenset({dispersion.parameter.path}), problems)
     return not problems
 
 

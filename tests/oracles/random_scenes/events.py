@@ -8,7 +8,7 @@ from oracles.random_scenes.draft import Draft, Tree
 from oracles.random_scenes.joints import rows
 from oracles.random_scenes.loads import add_motor
 from oracles.random_scenes.rng import rounded
-from sepmc.scene.kinds import KINDS, is_part
+from sepmc.scene.kinds import KINDS, is_subset
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 
@@ -191,11 +191,11 @@ def _releasable_kinds(draft: Draft, name: str, kinds: list[str]) -> list[str]:
     released = []
     for kind in [*KINDS, *custom]:
         to = rows(draft, name, kind)
-        comparable = all(is_part(to, active) or is_part(active, to) for active in every)
+        comparable = all(is_subset(to, active) or is_subset(active, to) for active in every)
         if (
             kind != "rod"
             and comparable
-            and any(is_part(to, active) and to != active for active in every)
+            and any(is_subset(to, active) and to != active for active in every)
         ):
             released.append(kind)
     return released

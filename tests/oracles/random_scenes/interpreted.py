@@ -1,8 +1,8 @@
-"""The pilot of plain Python: steps for the text that is flown as it stands, from the run's own
-first cases.
+"""Interpreted runs with a short step selection: from the run's own first cases.
 
-The campaign's pilot would take most of the time there. What steps it finds is not what the gate is
-about: whatever they are, the run reports the error it was flown with, and rows are held to that.
+The step selection of campaigns would take most of the time in plain Python. The steps are no
+subject of the comparison: whatever they are, the run reports its error, and rows are compared
+within that.
 """
 
 import math
@@ -23,81 +23,92 @@ from sepmc.kernel.spec.methods import method
 from sepmc.kernel.spec.structure import brief_transient
 from sepmc.schema import Status
 
-_MOST_STEPS = 64  # of a phase
-_HOPELESS = 16  # steps with which no case is sound: then each is flown again by itself
-_HIGH = 8  # order of a method whose halved steps tell its error
-_CASES = 3  # as many as the gate compares
+_MAX_STEPS = 64  # per phase
+_GIVE_UP = 16  # steps at which no case is valid: then each is refined by itself
+_HIGH_ORDER = 8  # order of a method whose halved steps show its error
+_CASES = 3  # compared of a random scene
 
 
 @contextmanager
-def flown_plainly(wanted: bool = True, cases: int = _CASES) -> Iterator[None]:
-    """Let campaigns be flown so meanwhile: kernels as plain Python, in steps found here by so many
-    cases, which need be no more than are compared."""
-    usual = campaigns.select_steps
-    campaigns.select_steps = partial(_plan, trials=min(cases, _CASES)) if wanted else usual
+def run_interpreted(enabled: bool = True, cases: int = _CASES) -> Iterator[None]:
+    """Context in which campaigns run interpreted, with steps from `_select_steps`.
+
+    Parameters
+    ----------
+    enabled : bool
+        False leaves campaigns as they are.
+    cases : int
+        Calibration cases; no more than are compared are needed.
+    """
+    original = campaigns.select_steps
+    campaigns.select_steps = (
+        partial(_select_steps, n_cases=min(cases, _CASES)) if enabled else original
+    )
     try:
-        with interpreted(wanted):
+        with interpreted(enabled):
             yield
     finally:
-        campaigns.select_steps = usual
+        campaigns.select_steps = original
 
 
-def _plan(
+def _select_steps(
     campaign: Definition,
     history: bool = False,
     announce: Callable[[str], None] | None = None,
-    trials: int = _CASES,
+    n_cases: int = _CASES,
 ) -> Integration:
+    """Kernel, methods and steps for a campaign: doubles the steps until the first cases
+    converge."""
     scene = campaign.scene
-    first, end = campaign.numbers.ranges[0] if campaign.file.input_table else (0, trials)
-    draws = campaign.in_si(campaign.sample(first, min(trials, end - first)))
+    first, end = campaign.numbers.ranges[0] if campaign.file.input_table else (0, n_cases)
+    draws = campaign.in_si(campaign.sample(first, min(n_cases, end - first)))
     kernel = load_kernel(step_selection.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]
-    own = scene_scales(scene, units)
-    usual = np.full(kernel.n_segments, np.inf)
-    longest = longest_step(scene, campaign.file.dispersions, brief_transient(scene))
-    fewest, before = min(_MOST_STEPS, max(2, math.ceil(scene.run.end_time / longest))), None
-    steps = np.full(kernel.n_segments, fewest, dtype=np.int64)
-    errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH
+    scene_scale = scene_scales(scene, units)
+    typical = np.full(kernel.n_segments, np.inf)
+    max_step = longest_step(scene, campaign.file.dispersions, brief_transient(scene))
+    min_steps, previous = min(_MAX_STEPS, max(2, math.ceil(scene.run.end_time / max_step))), None
+    steps = np.full(kernel.n_segments, min_steps, dtype=np.int64)
+    errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH_ORDER
     while True:
-        block, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
-        sound = np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
-        # now it is known how long stages last: the same steps once more
-        if np.isinf(usual).all() and sound.any():
-            usual[:] = typical_durations(ends, sound)
+        block, ends = integrate_cases(kernel, campaign.plan, steps, typical, campaign.slots, draws)
+        valid = np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
+        # the durations of segments are known now: the same steps once more
+        if np.isinf(typical).all() and valid.any():
+            typical[:] = typical_durations(ends, valid)
             continue
-        now = block.outcomes[:, : len(units)], sound
-        if before is not None and (both := sound & before[1]).any():
-            errors = relative_error(before[0][both], now[0][both], units, own)
-        snapped = errors.max() <= step_selection.SAFE * scene.solver.accuracy
+        present = block.outcomes[:, : len(units)], valid
+        if previous is not None and (both := valid & previous[1]).any():
+            errors = relative_error(previous[0][both], present[0][both], units, scene_scale)
+        converged = errors.max() <= step_selection.SAFE * scene.solver.accuracy
         if (
-            snapped
-            or 2 * steps.max() > _MOST_STEPS
-            or (steps.max() >= _HOPELESS and not sound.any())
+            converged
+            or 2 * steps.max() > _MAX_STEPS
+            or (steps.max() >= _GIVE_UP and not valid.any())
         ):
-            flown = before if snapped and before is not None else now
-            if low_order:  # a step and its half can be off by the same
+            chosen_block = previous if converged and previous is not None else present
+            if low_order:  # the errors of a step and its half can be equal
                 block, _ = integrate_cases(
-                    kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws
+                    kernel, campaign.plan, 2 * steps, typical, campaign.slots, draws
                 )
-                both = flown[1] & np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
+                both = chosen_block[1] & np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
                 finer = relative_error(
-                    flown[0][both], block.outcomes[both, : len(units)], units, own
+                    chosen_block[0][both], block.outcomes[both, : len(units)], units, scene_scale
                 )
                 errors = np.maximum(errors, finer) if both.any() else errors
-            # the rows are the trial cases: those that no step suits tell their error when they are
-            # flown again
-            told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), len(draws))
-            scale = scales(now[0][sound], units, own)
-            chosen = steps // 2 if snapped else steps
-            left = step_selection.fallbacks(campaign, history)
+            # the rows are the calibration cases: those without a valid step report their error when
+            # they are refined
+            reported = achieved(
+                campaign, errors if valid.any() else np.zeros(len(units)), len(draws)
+            )
+            scale = scales(present[0][valid], units, scene_scale)
             return Integration(
                 kernel=kernel,
-                steps=chosen,
-                durations=usual,
+                steps=steps // 2 if converged else steps,
+                durations=typical,
                 scale=scale,
                 error=float(errors.max()),
-                achieved=told,
-                fallbacks=left,
+                achieved=reported,
+                fallbacks=step_selection.fallbacks(campaign, history),
             )
-        before, steps = now, 2 * steps
+        previous, steps = present, 2 * steps

@@ -3,7 +3,7 @@
 import numpy as np
 
 from oracles.random_scenes.draft import GROUND, Draft, Tree
-from sepmc.scene.kinds import KINDS, is_part, rows_of
+from sepmc.scene.kinds import KINDS, is_subset, rows_of
 from sepmc.scene.model import Custom, Joint
 
 _FIRST = {  # probability of the first kind of a joint
@@ -115,7 +115,7 @@ def chain(draft: Draft, name: str, changes: list[bool]) -> list[str]:
             kind
             for kind in [*KINDS, *custom]
             if kind != "rod"
-            and is_part(rows_of(model, kind), active)
+            and is_subset(rows_of(model, kind), active)
             and set(rows_of(model, kind)) != set(active)
         ]
         if not change or not fewer:

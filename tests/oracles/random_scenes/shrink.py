@@ -7,7 +7,7 @@ from typing import Any
 from oracles.random_scenes.compare import FAULTS, Verdict, judge
 from oracles.random_scenes.draft import GROUND, Tree
 from oracles.random_scenes.rng import rounded
-from sepmc.scene.messages import nobody
+from sepmc.scene.messages import no_log
 
 Judge = Callable[[Tree], Verdict]
 _LISTS = ("motor", "spring", "load", "proximity", "clearance", "release", "event")
@@ -18,7 +18,7 @@ def shrink(
     cases: int = 3,
     max_trials: int = 300,
     judged: Judge | None = None,
-    log: Callable[[str], None] = nobody,
+    log: Callable[[str], None] = no_log,
 ) -> Tree:
     """Smallest tree found that fails as ``tree`` does.
 

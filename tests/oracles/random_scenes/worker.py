@@ -18,7 +18,7 @@ from typing import Any
 
 from oracles.random_scenes.compare import judge
 from oracles.random_scenes.entry_points import check_entry_points
-from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.interpreted import run_interpreted
 from oracles.random_scenes.scenes import scene
 
 
@@ -35,7 +35,7 @@ def work(job: dict[str, Any]) -> dict[str, Any]:
     begun = time.perf_counter()
     tree = scene(job["seed"], kinds=job.get("kinds", ())) if "seed" in job else job["tree"]
     name, cases = job.get("name") or f"seed {job['seed']}", job.get("cases", 3)
-    with flown_plainly(not job.get("compiled"), cases):
+    with run_interpreted(not job.get("compiled"), cases):
         verdict = judge(tree, name, cases)
         if job.get("entry_points") and verdict.rows:
             check_entry_points(tree, name, verdict)

@@ -1,0 +1,48 @@
+"""Accurate and flagged lines of every stress, as measured.
+
+A line passes if it is flagged, whatever its error; these counts show when an accurate line becomes
+flagged. After an intended change: ``python tests/measure/stress_counts.py``.
+"""
+
+EXPECTED: dict[str, tuple[int, int]] = {
+    "masses": (21, 0),
+    "light_link": (6, 2),
+    "inertias": (14, 0),
+    "needles": (4, 0),
+    "nearly_singular": (6, 4),
+    "arms": (14, 0),
+    "long_pendulum": (4, 0),
+    "resolved_spins": (16, 0),
+    "long_steps": (5, 19),
+    "step_lengths": (14, 2),
+    "hinged_steps": (8, 2),
+    "angles": (12, 2),
+    "angles_at_long_steps": (8, 4),
+    "hour": (16, 5),
+    "strokes": (19, 2),
+    "grazing": (7, 25),
+    "slow": (6, 0),
+    "spent_springs": (7, 3),
+    "peak_loads": (24, 0),
+    "angle_limits": (9, 1),
+    "simultaneous": (12, 0),
+    "under_load": (12, 0),
+    "stiff": (8, 0),
+    "unresolved": (2, 13),
+    "hidden": (8, 4),
+    "welds": (32, 0),
+    "triangle": (4, 0),
+    "four_bar": (4, 0),
+    "two_balls": (12, 4),
+    "near_parallel": (3, 4),
+    "short_rods": (4, 6),
+    "aero_tables": (3, 9),
+    "air": (5, 6),
+    "wind": (5, 0),
+    "proximity": (4, 2),
+    "not_finite": (3, 3),
+    "not_physical": (0, 9),
+    "absurd": (3, 0),
+    "rods_without_length": (2, 5),
+    "refused": (0, 7),
+}
