@@ -1,5 +1,5 @@
-"""Work shared out among processes of this machine, or of many, by Dask: the only place that knows
-it."""
+"""Dask executor: ranges of cases on worker processes of this machine or a cluster. The only user of
+Dask."""
 
 import os
 import time
@@ -14,29 +14,36 @@ from distributed.comm import CommClosedError
 
 from sepmc.wording import switch
 
-_AHEAD = 3  # ranges for each worker that are handed out ahead of the oldest one that is not done
-_PATIENCE_S = 60.0  # for a scheduler that is gone to come back
-_SILENT = "60 s"  # so long a worker of this machine may say nothing, and is then given up
-# Of workers of this machine. Memory that is let go stays theirs: what Dask sets gives it back after
-# every range, and to get it again takes a sixth of the time.
-_SPAWNED = "distributed.nanny.pre-spawn-environ"
+_RANGES_AHEAD = 3  # ranges per worker submitted ahead of the oldest one that is not done
+_TIMEOUT_S = 60.0  # to wait for a lost scheduler
+_WORKER_TTL = "60 s"  # a worker of this machine without a heartbeat for this time is lost
+# of workers of this machine: they keep freed memory. Dask's setting returns it after every range,
+# and to get it again takes a sixth of the time.
+_SPAWN_ENVIRONMENT = "distributed.nanny.pre-spawn-environ"
 _ENVIRONMENT = {"MALLOC_TRIM_THRESHOLD_": 2**28, "MALLOC_MMAP_THRESHOLD_": 2**25}
-# So long after a worker was lost, Dask (2026.8) closes for good what starts it again, if it is down
-# at that moment: later than any run ends.
-_LOST = "distributed.deploy.lost-worker-timeout"
-_LOST_AFTER = "30 days"
-_LOOK_S = 10.0  # from one look at which workers are left to the next, while none is done
-_TIMES = 3  # that a range whose worker was lost is handed out again
+# Dask (2026.8) closes the nanny of a lost worker for good after this time: longer than any run
+_LOST_WORKER_TIMEOUT = "distributed.deploy.lost-worker-timeout"
+_LOST_WORKER_LIMIT = "30 days"
+_POLL_S = 10.0  # interval of checks for remaining workers
 
 
 class ClusterError(RuntimeError):
-    """Workers that cannot be had, or that are lost; its argument is the sentence to show."""
+    """Workers are unavailable or lost; the argument is the message to show."""
 
 
 @dataclass
 class DaskExecutor:
-    """Workers of a Dask scheduler: those of this machine, or those at an ``address``. Each flies
-    with so many ``threads``, or as many as it was started with."""
+    """Workers of a Dask scheduler.
+
+    Attributes
+    ----------
+    client : distributed.Client
+    address : str or None
+        Of the scheduler; None: workers of this machine.
+    workers : int
+    threads : int or None
+        Per worker; None: as it was started.
+    """
 
     client: Any
     address: str | None
@@ -49,79 +56,76 @@ class DaskExecutor:
         function: Callable[[Any, int, int, int], Any],
         ranges: Iterable[tuple[int, int]],
     ) -> Generator[Any]:
-        """As `sepmc.campaign.execution.work_ranges.Executor.map`. A range whose worker was lost is
-        handed out again; where the scheduler itself is gone, so is all that was not done, once it
-        is back."""
+        """As `sepmc.campaign.execution.work_ranges.Executor.map`.
+
+        Dask resubmits the range of a lost worker (``distributed.scheduler.allowed-failures``). If
+        the scheduler was lost, all ranges that are not done are submitted again once it is back.
+        """
         source = iter(ranges)
-        left: dict[int, tuple[int, int]] = {}
-        number = oldest = 0
-        lost: dict[int, int] = {}
+        remaining: dict[int, tuple[int, int]] = {}
+        next_index = oldest = 0
         futures: dict[Any, int] = {}
-        ended = False
+        exhausted = False
         try:
-            while left or not ended:
+            while remaining or not exhausted:
                 try:
-                    while not ended and number - oldest < _AHEAD * self.workers + 1:
+                    while not exhausted and next_index - oldest < _RANGES_AHEAD * self.workers + 1:
                         try:
-                            left[number] = next(source)
+                            remaining[next_index] = next(source)
                         except StopIteration:
-                            ended = True
+                            exhausted = True
                             break
-                        number += 1
-                    for each in sorted(left.keys() - set(futures.values())):
-                        futures[self._hand_out(job, function, *left[each])] = each
-                    for future in self._done(futures):
-                        each = futures.pop(future)
-                        found = self._result(future, left[each], lost, each)
-                        if found is not None:
-                            del left[each]
-                            oldest = min(left, default=number)
-                            yield found
-                except (_Gone, CancelledError, CommClosedError) as error:
+                        next_index += 1
+                    for index in sorted(remaining.keys() - set(futures.values())):
+                        futures[self._submit(job, function, *remaining[index])] = index
+                    for future in self._completed(futures):
+                        index = futures.pop(future)
+                        result = self._result(future, remaining[index])
+                        del remaining[index]
+                        oldest = min(remaining, default=next_index)
+                        yield result
+                except (_SchedulerLostError, CancelledError, CommClosedError) as error:
                     futures = {}
                     self._reconnect(error)
-        finally:  # of who asks for no more
+        finally:  # the caller stopped
             with suppress(Exception):
                 self.client.cancel(list(futures))
 
-    def _hand_out(self, job: Any, function: Any, first: int, end: int) -> Any:
-        return self.client.submit(_work, function, job, first, end, self.threads, pure=False)
+    def _submit(self, job: Any, function: Any, first: int, end: int) -> Any:
+        return self.client.submit(_run, function, job, first, end, self.threads, pure=False)
 
-    def _done(self, futures: dict[Any, int]) -> list[Any]:
-        """Those that are done, one at least. Raises ClusterError if there are no workers for a
+    def _completed(self, futures: dict[Any, int]) -> list[Any]:
+        """Completed futures, at least one. Raises ClusterError if there are no workers for a
         minute."""
         if not futures:
             return []
-        seen = time.monotonic()  # when there were workers
+        last_seen = time.monotonic()  # time with workers
         while True:
             with suppress(TimeoutError):
                 return list(
-                    wait(list(futures), timeout=_LOOK_S, return_when="FIRST_COMPLETED").done
+                    wait(list(futures), timeout=_POLL_S, return_when="FIRST_COMPLETED").done
                 )
             if self.client.nthreads():
-                seen = time.monotonic()
-            elif time.monotonic() - seen > _PATIENCE_S:
+                last_seen = time.monotonic()
+            elif time.monotonic() - last_seen > _TIMEOUT_S:
                 raise ClusterError(
-                    f"{self.address or 'this machine'}: all workers are gone for {_PATIENCE_S:g} "
+                    f"{self.address or 'this machine'}: all workers are gone for {_TIMEOUT_S:g} "
                     f"s; what is flown is kept, and {switch('resume')} goes on from there"
                 )
 
-    def _result(self, future: Any, cases: tuple[int, int], lost: dict[int, int], each: int) -> Any:
-        """What a worker gave back; None if it was lost, and the range is to be handed out again."""
+    def _result(self, future: Any, cases: tuple[int, int]) -> Any:
+        """Result of a future. Raises ClusterError if its range ended every worker."""
         if future.status == "finished":
             return future.result()
         if future.status in ("lost", "cancelled"):
-            raise _Gone(future.status)
+            raise _SchedulerLostError(future.status)
         error = future.exception()
-        if not isinstance(error, KilledWorker):
-            raise error
-        lost[each] = lost.get(each, 0) + 1
-        if lost[each] > _TIMES:
+        if isinstance(error, KilledWorker):
             raise ClusterError(
                 f"cases {cases[0]} to {cases[1] - 1} ended every worker that flew them (out of "
                 f"memory?); what is flown is kept, and {switch('resume')} goes on from there"
             )
-        return None
+        raise error
 
     def _reconnect(self, error: BaseException) -> None:
         """Wait for a scheduler at the same address."""
@@ -129,27 +133,27 @@ class DaskExecutor:
             raise ClusterError(f"the workers of this machine are gone: {error}") from error
         with suppress(Exception):
             self.client.close(timeout=1)
-        until = time.monotonic() + _PATIENCE_S
-        while time.monotonic() < until:
+        deadline = time.monotonic() + _TIMEOUT_S
+        while time.monotonic() < deadline:
             try:
                 self.client = Client(self.address, timeout=5)
-                self.client.wait_for_workers(1, timeout=max(1.0, until - time.monotonic()))
+                self.client.wait_for_workers(1, timeout=max(1.0, deadline - time.monotonic()))
             except (OSError, TimeoutError):
                 time.sleep(0.5)
             else:
                 return
         raise ClusterError(
-            f"{self.address}: the scheduler, or all workers, are gone for {_PATIENCE_S:g} s; "
+            f"{self.address}: the scheduler, or all workers, are gone for {_TIMEOUT_S:g} s; "
             f"what is flown is kept, and {switch('resume')} goes on from there"
         ) from error
 
 
-class _Gone(Exception):
-    """A scheduler that knows nothing of what it was given."""
+class _SchedulerLostError(Exception):
+    """The scheduler was lost, with all submitted ranges."""
 
 
-def _work(function: Any, job: Any, first: int, end: int, threads: int | None) -> Any:
-    """What a worker is asked for."""
+def _run(function: Any, job: Any, first: int, end: int, threads: int | None) -> Any:
+    """Run a range in a worker."""
     return function(job, first, end, threads or get_worker().state.nthreads)
 
 
@@ -157,13 +161,21 @@ def _work(function: Any, job: Any, first: int, end: int, threads: int | None) ->
 def crew(
     workers: int | None = None, address: str | None = None, threads: int | None = None
 ) -> Iterator[DaskExecutor]:
-    """Workers: so many processes on this machine, or those of the scheduler at an ``address``.
+    """Workers on this machine, or of the scheduler at an address.
 
     Parameters
     ----------
+    workers : int, optional
+        Number of processes on this machine.
+    address : str, optional
+        Of a Dask scheduler.
     threads : int, optional
-        That each flies with; by default this machine's cores shared out, or as many as a worker of
-        the scheduler was started with.
+        Per worker; by default the cores of this machine divided by the workers, or as workers were
+        started.
+
+    Yields
+    ------
+    DaskExecutor
 
     Raises
     ------
@@ -172,34 +184,34 @@ def crew(
     """
     if address is None:
         assert workers is not None
-        own = threads or max(1, (os.cpu_count() or 1) // workers)
+        own_threads = threads or max(1, (os.cpu_count() or 1) // workers)
         with (
             dask.config.set(
                 {
-                    "distributed.scheduler.worker-ttl": _SILENT,
-                    _LOST: _LOST_AFTER,
-                    _SPAWNED: dask.config.get(_SPAWNED) | _ENVIRONMENT,
+                    "distributed.scheduler.worker-ttl": _WORKER_TTL,
+                    _LOST_WORKER_TIMEOUT: _LOST_WORKER_LIMIT,
+                    _SPAWN_ENVIRONMENT: dask.config.get(_SPAWN_ENVIRONMENT) | _ENVIRONMENT,
                 }
             ),
             LocalCluster(
                 n_workers=workers,
-                threads_per_worker=2,  # one flies while the other writes
+                threads_per_worker=2,  # one runs while the other writes
                 memory_limit=0,
-                dashboard_address=":0",  # any port, so that two of these do not meet
+                dashboard_address=":0",  # any free port
                 silence_logs="CRITICAL",
             ) as cluster,
             Client(cluster) as client,
         ):
-            yield DaskExecutor(client, None, workers, own)
+            yield DaskExecutor(client, None, workers, own_threads)
         return
     try:
         client = Client(address, timeout=10)
         client.wait_for_workers(1, timeout=30)
     except (OSError, TimeoutError, ValueError) as error:
         raise ClusterError(f"{address}: no Dask scheduler with a worker there: {error}") from None
-    found = DaskExecutor(client, address, max(1, len(client.scheduler_info()["workers"])), threads)
+    result = DaskExecutor(client, address, max(1, len(client.scheduler_info()["workers"])), threads)
     try:
-        yield found
+        yield result
     finally:
         with suppress(Exception):
-            found.client.close(timeout=5)
+            result.client.close(timeout=5)

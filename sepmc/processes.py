@@ -1,4 +1,4 @@
-"""Work shared out among processes of their own, which end with this one."""
+"""Pool of worker processes that end with this process."""
 
 import signal
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from sepmc import gc_tuning
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Processes that start meanwhile never hear of an interruption; this one does afterwards."""
+    """Block SIGINT in processes that start meanwhile; this process receives it afterwards."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -24,15 +24,17 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """What a process does first: it will hear of no interruption, and puts off garbage."""
+    """Initialise a worker process: ignore SIGINT, defer garbage collection."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc_tuning.reduce_collections()
 
 
 @contextmanager
 def processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """So many processes to hand work to; with 0 of them, one that starts if it is asked. They are
-    killed if this one is interrupted or fails, and say nothing of an interruption: this one does.
+    """Pool of ``count`` worker processes; with 0, one that starts on demand.
+
+    The processes are killed if this one is interrupted or fails; only this one reports an
+    interruption.
     """
     others = set(active_children())
     with ProcessPoolExecutor(

@@ -1,5 +1,4 @@
-"""Columns of a result (name, unit, meaning) and the status of a case with the sentence that
-explains it."""
+"""Columns of results (name, unit, meaning), and the status of a case with its explanation."""
 
 import math
 from collections.abc import Iterator
@@ -10,8 +9,7 @@ DEG = 180.0 / math.pi
 
 
 class Status(IntEnum):
-    """How a case ended. ``label`` is what the ``status`` column holds, ``sentence`` what a person
-    reads."""
+    """Final status of a case."""
 
     OK = 0
     NEVER_RELEASED = 1
@@ -30,12 +28,12 @@ class Status(IntEnum):
 
     @property
     def label(self) -> str:
-        """What the ``status`` column holds: the name in lower case, with hyphens."""
+        """Value of the ``status`` column: the name in lower case, with hyphens."""
         return self.name.lower().replace("_", "-")
 
     @property
     def sentence(self) -> str:
-        """How the case ended, for a person to read."""
+        """Explanation of the status."""
         return _SENTENCES[self]
 
 
@@ -73,8 +71,16 @@ _SENTENCES = {
 
 @dataclass(frozen=True)
 class Column:
-    """One column of the case table: its name ends in ``unit``; ``scale`` takes the kernel's SI
-    value to that unit."""
+    """Column of the case table.
+
+    Attributes
+    ----------
+    name : str
+        Ends in the unit.
+    unit, meaning : str
+    scale : float
+        Factor from SI to the unit.
+    """
 
     name: str
     unit: str
@@ -151,8 +157,7 @@ _CLEARANCE = (
     ),
     ("recontact", "1", "1 if the outlines of {0} met, else 0", 1.0),
 )
-# Audit columns with the bound beyond which a case is not to be trusted (NaN: a number to know,
-# without a bound).
+# Audit columns with the bound above which a case is not valid (NaN: no bound).
 _AUDIT = (
     (
         "joint_gap_residual_m",
@@ -238,7 +243,7 @@ _STATE = (
 )
 
 
-def _fill(rows, prefix: str, name: str) -> list[Column]:
+def _columns(rows, prefix: str, name: str) -> list[Column]:
     return [
         Column(prefix + stem, unit, meaning.format(name), scale)
         for stem, unit, meaning, scale in rows
@@ -247,34 +252,46 @@ def _fill(rows, prefix: str, name: str) -> list[Column]:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a scene has columns for: moving bodies, joints and their bodies, and outputs asked for,
-    by joint, clearance, event or body."""
+    """Parts of a scene that have columns.
+
+    Attributes
+    ----------
+    bodies : list of str
+        Moving bodies.
+    joints : dict of str to (str, str)
+        Bodies of each joint.
+    loads, clearances, tip_off, events, transverse : tuple of str
+        Outputs by joint, clearance, joint, event or body.
+    guides, pins : dict of str to int
+        Number of pins by joint, of guides with outputs and of all guides.
+    ignitions : tuple of str
+        Motors with an ignition event.
+    """
 
     bodies: list[str]
     joints: dict[str, tuple[str, str]]
     loads: tuple[str, ...] = ()
-    guides: dict[str, int] = field(default_factory=dict)  # pins by joint
+    guides: dict[str, int] = field(default_factory=dict)  # number of pins by joint
     clearances: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
     events: tuple[str, ...] = ()
-    pins: dict[str, int] = field(default_factory=dict)  # of all joints that have a guide
+    pins: dict[str, int] = field(default_factory=dict)  # by joint, of all joints with a guide
     transverse: tuple[str, ...] = ()
-    ignitions: tuple[str, ...] = ()  # motors that wait for an instant of the flight
+    ignitions: tuple[str, ...] = ()  # motors with an ignition event
 
 
 def is_yes_or_no(outcome: str) -> bool:
-    """Whether an outcome is 1 or 0: it has a share, and no sigma or density."""
+    """Return True if an outcome is 1 or 0: it has a fraction, but no sigma or density."""
     return outcome.endswith("_recontact")
 
 
 def outcome_columns(contents: Contents) -> list[Column]:
-    """Outcomes of a case, in kernel order. With a single joint the columns of its separation carry
-    no joint name."""
-    columns = [column for body in contents.bodies for column in _fill(_BODY, f"{body}_", body)]
+    """Outcomes of a case, in kernel order. A single joint has no prefix in its columns."""
+    columns = [column for body in contents.bodies for column in _columns(_BODY, f"{body}_", body)]
     for joint in contents.joints:
-        columns += _fill(_JOINT, _of_joint(contents, joint), joint)
+        columns += _columns(_JOINT, _joint_prefix(contents, joint), joint)
     for joint in contents.loads:
-        columns += _fill(_LOADS, f"{joint}_", joint)
+        columns += _columns(_LOADS, f"{joint}_", joint)
     for joint, pins in contents.guides.items():
         columns.append(
             Column(f"{joint}_time_in_guide_s", "s", f"time for which the pins of {joint} slid")
@@ -293,7 +310,7 @@ def outcome_columns(contents: Contents) -> list[Column]:
         )
         columns.append(Column(f"{joint}_jam_friction", "1", meaning))
     for name in contents.clearances:
-        columns += _fill(_CLEARANCE, f"{name}_", name)
+        columns += _columns(_CLEARANCE, f"{name}_", name)
     for joint in contents.tip_off:
         for body in contents.joints[joint]:
             if body in contents.bodies:
@@ -303,40 +320,39 @@ def outcome_columns(contents: Contents) -> list[Column]:
                         Column(f"{joint}_tip_off_{body}_{axis}_deg_s", "deg/s", meaning, DEG)
                     )
     for event in contents.events:
-        columns += _at_event(contents, event)
+        columns += _event_columns(contents, event)
     for motor in contents.ignitions:
         meaning = f"time at which motor {motor} lit; NaN if it did not"
         columns.append(Column(f"{motor}_ignition_time_s", "s", meaning))
     meaning = "rate of {0} across its x axis, of yaw and pitch together{1}"
     return columns + [
         Column(f"{stem}transverse_rate_deg_s", "deg/s", meaning.format(body, when), DEG)
-        for stem, _, body, when in _across(contents)
+        for stem, _, body, when in _transverse_rates(contents)
     ]
 
 
-def _of_joint(contents: Contents, joint: str) -> str:
-    """How the names of a joint's columns begin: with its own, if there are several joints."""
+def _joint_prefix(contents: Contents, joint: str) -> str:
+    """Prefix of the columns of a joint: its name, if there are several joints."""
     return "" if len(contents.joints) == 1 else f"{joint}_"
 
 
 def release_columns(contents: Contents) -> dict[str, str]:
-    """Column of the release time of each joint, by the joint's name."""
-    return {joint: f"{_of_joint(contents, joint)}release_time_s" for joint in contents.joints}
+    """Column of the release time of each joint."""
+    return {joint: f"{_joint_prefix(contents, joint)}release_time_s" for joint in contents.joints}
 
 
 def event_columns(contents: Contents) -> dict[str, str]:
-    """Column of the time of each event, by the event's name."""
+    """Column of the time of each event."""
     return {event: f"{event}_time_s" for event in contents.events}
 
 
 def ignition_columns(contents: Contents) -> dict[str, str]:
-    """Column of the time at which each motor lights that waits for an instant, by its name."""
+    """Column of the ignition time of each motor with an ignition event."""
     return {motor: f"{motor}_ignition_time_s" for motor in contents.ignitions}
 
 
-def _across(contents: Contents) -> Iterator[tuple[str, str, str, str]]:
-    """Where rates of bodies are told whose transverse rates are asked for: how the names of both
-    begin, the body, and when that is."""
+def _transverse_rates(contents: Contents) -> Iterator[tuple[str, str, str, str]]:
+    """Prefix of each transverse rate, prefix of its components, body and instant."""
     for body in contents.transverse:
         yield f"{body}_", f"{body}_omega_", body, ""
         for joint in contents.tip_off:
@@ -348,33 +364,33 @@ def _across(contents: Contents) -> Iterator[tuple[str, str, str, str]]:
             yield start, f"{start}omega_", body, f", at {event}"
 
 
-def across(contents: Contents) -> list[tuple[int, int]]:
-    """Of every transverse rate, in their order, the numbers of the outcomes that are its yaw and
-    its pitch rate."""
+def transverse_components(contents: Contents) -> list[tuple[int, int]]:
+    """Indices of the yaw and pitch rate outcomes of each transverse rate, in order."""
     names = {column.name: k for k, column in enumerate(outcome_columns(contents))}
     return [
-        (names[f"{start}y_deg_s"], names[f"{start}z_deg_s"]) for _, start, _, _ in _across(contents)
+        (names[f"{start}y_deg_s"], names[f"{start}z_deg_s"])
+        for _, start, _, _ in _transverse_rates(contents)
     ]
 
 
-def _at_event(contents: Contents, event: str) -> list[Column]:
-    """When an event came, and rates, attitudes and separations then."""
-    found = [Column(f"{event}_time_s", "s", f"time of {event}")]
+def _event_columns(contents: Contents, event: str) -> list[Column]:
+    """Time of an event, and rates, attitudes and separations at that time."""
+    columns = [Column(f"{event}_time_s", "s", f"time of {event}")]
     for body in contents.bodies:
-        for column in _fill(_BODY[3:], f"{event}_{body}_", body):
-            found.append(replace(column, meaning=f"{column.meaning}, at {event}"))
+        for column in _columns(_BODY[3:], f"{event}_{body}_", body):
+            columns.append(replace(column, meaning=f"{column.meaning}, at {event}"))
     for joint in contents.joints:
-        prefix = f"{event}_{_of_joint(contents, joint)}"
-        for column in _fill(_JOINT[:2], prefix, joint):
-            found.append(replace(column, meaning=f"{column.meaning}, at {event}"))
-    for column in _distances(contents):
+        prefix = f"{event}_{_joint_prefix(contents, joint)}"
+        for column in _columns(_JOINT[:2], prefix, joint):
+            columns.append(replace(column, meaning=f"{column.meaning}, at {event}"))
+    for column in _distance_columns(contents):
         meaning = f"{column.meaning}, at {event}"
-        found.append(replace(column, name=f"{event}_{column.name}", meaning=meaning))
-    return found
+        columns.append(replace(column, name=f"{event}_{column.name}", meaning=meaning))
+    return columns
 
 
-def _distances(contents: Contents) -> list[Column]:
-    """Of every clearance, what it is at an instant."""
+def _distance_columns(contents: Contents) -> list[Column]:
+    """Distance of each clearance at an instant."""
     meaning = "distance of {0}; NaN before it counts, or while no rim is within a shell"
     return [
         Column(f"{name}_clearance_mm", "mm", meaning.format(name), 1000.0)
@@ -383,32 +399,30 @@ def _distances(contents: Contents) -> list[Column]:
 
 
 def audit_columns() -> list[Column]:
-    """Numbers that say how well a case was integrated, in kernel order."""
+    """Audit columns, in kernel order."""
     return [Column(name, unit, meaning) for name, unit, meaning, _ in _AUDIT]
 
 
 def result_columns(contents: Contents) -> list[Column]:
-    """All that is told of a case, in order: outcomes, then audit columns. The kernel writes all but
-    the last, ``error``, which trial cases tell."""
+    """Outcomes, then audit columns. The kernel writes all but the last, ``error``."""
     return [*outcome_columns(contents), *audit_columns()]
 
 
 def separation_columns(joints: list[str]) -> list[Column]:
-    """Columns of the stored histories after ``case`` and ``time_s``: speed and distance of every
-    joint."""
+    """Columns of stored histories after ``case`` and ``time_s``: speed, distance of each joint."""
     columns = []
     for joint in joints:
-        columns += _fill(_JOINT[:2], "" if len(joints) == 1 else f"{joint}_", joint)
+        columns += _columns(_JOINT[:2], "" if len(joints) == 1 else f"{joint}_", joint)
     return columns
 
 
 def history_columns(contents: Contents) -> list[Column]:
-    """Columns of the time history of one case after ``time_s`` and ``phase``, in kernel order."""
+    """Columns of the history of one case after ``time_s`` and ``phase``, in kernel order."""
     bodies, joints = contents.bodies, contents.joints
-    columns = [column for body in bodies for column in _fill(_BODY, f"{body}_", body)]
+    columns = [column for body in bodies for column in _columns(_BODY, f"{body}_", body)]
     columns += separation_columns(list(joints))
     for body in bodies:
-        columns += _fill(_STATE, f"{body}_", body)
+        columns += _columns(_STATE, f"{body}_", body)
     for joint, pair in joints.items():
         first = pair[0]
         for body in pair:
@@ -434,4 +448,4 @@ def history_columns(contents: Contents) -> list[Column]:
             for end in ("mouth", "tip"):
                 meaning = f"lateral load of pin {pin} of {joint} at its {end}, while it may slide"
                 columns.append(Column(f"{joint}_pin{pin}_{end}_load_N", "N", meaning))
-    return columns + _distances(contents)
+    return columns + _distance_columns(contents)

@@ -187,7 +187,7 @@ class SolverVariant:
             limits=None,
             angles={},
             estimate=None,
-            most=np.inf,
+            error_limit=np.inf,
         )
         return SolverVariant(flight, campaign, study.part(other), self.asked)
 

@@ -166,6 +166,6 @@ def _multiples(flight: Integration) -> list[Integration]:
     half = np.maximum(1, np.round(0.5 * flight.steps)).astype(np.int64)
     fewer = [replace(flight, steps=half)] if flight.step is None else []
     return [
-        replace(multiple, limits=None, angles={}, most=np.inf)
+        replace(multiple, limits=None, angles={}, error_limit=np.inf)
         for multiple in (*fewer, flight.refined(2), flight.refined(4))
     ]

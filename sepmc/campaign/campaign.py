@@ -14,11 +14,11 @@ from sepmc import schema
 from sepmc.analysis.stopping import StoppingRule, parse_stopping_rule
 from sepmc.campaign import run_statistics
 from sepmc.campaign.case_selection import CaseSelection
-from sepmc.campaign.cases import OF_ITS_SIZE
+from sepmc.campaign.cases import SIZE_DEPENDENT
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.execution import previous_run
 from sepmc.campaign.execution.chunk import SampleSpec
-from sepmc.campaign.execution.diagnostics import together
+from sepmc.campaign.execution.diagnostics import reversed_joints
 from sepmc.campaign.execution.forecast import forecast
 from sepmc.campaign.execution.limit_state import limit_state
 from sepmc.campaign.execution.rare_event import (
@@ -27,7 +27,7 @@ from sepmc.campaign.execution.rare_event import (
     estimate_rare_event,
 )
 from sepmc.campaign.execution.runner import ExecutionOptions, PreviousRun, Runner
-from sepmc.campaign.execution.single_case import invalid, simulate_case
+from sepmc.campaign.execution.single_case import invalid_case, simulate_case
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.execution.work_ranges import Executor
 from sepmc.campaign.label import as_text
@@ -149,7 +149,7 @@ class Campaign(Definition):
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         if unfit:
             scene = self.nominal().scene
-            found = invalid(scene, len(self.result_columns))
+            found = invalid_case(scene, len(self.result_columns))
         else:
             found = simulate_case(scene, self.outcome_columns, step_s, announce, plain_work)
         columns = schema.history_columns(found.plan.contents)
@@ -167,7 +167,7 @@ class Campaign(Definition):
         events = schema.event_columns(found.plan.contents)
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
         errors = () if found.error is None else zip(self.outcome_columns, found.error, strict=True)
-        notes = unfit + found.notes + together(scene, outcomes, which)
+        notes = unfit + found.notes + reversed_joints(scene, outcomes, which)
         _warn(notes, announce)
         frame.attrs = {
             "units": _NoCopyDict({"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}}),
@@ -336,9 +336,9 @@ class Campaign(Definition):
                     runner.run_on(crew, wanted, tell)
                 parts = [numbers]
                 if stop:
-                    parts = list(numbers.growing(stop.first(self.rare_values)))
+                    parts = list(numbers.doubling(stop.first(self.rare_values)))
                 for part in [] if crew else parts:
-                    for first, end in wanted.within(part).pieces(runner.size):
+                    for first, end in wanted.within(part).split(runner.size):
                         if not runner.too_many_failed:
                             runner.run(first, end, tell)
                     if stop and runner.statistic_is_known(stop, part.end, len(parts)):
@@ -433,7 +433,7 @@ class Campaign(Definition):
         """When to stop. Raises InputError if that cannot be told of these cases."""
         check_text("until", asked, "separation_speed_m_s:0.01")
         found = parse_stopping_rule(asked, [column.name for column in self.outcome_columns])
-        if not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:
+        if not numbers.are_first or self.scene.run.sampler in SIZE_DEPENDENT:
             what = "a sampler whose cases depend on how many there are"
             what = what if numbers.are_first else "cases that are named"
             raise InputError(f"until = {asked}: excludes {what}")

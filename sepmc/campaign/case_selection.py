@@ -1,4 +1,4 @@
-"""Which cases of a campaign are flown: ``10000`` of them, or those named, ``25:50,73``."""
+"""Selection of the cases of a campaign: their number, ``10000``, or case numbers, ``25:50,73``."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -10,20 +10,20 @@ from sepmc.engine.dispatch import check_int
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError
 
-_ASKED = "must be how many, as 1000 or 1e6, or which, as 25:50,73 (25 to 49, and 73)"
+_ALLOWED = "must be how many, as 1000 or 1e6, or which, as 25:50,73 (25 to 49, and 73)"
 
 
 @dataclass(frozen=True)
 class CaseSelection:
-    """Numbers of cases, as ranges (first, end) that rise and do not touch."""
+    """Case numbers as sorted, separate ranges (first, end)."""
 
     ranges: tuple[tuple[int, int], ...]
 
     @classmethod
     def of(cls, numbers: Iterable[int]) -> "CaseSelection":
-        """Of the numbers given, in any order."""
-        given = numbers if isinstance(numbers, np.ndarray) else np.fromiter(numbers, dtype=np.int64)
-        sorted_ = np.unique(given).astype(np.int64)
+        """Selection of case numbers in any order."""
+        array = numbers if isinstance(numbers, np.ndarray) else np.fromiter(numbers, dtype=np.int64)
+        sorted_ = np.unique(array).astype(np.int64)
         ends = np.flatnonzero(np.diff(sorted_) != 1)
         firsts = sorted_[np.concatenate([[0], ends + 1])] if len(sorted_) else sorted_
         lasts = sorted_[np.concatenate([ends, [len(sorted_) - 1]])] if len(sorted_) else sorted_
@@ -31,7 +31,7 @@ class CaseSelection:
 
     @classmethod
     def of_ranges(cls, ranges: Iterable[tuple[int, int]]) -> "CaseSelection":
-        """Of ranges (first, end) in any order, which may overlap."""
+        """Selection of ranges (first, end) in any order, which may overlap."""
         merged: list[tuple[int, int]] = []
         for first, end in sorted(ranges):
             if merged and first <= merged[-1][1]:
@@ -42,22 +42,22 @@ class CaseSelection:
 
     @classmethod
     def first(cls, count: int) -> "CaseSelection":
-        """The first so many."""
+        """Selection of the first ``count`` cases."""
         return cls(((0, count),) if count else ())
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of cases."""
         return sum(end - first for first, end in self.ranges)
 
     @property
     def end(self) -> int:
-        """One more than the last."""
+        """One more than the last case number."""
         return self.ranges[-1][1] if self.ranges else 0
 
     @property
     def are_first(self) -> bool:
-        """Whether none below the last is left out."""
+        """True if all cases below the last one are selected."""
         return self.count == self.end
 
     def __contains__(self, number: int) -> bool:
@@ -67,7 +67,7 @@ class CaseSelection:
         return ",".join(str(a) if b == a + 1 else f"{a}:{b}" for a, b in self.ranges)
 
     def without(self, done: np.ndarray) -> "CaseSelection":
-        """Those that are not among the sorted numbers ``done`` (n,)."""
+        """Selection without the sorted case numbers ``done`` (n,)."""
         left: list[tuple[int, int]] = []
         for first, end in self.ranges:
             inside = done[np.searchsorted(done, first) : np.searchsorted(done, end)]
@@ -77,96 +77,112 @@ class CaseSelection:
         return CaseSelection(tuple(left))
 
     def after(self, count: int) -> "CaseSelection":
-        """Those that come after the first so many of them."""
+        """Selection without its first ``count`` cases."""
         left = []
         for first, end in self.ranges:
-            skipped = min(count, end - first)
-            count -= skipped
-            if first + skipped < end:
-                left.append((first + skipped, end))
+            count_skipped = min(count, end - first)
+            count -= count_skipped
+            if first + count_skipped < end:
+                left.append((first + count_skipped, end))
         return CaseSelection(tuple(left))
 
     def before(self, count: int) -> "CaseSelection":
-        """The first so many of them."""
-        kept = []
+        """First ``count`` cases of the selection."""
+        ranges = []
         for first, end in self.ranges:
-            taken = min(count, end - first)
-            count -= taken
-            if taken:
-                kept.append((first, first + taken))
-        return CaseSelection(tuple(kept))
+            count_taken = min(count, end - first)
+            count -= count_taken
+            if count_taken:
+                ranges.append((first, first + count_taken))
+        return CaseSelection(tuple(ranges))
 
     def within(self, other: "CaseSelection") -> "CaseSelection":
-        """Those that are also among ``other``."""
+        """Cases that are also in ``other``."""
         pairs = [
-            (max(first, its_first), min(end, its_end))
+            (max(first, other_first), min(end, other_end))
             for first, end in self.ranges
-            for its_first, its_end in other.ranges
+            for other_first, other_end in other.ranges
         ]
         return CaseSelection(tuple(pair for pair in pairs if pair[0] < pair[1]))
 
-    def leave_out(self, done: np.ndarray) -> bool:
-        """Whether some of the sorted numbers ``done`` (n,) are not among these."""
-        held = sum(
+    def omits(self, done: np.ndarray) -> bool:
+        """Return True if some of the sorted case numbers ``done`` (n,) are not selected."""
+        n_inside = sum(
             np.searchsorted(done, end) - np.searchsorted(done, first) for first, end in self.ranges
         )
-        return bool(held < len(done))
+        return bool(n_inside < len(done))
 
-    def common(self, other: "CaseSelection") -> int:
-        """How many of them are also among ``other``."""
+    def count_common(self, other: "CaseSelection") -> int:
+        """Number of cases that are also in ``other``."""
         return self.within(other).count
 
-    def growing(self, first: int) -> "Iterator[CaseSelection]":
-        """The first so many, of which none is left out, then as many again, and so on."""
+    def doubling(self, first: int) -> "Iterator[CaseSelection]":
+        """Consecutive ranges of all cases below the end: ``first`` cases, as many again, twice as
+        many, ..."""
         start, end = 0, first
         while start < self.end:
             yield CaseSelection(((start, min(end, self.end)),))
             start, end = end, 2 * end
 
-    def pieces(self, size: int) -> Iterator[tuple[int, int]]:
-        """Ranges (first, end) of at most ``size`` numbers."""
+    def split(self, size: int) -> Iterator[tuple[int, int]]:
+        """Ranges (first, end) of at most ``size`` cases."""
         for first, end in self.ranges:
             for start in range(first, end, size):
                 yield start, min(start + size, end)
 
 
-def named(text: str) -> CaseSelection:
-    """The cases that a text names, ``25:50,73``, or the first so many."""
-    found = read(text)
-    return CaseSelection.first(found) if isinstance(found, int) else found
+def parse(text: str) -> CaseSelection:
+    """Selection from text: case numbers, ``25:50,73``, or a number of first cases."""
+    selection = read(text)
+    return CaseSelection.first(selection) if isinstance(selection, int) else selection
 
 
-def read(asked: Any, name: str = "cases") -> int | CaseSelection:
-    """How many cases are asked for, or which: a whole number, text as the command line takes it, or
-    the numbers themselves in any order, of a set too. Raises InputError with what is allowed."""
-    if isinstance(asked, CaseSelection):
-        return asked
-    if isinstance(asked, str):
-        return _of_text(asked.strip(), name)
-    several = isinstance(asked, Iterable) and not isinstance(asked, bytes | Mapping)
-    if several and getattr(asked, "ndim", None) != 0:
-        found = CaseSelection.of(check_int(name, number, 0, CASES - 1) for number in asked)
-        if not found.count:
-            raise InputError(f"{name} = []: {_ASKED}")
-        return found
-    return check_int(name, asked, 1, CASES)
+def read(value: Any, name: str = "cases") -> int | CaseSelection:
+    """Read a number of cases or a selection.
+
+    Parameters
+    ----------
+    value : int, str, iterable of int or CaseSelection
+    name : str
+        For errors.
+
+    Returns
+    -------
+    int or CaseSelection
+
+    Raises
+    ------
+    InputError
+        With the allowed values.
+    """
+    if isinstance(value, CaseSelection):
+        return value
+    if isinstance(value, str):
+        return _from_text(value.strip(), name)
+    is_iterable = isinstance(value, Iterable) and not isinstance(value, bytes | Mapping)
+    if is_iterable and getattr(value, "ndim", None) != 0:
+        selection = CaseSelection.of(check_int(name, number, 0, CASES - 1) for number in value)
+        if not selection.count:
+            raise InputError(f"{name} = []: {_ALLOWED}")
+        return selection
+    return check_int(name, value, 1, CASES)
 
 
-def _of_text(text: str, name: str) -> int | CaseSelection:
-    fault = InputError(f"{name} = {text}: {_ASKED}")
+def _from_text(text: str, name: str) -> int | CaseSelection:
+    error = InputError(f"{name} = {text}: {_ALLOWED}")
     if "," not in text and ":" not in text:
         try:
             number = float(text)
         except ValueError:
-            raise fault from None
+            raise error from None
         return check_int(name, number if number.is_integer() else text, 1, CASES)
     ranges = []
     for part in text.split(","):
         ends = part.split(":")
         if len(ends) > 2 or not all(end.strip().isdecimal() for end in ends):
-            raise fault
+            raise error
         first, end = int(ends[0]), int(ends[-1]) + (len(ends) == 1)
         if not first < end <= CASES:
-            raise fault
+            raise error
         ranges.append((first, end))
     return CaseSelection.of_ranges(ranges)

@@ -1,13 +1,12 @@
-"""Dispersions to a case table. The only place that draws random numbers.
+"""Sampling of case tables from dispersions: the only module that draws random numbers.
 
-Every dispersed parameter has a Philox stream of its own, keyed by the seed and the parameter's path
-without unit. Case i uses number i of each stream: one more parameter, or more cases, changes no
-other draw, and any case can be drawn alone. A Latin hypercube puts case i into the stratum that a
-permutation of the cases gives it; a Sobol sequence gives every parameter a dimension, in the order
-of the file; a Saltelli design is made of groups of cases, a Sobol point each and what it becomes
-when one parameter after the other is taken from a second point, of eight sequences that are
-scrambled each for itself: how their results differ tells the error of an index.
-What seeks rare events draws normal scores from generators that the seed and their purpose key.
+Each dispersed parameter has its own Philox stream, keyed by the seed and its path without unit.
+Case i uses number i of each stream: more parameters or more cases change no other value, and any
+case can be sampled alone. A Latin hypercube puts case i into the stratum of a permutation; a Sobol
+sequence gives each parameter a dimension, in file order. A Saltelli design has groups of cases: a
+Sobol point, and copies of it with one parameter after the other taken from a second point, of eight
+independently scrambled sequences, whose differences give the error of an index. Rare-event
+estimates take normal scores from generators keyed by the seed and their purpose.
 """
 
 import hashlib
@@ -24,17 +23,16 @@ from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.limits import DESIGN_NUMBERS
 from sepmc.scene.model import REPLICATES, SALTELLI, Scene
 
-_RARE = 1e-6  # of the probability of a law: less is beyond its ends
-_PER_BLOCK = 4  # Philox 4x64 gives four numbers per counter value
-_BITS = 32  # of a number of a Sobol sequence
-_TOP = 1.0 - 2.0**-53  # the largest number below 1
-_LEAST = 1e-300  # of a probability
+_TAIL_PROBABILITY = 1e-6  # probability of the tails beyond the range of a distribution
+_NUMBERS_PER_COUNTER = 4  # of Philox 4x64
+_SOBOL_BITS = 32  # of a Sobol number
+_BELOW_ONE = 1.0 - 2.0**-53  # largest float below 1
+_MIN_PROBABILITY = 1e-300  # of a probability
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How cases are drawn: at random, along a Sobol sequence, or, of ``cases`` cases, as a Latin
-    hypercube or a Saltelli design; and which parameters vary together."""
+    """Sampler of ``cases`` cases and correlations of parameters."""
 
     sampler: str = "random"
     cases: int = 0
@@ -42,82 +40,95 @@ class Sampling:
 
 
 RANDOM = Sampling()
-OF_ITS_SIZE = ("lhs", "saltelli")  # samplers whose cases depend on how many there are
+SIZE_DEPENDENT = ("lhs", "saltelli")  # samplers whose cases depend on their number
 
 
 def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
-    """Numbers ``first`` to ``first + count`` of the stream of a parameter, uniform in (0, 1).
+    """Uniform numbers ``first`` to ``first + count`` - 1 of the stream of a parameter.
+
+    Parameters
+    ----------
+    seed : int
+    path : str
+        TOML path of the parameter, without unit.
+    first, count : int
 
     Returns
     -------
-    u : ndarray, shape (count,)
+    ndarray, shape (count,)
         Multiples of 2^-53 plus 2^-54: never 0 or 1, so that every quantile is finite.
     """
-    generator = np.random.Philox(key=_key(seed, path)).advance(first // _PER_BLOCK)
-    skip = first % _PER_BLOCK
+    generator = np.random.Philox(key=_key(seed, path)).advance(first // _NUMBERS_PER_COUNTER)
+    skip = first % _NUMBERS_PER_COUNTER
     raw = generator.random_raw(skip + count)[skip:]
     raw >>= np.uint64(11)
-    u = raw.astype(float)  # in place from here on: a third of the time of one expression
+    u = raw.astype(float)  # in place: a third of the time of one expression
     u *= 2.0**-53
     u += 2.0**-54
-    return np.minimum(u, _TOP, out=u)
+    return np.minimum(u, _BELOW_ONE, out=u)
 
 
-def generator(seed: int, what: str) -> np.random.Generator:
-    """A generator of its own for ``what``, of which no parameter has the path."""
-    return np.random.Generator(np.random.Philox(key=_key(seed, f"{what}:")))
+def generator(seed: int, purpose: str) -> np.random.Generator:
+    """Random generator for a purpose that is no parameter path."""
+    return np.random.Generator(np.random.Philox(key=_key(seed, f"{purpose}:")))
 
 
 def _key(seed: int, path: str) -> int:
-    """Key of a stream of random numbers."""
+    """Key of a random stream."""
     text = f"{seed}:{path}".encode()
     return int.from_bytes(hashlib.blake2b(text, digest_size=16).digest(), "little")
 
 
 @lru_cache(maxsize=64)
 def _strata(seed: int, path: str, cases: int) -> np.ndarray:
-    """The stratum (cases,) of each case of a Latin hypercube in one parameter."""
+    """Stratum (cases,) of each case of a Latin hypercube in one parameter."""
     generator = np.random.Generator(np.random.Philox(key=_key(seed, f"{path}:strata")))
     return generator.permutation(cases)
 
 
 def _sobol(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
-    """Points ``first`` to ``first + count`` of a scrambled Sobol sequence (dimensions, count), in
-    the middle of their cells: never 0 or 1."""
+    """Points of a scrambled Sobol sequence (dimensions, count), at the centres of their cells:
+    never 0 or 1."""
     from scipy.stats import qmc  # noqa: PLC0415  (1 s that other samplers do not need)
 
-    points = qmc.Sobol(dimensions, bits=_BITS, rng=np.random.default_rng(seed))
+    points = qmc.Sobol(dimensions, bits=_SOBOL_BITS, rng=np.random.default_rng(seed))
     if first:
         points.fast_forward(first)
-    with warnings.catch_warnings():  # of counts that are no power of two: a chunk is a part
+    with warnings.catch_warnings():  # a chunk is no power of two
         warnings.simplefilter("ignore", UserWarning)
-        return points.random(count).T + 2.0 ** -(_BITS + 1)
+        return points.random(count).T + 2.0 ** -(_SOBOL_BITS + 1)
 
 
 def _saltelli(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
-    """Cases ``first`` to ``first + count`` of a Saltelli design (dimensions, count): group g holds
-    both halves of point g // `REPLICATES` of scrambled Sobol sequence g % `REPLICATES`."""
+    """Cases of a Saltelli design (dimensions, count).
+
+    Group g uses both halves of point g // `REPLICATES` of Sobol sequence g % `REPLICATES`.
+    """
     size = dimensions + 2
-    begin, end = first // size, -(-(first + count) // size)
-    points = np.empty((2 * dimensions, end - begin))
-    for replicate in range(min(REPLICATES, end - begin)):
-        group = begin + replicate  # the first of it here
-        its = points[:, replicate::REPLICATES]
+    first_group, end = first // size, -(-(first + count) // size)
+    points = np.empty((2 * dimensions, end - first_group))
+    for replicate in range(min(REPLICATES, end - first_group)):
+        group = first_group + replicate  # first group of this replicate
+        values = points[:, replicate::REPLICATES]
         key = _key(seed, f"saltelli {group % REPLICATES}:")
-        its[:] = _sobol(len(points), key, group // REPLICATES, its.shape[1])
-    member = np.arange(begin * size, end * size) % size
-    one, two = np.repeat(points, size, axis=1).reshape(2, dimensions, -1)
-    of_second = (member == np.arange(1, size - 1)[:, None]) | (member == size - 1)
-    u = np.where(of_second, two, one)[:, first - begin * size :][:, :count]
-    return np.clip(u, 2.0 ** -(_BITS + 1), _TOP)
+        values[:] = _sobol(len(points), key, group // REPLICATES, values.shape[1])
+    member = np.arange(first_group * size, end * size) % size
+    first_point, second_point = np.repeat(points, size, axis=1).reshape(2, dimensions, -1)
+    takes_second = (member == np.arange(1, size - 1)[:, None]) | (member == size - 1)
+    u = np.where(takes_second, second_point, first_point)[:, first - first_group * size :][
+        :, :count
+    ]
+    return np.clip(u, 2.0 ** -(_SOBOL_BITS + 1), _BELOW_ONE)
 
 
 def size_fault(sampling: Sampling, dimensions: int) -> str:
-    """What is wrong with the number of cases of a sampling; empty if nothing is."""
+    """Reason why a sampler cannot have this number of cases; empty if it can."""
     size = dimensions + 2
-    if sampling.sampler in OF_ITS_SIZE and sampling.cases * dimensions > DESIGN_NUMBERS:
-        most = DESIGN_NUMBERS // dimensions
-        return f"sampler {sampling.sampler!r} draws all cases at once: must be at most {most:,}"
+    if sampling.sampler in SIZE_DEPENDENT and sampling.cases * dimensions > DESIGN_NUMBERS:
+        max_cases = DESIGN_NUMBERS // dimensions
+        return (
+            f"sampler {sampling.sampler!r} draws all cases at once: must be at most {max_cases:,}"
+        )
     if sampling.sampler != SALTELLI or (dimensions and sampling.cases % size == 0):
         return ""
     if not dimensions:
@@ -132,14 +143,20 @@ def size_fault(sampling: Sampling, dimensions: int) -> str:
 def probabilities(
     paths: Sequence[str], seed: int, first: int, count: int, sampling: Sampling = RANDOM
 ) -> np.ndarray:
-    """Probabilities at which the laws of parameters are read in cases ``first`` to ``first +
-    count``.
+    """Probabilities at which distributions are evaluated, for cases ``first`` to ``first + count``
+    - 1.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        Of the parameters.
+    seed, first, count : int
+    sampling : Sampling
 
     Returns
     -------
-    u : ndarray, shape (len(paths), count)
-        Above 0 and below 1; each row uniform by itself, all of them independent but for the
-        copulas of the ``sampling``.
+    ndarray, shape (len(paths), count)
+        Between 0 and 1; rows are uniform, and independent but for the copulas.
     """
     if sampling.sampler == "sobol" and paths:
         u = _sobol(len(paths), seed, first, count)
@@ -154,32 +171,48 @@ def probabilities(
                 row /= sampling.cases
     for copula in sampling.copulas:
         _correlate(u, copula)
-    return u if sampling == RANDOM else np.minimum(u, _TOP, out=u)
+    return u if sampling == RANDOM else np.minimum(u, _BELOW_ONE, out=u)
 
 
 def _correlate(u: np.ndarray, copula: Copula) -> None:
-    """Let rows of probabilities (d, n) vary together, in place."""
+    """Correlate rows of probabilities (d, n) by a copula, in place."""
     from scipy.special import ndtr, ndtri  # noqa: PLC0415
 
-    scores = [ndtri(u[place]) for place in copula.places]
-    for place in _mix(u, copula, scores):
-        u[place] = ndtr(u[place])
+    scores = [ndtri(u[index]) for index in copula.places]
+    for index in _mix_scores(u, copula, scores):
+        u[index] = ndtr(u[index])
 
 
-def _mix(rows: np.ndarray, copula: Copula, scores: Sequence[np.ndarray] | np.ndarray) -> list[int]:
-    """Put scores that vary together in place of rows (d, n), made of independent ``scores``.
-    Returns the places of those that are put; others stay as they are, to the last bit."""
-    found = []
-    for k, (place, factors) in enumerate(zip(copula.places, copula.factor, strict=True)):
+def _mix_scores(
+    rows: np.ndarray, copula: Copula, scores: Sequence[np.ndarray] | np.ndarray
+) -> list[int]:
+    """Write correlated scores into rows (d, n), made of independent ``scores``.
+
+    Returns the indices of the rows written; other rows keep their bits.
+    """
+    changed = []
+    for k, (index, factors) in enumerate(zip(copula.places, copula.factor, strict=True)):
         if any(factors[:k]):
-            # no product of matrices, whose round-off depends on the number of cases
-            rows[place] = sum(f * score for f, score in zip(factors, scores, strict=True) if f)
-            found.append(place)
-    return found
+            # no matrix product, whose round-off depends on the number of cases
+            rows[index] = sum(f * score for f, score in zip(factors, scores, strict=True) if f)
+            changed.append(index)
+    return changed
 
 
 def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
-    """Values of a law at probabilities ``u``, in the unit of the parameter's key; shape of u."""
+    """Quantiles of a distribution.
+
+    Parameters
+    ----------
+    dispersion : Dispersion
+    u : ndarray
+        Probabilities.
+
+    Returns
+    -------
+    ndarray, shape of u
+        In the unit of the parameter's key.
+    """
     numbers = dispersion.numbers
     if dispersion.distribution == "uniform":
         low, high = numbers
@@ -188,9 +221,11 @@ def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
         low, mode, high = numbers
         if high == low:
             return np.full_like(u, low)
-        left = (mode - low) / (high - low)
+        mode_probability = (mode - low) / (high - low)
         rising = low + np.sqrt(u * (high - low) * (mode - low))
-        return np.where(u < left, rising, high - np.sqrt((1.0 - u) * (high - low) * (high - mode)))
+        return np.where(
+            u < mode_probability, rising, high - np.sqrt((1.0 - u) * (high - low) * (high - mode))
+        )
     if dispersion.distribution == "normal":
         from scipy.special import ndtr, ndtri  # noqa: PLC0415  (0.1 s that other laws do not need)
 
@@ -202,7 +237,7 @@ def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
         return np.array(numbers)[
             np.minimum(np.searchsorted(edges, u, side="right"), len(numbers) - 1)
         ]
-    # quantiles at equal steps, of which a constant has one
+    # quantiles at equal steps; a constant has one
     return np.interp(u, np.linspace(0.0, 1.0, len(numbers)), np.array(numbers))
 
 
@@ -213,12 +248,19 @@ def sample(
     count: int,
     sampling: Sampling = RANDOM,
 ) -> np.ndarray:
-    """Case table of cases ``first`` to ``first + count``, in the units of the keys.
+    """Case table of cases ``first`` to ``first + count`` - 1.
+
+    Parameters
+    ----------
+    dispersions : tuple of Dispersion
+    seed, first, count : int
+    sampling : Sampling
 
     Returns
     -------
-    table : ndarray, shape (count, len(dispersions))
-        In Fortran order: each parameter is contiguous. Measured: 160 ns a case for 27 uniform laws.
+    ndarray, shape (count, len(dispersions))
+        In the units of the keys, in Fortran order. Measured: 160 ns per case for 27 uniform
+        distributions.
     """
     table = probabilities([d.parameter.path for d in dispersions], seed, first, count, sampling)
     for row, dispersion in zip(table, dispersions, strict=True):
@@ -226,40 +268,51 @@ def sample(
     return table.T
 
 
-def at_scores(
+def inputs_at_scores(
     dispersions: Sequence[Dispersion], scores: np.ndarray, copulas: Sequence[Copula] = ()
 ) -> np.ndarray:
-    """Case table (n, d), in the units of the keys, at independent standard normal scores (n, d) of
-    the parameters: a normal law that correlates with none is linear in its own."""
+    """Case table at independent standard-normal scores.
+
+    Parameters
+    ----------
+    dispersions : sequence of Dispersion
+    scores : ndarray, shape (n, d)
+    copulas : sequence of Copula
+
+    Returns
+    -------
+    ndarray, shape (n, d)
+        In the units of the keys. An uncorrelated normal distribution is linear in its score.
+    """
     from scipy.special import ndtr  # noqa: PLC0415
 
-    table = np.clip(ndtr(mixed(scores, copulas).T), _LEAST, _TOP)
+    table = np.clip(ndtr(correlated_scores(scores, copulas).T), _MIN_PROBABILITY, _BELOW_ONE)
     for row, dispersion in zip(table, dispersions, strict=True):
         row[:] = quantile(dispersion, row)
     return table.T
 
 
-def score(probability: float) -> float:
-    """The standard normal score of a probability."""
+def normal_score(probability: float) -> float:
+    """Standard-normal score of a probability."""
     from scipy.special import ndtri  # noqa: PLC0415
 
     return float(ndtri(probability))
 
 
-def mixed(scores: np.ndarray, copulas: Sequence[Copula]) -> np.ndarray:
-    """Normal scores (n, d) of parameters that vary together, made of independent ones."""
+def correlated_scores(scores: np.ndarray, copulas: Sequence[Copula]) -> np.ndarray:
+    """Correlated normal scores (n, d), made of independent ones (n, d)."""
     rows = scores.T.copy()
     for copula in copulas:
-        _mix(rows, copula, scores.T[list(copula.places)])
+        _mix_scores(rows, copula, scores.T[list(copula.places)])
     return rows.T
 
 
 def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ...]:
-    """The scene with all dispersed parameters at the lower ends of their laws, and at the upper;
-    none if nothing is dispersed."""
+    """The scene with all dispersed parameters at their minimum, and at their maximum; empty without
+    dispersions."""
     if not dispersions:
         return ()
-    ends = [_ends(d) * d.parameter.factor for d in dispersions]
+    ends = [_range(d) * d.parameter.factor for d in dispersions]
     values = (
         {d.parameter.path: float(end[k]) for d, end in zip(dispersions, ends, strict=True)}
         for k in (0, 1)
@@ -267,8 +320,8 @@ def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ..
     return tuple(parameters.replace(scene, each) for each in values)
 
 
-def _ends(law: Dispersion) -> np.ndarray:
-    """Least and largest value (2,) of a law, in the unit of the parameter's key."""
+def _range(law: Dispersion) -> np.ndarray:
+    """Minimum and maximum (2,) of a distribution, in the unit of the parameter's key."""
     if law.distribution == "discrete":
         return np.array([min(law.numbers), max(law.numbers)])
-    return quantile(law, np.array([_RARE, 1.0 - _RARE]))
+    return quantile(law, np.array([_TAIL_PROBABILITY, 1.0 - _TAIL_PROBABILITY]))

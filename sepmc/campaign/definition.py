@@ -1,5 +1,5 @@
-"""What a campaign is: a scene, what varies in it, and what follows from both, columns and draws
-among them. It knows no flight."""
+"""Definition of a campaign: a scene, its dispersions, and the columns and samples that follow. No
+integration."""
 
 import hashlib
 from collections import Counter
@@ -17,7 +17,7 @@ from sepmc.analysis.variance_indices import LHS, PLAN
 from sepmc.campaign import cases
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.case_selection import read as read_numbers
-from sepmc.campaign.cases import OF_ITS_SIZE
+from sepmc.campaign.cases import SIZE_DEPENDENT
 from sepmc.engine.dispatch import check_int
 from sepmc.kernel.spec.parameter_layout import (
     ParameterLayout,
@@ -43,8 +43,14 @@ _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
 class Case:
     """One case, fully resolved.
 
-    ``scene`` holds its values in SI; ``inputs`` the dispersed ones, by column, in the units of the
-    campaign file.
+    Attributes
+    ----------
+    number : int
+        -1 for the nominal case.
+    scene : Scene
+        Values of the case, SI.
+    inputs : dict of str to float
+        Dispersed inputs by column, in the units of the campaign file.
     """
 
     number: int
@@ -52,32 +58,37 @@ class Case:
     inputs: dict[str, float]
 
     def __repr__(self) -> str:
-        which = "nominal" if self.number < 0 else f"{self.number}"
-        some = [f"{name}={value:.6g}" for name, value in list(self.inputs.items())[:3]]
-        more = [f"{len(self.inputs) - 3} more inputs"] if len(self.inputs) > 3 else []
-        return f"<Case {which}{': ' if some else ''}{', '.join(some + more)}>"
+        title = "nominal" if self.number < 0 else f"{self.number}"
+        inputs = [f"{name}={value:.6g}" for name, value in list(self.inputs.items())[:3]]
+        rest = [f"{len(self.inputs) - 3} more inputs"] if len(self.inputs) > 3 else []
+        return f"<Case {title}{': ' if inputs else ''}{', '.join(inputs + rest)}>"
 
     def _repr_html_(self) -> str:
-        """A notebook's view: the inputs."""
+        """Inputs as a table, for notebooks."""
         rows = "".join(f"<tr><td>{k}</td><td>{v:.9g}</td></tr>" for k, v in self.inputs.items())
         head = "nominal case" if self.number < 0 else f"case {self.number}"
         return f"<p>{head}</p><table>{rows}</table>"
 
     def to_dict(self) -> dict[str, Any]:
-        """The scene as plain nested dicts and lists, SI and radians; what is not set is left
-        out."""
-        return _set_only(msgspec.to_builtins(self.scene))
+        """Scene as nested dicts and lists, in SI and radians, without unset values."""
+        return _without_none(msgspec.to_builtins(self.scene))
 
 
-def _set_only(node: Any) -> Any:
+def _without_none(node: Any) -> Any:
     if isinstance(node, dict):
-        return {key: _set_only(value) for key, value in node.items() if value is not None}
-    return [_set_only(item) for item in node] if isinstance(node, list | tuple) else node
+        return {key: _without_none(value) for key, value in node.items() if value is not None}
+    return [_without_none(item) for item in node] if isinstance(node, list | tuple) else node
 
 
 class Definition:
-    """A scene, its dispersions and its run settings, as a file gives them; ``settings`` tells which
-    values were put in place of its own, by TOML path."""
+    """Definition of a campaign.
+
+    Parameters
+    ----------
+    file : CampaignFile
+    settings : mapping of str to str, optional
+        Texts of the values that replaced those of the file, by TOML path.
+    """
 
     def __init__(self, file: CampaignFile, settings: Mapping[str, str] | None = None):
         self.file = file
@@ -90,47 +101,47 @@ class Definition:
 
     @property
     def scene(self) -> Scene:
-        """The scene of the file."""
+        """Nominal scene."""
         return self.file.scene
 
     @cached_property
     def plan(self) -> ParameterLayout:
-        """What the scene needs of a kernel. Raises SceneError if two columns of the case table
-        would have one name."""
+        """Layout of the kernel parameters. Raises SceneError if two columns of the case table have
+        one name."""
         plan = make_parameter_layout(self.scene, dispersed=self.dispersed)
         plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
         names = Counter(
             column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)]
         )
-        if twice := [name for name, count in names.items() if count > 1]:
-            said = "names of bodies and joints make two columns {!r}; rename one"
-            raise SceneError([f"{self.name}: {said.format(name)}" for name in twice])
+        if repeated := [name for name, count in names.items() if count > 1]:
+            message = "names of bodies and joints make two columns {!r}; rename one"
+            raise SceneError([f"{self.name}: {message.format(name)}" for name in repeated])
         return plan
 
     @cached_property
     def dispersed(self) -> frozenset[str]:
-        """Paths of the parameters that vary."""
+        """Paths of the dispersed parameters."""
         return frozenset(d.parameter.path for d in self.file.dispersions)
 
     @cached_property
     def rare_values(self) -> tuple[RareValue, ...]:
-        """Values and pairs of values that the file gives a probability."""
+        """Values, and pairs of values, that have a probability in the file."""
         return rare_values(self.file.dispersions, self.file.copulas)
 
     @property
     def has_histories(self) -> bool:
-        """Whether rows come with separation over time: asked for, of a scene with joints."""
+        """True if separations over time are stored: requested, and the scene has joints."""
         return self.scene.run.history_step > 0.0 and bool(self.scene.joint)
 
     def stored_history_columns(self, wanted: bool = True) -> list[Column]:
-        """Columns of the separations over time that rows come with; none if they have none, or
-        these are not ``wanted``."""
+        """Columns of the stored separations over time; empty if there are none or they are not
+        ``wanted``."""
         joints = list(self.plan.joints)
         return schema.separation_columns(joints) if wanted and self.has_histories else []
 
     @property
     def reference(self) -> dict[str, dict[str, float]] | None:
-        """Statistics to compare with, by outcome: those given of mean, sigma, min, max."""
+        """Reference statistics by outcome: the given ones of mean, sigma, min and max."""
         if self.file.reference is None:
             return None
         outcome = msgspec.to_builtins(self.file.reference.outcome)
@@ -140,7 +151,7 @@ class Definition:
 
     @cached_property
     def input_columns(self) -> list[Column]:
-        """Columns of the dispersed parameters, each in the unit of the file."""
+        """Columns of the dispersed parameters, in the units of the file."""
         return [
             Column(d.parameter.column, unit_text(d.parameter.unit), d.sentence)
             for d in self.file.dispersions
@@ -153,7 +164,7 @@ class Definition:
 
     @cached_property
     def result_columns(self) -> list[Column]:
-        """All that the kernel writes of a case, in its order."""
+        """Columns of all results of the kernel, in its order."""
         return schema.result_columns(self.plan.contents)
 
     @cached_property
@@ -169,8 +180,8 @@ class Definition:
     def summary_inputs(
         self,
     ) -> tuple[list[str], list[str], dict[str, float], tuple[Requirement, ...]]:
-        """What statistics are made of: names of outcomes and of audit columns, the bounds of these,
-        and what is required."""
+        """Arguments of statistics: names of outcomes and audit columns, audit bounds, and
+        requirements."""
         outcomes, audits = (
             [c.name for c in columns] for columns in (self.outcome_columns, schema.audit_columns())
         )
@@ -178,46 +189,56 @@ class Definition:
 
     @cached_property
     def slots(self) -> np.ndarray:
-        """Places of the dispersed parameters in the kernel's vector."""
+        """Indices of the dispersed parameters in the parameter vector of the kernel."""
         return np.array(
             [self.plan.slots[d.parameter.path] for d in self.file.dispersions], dtype=np.int64
         )
 
     @cached_property
     def factors(self) -> np.ndarray:
-        """Factors (d,) that take draws in the units of the file to SI."""
+        """Factors (d,) from the units of the file to SI."""
         return np.array([d.parameter.factor for d in self.file.dispersions])
 
-    def in_si(self, drawn: np.ndarray) -> np.ndarray:
-        """A case table (n, d) in SI, as a kernel takes it; NaN, which no kernel flies, where laws
-        give what may not be."""
-        draws = drawn * self.factors
+    def in_si(self, inputs: np.ndarray) -> np.ndarray:
+        """Inputs in SI for a kernel.
+
+        Parameters
+        ----------
+        inputs : ndarray, shape (n, d)
+            In the units of the file.
+
+        Returns
+        -------
+        ndarray, shape (n, d)
+            NaN where a parameter is invalid; a kernel does not integrate these cases.
+        """
+        inputs_si = inputs * self.factors
         for i, dispersion in enumerate(self.file.dispersions):
             if dispersion.has_tails:
-                draws[~dispersion.allowed(drawn[:, i]), i] = np.nan
-        draws[self._early(draws)] = np.nan
-        return draws
+                inputs_si[~dispersion.allowed(inputs[:, i]), i] = np.nan
+        inputs_si[self._ends_before_start(inputs_si)] = np.nan
+        return inputs_si
 
-    def _early(self, draws: np.ndarray) -> np.ndarray:
-        """Which rows of a case table in SI hold a load that ends before it starts (n,)."""
-        place = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
-        early = np.zeros(len(draws), dtype=bool)
+    def _ends_before_start(self, inputs_si: np.ndarray) -> np.ndarray:
+        """Mask (n,) of rows of inputs in SI with a load that ends before it starts."""
+        index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
+        is_early = np.zeros(len(inputs_si), dtype=bool)
         for load in self.scene.load:
             times = {f"load.{load.name}.start": load.start, f"load.{load.name}.end": load.end}
-            if not place.keys().isdisjoint(times):
+            if not index.keys().isdisjoint(times):
                 start, end = (
-                    draws[:, place[path]] if path in place else value
+                    inputs_si[:, index[path]] if path in index else value
                     for path, value in times.items()
                 )
-                early |= end - start <= SHORTEST
-        return early
+                is_early |= end - start <= SHORTEST
+        return is_early
 
     @property
     def digest(self) -> str:
-        """Digest of all that decides a case's outcome: two runs of equal digest and seed hold equal
-        rows."""
-        told = ("title", "name", "requirement", "reference")
-        tree = {k: v for k, v in self.file.tree.items() if k not in told}
+        """Digest of all that determines the outcomes of a case: runs of equal digest and seed have
+        equal rows."""
+        ignored = ("title", "name", "requirement", "reference")
+        tree = {k: v for k, v in self.file.tree.items() if k not in ignored}
         tree["run"] = {k: v for k, v in tree.get("run", {}).items() if k not in _NOT_IN_DIGEST}
         if self.file.input_table:
             tree["run"]["plan"] = self.inputs_digest  # the key that digests were made with
@@ -225,36 +246,52 @@ class Definition:
 
     @property
     def inputs_digest(self) -> str:
-        """Digest of the numbers that a plan gives; of none, empty."""
+        """Digest of the sample table; empty without one."""
         used = [d.column for d in self.file.dispersions if d.column]
         return self.file.input_table.digest(used) if self.file.input_table else ""
 
     def sample(
         self, first: int, count: int, seed: int | None = None, total: int | None = None
     ) -> np.ndarray:
-        """Case table (count, d) of cases ``first`` to ``first + count`` of ``total``, as the file
-        says that they are drawn, or as its plan gives them, in the units of its keys. Raises
-        InputError if there is no such case: of the plan, or of a sampler whose cases depend on how
-        many there are."""
+        """Sample inputs of cases ``first`` to ``first + count`` - 1.
+
+        Parameters
+        ----------
+        first, count : int
+        seed : int, optional
+            Of the file if None.
+        total : int, optional
+            Number of cases of the sample; of the file if None.
+
+        Returns
+        -------
+        ndarray, shape (count, d)
+            In the units of the file.
+
+        Raises
+        ------
+        InputError
+            If a case is not in the sample table, or not in a sample of this size.
+        """
         sampling = self.sampling_of(total)
         first = check_int("first", first, 0, CASES - 1)
-        last = sampling.cases if self.scene.run.sampler in OF_ITS_SIZE else CASES
-        count = check_int("count", count, 0, max(last - first, 0))
-        laws, inputs = self.file.dispersions, self.file.input_table
-        table = cases.sample(laws, self._seed(seed), first, count, sampling)
+        end = sampling.cases if self.scene.run.sampler in SIZE_DEPENDENT else CASES
+        count = check_int("count", count, 0, max(end - first, 0))
+        dispersions, inputs = self.file.dispersions, self.file.input_table
+        table = cases.sample(dispersions, self._seed(seed), first, count, sampling)
         if inputs is not None:
             try:
                 rows = inputs.rows(first, count)
             except KeyError as error:
                 raise InputError(f"case = {error}: no such case in {inputs.path.name}") from None
-            for place, law in enumerate(laws):
-                if law.column:
-                    table[:, place] = inputs.columns[law.column][rows]
+            for k, dispersion in enumerate(dispersions):
+                if dispersion.column:
+                    table[:, k] = inputs.columns[dispersion.column][rows]
         return table
 
     @property
     def numbers(self) -> CaseSelection:
-        """Cases that the file asks for: the first so many, or those of its plan."""
+        """Cases of the file: its first cases, or those of its sample table."""
         inputs = self.file.input_table
         return (
             CaseSelection.first(self.scene.run.cases)
@@ -263,27 +300,42 @@ class Definition:
         )
 
     def select_cases(self, cases: Any = None) -> tuple[CaseSelection, int]:
-        """Cases that are asked for, as `sepmc.campaign.case_selection.read` takes them or as the
-        file has them, and how many they are drawn of. Raises InputError if there are no such
-        cases."""
-        own, inputs = self.numbers, self.file.input_table
-        found = own if cases is None else read_numbers(cases)
-        if isinstance(found, int):
+        """Select cases.
+
+        Parameters
+        ----------
+        cases : int, str, iterable of int or CaseSelection, optional
+            See `sepmc.campaign.case_selection.read`; the cases of the file if None.
+
+        Returns
+        -------
+        selection : CaseSelection
+        total : int
+            Number of cases of the sample that they belong to.
+
+        Raises
+        ------
+        InputError
+            If there are no such cases.
+        """
+        of_file, inputs = self.numbers, self.file.input_table
+        selection = of_file if cases is None else read_numbers(cases)
+        if isinstance(selection, int):
             if inputs is None:
-                self.sampling_of(found)
-                return CaseSelection.first(found), found
-            if found > own.count:
-                raise InputError(f"cases = {found}: {inputs.path.name} has {own.count}")
-            found = CaseSelection.of(inputs.numbers[:found])
-        fixed = inputs is not None or self.scene.run.sampler in OF_ITS_SIZE
-        if fixed and (missing := found.count - found.common(own)):
-            raise InputError(f"cases = {found}: {missing} of them are not among {own}")
-        total = max(own.end, found.end)
+                self.sampling_of(selection)
+                return CaseSelection.first(selection), selection
+            if selection > of_file.count:
+                raise InputError(f"cases = {selection}: {inputs.path.name} has {of_file.count}")
+            selection = CaseSelection.of(inputs.numbers[:selection])
+        fixed = inputs is not None or self.scene.run.sampler in SIZE_DEPENDENT
+        if fixed and (missing := selection.count - selection.count_common(of_file)):
+            raise InputError(f"cases = {selection}: {missing} of them are not among {of_file}")
+        total = max(of_file.end, selection.end)
         self.sampling_of(total)
-        return found, total
+        return selection, total
 
     def sampling_of(self, total: int | None = None) -> cases.Sampling:
-        """How so many cases are drawn. Raises InputError if so many cannot be."""
+        """Sampling of ``total`` cases. Raises InputError if the sampler cannot have this number."""
         run = self.scene.run
         size = run.cases if total is None else check_int("total", total, 1, CASES)
         sampling = cases.Sampling(run.sampler, size, self.file.copulas)
@@ -293,38 +345,52 @@ class Definition:
 
     @property
     def design(self) -> str:
-        """How cases are drawn, a key of `sepmc.analysis.variance_indices.ESTIMATORS`: a sampler, or
-        a plan whose other inputs are drawn at random."""
+        """Sampling design, a key of `sepmc.analysis.variance_indices.ESTIMATORS`: sampler or sample
+        table."""
         sampler = self.scene.run.sampler
         return PLAN if self.file.input_table and sampler in ("random", LHS) else sampler
 
     @property
     def correlated(self) -> list[list[str]]:
-        """Columns of inputs that the file lets vary together, group by group."""
-        laws = self.file.dispersions
-        return [[laws[k].parameter.column for k in c.places] for c in self.file.copulas]
+        """Columns of correlated inputs, group by group."""
+        dispersions = self.file.dispersions
+        return [[dispersions[k].parameter.column for k in c.places] for c in self.file.copulas]
 
     def case(self, number: int, seed: int | None = None, total: int | None = None) -> Case:
-        """Case ``number`` of the campaign, or of so many cases in ``total``, fully resolved in SI,
-        drawn without the others. Raises InputError if there is no such case: a Latin hypercube or
-        a Saltelli design has no other cases than its own."""
+        """Resolve one case in SI, without sampling the others.
+
+        Parameters
+        ----------
+        number : int
+        seed, total : int, optional
+            As for `sample`.
+
+        Returns
+        -------
+        Case
+
+        Raises
+        ------
+        InputError
+            If there is no such case.
+        """
         total = self.scene.run.cases if total is None else total
-        of_its_size = self.scene.run.sampler in cases.OF_ITS_SIZE
-        number = check_int("case", number, 0, (total if of_its_size else CASES) - 1)
-        drawn = self.sample(number, 1, seed, total)[0]
+        depends_on_size = self.scene.run.sampler in cases.SIZE_DEPENDENT
+        number = check_int("case", number, 0, (total if depends_on_size else CASES) - 1)
+        inputs = self.sample(number, 1, seed, total)[0]
         values = {
             d.parameter.path: float(x)
-            for d, x in zip(self.file.dispersions, drawn * self.factors, strict=True)
+            for d, x in zip(self.file.dispersions, inputs * self.factors, strict=True)
         }
         return Case(
             number,
             parameters.replace(self.nominal().scene, values),
-            {c.name: float(x) for c, x in zip(self.input_columns, drawn, strict=True)},
+            {c.name: float(x) for c, x in zip(self.input_columns, inputs, strict=True)},
         )
 
     def nominal(self) -> Case:
-        """The case without dispersion, number -1. What all cases share is pinned: the zero of
-        ``alpha_ref``, the sign of apart."""
+        """Nominal case, number -1, with the values that all cases share: the zero of ``alpha_ref``,
+        and the separation signs."""
         initial = self.scene.initial
         if initial.path_reference is None:
             initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
@@ -337,17 +403,17 @@ class Definition:
     def _seed(self, seed: int | None) -> int:
         return self.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
 
-    def implausible_inertias(self, drawn: np.ndarray) -> int:
-        """Number of rows of a case table (n, d) in which some body's inertia breaks the triangle
+    def implausible_inertias(self, inputs: np.ndarray) -> int:
+        """Number of rows of inputs (n, d) in which the inertia of a body breaks the triangle
         inequality."""
-        place = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
-        broken = np.zeros(len(drawn), dtype=bool)
+        index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
+        is_broken = np.zeros(len(inputs), dtype=bool)
         for name in self.scene.body:
             prefixes = (f"body.{name}.inertia.", f"body.{name}.inertia_products.")
-            if any(path.startswith(prefixes) for path in place):
+            if any(path.startswith(prefixes) for path in index):
                 values = {
-                    path: drawn[:, place[path]] * self.factors[place[path]]
-                    if path in place
+                    path: inputs[:, index[path]] * self.factors[index[path]]
+                    if path in index
                     else parameters.value(self.scene, path)
                     for path in (
                         prefix + part
@@ -356,8 +422,8 @@ class Definition:
                     )
                 }
                 tensors = np.moveaxis(
-                    tensor(*[np.broadcast_to(v, len(drawn)) for v in values.values()]), -1, 0
+                    tensor(*[np.broadcast_to(v, len(inputs)) for v in values.values()]), -1, 0
                 )
                 principal = np.linalg.eigvalsh(tensors)
-                broken |= (principal[:, 0] > 0.0) & breaks_triangle(principal)
-        return int(np.count_nonzero(broken))
+                is_broken |= (principal[:, 0] > 0.0) & breaks_triangle(principal)
+        return int(np.count_nonzero(is_broken))

@@ -104,7 +104,7 @@ class Result:
         is 0. Raises StoreError if the folder no longer holds what this run wrote."""
         self._rows()
         if self.folder:
-            return shards.read_histories(self.folder, held=self.kept.history_shards)
+            return shards.read_histories(self.folder, stored=self.kept.history_shards)
         return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
 
     def statistics(self, *where: str) -> pd.DataFrame:

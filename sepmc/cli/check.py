@@ -101,18 +101,18 @@ def _show_scene(campaign: "Campaign", shape: Any) -> None:
 
 def _input_warnings(campaign: "Campaign") -> list[str]:
     """Return warnings on the samples and the file of a campaign."""
-    from sepmc.campaign.execution.diagnostics import file_notes, sampled
+    from sepmc.campaign.execution.diagnostics import file_notes, sampling_notes
     from sepmc.campaign.execution.runner import implausible_note
 
     selection, total = campaign.select_cases()
     implausible = count = 0
-    for first, end in islice(selection.pieces(_BATCH), _BATCHES):
+    for first, end in islice(selection.split(_BATCH), _BATCHES):
         samples = campaign.sample(first, end - first, None, total)
         implausible += campaign.implausible_inertias(samples)
         count += end - first
     note = implausible_note(implausible, count)
     return [
-        *sampled(campaign, selection),
+        *sampling_notes(campaign, selection),
         *file_notes(campaign),
         *undispersed(campaign),
         *([note] if note else []),
@@ -123,7 +123,7 @@ def _input_warnings(campaign: "Campaign") -> list[str]:
 def _check_nominal(campaign: "Campaign", known: list[str]) -> bool:
     """Simulate the nominal case roughly, and print warnings that are not ``known``. Returns whether
     the case ended within the work that a check may take."""
-    from sepmc.campaign.execution.diagnostics import of_nominal
+    from sepmc.campaign.execution.diagnostics import nominal_notes
     from sepmc.campaign.execution.single_case import UnknownError
     from sepmc.scene.messages import SceneWarning, no_log
 
@@ -139,6 +139,6 @@ def _check_nominal(campaign: "Campaign", known: list[str]) -> bool:
         return False
     click.echo(f"  nominal      {attributes['status']}")
     springs = attributes["springs"] if attributes["status"] in ("ok", "never-released") else None
-    messages = [*attributes["notes"], *of_nominal(campaign, attributes["outcomes"], springs)]
+    messages = [*attributes["notes"], *nominal_notes(campaign, attributes["outcomes"], springs)]
     warn(*(message for message in messages if message not in known))
     return True

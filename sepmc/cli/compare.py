@@ -122,14 +122,14 @@ def _resampled(
 
 def _sampling(manifest: Mapping[str, Any], campaign: "Campaign") -> tuple[Any, ...]:
     """Return what determines the samples of a case, except the distributions."""
-    from sepmc.campaign.cases import OF_ITS_SIZE
+    from sepmc.campaign.cases import SIZE_DEPENDENT
     from sepmc.scene.model import SALTELLI
 
     sampler = campaign.scene.run.sampler
     sampled = [d for d in campaign.file.dispersions if not d.column]
     jointly = sampler in ("sobol", SALTELLI)
     parameters = tuple(d.parameter.path for d in sampled) if jointly else ()
-    size = campaign.scene.run.cases if sampler in OF_ITS_SIZE else 0
+    size = campaign.scene.run.cases if sampler in SIZE_DEPENDENT else 0
     return manifest.get("seed"), sampler, parameters, size
 
 

@@ -93,19 +93,19 @@ def _content(
             for label, count in counts.items()
             if count and label != Status.OK.label
         ],
-        shares=render_proportions(run.table),
+        proportions=render_proportions(run.table),
         statistics=run.table,
-        telling=ranked_outcomes(campaign, run.table)[:_SHOWN],
+        leading=ranked_outcomes(campaign, run.table)[:_SHOWN],
         units=units,
-        every=table,
+        all_statistics=table,
         accuracy=render_accuracy(run.accuracy, phases(campaign, run.accuracy))
         if "errors" in run.accuracy
         else "",
         audit=render_audit(run.audit),
         sessions=manifest["sessions"],
         campaign=campaign.file.toml,
-        drivers=sensitivities,
-        causes=attributions,
+        sensitivities=sensitivities,
+        attributions=attributions,
         replays=worst,
     )
 

@@ -163,7 +163,7 @@ def check_stored(
 ) -> None:
     """Raise StoreError if a path is a run folder without the case of a number; with a seed of its
     own, any case is allowed. The cases of a rare-event folder need its table of inputs."""
-    from sepmc.campaign.case_selection import named
+    from sepmc.campaign.case_selection import parse
     from sepmc.campaign.store import folders, manifests
 
     if number is None or seed is not None or not (path / folders.MANIFEST).is_file():
@@ -177,7 +177,7 @@ def check_stored(
             "--set run.plan=rare.parquet"
         )
     count, which = manifest.get("cases"), manifest.get("numbers")
-    if which and number not in named(which):
+    if which and number not in parse(which):
         raise folders.StoreError(f"{path}: holds cases {which}; --case {number} is none of them")
     if not which and isinstance(count, int) and number >= count:
         raise folders.StoreError(

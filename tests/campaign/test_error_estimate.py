@@ -139,7 +139,7 @@ def flown(request):
 
 
 def true_errors(campaign, flight, draws, block):
-    finer = integrate(campaign, replace(flight.refined(4), most=np.inf), draws)
+    finer = integrate(campaign, replace(flight.refined(4), error_limit=np.inf), draws)
     n, decides = len(campaign.outcome_columns), decisive(campaign.outcome_columns)
     return errors(block.outcomes[:, :n], finer.outcomes[:, :n], flight.scale)[:, decides].max(
         axis=1
@@ -169,9 +169,9 @@ def test_too_large_an_error_is_flown_again(flown):
     """Cases beyond what is allowed fly at finer steps; the others are left as they are, bit for
     bit."""
     campaign, flight, draws, _ = flown
-    block = integrate(campaign, replace(flight, most=np.inf), draws)
+    block = integrate(campaign, replace(flight, error_limit=np.inf), draws)
     most = float(np.quantile(block.error, 0.95))
-    again = integrate(campaign, replace(flight, most=most), draws)
+    again = integrate(campaign, replace(flight, error_limit=most), draws)
     beyond = block.error > most
     assert again.refinement.n_refined == np.count_nonzero(beyond) == 20
     assert_array_equal(again.outcomes[~beyond], block.outcomes[~beyond])

@@ -166,7 +166,7 @@ def test_scores_follow_the_laws(pair):
     together = [{"parameters": ["initial.omega_deg_s.x", "initial.speed_m_s"], "coefficient": 0.6}]
     file = pair({"dispersion": laws, "correlation": together}).file
     scores = np.array([[1.0, 0.0, 2.0, 0.5], [-5.0, 9.0, 1.0, -1.0]])
-    table = cases.at_scores(file.dispersions, scores, file.copulas)
+    table = cases.inputs_at_scores(file.dispersions, scores, file.copulas)
     assert_allclose(table[:, 0], [3.5, 0.5], rtol=1e-9)
     assert_allclose(table[:, 1], [1.5, 2.0], rtol=1e-12)
     assert_allclose(table[:, 2], [1.0, 0.0])

@@ -82,7 +82,7 @@ def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatc
     """To the last bit, in one part or in many; statistics are of all cases."""
     monkeypatch.setattr(runner, "_FIRST", 100)
     if many:
-        monkeypatch.setattr(sinks, "_IN_ONE_PART", 0)
+        monkeypatch.setattr(sinks, "_ROWS_OF_A_SHARD", 0)
     result, frame = kept(rule)
     there = expected(campaign, rows, rule)
     assert 0 < there.sum() <= CASES

@@ -53,7 +53,7 @@ def test_calls_and_parts_change_nothing(campaign, result, tmp_path, monkeypatch)
     slow = campaign.run(cases=50, seed=7, out=tmp_path / "run")
     same(slow, result)
     assert len(list((tmp_path / "run" / "cases").iterdir())) > 3
-    monkeypatch.setattr(shards.CaseColumns, "KEPT", 10)  # column by column
+    monkeypatch.setattr(shards.CaseColumns, "MAX_IN_MEMORY", 10)  # column by column
     same(slow, result)
 
 

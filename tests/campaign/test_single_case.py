@@ -182,7 +182,7 @@ def test_nothing_is_compiled(tmp_path, monkeypatch):
 
 def test_a_long_flight_says_that_it_goes_on(pair, monkeypatch):
     """Now and then, with what it is at."""
-    monkeypatch.setattr(single_case, "EVERY_S", -1.0)
+    monkeypatch.setattr(single_case, "REPORT_EVERY_S", -1.0)
     told = []
     pair({"solver": {"accuracy": 1e-9}}).simulate(announce=told.append)
     assert told[0] == "still flying after 0 s, now in 2 steps a phase ..."

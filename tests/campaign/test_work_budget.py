@@ -177,7 +177,7 @@ def test_a_search_of_steps_that_is_spent_makes_do(monkeypatch):
 
     steps, error, whole = found()
     assert error <= 1e-8
-    monkeypatch.setattr("sepmc.campaign.execution.step_search._MOST_SEARCH", whole // 2)
+    monkeypatch.setattr("sepmc.campaign.execution.step_search._MAX_WORK", whole // 2)
     fewer, error, work = found()
     assert error <= 1e-8
     assert (fewer >= steps).all()

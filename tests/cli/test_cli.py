@@ -342,7 +342,7 @@ def test_words():
     )
     warned = call("check", "table2", "--set", f"dispersion={{{laws}}}").stderr
     assert re.search(
-        r"warning: \d+ of 10000 drawn cases have an inertia that breaks the triangle inequality",
+        r"warning: \d+ of 10000 sampled cases have an inertia that breaks the triangle inequality",
         warned,
     )
     assert "table2.toml" in call("list").stdout

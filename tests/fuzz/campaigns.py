@@ -101,7 +101,7 @@ def checked(campaign):
     describe.lines(campaign.plan)
     step_selection.stage_names(campaign)
     diagnostics.file_notes(campaign)
-    list(diagnostics.sampled(campaign, numbers))
+    list(diagnostics.sampling_notes(campaign, numbers))
     runner.implausible_note(campaign.implausible_inertias(campaign.sample(0, 1, None, total)), 1)
 
 

@@ -263,7 +263,7 @@ def _seal(folder, manifest):
     if "campaign_sha256" in manifest:
         sealed["campaign_sha256"] = campaign
     try:
-        text = json.dumps({**sealed, "sha256": manifests._seal(sealed)}, default=str)
+        text = json.dumps({**sealed, "sha256": manifests._checksum_of(sealed)}, default=str)
     except (ValueError, TypeError, OverflowError):
         return
     _own(folder / folders.MANIFEST).write_text(text)

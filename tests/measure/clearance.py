@@ -3,7 +3,7 @@ tests/measure/clearance.py [CASES [CAMPAIGN ...]]``.
 
 Every row is held against a fine flight of the same case, whose outlines are compared by
 `sepmc.validation.geometry`. The fine flights are compiled,
-which a single run does by itself only beyond `sepmc.campaign.execution.single_case._PLAIN` steps.
+which a single run only does beyond `single_case._MAX_PLAIN_STEPS` steps.
 """
 
 import sys
@@ -63,7 +63,9 @@ def measure(name, cases):
 
 
 if __name__ == "__main__":
-    single_case._PLAIN = 1  # steps of a stage beyond which a single run compiles its kernel
+    single_case._MAX_PLAIN_STEPS = (
+        1  # steps of a stage beyond which a single run compiles its kernel
+    )
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     for each in sys.argv[2:] or CAMPAIGNS:
         measure(each, count)

@@ -150,7 +150,7 @@ def stopped(problem, seed, most=CASES):
     """Cases after which a problem stops, and the look at them."""
     until = parse_stopping_rule(problem.until, OUTCOMES)
     values = rare_values(problem.inputs, problem.copulas)
-    every = list(CaseSelection.first(most).growing(until.first(values)))
+    every = list(CaseSelection.first(most).doubling(until.first(values)))
     tables, counts = [], np.zeros(1 + len(values), dtype=int)
     for numbers in every:
         drawn, table = problem.rows(seed, *numbers.ranges[0])

@@ -1,5 +1,5 @@
-"""What a person should know of a campaign that is flown: an accuracy that is not met, a nominal
-case that goes together, not apart; loads that do nothing."""
+"""Notes on a campaign for the user: unmet accuracy, bodies that do not separate, loads without
+effect."""
 
 import math
 from collections import Counter
@@ -19,59 +19,73 @@ from sepmc.scene.kinds import rows_of
 from sepmc.scene.lint import lint_scene
 from sepmc.scene.model import GROUND, SALTELLI, Clearance, Scene
 
-_NAMED = 3  # outcomes that a sentence names
-_LEAST, _LEAST_AT = "_clearance_mm", "_clearance_time_s"  # how near bodies came, and when
-_SAME = 1.0 - 1e-9  # of an end: a time that is no earlier is the end
-_X, _ALL = 0, 3  # code of the row that holds a joint's bodies together along x; rotations
-# of the vehicle's size: bodies that end further into each other than that did not separate
-_TOGETHER = 1e-3
-_TOWARD = 0.5  # cosine: a motor that pushes its body toward another
+_MAX_NAMES = 3  # outcomes in a note
+_CLEARANCE, _CLEARANCE_TIME = (
+    "_clearance_mm",
+    "_clearance_time_s",
+)  # columns of the minimum and its time
+_END_FRACTION = 1.0 - 1e-9  # of the end time: a later time is the end
+_ROW_X, _ALL_ROTATIONS = 0, 3  # code of the row along x; number of rotations
+# of the vehicle size: bodies that end deeper in each other did not separate
+_MIN_SEPARATION = 1e-3
+_MIN_COSINE = 0.5  # of the angle between thrust and direction to the other body
 
 
 def file_notes(campaign: Definition) -> list[str]:
-    """Sentences on what a campaign's file holds."""
+    """Notes on the contents of a campaign file."""
     dispersed = {d.parameter.path for d in campaign.file.dispersions}
     return [
         *campaign.file.no_effect,
         *lint_scene(campaign.scene, campaign.file.dispersions),
-        *idle(campaign.scene, dispersed),
+        *idle_loads(campaign.scene, dispersed),
         *overshooting(campaign.scene),
     ]
 
 
 def scene_notes(campaign: Definition, flight: Integration) -> list[str]:
-    """Sentences on the scene of a campaign, from its file and the flight of its nominal case."""
-    found = file_notes(campaign)
+    """Notes on the file and on the nominal case of a campaign.
+
+    Parameters
+    ----------
+    campaign : Definition
+    flight : Integration
+        With the outcomes of its nominal case.
+
+    Returns
+    -------
+    list of str
+    """
+    notes = file_notes(campaign)
     if flight.nominal is None:
-        return found
+        return notes
     outcomes = {
         c.name: float(x * c.scale)
         for c, x in zip(campaign.outcome_columns, flight.nominal, strict=True)
     }
-    return found + together(campaign.scene, outcomes, "the nominal case")
+    return notes + reversed_joints(campaign.scene, outcomes, "the nominal case")
 
 
-def failed(count: int, flown: int, most: int | None) -> list[str]:
-    """Whether a run was stopped because more cases failed than may."""
-    if most is None or count <= most:
+def failure_notes(count: int, n_run: int, max_failures: int | None) -> list[str]:
+    """Note if a run stopped because more cases failed than allowed."""
+    if max_failures is None or count <= max_failures:
         return []
-    allowed = f"no more than {most} may" if most else "none may"
-    return [f"stopped after {flown} cases, as {count} did not come to their end and {allowed}"]
+    allowed = f"no more than {max_failures} may" if max_failures else "none may"
+    return [f"stopped after {n_run} cases, as {count} did not come to their end and {allowed}"]
 
 
-def mixed(kinds: Mapping[str, int]) -> list[str]:
-    """Whether workers of several kinds flew, whose rows may differ in their last bits."""
-    if len(kinds) < 2:
+def worker_notes(worker_kinds: Mapping[str, int]) -> list[str]:
+    """Note if workers of several kinds took part, whose rows can differ in their last bits."""
+    if len(worker_kinds) < 2:
         return []
-    said = "; ".join(f"{count} cases by {kind}" for kind, count in kinds.items())
+    texts = "; ".join(f"{count} cases by {kind}" for kind, count in worker_kinds.items())
     return [
         "workers of several kinds of processor or code flew: rows of each kind are the same to the "
-        f"last bit, those of different kinds to the accuracy asked ({said})"
+        f"last bit, those of different kinds to the accuracy asked ({texts})"
     ]
 
 
-def sampled(campaign: Definition, numbers: CaseSelection) -> Iterator[str]:
-    """Sentences on cases that are not drawn independently of each other, or that a person chose."""
+def sampling_notes(campaign: Definition, numbers: CaseSelection) -> Iterator[str]:
+    """Notes on cases that are not sampled independently, or that the user chose."""
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:
         yield (
@@ -87,13 +101,13 @@ def sampled(campaign: Definition, numbers: CaseSelection) -> Iterator[str]:
         return
     if sampler == "lhs" and campaign.file.copulas:
         yield (
-            "run.sampler = 'lhs': parameters of a [[correlation]] keep their laws, but do not have "
-            "one case in each of equal parts"
+            "run.sampler = 'lhs': parameters of a [[correlation]] keep their distributions, but "
+            "do not have one case in each of equal parts"
         )
     if sampler == SALTELLI:
         yield (
             "run.sampler = 'saltelli': cases repeat each other but for one parameter, so intervals "
-            "are too narrow and requirements get no verdict; sepmc sensitivity tells its indices"
+            "are too narrow and requirements get no verdict; sepmc sensitivity computes its indices"
         )
         return
     yield (
@@ -108,28 +122,27 @@ def sampled(campaign: Definition, numbers: CaseSelection) -> Iterator[str]:
         )
 
 
-def idle(scene: Scene, dispersed: set[str]) -> Iterator[str]:
-    """A sentence for each load that does nothing, and for a tail-off that never begins; the
-    parameters at these paths are ``dispersed``."""
+def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
+    """Notes on loads and tail-offs without effect; parameters at the paths ``dispersed`` vary."""
 
-    def is_zero(place: str, **numbers: float | tuple[float, ...]) -> bool:
-        paths = tuple(f"{place}.{key}" for key in numbers)
+    def is_zero(path: str, **numbers: float | tuple[float, ...]) -> bool:
+        paths = tuple(f"{path}.{key}" for key in numbers)
         return not np.any(np.hstack(list(numbers.values()))) and not any(
-            path.startswith(paths) for path in dispersed
+            one.startswith(paths) for one in dispersed
         )
 
     for motor in scene.motor:
-        place = f"motor.{motor.name}"
-        if is_zero(place, thrust=motor.thrust):
-            yield f"{place} does nothing: thrust_N is 0"
+        path = f"motor.{motor.name}"
+        if is_zero(path, thrust=motor.thrust):
+            yield f"{path} does nothing: thrust_N is 0"
         elif (
             motor.tail_off
             and math.isinf(motor.burn)
             and motor.profile is None
-            and f"{place}.burn" not in dispersed
+            and f"{path}.burn" not in dispersed
         ):
             yield (
-                f"{place}.tail_off_s = {motor.tail_off:g} does nothing: the motor never burns out; "
+                f"{path}.tail_off_s = {motor.tail_off:g} does nothing: the motor never burns out; "
                 "give burn_s or a profile"
             )
     for load in scene.load:
@@ -144,22 +157,33 @@ def idle(scene: Scene, dispersed: set[str]) -> Iterator[str]:
             )
 
 
-def of_nominal(
+def nominal_notes(
     campaign: Definition, outcomes: Mapping[str, float], springs: Mapping[str, float] | None
 ) -> Iterator[str]:
-    """Sentences on outcomes of the nominal case, in their units: beyond what is required, missing
-    as what they wait for does not come, or least where it may become less; ``springs``: when their
-    strokes end, s; None if the case did not come to its end."""
+    """Notes on the outcomes of the nominal case: violated, missing, or a minimum at the end time.
+
+    Parameters
+    ----------
+    campaign : Definition
+    outcomes : mapping of str to float
+        By column, in its unit.
+    springs : mapping of str to float, optional
+        Times of the ends of strokes, s; None if the case did not reach its end.
+
+    Yields
+    ------
+    str
+    """
     units = {c.name: c.unit for c in campaign.outcome_columns}
     for item in campaign.file.requirements:
         value = outcomes.get(item.metric)
-        if value is None:  # a status, or a violation of others
+        if value is None:  # a status or a violation
             continue
         if math.isnan(value):
             yield f"requirement.{item.name}: the nominal case has no {item.metric}"
         unit = "" if units[item.metric] == "1" else units[item.metric]
-        for key, bound, within in (("at_least", item.at_least, 1), ("at_most", item.at_most, -1)):
-            if bound is not None and within * (value - bound) < 0.0:
+        for key, bound, sign in (("at_least", item.at_least, 1), ("at_most", item.at_most, -1)):
+            if bound is not None and sign * (value - bound) < 0.0:
                 yield (
                     f"requirement.{item.name}.{key} = {bound:g}: the nominal case violates it, "
                     f"{item.metric} is {value:.5g} {unit}".rstrip()
@@ -167,47 +191,60 @@ def of_nominal(
     if springs is not None:
         yield from missing_of_one(campaign, outcomes, springs, "the nominal case")
     for name in min_at_end(campaign, outcomes):
-        yield _may_become_less(name, "the nominal flight ends")
+        yield _min_at_end_note(name, "the nominal flight ends")
 
 
 def min_at_end(
     campaign: Definition,
     outcomes: Mapping[str, float] | Mapping[str, np.ndarray],
-    drawn: np.ndarray | None = None,
+    inputs: np.ndarray | None = None,
 ) -> Counter[str]:
-    """The cases in which a clearance is least as the flight ends, and may become less, by
-    clearance: not those as far through the wall of a shell as is told (`outlines.THROUGH`).
+    """Count, by clearance, the cases whose minimum is at the end time.
+
+    The minimum can be smaller after the end. Penetrations at the limit of the reported depth
+    (`outlines.THROUGH`) do not count.
 
     Parameters
     ----------
-    outcomes : by column, in their units, of the nominal case or of many (n,)
-    drawn : ndarray, shape (n, d)
-        Draws of many, in the units of the file.
+    campaign : Definition
+    outcomes : mapping of str to float or ndarray, shape (n,)
+        By column, in its unit, of one case or n.
+    inputs : ndarray, shape (n, d), optional
+        In the units of the file.
+
+    Returns
+    -------
+    Counter of str
     """
-    found: Counter[str] = Counter()
+    notes: Counter[str] = Counter()
     for clearance in campaign.scene.clearance:
-        least, when = (
-            np.atleast_1d(outcomes[f"{clearance.name}{name}"]) for name in (_LEAST, _LEAST_AT)
+        minimum, times = (
+            np.atleast_1d(outcomes[f"{clearance.name}{name}"])
+            for name in (_CLEARANCE, _CLEARANCE_TIME)
         )
-        at_end = np.flatnonzero(when >= _SAME * campaign.scene.run.end_time)
-        through = [
-            least[row] <= -_SAME * 1e3 * _deepest(clearance, campaign, drawn, row)
-            for row in at_end[least[at_end] < 0.0]
+        at_end = np.flatnonzero(times >= _END_FRACTION * campaign.scene.run.end_time)
+        n_through = [
+            minimum[row]
+            <= -_END_FRACTION * 1e3 * _deepest_penetration(clearance, campaign, inputs, row)
+            for row in at_end[minimum[at_end] < 0.0]
         ]
-        found[clearance.name] = len(at_end) - int(sum(through))
-    return +found
+        notes[clearance.name] = len(at_end) - int(sum(n_through))
+    return +notes
 
 
-def _deepest(
-    clearance: Clearance, campaign: Definition, drawn: np.ndarray | None, row: int
+def _deepest_penetration(
+    clearance: Clearance, campaign: Definition, inputs: np.ndarray | None, row: int
 ) -> float:
-    """How far, m, a rim is told to be through the wall of a shell of a clearance at most, in a row
-    of a case table (n, d); infinite if there is no shell."""
+    """Maximum reported depth, m, of a rim through the wall of a shell, for one row of inputs (n,
+    d).
+
+    Infinite if there is no shell.
+    """
     scene = campaign.scene
-    if drawn is not None:
+    if inputs is not None:
         values = {
             law.parameter.path: float(x) * law.parameter.factor
-            for law, x in zip(campaign.file.dispersions, drawn[row], strict=True)
+            for law, x in zip(campaign.file.dispersions, inputs[row], strict=True)
             if ".outline." in law.parameter.path
         }
         scene = parameters.replace(scene, values)
@@ -223,98 +260,112 @@ def _deepest(
     return THROUGH * max(radii, default=math.inf)
 
 
-def still_near(counts: Mapping[str, int]) -> list[str]:
-    """A sentence for each clearance of `min_at_end`."""
+def min_at_end_notes(counts: Mapping[str, int]) -> list[str]:
+    """Notes on the counts of `min_at_end`."""
     return [
-        _may_become_less(name, f"the flight ends in {count} cases")
+        _min_at_end_note(name, f"the flight ends in {count} cases")
         for name, count in counts.items()
     ]
 
 
-def _may_become_less(clearance: str, when: str) -> str:
+def _min_at_end_note(clearance: str, times: str) -> str:
     return (
-        f"{clearance}_clearance_mm is least as {when}: it may become less after that; a longer "
+        f"{clearance}_clearance_mm is least as {times}: it may become less after that; a longer "
         "run.end_time_s tells"
     )
 
 
-def unmet(told: AchievedAccuracy, fixed: bool) -> list[str]:
-    """The sentence for an accuracy that is asked for and not met, with size, outcome and remedy;
-    none if it is met."""
-    if not told.cases:
+def accuracy_notes(achieved: AchievedAccuracy, fixed: bool) -> list[str]:
+    """Note if the accuracy asked is not met, with error, outcomes and remedy."""
+    if not achieved.cases:
         return [
-            "no trial case came to its end by the kernel that flies the campaign, so no numerical "
-            "error can be told"
+            "no calibration case reached its end by the kernel of the campaign, so its numerical "
+            "error is unknown"
         ]
-    if fixed or told.met:
+    if fixed or achieved.met:
         return []
-    beyond = {
+    unmet = {
         name: error
-        for name, error in told.errors.items()
-        if name not in told.positions and error > told.asked
+        for name, error in achieved.errors.items()
+        if name not in achieved.positions and error > achieved.asked
     }
-    names = sorted(beyond, key=lambda name: -beyond[name])
-    shown = ", ".join(f"{name} {beyond[name]:.1e}" for name in names[:_NAMED]) + (
-        ", ..." if len(names) > _NAMED else ""
+    names = sorted(unmet, key=lambda name: -unmet[name])
+    shown = ", ".join(f"{name} {unmet[name]:.1e}" for name in names[:_MAX_NAMES]) + (
+        ", ..." if len(names) > _MAX_NAMES else ""
     )
     return [
-        f"the accuracy {told.asked:g} that was asked is not met: error up to {told.worst[1]:.1e} "
-        f"of size or sigma ({shown}); "
+        f"the accuracy {achieved.asked:g} that was asked is not met: error up to "
+        f"{achieved.worst[1]:.1e} of size or sigma ({shown}); "
         "ask for no more (solver.accuracy), look at what these outcomes have in common, or give a "
         "shorter solver.step_s"
     ]
 
 
-def unsettled(count: int, again: int) -> list[str]:
-    """The sentence that counts cases whose outcomes no step settled, of those flown again."""
+def unconverged_notes(count: int, n_refined: int) -> list[str]:
+    """Note on the cases, of those integrated again, that did not converge."""
     if not count:
         return []
     return [
-        f"{count} of the {again} cases that were flown again, each at steps of its own, did not "
-        "settle to the accuracy asked, "
-        "however short the step; the error that is told includes them"
+        f"{count} of the {n_refined} cases that were integrated again with smaller steps did not "
+        "converge to the accuracy asked; the reported error includes them"
     ]
 
 
-def together(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
-    """A sentence for each joint whose separation ends negative in a case with these outcomes, by
-    column; but for those that turn."""
-    least = -_TOGETHER * float(scene_scales(scene, ["m"])[0])
-    found = []
+def reversed_joints(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
+    """Notes on joints that end with a negative separation distance, except hinges.
+
+    Parameters
+    ----------
+    scene : Scene
+    outcomes : dict of str to float
+        By column, in its unit.
+    case : str
+        Name of the case.
+
+    Returns
+    -------
+    list of str
+    """
+    minimum = -_MIN_SEPARATION * float(scene_scales(scene, ["m"])[0])
+    notes = []
     for name in scene.joint:
         prefix = "" if len(scene.joint) == 1 else f"{name}_"
         distance = 1e-3 * outcomes[f"{prefix}separation_distance_mm"]
-        if distance < least and not _turns(scene, name):
+        if distance < minimum and not _is_hinge(scene, name):
             first, second = scene.joint[name].bodies
-            found.append(
+            notes.append(
                 f"joint {name}: {case} ends with {second} {-distance:.3g} m on the side of "
                 f"{first} from which it should separate "
                 f"(separation distance {distance:.3g} m): is an axis of the joint or of a spring "
-                f"the other way round, or joint.{name}.apart?{_pushed(scene, first, second)}"
+                f"the other way round, or joint.{name}.apart?{_motors_toward(scene, first, second)}"
             )
-    return found
+    return notes
 
 
-def _pushed(scene: Scene, first: str, second: str) -> str:
-    """Which motors push one body toward another."""
+def _motors_toward(scene: Scene, first: str, second: str) -> str:
+    """Motors that push one body toward the other, as the end of a sentence."""
     if GROUND in (first, second):
         return ""
-    apart = np.subtract(scene.body[second].cg, scene.body[first].cg) * (-1.0, 1.0, 1.0)
-    ways, size = {first: apart, second: -apart}, float(np.linalg.norm(apart))
-    found = []
+    separation = np.subtract(scene.body[second].cg, scene.body[first].cg) * (-1.0, 1.0, 1.0)
+    directions, size = {first: separation, second: -separation}, float(np.linalg.norm(separation))
+    notes = []
     for motor in scene.motor:
-        way = ways.get(motor.body)
-        if way is not None and float(way @ motor.direction) > _TOWARD * size:
-            found.append(f"motor.{motor.name}, cant_deg = {math.degrees(motor.cant):g}")
-    if not found:
+        direction = directions.get(motor.body)
+        if direction is not None and float(direction @ motor.direction) > _MIN_COSINE * size:
+            notes.append(f"motor.{motor.name}, cant_deg = {math.degrees(motor.cant):g}")
+    if not notes:
         return ""
-    pushes = "push their bodies" if len(found) > 1 else "pushes its body"
-    return f" {'; '.join(found)}: {pushes} toward the other"
+    pushes = "push their bodies" if len(notes) > 1 else "pushes its body"
+    return f" {'; '.join(notes)}: {pushes} toward the other"
 
 
-def _turns(scene: Scene, name: str) -> bool:
-    """Whether a joint lets its bodies turn in some phase, as a hinge does, but not slide: its x
-    axis is not where they separate to."""
+def _is_hinge(scene: Scene, name: str) -> bool:
+    """Return True if a joint allows rotation but no sliding in some phase, so that x is no
+    separation axis."""
     kinds = [rows_of(scene.joint[name], phase.joints.get(name, "free")) for phase in scene.phase]
-    turning = [rows for rows in kinds if rows and sum(ROTATION <= row < ROD for row in rows) < _ALL]
-    return any(_X in rows or ROD in rows for rows in turning)
+    turning = [
+        rows
+        for rows in kinds
+        if rows and sum(ROTATION <= row < ROD for row in rows) < _ALL_ROTATIONS
+    ]
+    return any(_ROW_X in rows or ROD in rows for rows in turning)

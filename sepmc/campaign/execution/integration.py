@@ -1,5 +1,4 @@
-"""How a campaign is flown once that is decided: by which kernel, in how many steps; and cases that
-its kernel cannot vouch for."""
+"""Integration of the cases of a campaign: kernel, steps, refined cases and fallback kernels."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -21,7 +20,7 @@ from sepmc.campaign.execution.step_refinement import (
     AGREEMENTS,
     DOUBTFUL,
     HALVINGS,
-    TOO_LONG,
+    STEP_TOO_LONG,
     Converged,
     refine_steps,
 )
@@ -38,19 +37,27 @@ from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
-SAFE = 0.5  # share of the accuracy asked for that trial cases may use
-_TO_LEARN = 64  # times finer steps tell how long the phases of a case last
-_AT_ONCE = 1e-9  # of a flight
-_MOST_LOST = 3  # halvings of the step of a case that is lost, where a spare kernel may fly it
+SAFE = 0.5  # fraction of the accuracy asked that errors of calibration cases may reach
+_DURATION_REFINEMENT = 64  # of the steps that measure how long the segments of a case last
+_MIN_DURATION = 1e-9  # of a flight
+_MAX_REJECTED = 3  # halvings of the step of a rejected case that a fallback kernel may accept
 _NO_CALLS = np.zeros(0, dtype=np.int64)
-EVERY_S = 10.0  # between two words on how far trial cases or a single flight are
+REPORT_EVERY_S = 10.0  # between two progress messages
 
 
 @dataclass(frozen=True)
 class FallbackKernel:
-    """A kernel for cases that the one of a flight does not vouch for, because it takes more
-    ``care``: a `Variant` of the kernel. ``phases``
-    (stages,) are the numbers of the phases that the stages of the flight belong to."""
+    """Kernel variant for cases that the kernel of an integration rejects.
+
+    Attributes
+    ----------
+    variant : int
+        Variant.ANY_ORDER or Variant.LEAST_SQUARES of `sepmc.routines.layout`.
+    make : callable
+        Loads the kernel; takes a Log or None.
+    phases : ndarray, shape (segments,)
+        Phase number of each segment of the integration.
+    """
 
     variant: int
     make: Callable[["Log | None"], Kernel]
@@ -59,20 +66,43 @@ class FallbackKernel:
 
 @dataclass(frozen=True)
 class Integration:
-    """How a campaign is flown.
+    """Kernel, methods and steps of a campaign.
 
-    ``steps`` (stages,) are those of its ``kernel``, by the ``methods`` (stages,) of these numbers,
-    or the most exact ones, for ``stages`` (phases, and joints that are
-    late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is the scene's own,
-    which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative
-    to, see `sepmc.campaign.execution.accuracy.errors`. ``limits`` (g,) are what guards of a case
-    may be for trial cases to tell its error too (`Block.indicators`), ``angles`` the same of the
-    size, rad, of sideslip and yaw by their columns: at a right angle, alpha or pitch and roll
-    turn about at once. Within these the ``estimate`` tells what the error of a case is; more
-    than ``most`` is too much. ``error`` is the largest error of the trial cases, ``achieved``
-    what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what
-    a person should know. What the kernel does not vouch for is left to ``spares``, one after
-    the other; it takes some ``care`` itself."""
+    Attributes
+    ----------
+    kernel : Kernel
+    steps : ndarray, shape (segments,)
+        Steps of each kernel segment.
+    durations : ndarray, shape (segments,)
+        Typical durations, s.
+    stages : list of str
+        Names of the segments: phases, and joints that release late.
+    step : float or None
+        Step given in the file, s, which ``steps`` divide.
+    scale : ndarray, shape (o,)
+        See `sepmc.campaign.execution.accuracy.errors`.
+    limits : ndarray, shape (g,)
+        Error indicators up to which the calibration applies (`Block.indicators`).
+    angles : dict of int to float
+        Limits, rad, of sideslip and yaw by outcome index: near a right angle alpha, or pitch and
+        roll, change fast.
+    estimate : Estimate
+        Error of a case within these limits.
+    error_limit : float
+        Estimated error above which a case is refined.
+    error : float
+        Largest error of the calibration cases.
+    achieved : AchievedAccuracy
+    nominal : ndarray, shape (o,)
+        Outcomes of the nominal case, SI.
+    notes : list of str
+    fallbacks : tuple of FallbackKernel
+        Tried in order for rejected cases.
+    methods : ndarray, shape (segments,)
+        Numbers of the integration methods; None: the most exact ones.
+    variant : int
+        Variant of the kernel.
+    """
 
     kernel: Kernel
     steps: np.ndarray
@@ -83,7 +113,7 @@ class Integration:
     limits: np.ndarray | None = None
     angles: dict[int, float] = field(default_factory=dict)
     estimate: Estimate | None = None
-    most: float = np.inf
+    error_limit: float = np.inf
     error: float = np.nan
     achieved: AchievedAccuracy | None = None
     nominal: np.ndarray | None = None
@@ -93,29 +123,30 @@ class Integration:
     variant: int = Variant.STANDARD
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy holds, in another process too: `packed`."""
+        """State of a copy, in another process too: see `packed`."""
         return {**vars(self), "fallbacks": ()}
 
     @property
     def packed(self) -> "Integration":
-        """The same without what another process has to load for itself; see `pilot.unpacked`."""
+        """Copy without addresses of this process; see
+        `sepmc.campaign.execution.step_selection.unpacked`."""
         return replace(self, kernel=replace(self.kernel, address=0, table=_NO_CALLS), fallbacks=())
 
     @property
     def method_names(self) -> list[str]:
-        """Names of the methods by which the stages are flown."""
+        """Name of the integration method of each segment."""
         numbers = np.zeros(self.kernel.n_segments, int) if self.methods is None else self.methods
         return [names[number] for names, number in zip(self.kernel.methods, numbers, strict=True)]
 
     @property
     def one_method(self) -> str | None:
-        """The name of the method by which all stages are flown; None if there are several."""
+        """Name of the method of all segments; None if there are several."""
         names = set(self.method_names)
         return names.pop() if len(names) == 1 else None
 
     @property
     def evaluations(self) -> int:
-        """How many a case takes; with a step that is given, only in proportion."""
+        """Derivative evaluations of a case; only proportional to them with a given step."""
         return sum(
             int(steps) * method(name).stages
             for steps, name in zip(self.steps, self.method_names, strict=True)
@@ -123,12 +154,12 @@ class Integration:
 
     @property
     def has_any_order_fallback(self) -> bool:
-        """Whether a spare kernel lets cases go each at their own pace, which tells more of a case
-        in which an event comes late than ever finer steps."""
+        """True if a fallback kernel integrates each case at its own pace, which resolves late
+        events better than ever smaller steps."""
         return any(fallback.variant == Variant.ANY_ORDER for fallback in self.fallbacks)
 
-    def by(self, fallback: FallbackKernel, announce: Log | None) -> "Integration":
-        """The same by a spare kernel, whose stages are the phases."""
+    def with_fallback(self, fallback: FallbackKernel, announce: Log | None) -> "Integration":
+        """Copy with a fallback kernel, whose segments are the phases."""
         kernel = fallback.make(announce)
         steps = np.bincount(fallback.phases, self.steps, kernel.n_segments).astype(np.int64)
         durations = np.bincount(fallback.phases, self.durations, kernel.n_segments)
@@ -141,84 +172,119 @@ class Integration:
             methods=None,
         )
 
-    def refined(self, times: int = 2) -> "Integration":
-        """The same at so many times the resolution."""
+    def refined(self, factor: int = 2) -> "Integration":
+        """Copy with ``factor`` times the steps."""
         return replace(
-            self, steps=times * self.steps, step=None if self.step is None else self.step / times
+            self, steps=factor * self.steps, step=None if self.step is None else self.step / factor
         )
 
 
 def by_name(kernel: Kernel, names: list[str]) -> np.ndarray:
-    """Numbers (stages,) of the methods with these names in a kernel; of the most exact ones where
-    it has not got them."""
+    """Numbers (segments,) of methods by name; the most exact method where a kernel lacks one."""
     pairs = zip(kernel.methods, names, strict=True)
-    return np.array([has.index(name) if name in has else 0 for has, name in pairs], dtype=np.int64)
+    return np.array(
+        [available.index(name) if name in available else 0 for available, name in pairs],
+        dtype=np.int64,
+    )
 
 
 def integrate(
     campaign: Definition,
     flight: Integration,
     draws: np.ndarray,
-    room: int = 0,
+    history_size: int = 0,
     announce: Log | None = None,
 ) -> Block:
-    """Fly draws (n, d), SI. Cases harder than any trial case or with too large an error, those that
-    seem to leave a table or to jam and those that the kernel does not vouch for are flown again at
-    shorter steps; by spare kernels, if that does not tell. What none vouches for has no
-    outcomes."""
-    block = integrate_once(campaign, flight, draws, room)
-    like = _is_like_trials(flight, block)
-    told = _estimated(campaign, flight, block, like)
-    beyond = like & (block.error > flight.most)
-    hard = _doubtful(campaign, block) | (block.has_outcomes & ~like)
-    summary = told.merged(
-        _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(beyond & ~hard), 1)
-    ).merged(_fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard)))
+    """Integrate cases to the accuracy of a campaign.
+
+    Cases are refined, each by itself, if they lie outside the calibration, have too large an error,
+    or seem to leave a table or to jam; then fallback kernels are tried. Cases that remain rejected
+    have no outcomes.
+
+    Parameters
+    ----------
+    campaign : Definition
+    flight : Integration
+    draws : ndarray, shape (n, d)
+        Inputs, SI.
+    history_size : int
+        Rows of a stored history.
+    announce : Log, optional
+
+    Returns
+    -------
+    Block
+    """
+    block = integrate_once(campaign, flight, draws, history_size)
+    is_calibrated = _is_calibrated(flight, block)
+    of_calibrated = _apply_estimate(campaign, flight, block, is_calibrated)
+    too_inaccurate = is_calibrated & (block.error > flight.error_limit)
+    hard = _is_doubtful(campaign, block) | (block.has_outcomes & ~is_calibrated)
+    refinement = of_calibrated.merged(
+        _refine_cases(
+            campaign, flight, draws, history_size, block, np.flatnonzero(too_inaccurate & ~hard), 1
+        )
+    ).merged(_refine_cases(campaign, flight, draws, history_size, block, np.flatnonzero(hard)))
     bodies = len(campaign.plan.bodies)
     for fallback in flight.fallbacks:
         finite = motion_is_finite(block.outcomes, bodies)
-        lost = np.flatnonzero(helped(block.status, fallback.variant, finite))
-        if len(lost):
-            other = flight.by(fallback, announce)
-            _put(block, lost, integrate_once(campaign, other, draws[lost], room))
-            hard = (_doubtful(campaign, block) | block.has_outcomes)[lost]
-            summary = summary.merged(_fly_hard(campaign, other, draws, room, block, lost[hard]))
-            summary.n_fallback += len(lost)
-    lost = np.flatnonzero(block.status < 0)
-    finite = motion_is_finite(block.outcomes[lost], bodies)
-    block.status[lost] = final_status(block.status[lost], finite)
-    # the audit stays
-    block.outcomes[lost, : len(campaign.outcome_columns)], block.rows[lost] = np.nan, 0
-    block.refinement = summary
+        rejected = np.flatnonzero(is_accepted_by(block.status, fallback.variant, finite))
+        if len(rejected):
+            with_fallback = flight.with_fallback(fallback, announce)
+            _put_rows(
+                block,
+                rejected,
+                integrate_once(campaign, with_fallback, draws[rejected], history_size),
+            )
+            hard = (_is_doubtful(campaign, block) | block.has_outcomes)[rejected]
+            refinement = refinement.merged(
+                _refine_cases(campaign, with_fallback, draws, history_size, block, rejected[hard])
+            )
+            refinement.n_fallback += len(rejected)
+    rejected = np.flatnonzero(block.status < 0)
+    finite = motion_is_finite(block.outcomes[rejected], bodies)
+    block.status[rejected] = final_status(block.status[rejected], finite)
+    # audit columns are kept
+    block.outcomes[rejected, : len(campaign.outcome_columns)], block.rows[rejected] = np.nan, 0
+    block.refinement = refinement
     return block
 
 
-def helped(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
-    """Which lost cases (n,) a kernel that takes more ``care`` may fly. Those that ask for finer
-    steps, and whose outcomes are ``finite`` (n,), least squares would help no more than these."""
+def is_accepted_by(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
+    """Mask (n,) of rejected cases that a kernel variant may accept.
+
+    Least squares does not help cases that need smaller steps and have ``finite`` (n,) outcomes.
+    """
     finer = (status == FINER_STEPS) & finite
     return (status < 0) & (status >= variant) & ~(finer & (variant == Variant.LEAST_SQUARES))
 
 
-def final_status(lost: np.ndarray, finite: np.ndarray) -> np.ndarray:
-    """How cases (n,) end that no kernel vouches for, given what the last one said of them, and
-    whether their outcomes are numbers."""
-    told = np.where(
-        lost == Variant.LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED)
+def final_status(rejected: np.ndarray, finite: np.ndarray) -> np.ndarray:
+    """Final status (n,) of cases that every kernel rejects, from their last rejection and whether
+    their outcomes are ``finite``."""
+    ended = np.where(
+        rejected == Variant.LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED)
     )
-    return np.where((lost == FINER_STEPS) & ~finite, int(Status.NOT_FINITE), told)
+    return np.where((rejected == FINER_STEPS) & ~finite, int(Status.NOT_FINITE), ended)
 
 
-def typical_durations(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """How long stages usually last, s, shape (stages,), given when they end in some cases, (stages,
-    n), of which some are ``sound`` (n,). One that usually is over as it begins lasts as long as in
-    the cases, sound or not, in which it is not."""
+def typical_durations(ends: np.ndarray, is_ok: np.ndarray) -> np.ndarray:
+    """Typical durations (segments,), s.
+
+    Parameters
+    ----------
+    ends : ndarray, shape (segments, n)
+        End times of segments in n cases, s.
+    is_ok : ndarray of bool, shape (n,)
+        Cases of which the median is taken. A segment without duration in them gets the median over
+        all cases in which it has one.
+    """
     durations, lengths = (
-        np.diff(np.median(ends[:, sound], axis=1), prepend=0.0),
+        np.diff(np.median(ends[:, is_ok], axis=1), prepend=0.0),
         np.diff(ends, axis=0, prepend=0.0),
     )
-    for k in np.flatnonzero(durations <= _AT_ONCE * ends[-1].max()):
-        lasting = lengths[k][lengths[k] > _AT_ONCE * ends[-1].max()]
+    for k in np.flatnonzero(durations <= _MIN_DURATION * ends[-1].max()):
+        lasting = lengths[k][lengths[k] > _MIN_DURATION * ends[-1].max()]
         durations[k] = np.median(lasting) if len(lasting) else 0.0
     return durations
 
@@ -229,9 +295,9 @@ def history_rows(scene: Scene) -> int:
 
 
 def integrate_once(
-    campaign: Definition, flight: Integration, draws: np.ndarray, room: int = 0
+    campaign: Definition, flight: Integration, draws: np.ndarray, history_size: int = 0
 ) -> Block:
-    """Fly draws at the flight's steps, and none of them again."""
+    """Integrate inputs (n, d), SI, at the steps of an integration, without refinement."""
     return integrate_cases(
         flight.kernel,
         campaign.plan,
@@ -239,170 +305,205 @@ def integrate_once(
         flight.durations,
         campaign.slots,
         draws,
-        room,
+        history_size,
         flight.methods,
     )[0]
 
 
 def motion_is_finite(outcomes: np.ndarray, bodies: int) -> np.ndarray:
-    """Whether the rates and attitudes of so many bodies at the end are numbers, (n,), given
-    outcomes (n, o); the angles of the flow are of no value in still air."""
+    """Mask (n,) of cases whose rates and attitudes at the end are finite, from outcomes (n, o).
+
+    Flow angles are NaN in still air, so they do not count.
+    """
     of_bodies = outcomes[:, : BODY_OUTCOMES * bodies].reshape(-1, bodies, BODY_OUTCOMES)
     return np.asarray(np.isfinite(of_bodies[:, :, FLOW_ANGLES:]).all(axis=(1, 2)))
 
 
-def _is_like_trials(flight: Integration, block: Block) -> np.ndarray:
-    """Which cases (n,) are no harder to integrate than trial cases."""
+def _is_calibrated(flight: Integration, block: Block) -> np.ndarray:
+    """Mask (n,) of cases within the limits of the calibration."""
     assert block.indicators is not None
     if flight.limits is None:
         return np.ones(len(block.status), dtype=bool)
-    like = block.has_indicators & (block.indicators <= flight.limits).all(axis=1)
+    is_calibrated = block.has_indicators & (block.indicators <= flight.limits).all(axis=1)
     for column, limit in flight.angles.items():
-        like &= ~(np.abs(block.outcomes[:, column]) > limit)  # NaN: no angle that could be wrong
-    return np.asarray(like)
+        is_calibrated &= ~(
+            np.abs(block.outcomes[:, column]) > limit
+        )  # NaN: the angle is not defined
+    return np.asarray(is_calibrated)
 
 
-def _estimated(
-    campaign: Definition, flight: Integration, block: Block, like: np.ndarray
+def _apply_estimate(
+    campaign: Definition, flight: Integration, block: Block, is_calibrated: np.ndarray
 ) -> RefinementSummary:
-    """Put the estimate of the error into the rows of a block that are ``like`` (n,) trial cases.
-    Returns what is to be told of those that need not fly again."""
-    nothing = RefinementSummary(np.zeros(len(campaign.outcome_columns)))
+    """Write the estimated error of calibrated cases into a block; returns the summary of those
+    accepted."""
+    empty = RefinementSummary(np.zeros(len(campaign.outcome_columns)))
     if flight.estimate is None:
-        return nothing
+        return empty
     assert block.indicators is not None
-    known = like & block.has_outcomes
-    guards = _some(block.indicators, known)
+    is_known = is_calibrated & block.has_outcomes
+    guards = _select(block.indicators, is_known)
     error = flight.estimate.of_cases(guards)
-    block.error[known] = error
-    settled = _some(guards, ~(error > flight.most))
-    leading = flight.estimate.of_leading(settled)
+    block.error[is_known] = error
+    accepted = _select(guards, ~(error > flight.error_limit))
+    leading = flight.estimate.of_leading(accepted)
     return RefinementSummary(
-        leading, indicators=settled.max(axis=0, initial=0.0) if len(settled) else nothing.indicators
+        leading, indicators=accepted.max(axis=0, initial=0.0) if len(accepted) else empty.indicators
     )
 
 
-def _some(guards: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Rows of guards (n, g) that are stored by column, all or some of them."""
-    return guards if which.all() else guards.T[:, which].T
+def _select(guards: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Rows of error indicators (n, g) that are stored by column."""
+    return guards if mask.all() else guards.T[:, mask].T
 
 
-def _doubtful(campaign: Definition, block: Block) -> np.ndarray:
-    """Which cases (n,) may end otherwise at shorter steps, if none is given."""
-    return status_in(block.status, (FINER_STEPS, *TOO_LONG, *DOUBTFUL)) & (
+def _is_doubtful(campaign: Definition, block: Block) -> np.ndarray:
+    """Mask (n,) of cases that smaller steps may end with another status; none with a given step."""
+    return status_in(block.status, (FINER_STEPS, *STEP_TOO_LONG, *DOUBTFUL)) & (
         campaign.scene.solver.step is None
     )
 
 
-def _fly_hard(
+def _refine_cases(
     campaign: Definition,
     flight: Integration,
     draws: np.ndarray,
-    room: int,
+    history_size: int,
     block: Block,
-    hard: np.ndarray,
+    refined_cases: np.ndarray,
     agreements: int = AGREEMENTS,
 ) -> RefinementSummary:
-    """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled;
-    with a step that is given, only to learn their error. Returns what is to be told of them."""
-    given = campaign.scene.solver.step is not None
+    """Refine cases into their rows of ``block``; with a given step, only to compute their error.
+
+    Returns
+    -------
+    Again
+        Summary of these cases.
+    """
+    has_given_step = campaign.scene.solver.step is not None
     columns = campaign.outcome_columns
-    if not len(hard):
+    if not len(refined_cases):
         return RefinementSummary(np.zeros(len(columns)))
-    before = _rows(block, hard)
-    found = _settle(
+    initial = _rows_of(block, refined_cases)
+    result = _refine(
         campaign,
         flight,
         block,
-        hard,
-        lambda refined, some: integrate_once(campaign, refined, draws[some], room),
+        refined_cases,
+        lambda finer, subset: integrate_once(campaign, finer, draws[subset], history_size),
         agreements,
-        before,
+        initial,
     )
-    decides = decisive(columns)
-    if given:
+    is_decisive = decisive(columns)
+    if has_given_step:
         assert flight.scale is not None
         n = len(flight.scale)
         change = np.maximum(
-            found.change, errors(before.outcomes[:, :n], block.outcomes[hard, :n], flight.scale)
+            result.change,
+            errors(initial.outcomes[:, :n], block.outcomes[refined_cases, :n], flight.scale),
         )
-        _put(block, hard, before)
-        flown = block.has_outcomes[hard]
-        block.error[hard[flown]] = _told(flight, change[flown], decides)
-        return RefinementSummary(SAFETY * _largest(change), n_refined=len(hard))
-    finite = motion_is_finite(block.outcomes[hard], len(campaign.plan.bodies))
-    left = np.flatnonzero((block.status[hard] == FINER_STEPS) & finite)
-    for number in left:
-        own = _alone(campaign, flight, draws, room, block, hard[number])
-        found.change[number], found.settled[number] = own.change[0], own.settled[0]
-    flown = block.has_outcomes[hard]
-    block.error[hard[flown]] = _told(flight, found.change[flown], decides)
+        _put_rows(block, refined_cases, initial)
+        has_outcomes = block.has_outcomes[refined_cases]
+        block.error[refined_cases[has_outcomes]] = _reported_errors(
+            flight, change[has_outcomes], is_decisive
+        )
+        return RefinementSummary(SAFETY * _largest_changes(change), n_refined=len(refined_cases))
+    finite = motion_is_finite(block.outcomes[refined_cases], len(campaign.plan.bodies))
+    late = np.flatnonzero((block.status[refined_cases] == FINER_STEPS) & finite)
+    for number in late:
+        alone = _refine_with_own_durations(
+            campaign, flight, draws, history_size, block, refined_cases[number]
+        )
+        result.change[number], result.converged[number] = alone.change[0], alone.converged[0]
+    has_outcomes = block.has_outcomes[refined_cases]
+    block.error[refined_cases[has_outcomes]] = _reported_errors(
+        flight, result.change[has_outcomes], is_decisive
+    )
     return RefinementSummary(
-        SAFETY * _largest(found.change[flown]),
-        n_refined=len(hard),
-        n_unconverged=int(np.count_nonzero(flown & ~found.settled)),
+        SAFETY * _largest_changes(result.change[has_outcomes]),
+        n_refined=len(refined_cases),
+        n_unconverged=int(np.count_nonzero(has_outcomes & ~result.converged)),
     )
 
 
-def _told(flight: Integration, change: np.ndarray, decides: np.ndarray) -> np.ndarray:
-    """What is told of the errors of cases (n,) whose outcomes the last halvings changed, (n, o): no
-    less than of any other case."""
-    least = flight.estimate.floor if flight.estimate else np.zeros(change.shape[1])
-    return np.asarray(np.maximum(SAFETY * change, least)[:, decides].max(axis=1, initial=0.0))
+def _reported_errors(
+    flight: Integration, change: np.ndarray, is_decisive: np.ndarray
+) -> np.ndarray:
+    """Reported error (n,) of cases from the changes (n, o) of the last halvings, at least the floor
+    of the estimate."""
+    floor = flight.estimate.floor if flight.estimate else np.zeros(change.shape[1])
+    return np.asarray(np.maximum(SAFETY * change, floor)[:, is_decisive].max(axis=1, initial=0.0))
 
 
-def _alone(
+def _refine_with_own_durations(
     campaign: Definition,
     flight: Integration,
     draws: np.ndarray,
-    room: int,
+    history_size: int,
     block: Block,
     number: int,
 ) -> Converged:
-    """Fly a case, into its row of ``block``, whose phases last so much longer than usual that an
-    event is looked for far too early: what they last is learnt from a flight of its own."""
-    one, sharp = draws[number : number + 1], flight.refined(_TO_LEARN)
+    """Refine a case whose phases last much longer than typical, with durations from its own
+    integration."""
+    inputs, fine = draws[number : number + 1], flight.refined(_DURATION_REFINEMENT)
     _, ends = integrate_cases(
         flight.kernel,
         campaign.plan,
-        sharp.steps,
+        fine.steps,
         flight.durations,
         campaign.slots,
-        one,
+        inputs,
         methods=flight.methods,
     )
-    own = replace(flight, durations=typical_durations(ends, np.ones(1, dtype=bool)))
-    return _settle(
+    own_flight = replace(flight, durations=typical_durations(ends, np.ones(1, dtype=bool)))
+    return _refine(
         campaign,
-        own,
+        own_flight,
         block,
         np.array([number]),
-        lambda refined, _: integrate_once(campaign, refined, one, room),
+        lambda finer, _: integrate_once(campaign, finer, inputs, history_size),
     )
 
 
-def _settle(
+def _refine(
     campaign: Definition,
     flight: Integration,
     block: Block,
-    which: np.ndarray,
-    flown: Callable[[Integration, np.ndarray], Block],
+    numbers: np.ndarray,
+    integrate_rows: Callable[[Integration, np.ndarray], Block],
     agreements: int = AGREEMENTS,
-    before: Block | None = None,
+    initial: Block | None = None,
 ) -> Converged:
-    """Fly cases into their rows of a block, by ``flown`` (flight, cases), at twice the resolution
-    and so on until they have settled; what they gave ``before`` in the steps of the flight, if that
-    is known, is not flown again."""
+    """Refine cases into their rows of a block until they converge.
+
+    Parameters
+    ----------
+    campaign : Definition
+    flight : Integration
+    block : Block
+    numbers : ndarray, shape (k,)
+        Rows.
+    integrate_rows : callable
+        Integrates rows with an integration.
+    agreements : int
+        See `sepmc.campaign.execution.step_refinement.refine_steps`.
+    initial : Block, optional
+        Results at the steps of ``flight``, if known.
+
+    Returns
+    -------
+    Converged
+    """
     columns = campaign.outcome_columns
 
-    def fly_some(share: float, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if share == 1.0 and before is not None:
-            again = _rows(before, some)
+    def integrate_subset(step_ratio: float, subset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if step_ratio == 1.0 and initial is not None:
+            rows = _rows_of(initial, subset)
         else:
-            again = flown(flight.refined(round(1.0 / share)), which[some])
-        _put(block, which[some], again)
-        return again.outcomes[:, : len(columns)].copy(), np.where(
-            (again.status < 0) | again.turns_unclear, Status.UNRESOLVED, again.status
+            rows = integrate_rows(flight.refined(round(1.0 / step_ratio)), numbers[subset])
+        _put_rows(block, numbers[subset], rows)
+        return rows.outcomes[:, : len(columns)].copy(), np.where(
+            (rows.status < 0) | rows.turns_unclear, Status.UNRESOLVED, rows.status
         )
 
     scale = (
@@ -411,43 +512,43 @@ def _settle(
         else flight.scale
     )
     return refine_steps(
-        fly_some,
-        len(which),
+        integrate_subset,
+        len(numbers),
         1.0,
         SAFE * campaign.scene.solver.accuracy,
         scale,
         decisive(columns),
-        _MOST_LOST if flight.has_any_order_fallback else HALVINGS,
+        _MAX_REJECTED if flight.has_any_order_fallback else HALVINGS,
         agreements,
     )
 
 
-def _rows(block: Block, which: np.ndarray) -> Block:
-    """Some rows of a block."""
-    guards = None if block.indicators is None else block.indicators[which]
+def _rows_of(block: Block, numbers: np.ndarray) -> Block:
+    """Copy of some rows of a block."""
+    guards = None if block.indicators is None else block.indicators[numbers]
     return Block(
-        block.outcomes[which],
-        block.status[which],
-        block.times[which],
-        block.phases[which],
-        block.history[which],
-        block.rows[which],
+        block.outcomes[numbers],
+        block.status[numbers],
+        block.times[numbers],
+        block.phases[numbers],
+        block.history[numbers],
+        block.rows[numbers],
         guards,
     )
 
 
-def _put(block: Block, which: np.ndarray, rows: Block) -> None:
-    """Put the rows of a block in place of some of another."""
-    block.outcomes[which], block.status[which] = rows.outcomes, rows.status
-    block.history[which], block.rows[which] = rows.history, rows.rows
+def _put_rows(block: Block, numbers: np.ndarray, rows: Block) -> None:
+    """Write rows into a block."""
+    block.outcomes[numbers], block.status[numbers] = rows.outcomes, rows.status
+    block.history[numbers], block.rows[numbers] = rows.history, rows.rows
     if (
         block.indicators is not None
         and rows.indicators is not None
         and block.indicators.shape[1] == rows.indicators.shape[1]
     ):
-        block.indicators[which] = rows.indicators
+        block.indicators[numbers] = rows.indicators
 
 
-def _largest(change: np.ndarray) -> np.ndarray:
-    """Largest of the changes (n, o) of every outcome."""
+def _largest_changes(change: np.ndarray) -> np.ndarray:
+    """Largest change of every outcome over cases (n, o)."""
     return np.asarray(change.max(axis=0, initial=0.0))

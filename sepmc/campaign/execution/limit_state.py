@@ -83,13 +83,13 @@ class LimitState:
         """
         values = block.outcomes[:, self.index] * self.column.scale
         if self.contact is None:
-            values = margins(values, self.requirement)
+            margin = margins(values, self.requirement)
         else:  # NaN: the clearance never counts
             contact = block.outcomes[:, self.contact]
             distance = np.where(np.isnan(values), np.inf, np.maximum(values, 0.0))
-            values = np.where(contact > 0.5, np.fmin(values, _CONTACT_MARGIN), distance)
-            values = np.where(np.isnan(contact), np.nan, values)
-        return np.where(block.status == Status.OK, values, np.nan)
+            margin = np.where(contact > 0.5, np.fmin(values, _CONTACT_MARGIN), distance)
+            margin = np.where(np.isnan(contact), np.nan, margin)
+        return np.where(block.status == Status.OK, margin, np.nan)
 
 
 def limit_state(campaign: Definition, name: str) -> LimitState:
@@ -189,15 +189,15 @@ class MarginEvaluator:
 
     def _margins_of_batch(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         file = self.campaign.file
-        inputs = cases.at_scores(file.dispersions, scores, file.copulas)
+        inputs = cases.inputs_at_scores(file.dispersions, scores, file.copulas)
         logged = self.log.answer(inputs) if self.log else None
         margin, rows = logged or self._fly(inputs)
         if self.log and logged:
             self.summary = self.log.summary
         elif self.log:
             self.log.add(margin, rows, self.summary)
-        inputs = inputs.shape[1]
-        status, results = rows[:, inputs], rows[:, inputs + 1 :]
+        n_inputs = inputs.shape[1]
+        status, results = rows[:, n_inputs], rows[:, n_inputs + 1 :]
         numbers, ok = self.count + np.arange(len(inputs)), status == Status.OK
         for index, worst in self.audited.items():  # audit columns have SI units
             worst.add(results[ok, index], numbers[ok])
@@ -268,7 +268,7 @@ def rare_discrete_values(flights: MarginEvaluator, random: np.random.Generator) 
             if not 0.0 < weight < _RARE_PROBABILITY or index in correlated:
                 continue
             scores = random.standard_normal((_CASES_PER_VALUE, len(laws)))
-            scores[:, index] = cases.score(sum(weights[:number]) + 0.5 * weight)
+            scores[:, index] = cases.normal_score(sum(weights[:number]) + 0.5 * weight)
             margin, _ = flights.margins(scores)
             fraction = float(np.mean(~(margin >= 0.0)))
             values.append(RareValue(index, law.numbers[number], float(weight), fraction))

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from sepmc.analysis.compare import tree_differences
-from sepmc.campaign.case_selection import CaseSelection, named
-from sepmc.campaign.cases import OF_ITS_SIZE
+from sepmc.campaign.case_selection import CaseSelection, parse
+from sepmc.campaign.cases import SIZE_DEPENDENT
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import BatchSummary
 from sepmc.campaign.execution.batch_summary import read as read_summary
@@ -67,7 +67,7 @@ def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
     if campaign.file.folder.resolve() != folder.resolve():
         return None
     numbers = manifests.read_provenance(folder).get("numbers")
-    return named(numbers) if numbers else None
+    return parse(numbers) if numbers else None
 
 
 def _mode_text(stats_only_before: bool, keep: str) -> str:
@@ -148,7 +148,7 @@ def _check(campaign: Definition, folder: Path, spec: SampleSpec, manifest: dict[
             f"its cases cannot be continued; {another_place()}"
         )
     sampler, n_stored = campaign.scene.run.sampler, manifest.get("of", manifest.get("cases"))
-    if sampler in OF_ITS_SIZE and n_stored not in (None, spec.total):
+    if sampler in SIZE_DEPENDENT and n_stored not in (None, spec.total):
         what = "a Latin hypercube" if sampler == "lhs" else "a Saltelli design"
         raise folders.StoreError(
             f"{folder}: is {what} of {n_stored} cases, which cannot be continued to {spec.total}; "
@@ -189,7 +189,7 @@ def _stored_rows(
             f"{folder}: was flown by another version of sepmc, whose rows differ in "
             f"{', '.join(sorted(other))}, so its cases cannot be continued; {another_place()}"
         )
-    if spec.numbers.leave_out(numbers):
+    if spec.numbers.omits(numbers):
         raise folders.StoreError(
             f"{folder}: holds cases up to {numbers[-1]}; {_cases_option(spec.numbers)} would leave "
             "some out"
@@ -213,9 +213,9 @@ def _stored_accumulators(
         return PreviousRun(), spec.numbers
     arrays, about = shards.read_accumulators(folder, entry)
     if about.get(b"numbers") != spec.text.encode() or entry.first > spec.numbers.count:
-        named = about.get(b"numbers", b"").decode(errors="replace")
+        numbers = about.get(b"numbers", b"").decode(errors="replace")
         raise folders.StoreError(
-            f"{folder}: counted {entry.first} cases{f' of {named}' if named else ''}; "
+            f"{folder}: counted {entry.first} cases{f' of {numbers}' if numbers else ''}; "
             f"{_cases_option(spec.numbers)} would leave some out"
         )
     later_range = spec.numbers.after(entry.first).ranges

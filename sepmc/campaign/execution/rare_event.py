@@ -21,7 +21,7 @@ from sepmc.analysis.subset_simulation import Estimate, Level
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import accuracy, accuracy_entries
-from sepmc.campaign.execution.diagnostics import still_near, unmet, unsettled
+from sepmc.campaign.execution.diagnostics import accuracy_notes, min_at_end_notes, unconverged_notes
 from sepmc.campaign.execution.flight_log import FlightLog, interrupted
 from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.limit_state import (
@@ -341,7 +341,7 @@ def _violating_inputs(campaign: Definition, found: Estimate) -> dict[str, tuple[
     weight = np.where(found.last.margin < 0.0, found.weight, 0.0)
     if not weight.sum():
         return {}
-    scores = cases.mixed(found.last.scores, campaign.file.copulas)
+    scores = cases.correlated_scores(found.last.scores, campaign.file.copulas)
     mean = np.average(scores, axis=0, weights=weight)
     sigma = np.sqrt(np.average((scores - mean) ** 2, axis=0, weights=weight))
     floor = np.maximum(sigma, 1e-9)
@@ -391,8 +391,11 @@ def _notes(
         )
     broken = implausible_note(summary.implausible, flights.count)
     found += [broken] if broken else []
-    found += [*unmet(achieved, fixed), *unsettled(summary.unconverged, summary.refined)]
-    found += still_near(summary.min_at_end)
+    found += [
+        *accuracy_notes(achieved, fixed),
+        *unconverged_notes(summary.unconverged, summary.refined),
+    ]
+    found += min_at_end_notes(summary.min_at_end)
     found += missing_notes(campaign, summary.missing, flights.statuses[Status.OK.label])
     found += _error_notes(flight, limit, achieved.errors.get(limit.column.name, np.nan), known)
     return found + [note for note in flight.notes if note not in found]

@@ -29,12 +29,12 @@ from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors
 from sepmc.campaign.execution.batch_summary import BatchSummary, accuracy, accuracy_entries
 from sepmc.campaign.execution.chunk import Chunk, SampleSpec, integrate_chunk
 from sepmc.campaign.execution.diagnostics import (
-    failed,
-    mixed,
-    sampled,
-    still_near,
-    unmet,
-    unsettled,
+    accuracy_notes,
+    failure_notes,
+    min_at_end_notes,
+    sampling_notes,
+    unconverged_notes,
+    worker_notes,
 )
 from sepmc.campaign.execution.forecast import forecast
 from sepmc.campaign.execution.integration import Integration
@@ -337,8 +337,8 @@ class Runner:
     @property
     def too_many_failed(self) -> bool:
         """True if more cases failed than allowed."""
-        failed = self.previous.summary.failures + self.failures
-        return self.options.max_failures is not None and failed > self.options.max_failures
+        failure_notes = self.previous.summary.failures + self.failures
+        return self.options.max_failures is not None and failure_notes > self.options.max_failures
 
     def _hand_over(self, chunks: list[Chunk]) -> list[Chunk]:
         """Let the sink write chunks in the background; returns a new list. One list at most waits,
@@ -470,19 +470,19 @@ class Runner:
         note = implausible_note(self.summary.implausible, self.n_complete)
         notes = [
             *([note] if note else []),
-            *mixed(self.worker_kinds),
-            *sampled(self.campaign, self.spec.numbers),
+            *worker_notes(self.worker_kinds),
+            *sampling_notes(self.campaign, self.spec.numbers),
             *render_undersampled(self.occurred),
-            *unmet(achieved, fixed),
-            *unsettled(self.summary.unconverged, self.summary.refined),
-            *still_near(self.summary.min_at_end),
+            *accuracy_notes(achieved, fixed),
+            *unconverged_notes(self.summary.unconverged, self.summary.refined),
+            *min_at_end_notes(self.summary.min_at_end),
             *missing_notes(
                 self.campaign,
                 self.summary.missing,
                 self.n_complete - self.summary.failures,
             ),
             *self._stopping_notes,
-            *failed(self.summary.failures, self.n_complete, self.options.max_failures),
+            *failure_notes(self.summary.failures, self.n_complete, self.options.max_failures),
         ]
         return notes + [note for note in self.flight.notes if note not in notes]
 

@@ -1,5 +1,5 @@
-"""One case by itself, with all there is to know of it over time: by the kernel written for its
-scene, as plain Python if that does."""
+"""Simulation of one case with its time history: in plain Python, or compiled if that takes too
+long."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -10,9 +10,9 @@ import numpy as np
 from sepmc import schema
 from sepmc.campaign.execution.accuracy import SAFETY, decisive, errors, scales, scene_scales
 from sepmc.campaign.execution.integration import (
-    EVERY_S,
+    REPORT_EVERY_S,
     final_status,
-    helped,
+    is_accepted_by,
     motion_is_finite,
     typical_durations,
 )
@@ -30,29 +30,44 @@ from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
-# times finer than a given step: the first with which a case comes to its end tells how long phases
-# last
-_TO_LEARN = (2, 16, 128)
-_FEWEST = 2  # steps of a stage that are tried first
-_HOPELESS = 256  # with so many, a case that ends with no numbers will not have any
-# steps of a stage: if more are no clearer on the turns of pitch and roll, the audit tells that
-_CLEARER = 1024
-_PLAIN = 2048  # steps of a stage: more take plain Python long, and a compiler less
-# lines of a kernel that plain Python flies for a case, all its flights together: 9 s; a compiler
-# takes as long. Then so many compiled: 60 s
+# of a given step: the first refinement at which a case reaches its end gives the durations
+_DURATION_FACTORS = (2, 16, 128)
+_MIN_STEPS = 2  # of a segment, tried first
+_MAX_WITHOUT_NUMBERS = 256  # steps after which a case without finite numbers is given up
+# steps of a segment: beyond, unclear turns of pitch and roll are left to the audit
+_MAX_FOR_ANGLES = 1024
+_MAX_PLAIN_STEPS = 2048  # steps of a segment: more take less time compiled
+# kernel lines of a case in plain Python: 9 s, as long as compiling takes; then compiled: 60 s
 _PLAIN_WORK, _COMPILED_WORK = 2.5e7, 1e10
-_LONG_S = 3.0  # of a flight: then it is said before it begins
-_MOST = 2**20  # of which a case that will not settle takes no more
+_LONG_S = 3.0  # longer integrations are announced
+_MAX_STEPS = 2**20  # of a segment, for a case that does not converge
 _SAME_TIME = 1e-12  # s
-_NONE = np.empty((0, 3))  # instants of which rows are wanted
+_NO_INSTANTS = np.empty((0, 3))  # times of history rows
 
 
 @dataclass
 class SingleCase:
-    """A case that is flown: its outcomes and audit (o,) in SI, rows (n, columns) in SI at ``times``
-    (n,) and in ``phases`` (n,), by number, and what is to be told of it; the numerical error of its
-    outcomes, if it has any; whether its kernel was ``compiled``; when ``springs`` with a stroke
-    came to its end, s, NaN of those that did not."""
+    """Result of one case.
+
+    Attributes
+    ----------
+    plan : Plan
+    status : Status
+    outcomes : ndarray, shape (o,)
+        Outcomes and audit columns, SI.
+    times : ndarray, shape (n,)
+        Of the history rows, s.
+    phases : ndarray, shape (n,)
+        Phase numbers.
+    rows : ndarray, shape (n, columns)
+        History, SI.
+    notes : list of str
+    error : ndarray, shape (o,), optional
+        Numerical error of the outcomes.
+    compiled : bool
+    springs : dict of str to float
+        Times, s, at which springs reach the end of their stroke; NaN if not.
+    """
 
     plan: ParameterLayout
     status: Status
@@ -67,16 +82,15 @@ class SingleCase:
 
 
 class UnknownError(Exception):
-    """A case was not flown to an end that is known, in the work that is allowed: with the sentence
-    that says so."""
+    """The result is unknown within the work allowed; the argument is the reason."""
 
 
 class _SpentError(Exception):
-    """A flight would take more work than a case may."""
+    """The next integration would exceed the work of a case."""
 
 
-class _LostError(Exception):
-    """The kernel does not vouch for the case: ``status`` is what it says."""
+class _RejectedError(Exception):
+    """The kernel rejects the case with ``status``."""
 
     def __init__(self, status: int):
         self.status = status
@@ -85,32 +99,55 @@ class _LostError(Exception):
 def simulate_case(
     scene: Scene,
     columns: list[Column],
-    every_s: float,
+    row_interval_s: float,
     announce: Log | None = None,
     plain_work: float | None = None,
 ) -> SingleCase:
-    """A case, as ``scene`` has it, at the step that is given, or else in steps at which its
-    outcomes (``columns``) have settled to the accuracy asked: a row every so many seconds, and two
-    at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
-    work than plain Python does in some ten seconds. If so many lines of ``plain_work`` are given,
-    nothing is compiled, and what takes more raises UnknownError."""
+    """Simulate one case, at the given step or in steps at which its outcomes converge.
+
+    Parameters
+    ----------
+    scene : Scene
+        Values of the case.
+    columns : list of Column
+        Of the outcomes.
+    row_interval_s : float
+        Interval of history rows; there are also two at each end of a phase.
+    announce : Log, optional
+        Told if a kernel is compiled, which is when plain Python takes longer than some ten seconds.
+    plain_work : float, optional
+        Kernel lines that plain Python may run; nothing is compiled then.
+
+    Returns
+    -------
+    SingleCase
+
+    Raises
+    ------
+    UnknownError
+        If ``plain_work`` is too small.
+    """
     plan, variant = make_parameter_layout(scene), Variant.STANDARD
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
         shape = make_kernel_spec(plan, variant=variant)
-        flight = _SingleFlight(shape, plan, columns, every_s, announce, work, plain_work is None)
+        flight = _SingleRun(
+            shape, plan, columns, row_interval_s, announce, work, plain_work is None
+        )
         try:
-            return flight.fly()
-        except _LostError as lost:
-            status, finite = np.array(lost.status), np.array(flight.finite)
-            more = [spare for spare in shape.fallbacks if helped(status, spare, finite)]
-            if not more:
-                return flight.lost(lost.status)
-            variant = more[0] if lost.status != Variant.LEAST_SQUARES else Variant.LEAST_SQUARES
+            return flight.run()
+        except _RejectedError as rejected:
+            status, finite = np.array(rejected.status), np.array(flight.finite)
+            variants = [spare for spare in shape.fallbacks if is_accepted_by(status, spare, finite)]
+            if not variants:
+                return flight.rejected(rejected.status)
+            variant = (
+                variants[0] if rejected.status != Variant.LEAST_SQUARES else Variant.LEAST_SQUARES
+            )
 
 
-def invalid(scene: Scene, columns: int) -> SingleCase:
-    """A case with a parameter that may not be: nothing is flown."""
+def invalid_case(scene: Scene, columns: int) -> SingleCase:
+    """Result of a case with an invalid parameter, which is not simulated."""
     plan = make_parameter_layout(scene)
     rows = np.empty((0, len(schema.history_columns(plan.contents))))
     return SingleCase(
@@ -124,24 +161,24 @@ def invalid(scene: Scene, columns: int) -> SingleCase:
     )
 
 
-class _SingleFlight:
-    """Flights of a case by the kernel of a shape, in as many steps as it takes."""
+class _SingleRun:
+    """Integrations of one case by one kernel variant, in as many steps as it takes."""
 
     def __init__(
         self,
         shape: KernelSpec,
         plan: ParameterLayout,
         columns: list[Column],
-        every_s: float,
+        row_interval_s: float,
         announce: Log | None,
         work: Work,
         may_compile: bool,
     ):
-        self.shape, self.plan, self.columns, self.every_s, self.announce = (
+        self.shape, self.plan, self.columns, self.row_interval_s, self.announce = (
             shape,
             plan,
             columns,
-            every_s,
+            row_interval_s,
             announce,
         )
         self.text, self.compiled = written(shape, plan.scene.solver.method, FULL_HISTORY), False
@@ -150,140 +187,149 @@ class _SingleFlight:
         stages = self.kernel.n_segments
         self.durations = np.full(stages, np.inf)
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
-        # ends of stages and changes of joints, by steps and what stages usually last
-        self.known: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
-        self.tell = progress_reporter(announce, EVERY_S)
+        # ends of segments and changes of joints, by steps and durations
+        self.times_by_steps: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
+        self.report = progress_reporter(announce, REPORT_EVERY_S)
         self.work, self.may_compile = work, may_compile
-        self.per_step = 0.0  # lines for each step of a stage, of the last flight in plain Python
-        # steps and outcomes of the flights, in more and more steps, that came to an end
-        self.ended: list[tuple[np.ndarray, np.ndarray]] = []
-        self.spent = ""  # what is told of a case whose work was spent
+        self.per_step = 0.0  # lines per step, of the last integration in plain Python
+        # steps and outcomes of the integrations that reached their end, in order of steps
+        self.completed: list[tuple[np.ndarray, np.ndarray]] = []
+        self.spent_note = ""  # note on a case without work left
 
     @property
     def finite(self) -> bool:
-        """Whether the last flight ended with numbers."""
+        """True if the last integration ended with finite numbers."""
         return bool(motion_is_finite(self.outcomes[None, :], len(self.plan.bodies))[0])
 
-    def fly(self) -> SingleCase:
-        """The case. Raises _LostError if the kernel does not vouch for it."""
+    def run(self) -> SingleCase:
+        """Simulate the case. Raises _RejectedError if the kernel rejects it."""
         scene, steps = self.plan.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
         if scene.solver.step is None:
-            steps, error, notes = self._settled(steps)
-            return self._told(self._with_rows(steps, notes), error)
+            steps, error, notes = self._converged_steps(steps)
+            return self._with_error(self._with_rows(steps, notes), error)
         self._compile_for(scene.run.end_time / scene.solver.step)
-        finer = self._learn(steps)
-        found = self._with_rows(steps, [])
-        if finer is None or found.status > Status.NEVER_RELEASED:
-            return found
+        refined_outcomes = self._measure_durations(steps)
+        result = self._with_rows(steps, [])
+        if refined_outcomes is None or result.status > Status.NEVER_RELEASED:
+            return result
         units, count = [c.unit for c in self.columns], len(self.columns)
-        scale = scales(finer[None, :count], units, scene_scales(scene, units))
-        error = SAFETY * errors(found.outcomes[None, :count], finer[None, :count], scale)[0]
-        return self._told(found, error)
+        scale = scales(refined_outcomes[None, :count], units, scene_scales(scene, units))
+        error = (
+            SAFETY * errors(result.outcomes[None, :count], refined_outcomes[None, :count], scale)[0]
+        )
+        return self._with_error(result, error)
 
-    def _told(self, found: SingleCase, error: np.ndarray) -> SingleCase:
-        """The case with the error (o,) of its outcomes."""
-        if found.status <= Status.NEVER_RELEASED:
-            found.outcomes[-1] = error[decisive(self.columns)].max(initial=0.0)
-        return replace(found, error=error)
+    def _with_error(self, result: SingleCase, error: np.ndarray) -> SingleCase:
+        """The result with the error (o,) of its outcomes."""
+        if result.status <= Status.NEVER_RELEASED:
+            result.outcomes[-1] = error[decisive(self.columns)].max(initial=0.0)
+        return replace(result, error=error)
 
-    def lost(self, status: int) -> SingleCase:
-        """The case as it is though no kernel vouches for it."""
+    def rejected(self, status: int) -> SingleCase:
+        """Result of a case that every kernel rejects."""
         return self._with_rows(
             self.steps,
-            [self.spent] if self.spent else [],
+            [self.spent_note] if self.spent_note else [],
             Status(int(final_status(np.array([status]), np.array([self.finite]))[0])),
         )
 
-    def _learn(self, steps: np.ndarray) -> np.ndarray | None:
-        """How long phases last, so that later flights look for their ends where they are, from one
-        in finer steps than so many (stages,). Returns its outcomes, if it came to its end."""
-        solver, most = self.plan.scene.solver, _MOST if self.compiled else _PLAIN
+    def _measure_durations(self, steps: np.ndarray) -> np.ndarray | None:
+        """Measure the durations of segments at finer steps than ``steps`` (segments,); returns
+        outcomes, or None."""
+        solver, max_steps = (
+            self.plan.scene.solver,
+            _MAX_STEPS if self.compiled else _MAX_PLAIN_STEPS,
+        )
         assert solver.step is not None
-        known = self.kernel.n_segments == 1  # it lasts as long as the flight
-        affordable = most * solver.step / self.plan.scene.run.end_time
-        for times in _TO_LEARN:
-            if times > _TO_LEARN[0] and (known or times > affordable):
+        is_known = self.kernel.n_segments == 1  # its duration is the end time
+        affordable = max_steps * solver.step / self.plan.scene.run.end_time
+        for times in _DURATION_FACTORS:
+            if times > _DURATION_FACTORS[0] and (is_known or times > affordable):
                 break
-            found, status, _ = self._once(times * steps)
+            outcomes, status, _ = self._integrate_at(times * steps)
             if status != FINER_STEPS:
-                return found.copy() if 0 <= status <= Status.NEVER_RELEASED else None
+                return outcomes.copy() if 0 <= status <= Status.NEVER_RELEASED else None
         return None
 
-    def _once(
-        self, steps: np.ndarray, instants: np.ndarray = _NONE
+    def _integrate_at(
+        self, steps: np.ndarray, instants: np.ndarray = _NO_INSTANTS
     ) -> tuple[np.ndarray, int, np.ndarray]:
         stages, self.steps = self.kernel.n_segments, steps
-        given = self.plan.scene.solver.step is not None
-        how = "" if given else f", now in {steps.max()} steps a phase"
-        self.tell(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
-        self.outcomes, status, unclear, ends, rows = self._flown(steps, instants)
-        self.known[steps.tobytes(), self.durations.tobytes()] = ends[:stages], ends[stages:]
+        given_step = self.plan.scene.solver.step is not None
+        how = "" if given_step else f", now in {steps.max()} steps a phase"
+        self.report(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
+        self.outcomes, status, unclear, ends, rows = self._call_kernel(steps, instants)
+        self.times_by_steps[steps.tobytes(), self.durations.tobytes()] = (
+            ends[:stages],
+            ends[stages:],
+        )
         if status in (Status.OK, Status.NEVER_RELEASED) and np.isinf(self.durations).all():
             self.durations[:] = typical_durations(ends[:stages, None], np.ones(1, dtype=bool))
         if (
             unclear
             and self.plan.scene.solver.step is None
-            and steps.max() <= _CLEARER
+            and steps.max() <= _MAX_FOR_ANGLES
             and 0 <= status <= Status.NEVER_RELEASED
         ):
             status = FINER_STEPS
         return self.outcomes, status, rows
 
-    def _flown(self, steps: np.ndarray, instants: np.ndarray) -> Any:
-        """What `integrate_nominal` gives: in plain Python, or compiled once that works too much."""
+    def _call_kernel(self, steps: np.ndarray, instants: np.ndarray) -> Any:
+        """Call `integrate_nominal` in plain Python, or compiled once the work is used up."""
         most = float(steps.max())
         if not self.compiled:
-            self._foretell(self.per_step * most)
+            self._report_forecast(self.per_step * most)
         if not self.compiled:
             before = self.work.done
             try:
                 with self.work.counted():
-                    found = integrate_nominal(
+                    result = integrate_nominal(
                         self.kernel, self.plan, steps, self.durations, instants
                     )
                 if not len(instants):
                     self.per_step = (self.work.done - before) / most
-                return found
+                return result
             except WorkLimitError:
                 self.per_step = max(self.per_step, (self.work.done - before) / most)
-                self._compile(self._time())
+                self._compile(self._reached_time())
         return integrate_nominal(self.kernel, self.plan, steps, self.durations, instants)
 
-    def _foretell(self, lines: float) -> None:
-        """Say how long a flight of so many lines in plain Python will take, if that is long;
-        compile instead, if it is more than is left."""
+    def _report_forecast(self, lines: float) -> None:
+        """Announce a long integration in plain Python; compile instead if its lines exceed the work
+        left."""
         if lines > self.work.left and self.may_compile:
             self._compile()
         elif lines * LINE_S > _LONG_S and self.announce:
             self.announce(f"the next flight takes plain Python about {lines * LINE_S:.0f} s ...")
 
     def _with_rows(
-        self, steps: np.ndarray, notes: list[str], told: Status | None = None
+        self, steps: np.ndarray, notes: list[str], forced_status: Status | None = None
     ) -> SingleCase:
-        """The case in so many steps (stages,), with its history; with none but that if it is
-        ``told`` to have failed."""
+        """Result with history at some steps (segments,); ``forced_status``: of a rejected case."""
         scene = self.plan.scene
-        ends, changes = self._moments(steps)
+        ends, changes = self._event_times(steps)
         instants, phases = _instants(
-            self.shape, np.fmin(ends, scene.run.end_time), changes, self.every_s
+            self.shape, np.fmin(ends, scene.run.end_time), changes, self.row_interval_s
         )
-        found, status, rows = self._once(steps, instants)
-        # the step in which it fails has no rows
+        outcomes, status, rows = self._integrate_at(steps, instants)
+        # the step that fails has no rows
         if status > Status.NEVER_RELEASED and scene.solver.step is None:
-            steps = np.maximum(steps, min(_PLAIN, math.ceil(scene.run.end_time / self.every_s)))
-            found, status, rows = self._once(steps, instants)
-        if told is None and status < 0:
-            raise _LostError(status)
-        if told is not None:
-            status, found[: len(self.columns)] = told, np.nan  # the audit stays
-        there = ~np.isnan(rows).all(axis=1)
+            steps = np.maximum(
+                steps, min(_MAX_PLAIN_STEPS, math.ceil(scene.run.end_time / self.row_interval_s))
+            )
+            outcomes, status, rows = self._integrate_at(steps, instants)
+        if forced_status is None and status < 0:
+            raise _RejectedError(status)
+        if forced_status is not None:
+            status, outcomes[: len(self.columns)] = forced_status, np.nan  # audit columns are kept
+        has_values = ~np.isnan(rows).all(axis=1)
         return SingleCase(
             self.plan,
             Status(status),
-            found,
-            instants[there, 0],
-            phases[there],
-            rows[there],
+            outcomes,
+            instants[has_values, 0],
+            phases[has_values],
+            rows[has_values],
             notes,
             None,
             self.compiled,
@@ -291,67 +337,69 @@ class _SingleFlight:
         )
 
     def _springs(self, changes: np.ndarray) -> dict[str, float]:
-        """When strokes end of springs, by their names, from the times (n,) of ``_moments``, of
-        which theirs come last (`sepmc.kernel.emit.context.Context.change_times`)."""
+        """Times, s, of the ends of strokes by spring: the last of the times (n,) from
+        ``_event_times``.
+
+        See `sepmc.kernel.emit.context.Context.change_times`.
+        """
         back, spent = Names(self.plan.scene).back, self.shape.stroke_springs
         times = changes[len(changes) - len(spent) :].tolist()
         return {back[name]: time for name, time in zip(spent, times, strict=True)}
 
-    def _moments(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Ends of stages (stages,) and times at which joints let go within (n,) of a flight in so
-        many steps (stages,), which is flown if that is not known."""
+    def _event_times(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Ends of segments (segments,) and times (n,) of changes within, s, at some steps."""
         if self.kernel.n_segments == 1 and self.kernel.n_changes == 0:
             return np.array([self.plan.scene.run.end_time]), np.empty(0)
         flown = steps.tobytes(), self.durations.tobytes()
-        if flown not in self.known:
-            self._once(steps)
-        return self.known[flown]
+        if flown not in self.times_by_steps:
+            self._integrate_at(steps)
+        return self.times_by_steps[flown]
 
-    def _settled(self, one: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """Steps (stages,) at which the case has settled, its error (o,) there, and what is to be
-        told of that; ``one`` step of every stage is (stages,) ones."""
+    def _converged_steps(self, ones: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
+        """Steps (segments,) at which the case converges, its error (o,) and notes; ``ones`` is one
+        step each."""
         scene = self.plan.scene
-        fewest = max(
-            _FEWEST,
+        min_steps = max(
+            _MIN_STEPS,
             math.ceil(scene.run.end_time / longest_step(scene, brief=brief_transient(scene))),
         )
 
-        def tried(share: float, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            found, status = self._tried(round(fewest / share) * one)
-            return found[None, : len(self.columns)], np.array(
+        def try_ratio(ratio: float, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            result, status = self._try_steps(round(min_steps / ratio) * ones)
+            return result[None, : len(self.columns)], np.array(
                 [Status.UNRESOLVED if status < 0 else status]
             )
 
-        most = max(_HOPELESS, 2 * fewest)
+        most = max(_MAX_WITHOUT_NUMBERS, 2 * min_steps)
         try:
-            while self._tried(fewest * one)[1] == FINER_STEPS:
-                if fewest >= most and not self.finite:
-                    raise _LostError(FINER_STEPS)
-                fewest *= 2
-            share, error, notes = refine_case_steps(tried, 1.0, scene, self.columns)
+            while self._try_steps(min_steps * ones)[1] == FINER_STEPS:
+                if min_steps >= most and not self.finite:
+                    raise _RejectedError(FINER_STEPS)
+                min_steps *= 2
+            ratio, error, notes = refine_case_steps(try_ratio, 1.0, scene, self.columns)
         except _SpentError:
-            return self._unsettled()
-        return round(fewest / share) * one, error, notes
+            return self._last_completed()
+        return round(min_steps / ratio) * ones, error, notes
 
-    def _unsettled(self) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """What `_settled` gives for a case whose work is spent before it has settled: the last
-        flight that came to its end. Raises _LostError if none did."""
-        left = "; give solver.step_s, or ask for less (solver.accuracy), to go on"
-        if not self.ended:
-            self.spent = (
+    def _last_completed(self) -> tuple[np.ndarray, np.ndarray, list[str]]:
+        """As `_converged_steps`, for a case whose work is used up: the last integration that
+        reached its end."""
+        advice = "; give solver.step_s, or ask for less (solver.accuracy), to go on"
+        if not self.completed:
+            self.spent_note = (
                 f"{int(self.steps.max())} steps a phase do not suffice, and more are beyond the "
-                f"work that a case may take{left}"
+                f"work that a case may take{advice}"
             )
-            raise _LostError(FINER_STEPS)
-        steps, _ = self.ended[-1]
+            raise _RejectedError(FINER_STEPS)
+        steps, _ = self.completed[-1]
         count, scene = len(self.columns), self.plan.scene
         error = np.full(count, np.inf)
-        if len(self.ended) > 1:
+        if len(self.completed) > 1:
             units = [column.unit for column in self.columns]
-            before, found = (
-                np.nan_to_num(outcomes[None, :count]) for _, outcomes in self.ended[-2:]
+            before, after = (
+                np.nan_to_num(outcomes[None, :count]) for _, outcomes in self.completed[-2:]
             )
-            error = errors(before, found, scales(found, units, scene_scales(scene, units)))[0]
+            error = errors(before, after, scales(after, units, scene_scales(scene, units)))[0]
         worst = int(np.where(decisive(self.columns), error, 0.0).argmax())
         return (
             steps,
@@ -360,109 +408,117 @@ class _SingleFlight:
                 f"the work of this case was spent at {int(steps.max())} steps a phase, before it "
                 f"settled: the last halving of the step changed {self.columns[worst].name} by "
                 f"{error[worst]:.1e} of its size, and the accuracy {scene.solver.accuracy:g} was "
-                f"asked{left}"
+                f"asked{advice}"
             ],
         )
 
-    def _tried(self, steps: np.ndarray) -> tuple[np.ndarray, int]:
-        """Outcomes (o,) and status in so many steps (stages,), compiled if these are many. Raises
-        _LostError if they are too many, or if another kernel has to fly the case."""
-        if steps.max() > _MOST:
-            raise _LostError(FINER_STEPS)
+    def _try_steps(self, steps: np.ndarray) -> tuple[np.ndarray, int]:
+        """Outcomes (o,) and status at some steps, compiled if there are many.
+
+        Raises _RejectedError if they are too many, or the case needs another kernel.
+        """
+        if steps.max() > _MAX_STEPS:
+            raise _RejectedError(FINER_STEPS)
         self._compile_for(float(steps.max()))
         if self.compiled:
             self.work.compiled += self.per_step * float(steps.max())
             if self.work.compiled > _COMPILED_WORK:
                 raise _SpentError
-        found, status, _ = self._once(steps)
+        outcomes, status, _ = self._integrate_at(steps)
         if 0 <= status <= Status.NEVER_RELEASED:
-            self.ended.append((steps, found.copy()))
-        spared = steps.max() > _HOPELESS and Variant.ANY_ORDER in self.shape.fallbacks
+            self.completed.append((steps, outcomes.copy()))
+        spared = steps.max() > _MAX_WITHOUT_NUMBERS and Variant.ANY_ORDER in self.shape.fallbacks
         if status < FINER_STEPS or (status == FINER_STEPS and spared):
-            raise _LostError(status)
-        return found, status
+            raise _RejectedError(status)
+        return outcomes, status
 
     def _compile_for(self, steps: float) -> None:
-        """Compile the kernel if it is to fly in so many steps of a stage that plain Python would
-        take minutes."""
-        if steps > _PLAIN and not self.compiled:
+        """Compile the kernel if plain Python would take minutes for these steps of a segment."""
+        if steps > _MAX_PLAIN_STEPS and not self.compiled:
             self._compile()
 
     def _compile(self, reached: float | None = None) -> None:
-        """Fly compiled from now on, where a flight in plain Python was stopped that had ``reached``
-        so many s, or none was begun. Raises UnknownError if that is not allowed."""
+        """Use the compiled kernel from now on; ``reached`` is the time, s, at which plain Python
+        was stopped.
+
+        Raises UnknownError if compiling is not allowed.
+        """
         if not self.may_compile:
-            raise UnknownError(self._told_unknown(reached))
+            raise UnknownError(self._unknown_reason(reached))
         if self.announce:
             self.announce(
                 "this case takes more steps than plain Python flies in some seconds: compiled, its "
-                f"flights take up to about {_COMPILED_WORK * COMPILED_LINE_S:.0f} s, more only "
-                "beside others"
+                f"flights take up to about {_COMPILED_WORK * COMPILED_LINE_S:.0f} s, longer if the "
+                "machine is busy"
             )
         self.kernel, self.compiled = load_kernel(self.text, self.announce), True
-        self.known.clear()  # its ends may differ in the last bit
+        self.times_by_steps.clear()  # compiled, times can differ in the last bit
 
-    def _time(self) -> float:
-        """Time, s, that a flight in plain Python has reached."""
+    def _reached_time(self) -> float:
+        """Time, s, that the integration in plain Python has reached."""
         assert self.kernel.plain is not None
         return float(self.work.numbers[self.kernel.plain.BEGIN_T])
 
-    def _told_unknown(self, reached: float | None) -> str:
-        """What is told of a case that takes more work than is allowed."""
-        end, given = self.plan.scene.run.end_time, self.plan.scene.solver.step
+    def _unknown_reason(self, reached: float | None) -> str:
+        """Reason of `UnknownError`."""
+        end, given_step = self.plan.scene.run.end_time, self.plan.scene.solver.step
         how = (
-            f"of {self.steps.max()} steps a phase" if given is None else f"in steps of {given:g} s"
+            f"of {self.steps.max()} steps a phase"
+            if given_step is None
+            else f"in steps of {given_step:g} s"
         )
-        far = (
+        where = (
             ""
             if reached is None or math.isnan(reached)
             else f", stopped at {reached:.4g} of {end:g} s"
         )
-        said = f"a flight {how} takes too long here{far}"
-        if given is not None:
-            return f"{said}; give a longer solver.step_s"
-        if self.ended and self.ended[-1][0].max() < self.steps.max():
-            most = self.ended[-1][0].max()
-            said += f"; in {most} it came to its end, but its outcomes had not settled"
-        return f"{said}; look at what is warned of, or give solver.step_s"
+        reason = f"a flight {how} takes too long here{where}"
+        if given_step is not None:
+            return f"{reason}; give a longer solver.step_s"
+        if self.completed and self.completed[-1][0].max() < self.steps.max():
+            most = self.completed[-1][0].max()
+            reason += f"; in {most} it came to its end, but its outcomes had not settled"
+        return f"{reason}; look at what is warned of, or give solver.step_s"
 
 
 def _instants(
-    shape: KernelSpec, ends: np.ndarray, changes: np.ndarray, every_s: float
+    shape: KernelSpec, ends: np.ndarray, changes: np.ndarray, row_interval_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times, stages and sides (n, 3) of the rows of a history, and their phases (n,), by number:
-    every so many seconds, and both sides of the end of a phase and of the ``changes`` of joints
-    within. A joint that is late is late in the phase after."""
-    grid = np.arange(int(ends[-1] / every_s + 1e-9) + 1) * every_s
-    found: list[tuple[float, int, int]] = []
+    """Times, segments and sides (n, 3) of history rows, and their phases (n,).
+
+    Rows are at every interval, and on both sides of phase ends and of ``changes`` of joints within.
+    A joint that releases late does so in the next phase.
+    """
+    grid = np.arange(int(ends[-1] / row_interval_s + 1e-9) + 1) * row_interval_s
+    instants: list[tuple[float, int, int]] = []
     phases: list[int] = []
     begin = 0.0
     for number, (segment, end) in enumerate(zip(shape.segments, ends, strict=True)):
-        late = 0.0 if segment.delay is None else float(shape.layout.nominal[segment.delay])
-        for until, phase in (
-            (max(begin, end - late), _phase(shape, number)),
+        delay = 0.0 if segment.delay is None else float(shape.layout.nominal[segment.delay])
+        for upper, phase in (
+            (max(begin, end - delay), _phase(shape, number)),
             (end, _phase(shape, number + (segment.delay is not None))),
         ):
-            if until - begin > _SAME_TIME:
-                within = np.unique(
-                    changes[(changes > begin + _SAME_TIME) & (changes < until - _SAME_TIME)]
+            if upper - begin > _SAME_TIME:
+                inside = np.unique(
+                    changes[(changes > begin + _SAME_TIME) & (changes < upper - _SAME_TIME)]
                 )
-                steady = [
+                grid_times = [
                     t
                     for t in grid
-                    if begin + _SAME_TIME < t < until - _SAME_TIME
-                    and (np.abs(within - t) > _SAME_TIME).all()
+                    if begin + _SAME_TIME < t < upper - _SAME_TIME
+                    and (np.abs(inside - t) > _SAME_TIME).all()
                 ]
-                rows = [(t, number, 0) for t in (begin, *steady, until)] + [
-                    (t, number, side) for t in within for side in (-1, 1)
+                rows = [(t, number, 0) for t in (begin, *grid_times, upper)] + [
+                    (t, number, side) for t in inside for side in (-1, 1)
                 ]
-                found += sorted(rows)
+                instants += sorted(rows)
                 phases += len(rows) * [phase]
-                begin = until
-    return np.array(found), np.array(phases)
+                begin = upper
+    return np.array(instants), np.array(phases)
 
 
 def _phase(shape: KernelSpec, number: int) -> int:
-    """The phase of a segment; that in which joints are late is part of the next."""
+    """Phase number of a segment; late joints belong to the next phase."""
     following = next(segment for segment in shape.segments[number:] if not segment.late)
     return [phase.name for phase in shape.scene.phase].index(following.phase)

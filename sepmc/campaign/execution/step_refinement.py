@@ -1,4 +1,4 @@
-"""How short steps have to be for the outcomes of a case to settle, each by itself."""
+"""Step refinement: halve the step of a case until its outcomes converge."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,167 +16,239 @@ from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
 _TRANSIENTS = ("build_up", "tail_off")
-# time constants after an ignition or a burn-out: there 2 % of the change are still to come
-_SEEN = 4.0
-_RARE = 0.001  # of the cases may have shorter ones than are looked for
-_MOST_FIRST = 2**15  # steps that are tried first, however close the rows
+# time constants after an ignition or burn-out, where 2 % of the change remain
+_TIME_CONSTANTS = 4.0
+_RARE_PROBABILITY = 0.001  # fraction of cases with shorter time constants than considered
+_MAX_FIRST_STEPS = 2**15  # of a flight, however close the rows
 HALVINGS = 9  # at most
-# in a row: across a kink, such as the edge of a layer of air, errors do not fall evenly, and one
-# may be luck
+# consecutive halvings: errors do not fall evenly across a kink, such as the edge of an atmosphere
+# layer, and one small change can be chance
 AGREEMENTS = 2
-# halvings that may pass without the change falling to half: then round-off or a jump is what is
-# left
-_PATIENCE = 3
-_FINE = 2.0**-6  # of the first step: halvings that did not help until here
+# halvings without a change that falls to half: the rest is round-off or a jump
+_MAX_STALE = 3
+_MIN_RATIO = 2.0**-6  # of the first step: halvings before this ratio may not help
 
-_FLOWN = (Status.OK, Status.NEVER_RELEASED)
-TOO_LONG = (Status.NOT_FINITE, Status.UNRESOLVED)  # a shorter step may help
+_COMPLETED = (Status.OK, Status.NEVER_RELEASED)
+STEP_TOO_LONG = (Status.NOT_FINITE, Status.UNRESOLVED)  # a shorter step may help
 
-# stages of a step that is far too long end so too
+# a step that is far too long can end so too
 DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)
-_SURE = 64.0  # times as short are steps that tell whether a case truly ends so
+_CHECK_RATIO = 64.0  # the step that checks such a status is this much shorter
 
-# step and cases to outcomes (n, o) and status (n,)
+# (step, case numbers) to outcomes (n, o) and status (n,)
 Integrate = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
-    """Step, s, beyond which no stage of the method sees a thrust build up or tail off, or what
-    stands between rows of a table over height: where that cancels otherwise, halving such a step
-    tells nothing. Infinite if all thrusts are sudden or steady, or have time constants shorter than
-    ``brief``, s, and no table is passed."""
-    constants = [getattr(motor, key) for motor in scene.motor for key in _TRANSIENTS]
-    constants += [
-        float(quantile(d, np.array([_RARE]))[0] * d.parameter.factor)
-        for d in laws
+def longest_step(scene: Scene, dispersions: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
+    """Longest step, s, that resolves thrust transients and the rows of tables over height.
+
+    Halving a longer step can leave the error unchanged by cancellation.
+
+    Parameters
+    ----------
+    scene : Scene
+    dispersions : sequence of Dispersion
+    brief : float
+        Time constants up to this, s, are ignored.
+
+    Returns
+    -------
+    float
+        Infinite if there are no transients and no table.
+    """
+    time_constants = [getattr(motor, key) for motor in scene.motor for key in _TRANSIENTS]
+    time_constants += [
+        float(quantile(d, np.array([_RARE_PROBABILITY]))[0] * d.parameter.factor)
+        for d in dispersions
         if d.parameter.path.endswith(_TRANSIENTS)
     ]
     nodes = method(scene.solver.method).c
     transients = (
-        _SEEN
-        * min((x for x in constants if x > brief), default=math.inf)
+        _TIME_CONSTANTS
+        * min((x for x in time_constants if x > brief), default=math.inf)
         / float(nodes[nodes > 0.0].min())
     )
     return min(
-        transients, max(rows_step(scene, extremes(scene, laws)), scene.run.end_time / _MOST_FIRST)
+        transients,
+        max(rows_step(scene, extremes(scene, dispersions)), scene.run.end_time / _MAX_FIRST_STEPS),
     )
 
 
 @dataclass
 class Converged:
-    """Steps (n,) in s at which cases were flown last, the status (n,) they ended with, what the
-    last halvings changed, (n, o), and whether that has settled, (n,)."""
+    """Result of step refinement.
+
+    Attributes
+    ----------
+    step : ndarray, shape (n,)
+        Last step of each case, s.
+    status : ndarray, shape (n,)
+    change : ndarray, shape (n, o)
+        Change of each outcome by the last halvings.
+    converged : ndarray of bool, shape (n,)
+    """
 
     step: np.ndarray
     status: np.ndarray
     change: np.ndarray
-    settled: np.ndarray
+    converged: np.ndarray
 
 
 def changes(
-    found: np.ndarray,
+    result: np.ndarray,
     status: np.ndarray,
-    finer: np.ndarray,
-    finer_status: np.ndarray,
+    refined: np.ndarray,
+    refined_status: np.ndarray,
     scale: np.ndarray,
-    decides: np.ndarray,
+    is_decisive: np.ndarray,
 ) -> np.ndarray:
-    """Errors (n, o) of outcomes against those at a finer resolution. In what ``decides`` (o,), a
-    case that ends otherwise there is infinitely wrong, and one that both steps are too long for is
-    wrong altogether. A case that cannot be flown has no error."""
-    table = errors(found, finer, scale)
-    table[(status == finer_status) & ~status_in(status, _FLOWN)] = 0.0
-    table[np.ix_((status == finer_status) & status_in(status, TOO_LONG), decides)] = 1.0
-    table[np.ix_(status != finer_status, decides)] = np.inf
+    """Errors (n, o) of outcomes against a finer resolution.
+
+    Decisive outcomes of a case with another status there have infinite errors; errors are 1 if both
+    steps are too long, and 0 if the case cannot be integrated.
+    """
+    table = errors(result, refined, scale)
+    table[(status == refined_status) & ~status_in(status, _COMPLETED)] = 0.0
+    table[np.ix_((status == refined_status) & status_in(status, STEP_TOO_LONG), is_decisive)] = 1.0
+    table[np.ix_(status != refined_status, is_decisive)] = np.inf
     return table
 
 
-def _too_early(
+def _is_premature(
     integrate: Integrate, step: float, cases: np.ndarray, status: np.ndarray
 ) -> np.ndarray:
-    """Which of some cases (n,) or draws (n, d), flown at a step, left the air or a table or jammed
-    only because it is far too long."""
-    found = status_in(status, DOUBTFUL)
-    if found.any():
-        found[found] = ~status_in(integrate(step / _SURE, cases[found])[1], DOUBTFUL)
-    return found
+    """Mask (n,) of cases that leave the atmosphere or a table, or jam, only because the step is too
+    long."""
+    result = status_in(status, DOUBTFUL)
+    if result.any():
+        result[result] = ~status_in(integrate(step / _CHECK_RATIO, cases[result])[1], DOUBTFUL)
+    return result
 
 
 def refine_steps(
     integrate: Integrate,
     count: int,
     step: float,
-    goal: float,
+    tolerance: float,
     scale: np.ndarray,
-    decides: np.ndarray,
-    most_lost: int = HALVINGS,
+    is_decisive: np.ndarray,
+    max_rejected: int = HALVINGS,
     agreements: int = AGREEMENTS,
 ) -> Converged:
-    """Halve the step of each of ``count`` cases until two halvings in a row, or as many as
-    ``agreements``, change its outcomes by no more than the goal.
+    """Halve the step of each case until its outcomes converge.
 
-    ``fly`` is called with a step and the numbers of the cases that have not settled, so its last
-    call for a case is at the step told. Outcomes that do not ``decides`` (o,) do not count. A case
-    whose changes have stopped falling is left as it is, and so is one that is still lost after
-    ``most_lost`` halvings.
+    A case has converged when ``agreements`` consecutive halvings change its decisive outcomes by at
+    most the tolerance. Refinement ends early if changes stop falling, or the case is rejected after
+    ``max_rejected`` halvings.
+
+    Parameters
+    ----------
+    integrate : callable
+        Integrates with a step the cases of some numbers (k,); returns outcomes (k, o) and status
+        (k,). Its last call for a case is at the step returned.
+    count : int
+        Number of cases.
+    step : float
+        First step, s.
+    tolerance : float
+    scale : ndarray, shape (o,)
+        See `sepmc.campaign.execution.accuracy.errors`.
+    is_decisive : ndarray of bool, shape (o,)
+    max_rejected, agreements : int
+
+    Returns
+    -------
+    Converged
     """
-    left = np.arange(count)
-    outcomes, status = integrate(step, left)
-    early = _too_early(integrate, step, left, status)
+    remaining = np.arange(count)
+    outcomes, status = integrate(step, remaining)
+    premature = _is_premature(integrate, step, remaining, status)
     steps, change = np.full(count, step), np.full((count, len(scale)), np.inf)
-    last, least = np.full((count, len(scale)), np.inf), np.full(count, np.inf)
-    agreed, stale = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
+    last, smallest = np.full((count, len(scale)), np.inf), np.full(count, np.inf)
+    n_agreed, n_stale = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
     for halving in range(1, HALVINGS + 1):
         step *= 0.5
-        finer, finer_status = integrate(step, left)
-        now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
-        waiting = early[left] & status_in(finer_status, DOUBTFUL)
-        now[np.ix_(waiting & (status[left] == finer_status), decides)] = 1.0
-        worst = now[:, decides].max(axis=1, initial=0.0)
-        agreed[left] = np.where(worst <= goal, agreed[left] + 1, 0)
-        fell = (worst <= 0.5 * least[left]) | status_in(finer_status, TOO_LONG) | waiting
-        stale[left] = np.where(fell, 0, stale[left] + 1)
-        least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
-        first = np.isinf(last[left]) | (agreements == 1)
-        change[left] = np.where(first, now, np.maximum(last[left], now))
-        outcomes[left], status[left], steps[left], last[left] = finer, finer_status, step, now
-        lost = (finer_status == Status.UNRESOLVED) & (halving >= most_lost)
-        left = left[(agreed[left] < agreements) & (stale[left] < _PATIENCE) & ~lost]
-        if not len(left):
+        refined, refined_status = integrate(step, remaining)
+        change_now = changes(
+            outcomes[remaining], status[remaining], refined, refined_status, scale, is_decisive
+        )
+        waiting = premature[remaining] & status_in(refined_status, DOUBTFUL)
+        change_now[np.ix_(waiting & (status[remaining] == refined_status), is_decisive)] = 1.0
+        largest = change_now[:, is_decisive].max(axis=1, initial=0.0)
+        n_agreed[remaining] = np.where(largest <= tolerance, n_agreed[remaining] + 1, 0)
+        decreased = (
+            (largest <= 0.5 * smallest[remaining])
+            | status_in(refined_status, STEP_TOO_LONG)
+            | waiting
+        )
+        n_stale[remaining] = np.where(decreased, 0, n_stale[remaining] + 1)
+        smallest[remaining] = np.where(
+            largest > tolerance, np.minimum(largest, smallest[remaining]), smallest[remaining]
+        )
+        is_first = np.isinf(last[remaining]) | (agreements == 1)
+        change[remaining] = np.where(is_first, change_now, np.maximum(last[remaining], change_now))
+        outcomes[remaining], status[remaining], steps[remaining], last[remaining] = (
+            refined,
+            refined_status,
+            step,
+            change_now,
+        )
+        rejected = (refined_status == Status.UNRESOLVED) & (halving >= max_rejected)
+        remaining = remaining[
+            (n_agreed[remaining] < agreements) & (n_stale[remaining] < _MAX_STALE) & ~rejected
+        ]
+        if not len(remaining):
             break
-    return Converged(steps, status, change, agreed >= agreements)
+    return Converged(steps, status, change, n_agreed >= agreements)
 
 
 def refine_case_steps(
     integrate: Integrate, step: float, scene: Scene, columns: list[Column]
 ) -> tuple[float, np.ndarray, list[str]]:
-    """The longest of ``step``, half of it, ... at which one case has settled; by how much its
-    outcomes (o,) still changed; what is to be told of that. ``fly`` takes a step and the case,
-    number 0."""
-    units, decides = [c.unit for c in columns], decisive(columns)
-    one, goal = np.zeros(1, dtype=np.int64), scene.solver.accuracy
-    least = step / 2.0**HALVINGS
-    scale = scales(integrate(step, one)[0], units, scene_scales(scene, units))
-    before, first = math.inf, step
+    """Refine the step of one case.
+
+    Parameters
+    ----------
+    integrate : callable
+        As for `refine_steps`; the case has number 0.
+    step : float
+        First step, s.
+    scene : Scene
+    columns : list of Column
+        Of the outcomes.
+
+    Returns
+    -------
+    step : float
+        Longest step tried at which the case has converged.
+    change : ndarray, shape (o,)
+        Last change of each outcome.
+    notes : list of str
+    """
+    units, is_decisive = [c.unit for c in columns], decisive(columns)
+    case, tolerance = np.zeros(1, dtype=np.int64), scene.solver.accuracy
+    smallest = step / 2.0**HALVINGS
+    scale = scales(integrate(step, case)[0], units, scene_scales(scene, units))
+    previous, is_first = math.inf, step
     while True:
-        found = refine_steps(integrate, 1, step, goal, scale, decides)
-        step = float(found.step[0])
-        change = np.where(decides, found.change[0], 0.0)
-        if found.settled[0] and change.max() <= goal:
-            return step, found.change[0], []
+        result = refine_steps(integrate, 1, step, tolerance, scale, is_decisive)
+        step = float(result.step[0])
+        change = np.where(is_decisive, result.change[0], 0.0)
+        if result.converged[0] and change.max() <= tolerance:
+            return step, result.change[0], []
         step /= 2.0
-        # each round is of several halvings: if the change is not half of what it was after the last
-        # one, in steps that see what happens, more do not help
-        if step < least or (step < _FINE * first and change.max() > 0.5 * before):
+        # a round has several halvings: if the change does not fall to half in a round with resolved
+        # steps, more do not help
+        if step < smallest or (step < _MIN_RATIO * is_first and change.max() > 0.5 * previous):
             break
-        before = float(change.max())
-    worst = int(change.argmax())
+        previous = float(change.max())
+    largest = int(change.argmax())
     return (
         2.0 * step,
-        found.change[0],
+        result.change[0],
         [
-            f"a shorter step changes {columns[worst].name} by {change[worst]:.1e} of its size, "
-            f"more than the accuracy {goal:g} that was "
+            f"a shorter step changes {columns[largest].name} by {change[largest]:.1e} of its size, "
+            f"more than the accuracy {tolerance:g} that was "
             "asked, however short the step: the error of this case is about as large"
         ],
     )

@@ -1,5 +1,4 @@
-"""Search for the fewest steps of a kernel: in every stage, such that some cases come within a goal
-of a reference."""
+"""Search for the fewest steps of each kernel segment at which cases meet a tolerance."""
 
 from collections.abc import Callable
 
@@ -12,225 +11,269 @@ from sepmc.engine.dispatch import integrate_cases
 from sepmc.engine.written_kernel import Kernel
 from sepmc.schema import Status
 
-_MOST_STEPS = 2048  # of a stage
-_REFINED = 4  # times as many as there are at first, if that is more
-_FINER = 8  # times as fine as a step that is given is what it is held against
-_MAY_BE_LOST = 0.1  # of the cases may find steps of their own
-# steps of a stage, over all trial cases, that the search of a reference may take: a minute
-_MOST_WORK = 5_000_000
-# that the whole search may take: then it makes do with what it has. Shipped ones take 4e3 to 2e5
-_MOST_SEARCH = 4 * _MOST_WORK
-# of an outcome, what cases of a given step differ by from finer ones however short it is
+_MAX_STEPS = 2048  # of a segment
+_REFERENCE_FACTOR = 4  # maximum steps over the first ones, if that is more
+_GIVEN_STEP_FACTOR = 8  # refinement of the reference of a given step
+_MAX_REJECTED = 0.1  # fraction of cases that may be refined by themselves
+# steps of segments over all calibration cases, for the reference: a minute
+_MAX_REFERENCE_WORK = 5_000_000
+# for the whole search, which then ends with the steps it has. Shipped campaigns: 4e3 to 2e5
+_MAX_WORK = 4 * _MAX_REFERENCE_WORK
+# of an outcome: difference from a finer step that no step avoids
 _ROUND_OFF = 2e-12
-VOUCHED, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
+VALID, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
 
-# Steps, methods and draws to outcomes (n, o), and of which cases a kernel vouches for them (n,): 1
-# if it does, 0 if not; -1 if there are none.
+# (steps, methods, inputs (n, d)) to outcomes (n, o) and verdicts (n,): VALID, IN_DOUBT, NO_OUTCOMES
 IntegrateSteps = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-# What a step takes besides its evaluations, in evaluations: corrections, attitudes followed
-_OF_A_STEP = 2
+# work of a step besides its evaluations, in evaluations: projection, attitudes
+_STEP_OVERHEAD = 2
 
 
-def mostly(verdict: np.ndarray) -> bool:
-    """Whether a kernel vouches for most of the cases (n,) that have outcomes, if any has."""
-    return bool(
-        np.count_nonzero(verdict == VOUCHED) > 0.5 * np.count_nonzero(verdict != NO_OUTCOMES)
-    )
+def most_are_valid(verdict: np.ndarray) -> bool:
+    """Return True if most cases (n,) with outcomes are valid."""
+    return bool(np.count_nonzero(verdict == VALID) > 0.5 * np.count_nonzero(verdict != NO_OUTCOMES))
 
 
 def find_durations(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
-    """How long stages usually last, s, shape (stages,): the median of some cases (n, d), SI. None
-    if the kernel can fly none."""
+    """Typical durations of segments.
+
+    Parameters
+    ----------
+    campaign : Definition
+    kernel : Kernel
+    draws : ndarray, shape (n, d)
+        Inputs, SI.
+
+    Returns
+    -------
+    ndarray, shape (segments,), or None
+        Median over cases, s; None if no case can be integrated.
+    """
     durations, steps = np.full(kernel.n_segments, np.inf), np.full(kernel.n_segments, 2)
-    while steps.max() <= _MOST_STEPS:
+    while steps.max() <= _MAX_STEPS:
         block, ends = integrate_cases(
             kernel, campaign.plan, steps, durations, campaign.slots, draws
         )
-        sound = block.status == Status.OK
-        sound = sound if sound.any() else block.has_outcomes
-        if sound.any():
-            return typical_durations(ends, sound)
+        is_ok = block.status == Status.OK
+        is_ok = is_ok if is_ok.any() else block.has_outcomes
+        if is_ok.any():
+            return typical_durations(ends, is_ok)
         steps *= 2
     return None
 
 
 class Search:
-    """Trials of steps on cases ``draws`` (n, d), SI, with errors taken relative to ``scale`` (o,)
-    against a reference at many steps.
+    """Search for steps on a set of cases.
 
-    Only outcomes that ``decides`` (o,) are held to the goal. ``methods`` (stages,) are those of the
-    stages, by number; ``evaluations`` tell how many a step by each takes.
+    Parameters
+    ----------
+    integrate_cases : callable
+        Integrates inputs with steps and methods; see `IntegrateSteps`.
+    draws : ndarray, shape (n, d)
+        Inputs, SI.
+    scale : ndarray, shape (o,)
+        See `sepmc.campaign.execution.accuracy.errors`.
+    tolerance : float
+    is_decisive : ndarray of bool, shape (o,)
+        Outcomes that must meet the tolerance.
+    evaluations : list of list of int
+        By segment and method: derivative evaluations of a step.
+
+    Attributes
+    ----------
+    methods : ndarray, shape (segments,)
+        Selected methods.
+    reference : ndarray, shape (n, o)
+        Outcomes at many steps.
     """
 
     def __init__(
         self,
-        flown: IntegrateSteps,
+        integrate_cases: IntegrateSteps,
         draws: np.ndarray,
         scale: np.ndarray,
-        goal: float,
-        decides: np.ndarray,
+        tolerance: float,
+        is_decisive: np.ndarray,
         evaluations: list[list[int]],
     ):
-        self.draws, self.scale, self.goal, self.decides = draws, scale, goal, decides
+        self.draws, self.scale, self.tolerance, self.is_decisive = (
+            draws,
+            scale,
+            tolerance,
+            is_decisive,
+        )
         self.evaluations = evaluations
         self.methods = np.zeros(len(evaluations), dtype=np.int64)
-        self._fly, self.work = flown, 0
+        self._integrate, self.work = integrate_cases, 0
         self.reference, self.verdict = np.empty((0, len(scale))), np.full(len(draws), IN_DOUBT)
-        self.settled = np.inf  # what halving the steps of the reference changes
-        self.of_reference = np.full(len(scale), np.inf)  # that by outcome
+        self.reference_change = np.inf  # by the last halving of its steps
+        self.reference_errors = np.full(len(scale), np.inf)  # by outcome
 
-    def flown(self, steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Outcomes and verdicts of draws with some steps, by the methods chosen so far."""
+    def integrate_cases(
+        self, steps: np.ndarray, draws: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Outcomes and verdicts of inputs at some steps, by the selected methods."""
         self.work += len(draws) * int(steps.sum())
-        return self._fly(steps, self.methods, draws)
+        return self._integrate(steps, self.methods, draws)
 
     @property
-    def spent(self) -> bool:
-        """Whether the work is spent that a search may take."""
-        return self.work > _MOST_SEARCH
+    def is_exhausted(self) -> bool:
+        """True if the search has used up its work."""
+        return self.work > _MAX_WORK
 
     @property
-    def fair(self) -> np.ndarray:
-        """Which cases (n,) the kernel vouches for at the reference."""
-        return np.asarray(self.verdict == VOUCHED)
+    def is_valid(self) -> np.ndarray:
+        """Mask (n,) of cases that are valid at the reference."""
+        return np.asarray(self.verdict == VALID)
 
-    def fewest(self, first: np.ndarray) -> np.ndarray | None:
-        """Fewest steps (stages,) with which the cases come within the goal; None if the kernel
-        cannot vouch for most of them.
+    def fewest_steps(self, min_steps: np.ndarray) -> np.ndarray | None:
+        """Fewest steps (segments,) at which the cases meet the tolerance; None if most cases are
+        invalid.
 
-        The reference has at least as many as ``first`` (stages,). If it does not settle within
-        twice the goal, what it settled to becomes the goal.
+        The reference has at least ``min_steps`` (segments,). If it does not converge within twice
+        the tolerance, the value it converges to becomes the tolerance.
         """
-        steps = self._refer(first)
-        if np.isinf(self.settled) or not mostly(self.verdict):
+        steps = self._integrate_reference(min_steps)
+        if np.isinf(self.reference_change) or not most_are_valid(self.verdict):
             return None
-        if self.settled > 2.0 * self.goal:
-            self.goal = 2.0 * self.settled
-        enough = self._enough(first, steps)
-        return self._cheapest(self._together(self._alone(enough), enough))
-
-    def of_one_step(self, stages: int) -> np.ndarray | None:
-        """The step that is given, once for all ``stages``, held against a reference that is finer;
-        None if the kernel cannot vouch for most of the cases."""
-        steps = np.ones(stages, dtype=np.int64)
-        self.reference, self.verdict = self.flown(_FINER * steps, self.draws)
-        self.of_reference = np.full(len(self.scale), _ROUND_OFF)
-        return steps if mostly(self.verdict) else None
-
-    def largest(self, steps: np.ndarray) -> np.ndarray:
-        """Largest error (o,) of each outcome with some steps; not less than that of the
-        reference."""
-        found, verdict = self.flown(steps, self.draws)
-        both = (verdict == VOUCHED) & self.fair
-        return np.maximum(
-            errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0),
-            self.of_reference,
+        if self.reference_change > 2.0 * self.tolerance:
+            self.tolerance = 2.0 * self.reference_change
+        is_sufficient = self._sufficient_steps(min_steps, steps)
+        return self._cheapest_methods(
+            self._increase_jointly(self._reduce_each(is_sufficient), is_sufficient)
         )
 
-    def _refer(self, first: np.ndarray) -> np.ndarray:
-        """Fly the reference; returns its steps."""
-        steps, most = first, max(_MOST_STEPS, _REFINED * int(first.max()))
+    def given_step(self, stages: int) -> np.ndarray | None:
+        """Steps (segments,) of a given step, compared with a finer reference; None if most cases
+        are invalid."""
+        steps = np.ones(stages, dtype=np.int64)
+        self.reference, self.verdict = self.integrate_cases(_GIVEN_STEP_FACTOR * steps, self.draws)
+        self.reference_errors = np.full(len(self.scale), _ROUND_OFF)
+        return steps if most_are_valid(self.verdict) else None
+
+    def largest_errors(self, steps: np.ndarray) -> np.ndarray:
+        """Largest error (o,) of each outcome at some steps; at least that of the reference."""
+        outcomes, verdict = self.integrate_cases(steps, self.draws)
+        in_both = (verdict == VALID) & self.is_valid
+        return np.maximum(
+            errors(outcomes[in_both], self.reference[in_both], self.scale).max(axis=0, initial=0.0),
+            self.reference_errors,
+        )
+
+    def _integrate_reference(self, min_steps: np.ndarray) -> np.ndarray:
+        """Integrate the reference; returns its steps."""
+        steps, max_steps = min_steps, max(_MAX_STEPS, _REFERENCE_FACTOR * int(min_steps.max()))
         work = 0
-        self.reference, self.verdict = self.flown(steps, self.draws)
-        while self.settled > 0.02 * self.goal and 2 * steps.max() <= most:
+        self.reference, self.verdict = self.integrate_cases(steps, self.draws)
+        while self.reference_change > 0.02 * self.tolerance and 2 * steps.max() <= max_steps:
             coarse, steps = steps, 2 * steps
-            self.reference, self.verdict = self.flown(steps, self.draws)
-            # steps are far too long: what the few others say is not what it is about
-            if not mostly(self.verdict):
+            self.reference, self.verdict = self.integrate_cases(steps, self.draws)
+            # steps are far too long for most cases
+            if not most_are_valid(self.verdict):
                 continue
-            now = self.error(coarse)
-            # round-off, which some cases let grow: no steps come nearer than that
-            if self.goal >= self.settled <= now < np.inf:
-                self.settled = 2.0 * now
+            change = self.error(coarse)
+            # round-off that grows in some cases: smaller steps do not help
+            if self.tolerance >= self.reference_change <= change < np.inf:
+                self.reference_change = 2.0 * change
                 break
             work += len(self.draws) * int(steps.sum())
-            if now <= self.settled:
-                self.of_reference = self._errors(coarse)
-            self.settled = min(self.settled, now)
-            if self.settled < np.inf and work > _MOST_WORK:
-                break  # more take too long: what is reached is told
+            if change <= self.reference_change:
+                self.reference_errors = self._errors(coarse)
+            self.reference_change = min(self.reference_change, change)
+            if self.reference_change < np.inf and work > _MAX_REFERENCE_WORK:
+                break  # more would take too long
         return steps
 
-    def _enough(self, first: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """Twice ``first``, four times, ..., but not more than ``most``: the fewest with half of
-        which the cases come within the goal. What one stage needs is then not hidden by the others,
-        and flying them is cheaper than at the reference."""
-        steps = first
-        while (steps < most).any() and self.error(steps) > self.goal:
-            steps = np.minimum(2 * steps, most)
-        return np.minimum(2 * steps, most)
+    def _sufficient_steps(self, min_steps: np.ndarray, max_steps: np.ndarray) -> np.ndarray:
+        """Fewest of ``min_steps``, twice, four times, ... with half of which cases meet the
+        tolerance, at most ``max_steps``.
+
+        The error of one segment is then not hidden by the others, and integration is cheaper than
+        at the reference.
+        """
+        steps = min_steps
+        while (steps < max_steps).any() and self.error(steps) > self.tolerance:
+            steps = np.minimum(2 * steps, max_steps)
+        return np.minimum(2 * steps, max_steps)
 
     def _errors(self, steps: np.ndarray) -> np.ndarray:
-        """Largest error of each outcome, (o,); infinite if more cases are lost than may be."""
-        found, verdict = self.flown(steps, self.draws)
-        both = (verdict == VOUCHED) & self.fair
-        if np.count_nonzero(self.fair & ~both) > _MAY_BE_LOST * len(self.draws) or not both.any():
+        """Largest error (o,) of each outcome; infinite if too many cases are rejected."""
+        outcomes, verdict = self.integrate_cases(steps, self.draws)
+        in_both = (verdict == VALID) & self.is_valid
+        if (
+            np.count_nonzero(self.is_valid & ~in_both) > _MAX_REJECTED * len(self.draws)
+            or not in_both.any()
+        ):
             return np.full(len(self.scale), np.inf)
-        return errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0)
+        return errors(outcomes[in_both], self.reference[in_both], self.scale).max(
+            axis=0, initial=0.0
+        )
 
     def error(self, steps: np.ndarray) -> float:
-        """Largest error with some steps, of the outcomes that decide; infinite if too many cases
-        are lost."""
-        return float(self._errors(steps)[self.decides].max(initial=0.0))
+        """Largest error of decisive outcomes at some steps; infinite if too many cases are
+        rejected."""
+        return float(self._errors(steps)[self.is_decisive].max(initial=0.0))
 
-    def _alone(self, steps: np.ndarray) -> np.ndarray:
-        """Fewest steps of every stage by itself, the others as fine as they were."""
-        chosen = steps.copy()
-        for stage in range(len(chosen)):
+    def _reduce_each(self, steps: np.ndarray) -> np.ndarray:
+        """Fewest steps of each segment alone, with fine steps in the others."""
+        steps_chosen = steps.copy()
+        for stage in range(len(steps_chosen)):
             low, high = 0, int(steps[stage])
-            while high - low > 1 and not self.spent:
+            while high - low > 1 and not self.is_exhausted:
                 trial = steps.copy()
                 trial[stage] = middle = (low + high) // 2
-                low, high = (low, middle) if self.error(trial) <= self.goal else (middle, high)
-            chosen[stage] = high
-        return chosen
+                low, high = (low, middle) if self.error(trial) <= self.tolerance else (middle, high)
+            steps_chosen[stage] = high
+        return steps_chosen
 
-    def _cheapest(self, steps: np.ndarray) -> np.ndarray:
-        """Steps of each stage by the method with which it takes the least work, one stage after the
-        other: that which takes most of it first."""
-        work = [self._work(stage, number) for stage, number in enumerate(steps)]
+    def _cheapest_methods(self, steps: np.ndarray) -> np.ndarray:
+        """Select the method with the least work for each segment, the most expensive one first."""
+        work = [self._work_of(stage, number) for stage, number in enumerate(steps)]
         for stage in sorted(range(len(steps)), key=lambda k: -work[k]):
             for method in range(1, len(self.evaluations[stage])):
-                steps = self._by(method, stage, steps)
+                steps = self._with_method(method, stage, steps)
         return steps
 
-    def _by(self, method: int, stage: int, steps: np.ndarray) -> np.ndarray:
-        """Fewest steps of a stage by another method, if they take less work; or else as before."""
-        before, trial = int(self.methods[stage]), steps.copy()
-        most = self._work(stage, int(steps[stage])) - 1
+    def _with_method(self, method: int, stage: int, steps: np.ndarray) -> np.ndarray:
+        """Fewest steps of a segment by another method, if that is less work; else the steps
+        unchanged."""
+        previous, trial = int(self.methods[stage]), steps.copy()
+        max_steps = self._work_of(stage, int(steps[stage])) - 1
 
-        def enough(number: int) -> bool:
+        def is_sufficient(number: int) -> bool:
             trial[stage] = number
-            return self.error(trial) <= self.goal
+            return self.error(trial) <= self.tolerance
 
         self.methods[stage] = method
-        low, high = 0, most // self._work(stage, 1)
-        if high == 0 or self.spent or not enough(high):
-            self.methods[stage] = before
+        low, high = 0, max_steps // self._work_of(stage, 1)
+        if high == 0 or self.is_exhausted or not is_sufficient(high):
+            self.methods[stage] = previous
             return steps
-        while high - low > 1 and not self.spent:
+        while high - low > 1 and not self.is_exhausted:
             middle = (low + high) // 2
-            low, high = (low, middle) if enough(middle) else (middle, high)
+            low, high = (low, middle) if is_sufficient(middle) else (middle, high)
         trial[stage] = high
         return trial
 
-    def _work(self, stage: int, steps: int) -> int:
-        """What some steps of a stage take by its method, in evaluations."""
-        return steps * (self.evaluations[stage][self.methods[stage]] + _OF_A_STEP)
+    def _work_of(self, stage: int, steps: int) -> int:
+        """Work of some steps of a segment, in evaluations."""
+        return steps * (self.evaluations[stage][self.methods[stage]] + _STEP_OVERHEAD)
 
-    def _together(self, chosen: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """One more step, or a sixteenth, where it helps most, until all stages together come within
-        the goal."""
-        error = self.error(chosen)
-        while error > self.goal and (chosen < most).any():
-            if self.spent:
-                return most
-            more = np.diag(np.maximum(1, chosen // 16))
-            trials = [np.minimum(chosen + unit, most) for unit in more]
-            found = [self.error(trial) if (trial > chosen).any() else np.inf for trial in trials]
-            if min(found) < np.inf:
-                chosen, error = trials[int(np.argmin(found))], min(found)
+    def _increase_jointly(self, steps_chosen: np.ndarray, max_steps: np.ndarray) -> np.ndarray:
+        """Add a step, or a sixteenth, to the segment where it helps most, until all meet the
+        tolerance."""
+        error = self.error(steps_chosen)
+        while error > self.tolerance and (steps_chosen < max_steps).any():
+            if self.is_exhausted:
+                return max_steps
+            increments = np.diag(np.maximum(1, steps_chosen // 16))
+            trials = [np.minimum(steps_chosen + unit, max_steps) for unit in increments]
+            trial_errors = [
+                self.error(trial) if (trial > steps_chosen).any() else np.inf for trial in trials
+            ]
+            if min(trial_errors) < np.inf:
+                steps_chosen, error = trials[int(np.argmin(trial_errors))], min(trial_errors)
             else:
-                chosen = np.minimum(2 * chosen, most)
-                error = self.error(chosen)
-        return chosen
+                steps_chosen = np.minimum(2 * steps_chosen, max_steps)
+                error = self.error(steps_chosen)
+        return steps_chosen

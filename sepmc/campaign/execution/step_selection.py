@@ -1,13 +1,13 @@
-"""How to fly a campaign to the accuracy it asks for, found by flying trial cases first: corners of
-the dispersions and a sample of them.
+"""Selection of the integration steps of a campaign, by calibration cases.
 
-Trial cases depend on the scene and its laws only, not on the seed or the number of cases; so does
-how a campaign is flown.
+Calibration cases are corners of the dispersions and a sample. They depend on the scene and its
+distributions, not on the seed or the number of cases; so do the steps.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,23 +26,23 @@ from sepmc.campaign.execution.accuracy import (
 from sepmc.campaign.execution.diagnostics import scene_notes
 from sepmc.campaign.execution.error_estimate import estimate
 from sepmc.campaign.execution.integration import (
-    EVERY_S,
+    REPORT_EVERY_S,
     SAFE,
     FallbackKernel,
     Integration,
-    helped,
     history_rows,
     integrate,
     integrate_once,
+    is_accepted_by,
 )
 from sepmc.campaign.execution.step_refinement import Integrate, longest_step, refine_steps
 from sepmc.campaign.execution.step_search import (
     IN_DOUBT,
     NO_OUTCOMES,
-    VOUCHED,
+    VALID,
     Search,
     find_durations,
-    mostly,
+    most_are_valid,
 )
 from sepmc.engine.dispatch import Block, integrate_cases, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
@@ -55,25 +55,32 @@ from sepmc.scene.messages import Log
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
 
-CORNERS = 24  # cases flown besides the nominal one; more if a discrete law has many values
-SAMPLE = 512  # trial cases drawn from the laws
-_OF_HARD = 8  # of the sample only a part is flown where every case finds its own steps
-_EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
-_WIDE = 0.5 * np.pi  # an angle that spreads further has its extremes anywhere
-_EACH = 3  # corners at least with every value of a discrete law
-# of every phase, to learn how far outcomes spread, from a quarter of the sample
-_SPREAD_STEPS, _MOST_SPREAD = 8, 512
-_LONG_S = 60.0  # of trial cases: then it is said how to do without
-_ROUNDS = 4  # searches for steps, each with the sample's worst cases added
-_WORST = 24
-# times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY`
-# times as large
-_ALIKE = 1.25
-_MOST_ESTIMATED = 0.6  # of the accuracy: so large estimates were up to 1.6 times too small
-_UNSEEN_LOADS = 0.05  # of the accuracy: what a polynomial may leave out of an impulse
-# of a guard of joint loads: what turns within a step is seen by the nodes in part only, and a few
+CORNERS = 24  # besides the nominal case; more if a discrete distribution has many values
+SAMPLE = 512  # calibration cases sampled from the distributions
+_SAMPLE_DIVISOR = 8  # the sample is this much smaller where each case is refined by itself
+_CORNER_PROBABILITY = 0.001  # probability of the corners of a distribution
+_WIDE_ANGLE = 0.5 * np.pi  # an angle with a wider range can have extremes anywhere
+_CORNERS_PER_VALUE = 3  # minimum number of corners with each value of a discrete distribution
+# steps of every phase in which a quarter of the sample gives the spread of outcomes
+_SPREAD_STEPS, _MAX_SPREAD_STEPS = 8, 512
+_LONG_S = 60.0  # after this time the way to skip calibration is announced
+_MAX_ROUNDS = 4  # step searches, each with the worst cases of the sample added
+_N_WORST = 24
+# on indicators of calibration cases; errors grow by at most its power 5/3, and `SAFETY` covers that
+_GROWTH = 1.25
+_MAX_ESTIMATE = 0.6  # of the accuracy: larger estimates were up to 1.6 times too small
+_UNSEEN_IMPULSE = 0.05  # of the accuracy: error of an impulse by its polynomial that is neglected
+# on indicators of joint loads: nodes resolve a load that rotates within a step only in part, and
 # errors add up
-_ALIKE_LOADS = 0.2
+_LOAD_GROWTH = 0.2
+
+
+class CalibrationSize(NamedTuple):
+    """Number of calibration cases: ``corners`` of the dispersions, besides the nominal case, and a
+    ``sample`` of the distributions."""
+
+    corners: int
+    sample: int
 
 
 def kernel_text(
@@ -82,8 +89,22 @@ def kernel_text(
     history: bool = False,
     variant: int = Variant.STANDARD,
 ) -> str:
-    """The kernel written for a campaign, as a Python module: by another ``solver`` (the name of its
-    methods), or one that takes more ``care``, if that is asked for."""
+    """Text of the kernel of a campaign, a Python module.
+
+    Parameters
+    ----------
+    campaign : Definition
+    solver : str, optional
+        Name of other integration methods.
+    history : bool
+        Write stored histories.
+    variant : int
+        Kernel variant, of `sepmc.routines.layout`.
+
+    Returns
+    -------
+    str
+    """
     return written(
         structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant),
         solver or campaign.scene.solver.method,
@@ -92,51 +113,69 @@ def kernel_text(
 
 
 def stage_names(campaign: Definition, variant: int = Variant.STANDARD) -> list[str]:
-    """What the segments of a campaign's kernel are, in the words of its file."""
-    found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
+    """Names of the kernel segments, in the words of the campaign file."""
+    shape = structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
     return [
-        found.names.back[segment.phase] + (" (late joints)" if segment.late else "")
-        for segment in found.segments
+        shape.names.back[segment.phase] + (" (late joints)" if segment.late else "")
+        for segment in shape.segments
     ]
 
 
 def fallbacks(
     campaign: Definition, history: bool = False, variant: int = Variant.STANDARD
 ) -> tuple[FallbackKernel, ...]:
-    """What flies cases that the kernel written for a campaign with some care loses."""
-    found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
-    phases = [phase.name for phase in found.scene.phase]
-    numbers = np.array([phases.index(segment.phase) for segment in found.segments])
+    """Fallback kernels for cases that the kernel of a variant rejects."""
+    shape = structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
+    phases = [phase.name for phase in shape.scene.phase]
+    numbers = np.array([phases.index(segment.phase) for segment in shape.segments])
 
     @cache
     def make(variant: int, announce: Log | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
 
-    return tuple(FallbackKernel(more, partial(make, more), numbers) for more in found.fallbacks)
+    return tuple(FallbackKernel(spare, partial(make, spare), numbers) for spare in shape.fallbacks)
 
 
-def corner_cases(campaign: Definition) -> np.ndarray:
-    """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin
-    tosses.
+def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray:
+    """Inputs at corners of the dispersions, SI.
 
-    Angles that spread over more than a quarter turn are spaced over all of it instead, and discrete
-    laws take every value they have, however rare.
+    The first row is the median of every parameter; in the others each parameter is at one of its
+    ends, chosen by a fixed random sequence. Angles that vary over more than a quarter turn are
+    spaced over their range instead, and discrete distributions take every value.
+
+    Parameters
+    ----------
+    campaign : Definition
+    corners : int, optional
+        Number of corners, `CORNERS` if None; more if a discrete distribution has many values.
+
+    Returns
+    -------
+    ndarray, shape (n, d)
     """
     laws = campaign.file.dispersions
+    corners = CORNERS if corners is None else corners
     count = max(
-        [CORNERS, *(_EACH * len(_middles(law)) for law in laws if law.distribution == "discrete")]
+        [
+            corners,
+            *(
+                _CORNERS_PER_VALUE * len(_value_probabilities(law))
+                for law in laws
+                if law.distribution == "discrete"
+            ),
+        ]
     )
     random = np.random.Generator(np.random.Philox(key=20))
     tosses = np.resize(
-        random.integers(0, 2, (max(1, CORNERS), max(1, len(laws)))), (count, max(1, len(laws)))
+        random.integers(0, 2, (max(1, corners), max(1, len(laws)))), (count, max(1, len(laws)))
     )
     table = np.empty((count + 1, len(laws)), order="F")
     for i, law in enumerate(laws):
-        u = np.where(tosses[:, i] == 1, 1.0 - _EDGE, _EDGE)
+        u = np.where(tosses[:, i] == 1, 1.0 - _CORNER_PROBABILITY, _CORNER_PROBABILITY)
         if law.parameter.path.endswith(".fails"):  # not a corner of anything
             u = np.full(count, 0.5)
         elif law.distribution == "discrete":
-            u = random.permutation(np.resize(_middles(law), count))
+            u = random.permutation(np.resize(_value_probabilities(law), count))
         elif _is_wide(law):
             u = (random.permutation(count) + 0.5) / max(1, count)
         table[:, i] = _quantiles(law, np.concatenate([[0.5], u]))
@@ -144,10 +183,18 @@ def corner_cases(campaign: Definition) -> np.ndarray:
 
 
 def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
-    """Draws (count, d), SI, from the laws: every parameter spaced evenly over its probability, in
-    random order (a Latin hypercube).
+    """Latin hypercube sample of the inputs, SI.
 
-    In the second half all values of a discrete law are equally frequent.
+    In the second half all values of a discrete distribution are equally frequent.
+
+    Parameters
+    ----------
+    campaign : Definition
+    count : int
+
+    Returns
+    -------
+    ndarray, shape (count, d)
     """
     laws, half = campaign.file.dispersions, (count + 1) // 2
     random = np.random.Generator(np.random.Philox(key=21))
@@ -157,14 +204,13 @@ def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
             [(random.permutation(n) + random.random(n)) / max(1, n) for n in (half, count - half)]
         )
         if law.distribution == "discrete" and not law.parameter.path.endswith(".fails"):
-            u[half:] = random.permutation(np.resize(_middles(law), count - half))
+            u[half:] = random.permutation(np.resize(_value_probabilities(law), count - half))
         table[:, i] = _quantiles(law, np.clip(u, 2.0**-54, 1.0 - 2.0**-53))
     return table * campaign.factors
 
 
 def _quantiles(law: Dispersion, u: np.ndarray) -> np.ndarray:
-    """Values of a law at probabilities; the middle one in place of what the parameter may not
-    be."""
+    """Quantiles of a distribution; the median in place of values that are not allowed."""
     values = cases.quantile(law, u)
     return (
         np.where(law.allowed(values), values, cases.quantile(law, np.array([0.5])))
@@ -173,149 +219,216 @@ def _quantiles(law: Dispersion, u: np.ndarray) -> np.ndarray:
     )
 
 
-def _middles(law: Dispersion) -> np.ndarray:
-    """Probabilities at which a discrete law gives each value that it can give."""
+def _value_probabilities(law: Dispersion) -> np.ndarray:
+    """Probability at the middle of each value of a discrete distribution."""
     weights = np.array(law.weights)
     edges = np.cumsum(weights) / np.sum(weights)
     return (edges - 0.5 * weights / np.sum(weights))[weights > 0.0]
 
 
 def _is_wide(law: Dispersion) -> bool:
-    """Whether a parameter is an angle that spreads further than its ends tell."""
+    """Return True if a parameter is an angle that varies over more than a quarter turn."""
     if law.parameter.unit not in UNITS["angle"]:
         return False
-    low, high = cases.quantile(law, np.array([_EDGE, 1.0 - _EDGE])) * law.parameter.factor
-    return bool(high - low > _WIDE)
+    low, high = (
+        cases.quantile(law, np.array([_CORNER_PROBABILITY, 1.0 - _CORNER_PROBABILITY]))
+        * law.parameter.factor
+    )
+    return bool(high - low > _WIDE_ANGLE)
 
 
 def select_steps(
-    campaign: Definition, history: bool = False, announce: Log | None = None
+    campaign: Definition,
+    history: bool = False,
+    announce: Log | None = None,
+    size: CalibrationSize | None = None,
 ) -> Integration:
-    """Choose how to fly a campaign to the accuracy it asks for."""
-    variant: int = Variant.STANDARD
+    """Select kernel and steps for the accuracy that a campaign asks for.
+
+    Parameters
+    ----------
+    campaign : Definition
+    history : bool
+        Store histories.
+    announce : Log, optional
+    size : CalibrationSize, optional
+        Number of calibration cases; (`CORNERS`, `SAMPLE`) if None.
+
+    Returns
+    -------
+    Integration
+    """
+    variant, size = Variant.STANDARD, size or CalibrationSize(CORNERS, SAMPLE)
     while True:
         kernel = load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
-        _tell_trials(announce)
-        left, stages = fallbacks(campaign, history, variant), stage_names(campaign, variant)
-        room = history_rows(campaign.scene) if history and campaign.scene.joint else 0
-        found = _choose_steps(campaign, kernel, stages, _counted(announce), room)
-        if found is not None:
-            found = replace(found, fallbacks=left, variant=variant)
-            return replace(found, notes=scene_notes(campaign, found))
-        wanted = _more_care(campaign, kernel, left)
-        if wanted is None:
-            found = replace(_each_by_itself(campaign, kernel, stages, left), variant=variant)
-            return _finished(campaign, found, room)
-        variant = wanted
+        _announce_calibration(announce)
+        remaining_kernels, stages = (
+            fallbacks(campaign, history, variant),
+            stage_names(campaign, variant),
+        )
+        history_size = history_rows(campaign.scene) if history and campaign.scene.joint else 0
+        selected = _common_steps(
+            campaign, kernel, stages, _progress_counter(announce), size, history_size
+        )
+        if selected is not None:
+            selected = replace(selected, fallbacks=remaining_kernels, variant=variant)
+            return replace(selected, notes=scene_notes(campaign, selected))
+        next_variant = _capable_variant(campaign, kernel, remaining_kernels, size)
+        if next_variant is None:
+            selected = replace(
+                _refined_case_by_case(campaign, kernel, stages, remaining_kernels, size),
+                variant=variant,
+            )
+            return _with_notes(campaign, selected, history_size, size)
+        variant = next_variant
 
 
 def unpacked(
     campaign: Definition, flight: Integration, history: bool, announce: Log | None = None
 ) -> Integration:
-    """A flight that another process planned (`Integration.packed`), with kernels of this one."""
+    """Integration from another process (`Integration.packed`), with kernels of this one."""
     text = kernel_text(campaign, history=history, variant=flight.variant)
-    left = fallbacks(campaign, history, flight.variant)
-    return replace(flight, kernel=load_kernel(text, announce), fallbacks=left)
+    remaining_kernels = fallbacks(campaign, history, flight.variant)
+    return replace(flight, kernel=load_kernel(text, announce), fallbacks=remaining_kernels)
 
 
-def _more_care(
-    campaign: Definition, kernel: Kernel, left: tuple[FallbackKernel, ...]
+def _capable_variant(
+    campaign: Definition,
+    kernel: Kernel,
+    remaining_kernels: tuple[FallbackKernel, ...],
+    size: CalibrationSize,
 ) -> int | None:
-    """With what care a kernel may fly most of the corners that this one loses; None if there is
-    none."""
-    steps, durations = _unknown(kernel)
+    """Variant of a fallback kernel that accepts most of the corners that ``kernel`` rejects; None
+    if there is none."""
+    steps, durations = _initial_steps(kernel)
     block, _ = integrate_cases(
         kernel,
         campaign.plan,
         _SPREAD_STEPS * steps,
         durations,
         campaign.slots,
-        corner_cases(campaign),
+        corner_cases(campaign, size.corners),
     )
-    for fallback in left:
-        flown = np.count_nonzero(helped(block.status, fallback.variant, np.array(True)))
+    for fallback in remaining_kernels:
+        flown = np.count_nonzero(is_accepted_by(block.status, fallback.variant, np.array(True)))
         if 2 * flown >= np.count_nonzero(block.status < 0) > 0:
             return fallback.variant
     return None
 
 
-def _unknown(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
-    """Steps (stages,), and how long stages usually last, while nothing is known of that."""
+def _initial_steps(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
+    """Steps and durations (segments,) before any case was integrated."""
     return np.full(kernel.n_segments, _SPREAD_STEPS), np.full(kernel.n_segments, np.inf)
 
 
-def _each_by_itself(
-    campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[FallbackKernel, ...]
+def _refined_case_by_case(
+    campaign: Definition,
+    kernel: Kernel,
+    stages: list[str],
+    remaining_kernels: tuple[FallbackKernel, ...],
+    size: CalibrationSize,
 ) -> Integration:
-    """Where no steps suit most trial cases: every case finds its own."""
-    draws, given = (
-        np.vstack([corner_cases(campaign), calibration_sample(campaign, SAMPLE // _OF_HARD)]),
+    """Integration with cases refined one by one, where no common steps suit most cases."""
+    draws, given_step = (
+        np.vstack(
+            [
+                corner_cases(campaign, size.corners),
+                calibration_sample(campaign, size.sample // _SAMPLE_DIVISOR),
+            ]
+        ),
         campaign.scene.solver.step,
     )
-    steps, durations = _unknown(kernel)
-    steps = steps if given is None else np.ones_like(steps)
+    steps, durations = _initial_steps(kernel)
+    steps = steps if given_step is None else np.ones_like(steps)
     units = [c.unit for c in campaign.outcome_columns]
-    own, nothing = scene_scales(campaign.scene, units), np.full(kernel.n_indicators, -np.inf)
+    scene_scale, nothing = (
+        scene_scales(campaign.scene, units),
+        np.full(kernel.n_indicators, -np.inf),
+    )
     flight = Integration(
-        kernel, steps, durations, stages, given, SMALL * own, nothing, fallbacks=left
+        kernel,
+        steps,
+        durations,
+        stages,
+        given_step,
+        SMALL * scene_scale,
+        nothing,
+        fallbacks=remaining_kernels,
     )
     block = integrate(campaign, flight, draws)
     assert block.refinement is not None
-    ok, decides = block.status == Status.OK, decisive(campaign.outcome_columns)
-    told = achieved(campaign, block.refinement.error / SAFETY, int(np.count_nonzero(ok)))
+    ok, is_decisive = block.status == Status.OK, decisive(campaign.outcome_columns)
+    accuracy_achieved = achieved(
+        campaign, block.refinement.error / SAFETY, int(np.count_nonzero(ok))
+    )
     nominal = block.outcomes[0, : len(units)] if ok[0] else None
-    scale = scales(block.outcomes[ok][:, : len(units)], units, own)
+    scale = scales(block.outcomes[ok][:, : len(units)], units, scene_scale)
     return replace(
         flight,
         scale=scale,
-        error=float(block.refinement.error[decides].max(initial=0.0)) / SAFETY,
-        achieved=told,
+        error=float(block.refinement.error[is_decisive].max(initial=0.0)) / SAFETY,
+        achieved=accuracy_achieved,
         nominal=nominal,
     )
 
 
-def _finished(campaign: Definition, found: Integration, room: int) -> Integration:
-    """The flight with what is to be told of its nominal case and of histories of so many rows."""
-    if room and found.achieved is not None:
+def _with_notes(
+    campaign: Definition, selected: Integration, history_size: int, size: CalibrationSize
+) -> Integration:
+    """Integration with notes, and with the error of stored histories of ``history_size`` rows."""
+    if history_size and selected.achieved is not None:
         draws = np.empty((1, 0))
         if campaign.file.dispersions:
-            draws = np.vstack([corner_cases(campaign), calibration_sample(campaign, SAMPLE)])
-        assert found.scale is not None
-        one, two = (integrate_once(campaign, way, draws, room) for way in (found, found.refined()))
-        error = _history_error(campaign, one, two, found.scale)
-        found = replace(found, achieved=replace(found.achieved, history=SAFETY * error))
-    return replace(found, notes=scene_notes(campaign, found))
+            draws = np.vstack(
+                [corner_cases(campaign, size.corners), calibration_sample(campaign, size.sample)]
+            )
+        assert selected.scale is not None
+        at_steps, at_half = (
+            integrate_once(campaign, way, draws, history_size)
+            for way in (selected, selected.refined())
+        )
+        error = _history_error(campaign, at_steps, at_half, selected.scale)
+        selected = replace(selected, achieved=replace(selected.achieved, history=SAFETY * error))
+    return replace(selected, notes=scene_notes(campaign, selected))
 
 
-def _history_error(campaign: Definition, one: Block, two: Block, scale: np.ndarray) -> float:
-    """Largest error of separation speed and distance between the ends of steps, over trial cases
-    flown in some steps and in half of these: a step's interpolation is of a lower order than the
-    step. Relative to size or ``scale`` (o,) as the outcomes are."""
+def _history_error(
+    campaign: Definition, at_steps: Block, at_half: Block, scale: np.ndarray
+) -> float:
+    """Largest error of histories between the ends of steps, from cases at some steps and at half of
+    them.
+
+    The interpolation of a step is of lower order than the step. Relative to size or ``scale`` (o,),
+    as outcomes.
+    """
     names = [column.name for column in campaign.outcome_columns]
-    width = two.history.shape[2]
-    own = np.array(
+    width = at_half.history.shape[2]
+    scene_scale = np.array(
         [scale[names.index(c.name)] for c in separation_columns(list(campaign.plan.joints))]
     )
-    both = (one.status == Status.OK) & (two.status == Status.OK)
-    there = one.history[both].reshape(-1, width), two.history[both].reshape(-1, width)
-    return float(errors(*there, own).max(initial=0.0))
+    both_ok = (at_steps.status == Status.OK) & (at_half.status == Status.OK)
+    histories = (
+        at_steps.history[both_ok].reshape(-1, width),
+        at_half.history[both_ok].reshape(-1, width),
+    )
+    return float(errors(*histories, scene_scale).max(initial=0.0))
 
 
-def _tell_trials(announce: Log | None) -> None:
+def _announce_calibration(announce: Log | None) -> None:
     if announce:
-        announce("flying trial cases to find the steps for the accuracy asked ...")
+        announce("running calibration cases to find the steps for the accuracy asked ...")
 
 
-def _counted(announce: Log | None) -> Callable[[int], None]:
-    """What is told of every so many flights of trial cases: now and then, how many there were."""
-    tell, total = progress_reporter(announce, EVERY_S), 0
+def _progress_counter(announce: Log | None) -> Callable[[int], None]:
+    """Function that adds to a count of cases and announces it from time to time."""
+    report, total = progress_reporter(announce, REPORT_EVERY_S), 0
 
-    def count(flights: int) -> None:
+    def count(n_cases: int) -> None:
         nonlocal total
-        total += flights
-        tell(
+        total += n_cases
+        report(
             lambda seconds: (
-                f"{total} flights of trial cases in {seconds:.0f} s"
+                f"{total} calibration cases in {seconds:.0f} s"
                 + ("; solver.step_s, a step of your own, needs none" if seconds > _LONG_S else "")
                 + " ..."
             )
@@ -324,21 +437,39 @@ def _counted(announce: Log | None) -> Callable[[int], None]:
     return count
 
 
-def _choose_steps(
+def _common_steps(
     campaign: Definition,
     kernel: Kernel,
     stages: list[str],
-    tell: Callable[[int], None],
-    room: int = 0,
+    report: Callable[[int], None],
+    size: CalibrationSize,
+    history_size: int = 0,
 ) -> Integration | None:
-    """Fewest steps in every phase with which trial cases come within the accuracy, or the step that
-    is given; None if none are found. The error of histories of so many rows, the ``room``, is told
-    too."""
-    tried, drawn = (
-        corner_cases(campaign),
-        calibration_sample(campaign, SAMPLE if campaign.file.dispersions else 0),
+    """Fewest steps of every segment at which calibration cases meet the accuracy, or the given
+    step.
+
+    Parameters
+    ----------
+    campaign : Definition
+    kernel : Kernel
+    stages : list of str
+        Names of the segments.
+    report : callable
+        Called with the number of cases of each batch.
+    size : CalibrationSize
+    history_size : int
+        Rows of a stored history; 0: none.
+
+    Returns
+    -------
+    Integration or None
+        None if no steps suit most cases.
+    """
+    tried, sampled = (
+        corner_cases(campaign, size.corners),
+        calibration_sample(campaign, size.sample if campaign.file.dispersions else 0),
     )
-    first, durations, given = (
+    n_corners, durations, step = (
         len(tried),
         find_durations(campaign, kernel, tried),
         campaign.scene.solver.step,
@@ -348,221 +479,280 @@ def _choose_steps(
     longest = longest_step(
         campaign.scene, campaign.file.dispersions, structure.brief_transient(campaign.scene)
     )
-    least = np.maximum(2, np.ceil(durations / longest)).astype(np.int64)
+    min_steps = np.maximum(2, np.ceil(durations / longest)).astype(np.int64)
     columns = campaign.outcome_columns
-    units, decides = [c.unit for c in columns], decisive(columns)
+    units, is_decisive = [c.unit for c in columns], decisive(columns)
     goal = SAFE * campaign.scene.solver.accuracy
     evaluations = [[method(name).stages for name in names] for names in kernel.methods]
-    beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
+    beyond_goal = np.zeros(0, dtype=np.int64)  # sampled cases with errors above the goal
 
-    def block_of(
-        steps: np.ndarray, draws: np.ndarray, methods: np.ndarray | None = None, room: int = 0
+    def integrate_block(
+        steps: np.ndarray,
+        draws: np.ndarray,
+        methods: np.ndarray | None = None,
+        history_size: int = 0,
     ) -> Block:
         block, _ = integrate_cases(
-            kernel, campaign.plan, steps, durations, campaign.slots, draws, room, methods
+            kernel, campaign.plan, steps, durations, campaign.slots, draws, history_size, methods
         )
-        tell(len(draws))
+        report(len(draws))
         return block
 
-    def flown(
+    def integrate_cases(
         steps: np.ndarray, methods: np.ndarray, draws: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        block = block_of(steps, draws, methods)
-        return block.outcomes[:, : len(units)], _verdict(block, given)
+        block = integrate_block(steps, draws, methods)
+        return block.outcomes[:, : len(units)], _verdict(block, step)
 
-    spread, some = (
-        _SPREAD_STEPS if given is None else 1,
-        np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]]),
+    spread_steps, spread_cases = (
+        _SPREAD_STEPS if step is None else 1,
+        np.vstack([tried[:1], sampled[: (len(sampled) + 3) // 4]]),
     )
-    few = block_of(np.full(kernel.n_segments, spread), some)
-    # a body may turn too far in a step for any of them
-    while not mostly(_verdict(few, given)) and spread < _MOST_SPREAD:
-        spread *= 2
-        few = block_of(np.full(kernel.n_segments, spread), some)
-    scale = scales(_ended(few, given)[:, : len(units)], units, scene_scales(campaign.scene, units))
-    for _ in range(_ROUNDS):
-        tried = np.vstack([tried, drawn[beyond]])
-        search = Search(flown, tried, scale, goal, decides, evaluations)
-        fewest = search.fewest(least) if given is None else search.of_one_step(kernel.n_segments)
+    spread_block = integrate_block(np.full(kernel.n_segments, spread_steps), spread_cases)
+    # a body can rotate too far in a step in every case
+    while not most_are_valid(_verdict(spread_block, step)) and spread_steps < _MAX_SPREAD_STEPS:
+        spread_steps *= 2
+        spread_block = integrate_block(np.full(kernel.n_segments, spread_steps), spread_cases)
+    scale = scales(
+        _completed(spread_block, step)[:, : len(units)], units, scene_scales(campaign.scene, units)
+    )
+    for _ in range(_MAX_ROUNDS):
+        tried = np.vstack([tried, sampled[beyond_goal]])
+        search = Search(integrate_cases, tried, scale, goal, is_decisive, evaluations)
+        fewest = (
+            search.fewest_steps(min_steps) if step is None else search.given_step(kernel.n_segments)
+        )
         if fewest is None:
             return None
         steps = fewest
-        # corners and sample once in these steps and once in half of them, for all that is told
-        every = np.vstack([tried[:first], drawn])
-        trials, halved = (block_of(times * steps, every, search.methods, room) for times in (1, 2))
-        (one, verdict), (two, finer) = (
-            (block.outcomes[first:, : len(units)], _verdict(block, given)[first:])
+        # corners and sample at these steps and at half of them, for all reported errors
+        all_cases = np.vstack([tried[:n_corners], sampled])
+        trials, halved = (
+            integrate_block(times * steps, all_cases, search.methods, history_size)
+            for times in (1, 2)
+        )
+        (at_steps, verdict), (at_half, verdict_at_half) = (
+            (block.outcomes[n_corners:, : len(units)], _verdict(block, step)[n_corners:])
             for block in (trials, halved)
         )
-        fair, finely = verdict == VOUCHED, finer == VOUCHED
-        found = np.where((fair & finely)[:, None], errors(one, two, scale), 0.0)
-        beyond = _beyond(found[:, decides].max(axis=1, initial=0.0), search.goal)
-        if given is not None or not len(beyond):
+        is_valid, is_valid_at_half = verdict == VALID, verdict_at_half == VALID
+        sample_errors = np.where(
+            (is_valid & is_valid_at_half)[:, None], errors(at_steps, at_half, scale), 0.0
+        )
+        beyond_goal = _worst_cases(
+            sample_errors[:, is_decisive].max(axis=1, initial=0.0), search.tolerance
+        )
+        if step is not None or not len(beyond_goal):
             break
-    largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
-    again, sound = trials.outcomes[:first, : len(units)], _verdict(trials, given)[:first] == VOUCHED
-    both = sound & search.fair[:first]
-    known = np.vstack(
-        [errors(again[both], search.reference[:first][both], scale), found[fair & finely]]
+    largest = np.maximum(search.largest_errors(steps), sample_errors.max(axis=0, initial=0.0))
+    at_steps_corners, corner_is_valid = (
+        trials.outcomes[:n_corners, : len(units)],
+        _verdict(trials, step)[:n_corners] == VALID,
     )
-    known_of = np.concatenate([both, fair & finely])
-    doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])
-    if len(doubted):
-        vouched = np.vstack([again[sound & ~search.fair[:first]], one[fair & ~finely]])
+    is_known = corner_is_valid & search.is_valid[:n_corners]
+    known = np.vstack(
+        [
+            errors(at_steps_corners[is_known], search.reference[:n_corners][is_known], scale),
+            sample_errors[is_valid & is_valid_at_half],
+        ]
+    )
+    is_known_case = np.concatenate([is_known, is_valid & is_valid_at_half])
+    doubtful_cases = np.vstack(
+        [
+            tried[:n_corners][corner_is_valid & ~search.is_valid[:n_corners]],
+            sampled[is_valid & ~is_valid_at_half],
+        ]
+    )
+    if len(doubtful_cases):
+        doubtful_outcomes = np.vstack(
+            [
+                at_steps_corners[corner_is_valid & ~search.is_valid[:n_corners]],
+                at_steps[is_valid & ~is_valid_at_half],
+            ]
+        )
 
-        def finely_flown(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            block = block_of(round(1.0 / share) * steps, doubted[which], search.methods)
+        def integrate_doubtful(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            block = integrate_block(
+                round(1.0 / share) * steps, doubtful_cases[which], search.methods
+            )
             return block.outcomes[:, : len(units)], np.where(
-                _verdict(block, given) == IN_DOUBT, Status.UNRESOLVED, block.status
+                _verdict(block, step) == IN_DOUBT, Status.UNRESOLVED, block.status
             )
 
-        largest = np.maximum(largest, _doubted(finely_flown, vouched, goal, scale, decides))
-    limits, angles = _limits(campaign, trials), _angles(campaign, trials)
-    largest = np.maximum(largest, _unseen(campaign, trials, scale))
+        largest = np.maximum(
+            largest,
+            _doubtful_errors(integrate_doubtful, doubtful_outcomes, goal, scale, is_decisive),
+        )
+    limits, angles = _indicator_limits(campaign, trials), _angle_limits(campaign, trials)
+    largest = np.maximum(largest, _unseen_errors(campaign, trials, scale))
     assert trials.indicators is not None
-    told_by_guards = trials.has_indicators[known_of]  # with a step that is given, maybe not all
-    own = estimate(
-        trials.indicators[known_of][told_by_guards],
-        known[told_by_guards],
-        SAFETY * search.of_reference,
-        _left_out(campaign, trials, scale),
-        decides,
+    has_indicators = trials.has_indicators[is_known_case]  # at a given step perhaps not all
+    error_estimate = estimate(
+        trials.indicators[is_known_case][has_indicators],
+        known[has_indicators],
+        SAFETY * search.reference_errors,
+        _direct_errors(campaign, trials, scale),
+        is_decisive,
     )
-    count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
-    told = achieved(campaign, largest, count)
-    if room:
-        told = replace(told, history=SAFETY * _history_error(campaign, trials, halved, scale))
-    nominal = search.reference[0] if trials.status[0] == Status.OK and search.fair[0] else None
-    error = float(largest[decides].max(initial=0.0))
-    most = np.inf if given is not None else _MOST_ESTIMATED * campaign.scene.solver.accuracy
-    if search.goal > goal:  # what trial cases do not reach in any steps is not asked of others
-        most = 2.0 * SAFETY * error
+    count = int(np.count_nonzero(is_valid) + np.count_nonzero(corner_is_valid))
+    accuracy_achieved = achieved(campaign, largest, count)
+    if history_size:
+        accuracy_achieved = replace(
+            accuracy_achieved, history=SAFETY * _history_error(campaign, trials, halved, scale)
+        )
+    nominal = search.reference[0] if trials.status[0] == Status.OK and search.is_valid[0] else None
+    error = float(largest[is_decisive].max(initial=0.0))
+    error_limit = np.inf if step is not None else _MAX_ESTIMATE * campaign.scene.solver.accuracy
+    if search.tolerance > goal:  # not asked of other cases, as calibration cases do not reach it
+        error_limit = 2.0 * SAFETY * error
     return Integration(
         kernel,
         steps,
         durations,
         stages,
-        given,
+        step,
         scale,
         limits,
         angles,
-        own,
-        most,
+        error_estimate,
+        error_limit,
         error,
-        told,
+        accuracy_achieved,
         nominal,
         methods=search.methods,
     )
 
 
-def _verdict(block: Block, given: float | None) -> np.ndarray:
-    """Of which cases (n,) a kernel vouches for the outcomes: those with a guard that is not known
-    are flown again, unless the step is ``given``."""
-    vouched = block.has_outcomes & (given is not None or block.has_indicators)
+def _verdict(block: Block, step: float | None) -> np.ndarray:
+    """Verdict (n,) on cases: valid, in doubt or without outcomes.
+
+    Cases with an unknown error indicator are in doubt, unless the step is given.
+    """
+    is_valid = block.has_outcomes & (step is not None or block.has_indicators)
     return np.where(
-        block.status > Status.NEVER_RELEASED, NO_OUTCOMES, np.where(vouched, VOUCHED, IN_DOUBT)
+        block.status > Status.NEVER_RELEASED,
+        NO_OUTCOMES,
+        np.where(is_valid, VALID, IN_DOUBT),
     )
 
 
-def _ended(block: Block, given: float | None) -> np.ndarray:
-    """Outcomes (n, o) of the cases that statistics are of, which came to their end; if none did, of
-    all that a kernel vouches for."""
-    vouched = _verdict(block, given) == VOUCHED
-    ended = vouched & (block.status == Status.OK)
-    return np.asarray(block.outcomes[ended if ended.any() else vouched])
+def _completed(block: Block, step: float | None) -> np.ndarray:
+    """Outcomes (n, o) of valid ok cases; of all valid cases if none is ok."""
+    is_valid = _verdict(block, step) == VALID
+    ended = is_valid & (block.status == Status.OK)
+    return np.asarray(block.outcomes[ended if ended.any() else is_valid])
 
 
-def _limits(campaign: Definition, trials: Block) -> np.ndarray:
-    """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little
-    more, or what no outcome would show."""
+def _indicator_limits(campaign: Definition, trials: Block) -> np.ndarray:
+    """Upper limits (g,) of error indicators within which the calibration applies.
+
+    The largest of the calibration cases and a margin, or a negligible value if larger.
+    """
     assert trials.indicators is not None
-    sound = trials.indicators[(trials.status == Status.OK) & trials.has_indicators]
+    indicators = trials.indicators[(trials.status == Status.OK) & trials.has_indicators]
     speed, rate = (
         SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
     )
-    unseen = np.zeros(trials.indicators.shape[1])
-    of_states = 3 * len(campaign.plan.bodies)
-    unseen[:of_states] = np.resize([speed, rate * campaign.scene.run.end_time, rate], of_states)
-    units, impulses = [column.unit for column in campaign.outcome_columns], _impulses(campaign)
+    negligible = np.zeros(trials.indicators.shape[1])
+    n_of_states = 3 * len(campaign.plan.bodies)
+    negligible[:n_of_states] = np.resize(
+        [speed, rate * campaign.scene.run.end_time, rate], n_of_states
+    )
+    units, impulses = (
+        [column.unit for column in campaign.outcome_columns],
+        _impulse_indices(campaign),
+    )
     sizes = np.abs(trials.outcomes[trials.status == Status.OK][:, impulses]).max(
         axis=0, initial=0.0
     )
-    own = SMALL * scene_scales(campaign.scene, [units[k] for k in impulses])
-    # guards of joint loads come last
-    alike, first = np.full(len(unseen), _ALIKE), len(unseen) - len(impulses)
-    unseen[first:] = _UNSEEN_LOADS * campaign.scene.solver.accuracy * np.maximum(sizes, own)
-    alike[first:] = _ALIKE_LOADS
-    return np.maximum(alike * sound.max(axis=0, initial=0.0), unseen)
+    scene_scale = SMALL * scene_scales(campaign.scene, [units[k] for k in impulses])
+    # indicators of joint loads come last
+    growth, first_load = np.full(len(negligible), _GROWTH), len(negligible) - len(impulses)
+    negligible[first_load:] = (
+        _UNSEEN_IMPULSE * campaign.scene.solver.accuracy * np.maximum(sizes, scene_scale)
+    )
+    growth[first_load:] = _LOAD_GROWTH
+    return np.maximum(growth * indicators.max(axis=0, initial=0.0), negligible)
 
 
-def _impulses(campaign: Definition) -> list[int]:
-    """Places of the impulses among the outcomes: their guards come last, in the same order."""
+def _impulse_indices(campaign: Definition) -> list[int]:
+    """Indices of impulses among the outcomes: their indicators come last, in the same order."""
     return [
         k for k, column in enumerate(campaign.outcome_columns) if column.unit in ("N s", "N m s")
     ]
 
 
-def _unseen(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
-    """Error (o,) that outcomes may have without a guard that tells: what polynomials may leave out
-    of impulses (`_limits`)."""
-    found, impulses = np.zeros(len(scale)), _impulses(campaign)
+def _unseen_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
+    """Error (o,) of impulses below the limits of their indicators; see `_indicator_limits`."""
+    unseen, impulses = np.zeros(len(scale)), _impulse_indices(campaign)
     sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
-    left_out = _UNSEEN_LOADS * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
-    found[impulses] = _over_least(left_out / SAFETY, sizes, scale[impulses])
-    return found
+    omitted = _UNSEEN_IMPULSE * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
+    unseen[impulses] = _relative_to_smallest(omitted / SAFETY, sizes, scale[impulses])
+    return unseen
 
 
-def _left_out(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
-    """Error (o, g) that outcomes may have for each unit of a guard: impulses, for what polynomials
-    leave out of them."""
+def _direct_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
+    """Error (o, g) of impulses per unit of their indicator: the error of the polynomials."""
     assert trials.indicators is not None
-    impulses = _impulses(campaign)
-    found = np.zeros((len(scale), trials.indicators.shape[1]))
+    impulses = _impulse_indices(campaign)
+    direct = np.zeros((len(scale), trials.indicators.shape[1]))
     sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
-    guards = found.shape[1] - len(impulses) + np.arange(len(impulses))
-    found[impulses, guards] = _over_least(np.array(SAFETY), sizes, scale[impulses])
-    return found
+    columns = direct.shape[1] - len(impulses) + np.arange(len(impulses))
+    direct[impulses, columns] = _relative_to_smallest(np.array(SAFETY), sizes, scale[impulses])
+    return direct
 
 
-def _over_least(amount: np.ndarray, sizes: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """An amount, or one for each of some outcomes (k,), over what each is in the case where it is
-    least, given ``sizes`` (n, k), but no less than its ``scale`` (k,)."""
-    least = np.maximum(sizes, scale).min(axis=0, initial=np.inf)
-    return np.divide(amount, least, out=np.zeros(len(least)), where=least > 0.0)
+def _relative_to_smallest(amount: np.ndarray, sizes: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Amounts over the smallest size of each outcome (k,) in cases (n, k), but at least its scale
+    (k,)."""
+    smallest = np.maximum(sizes, scale).min(axis=0, initial=np.inf)
+    return np.divide(amount, smallest, out=np.zeros(len(smallest)), where=smallest > 0.0)
 
 
-def _angles(campaign: Definition, trials: Block) -> dict[int, float]:
-    """How near sideslip and yaw, by column, may come to a right angle, rad: an error of alpha, or
-    pitch and roll, goes with one over the cosine."""
-    found = {}
+def _angle_limits(campaign: Definition, trials: Block) -> dict[int, float]:
+    """Limits, rad, of sideslip and yaw, by outcome index: errors of alpha, pitch and roll grow as
+    one over their cosine."""
+    limits = {}
     for k, column in enumerate(campaign.outcome_columns):
         if column.name.endswith(("_beta_deg", "_yaw_deg")):
             sizes = np.abs(trials.outcomes[trials.status == Status.OK, k])
-            found[k] = float(np.arccos(np.cos(np.nanmax(sizes, initial=0.0)) / _ALIKE))
-    return found
+            limits[k] = float(np.arccos(np.cos(np.nanmax(sizes, initial=0.0)) / _GROWTH))
+    return limits
 
 
-def _doubted(
-    integrate: Integrate, outcomes: np.ndarray, goal: float, scale: np.ndarray, decides: np.ndarray
+def _doubtful_errors(
+    integrate: Integrate,
+    outcomes: np.ndarray,
+    goal: float,
+    scale: np.ndarray,
+    is_decisive: np.ndarray,
 ) -> np.ndarray:
-    """Largest error (o,) of cases that a kernel vouches for, but at finer steps does not: against
-    what they settle at."""
-    right = np.empty_like(outcomes)
+    """Largest error (o,) of cases valid at the chosen steps but not at smaller ones, relative to
+    their converged values."""
+    converged = np.empty_like(outcomes)
 
-    def flown(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found, status = integrate(share, which)
-        right[which] = found
-        return found, status
+    def integrate_and_store(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        finer, status = integrate(share, which)
+        converged[which] = finer
+        return finer, status
 
-    settled = refine_steps(flown, len(outcomes), 1.0, goal, scale, decides)
-    found = errors(outcomes, right, scale)
-    found[~settled.settled | (settled.status > Status.NEVER_RELEASED)] = np.inf
-    return found.max(axis=0)
+    result = refine_steps(integrate_and_store, len(outcomes), 1.0, goal, scale, is_decisive)
+    errors_of_cases = errors(outcomes, converged, scale)
+    errors_of_cases[~result.converged | (result.status > Status.NEVER_RELEASED)] = np.inf
+    return errors_of_cases.max(axis=0)
 
 
-def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
-    """The worst of the cases whose errors (n,) are larger than the goal."""
-    return np.argsort(-errors_of_cases)[: min(_WORST, np.count_nonzero(errors_of_cases > goal))]
+def _worst_cases(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
+    """Indices of the cases with the largest errors (n,) above the goal."""
+    return np.argsort(-errors_of_cases)[: min(_N_WORST, np.count_nonzero(errors_of_cases > goal))]
+
+
+def units_to_compile(text: str) -> tuple[int, int]:
+    """Number of compile units of a kernel that are not in the cache, and number of units."""
+    from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (numba)
+
+    pieces = compiled.compile_units_of(text)
+    return len(compiled.missing_units(pieces)), len(pieces.names)
 
 
 __all__ = [
@@ -577,12 +767,4 @@ __all__ = [
     "kernel_text",
     "relative_error",
     "select_steps",
-]  # fmt: skip
-
-
-def units_to_compile(text: str) -> tuple[int, int]:
-    """How many pieces of a kernel are not in the cache of compiled ones, and how many it has."""
-    from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (numba)
-
-    pieces = compiled.compile_units_of(text)
-    return len(compiled.missing_units(pieces)), len(pieces.names)
+]

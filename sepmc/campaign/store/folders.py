@@ -1,5 +1,4 @@
-"""The folder of a run: what it is called, what lies in it, who may write it, and how its files are
-written."""
+"""Folder of a run: names of its files, locks and leases of writers, atomic writes."""
 
 import contextlib
 import json
@@ -20,13 +19,13 @@ from sepmc.paths import is_local
 from sepmc.wording import option, switch
 
 MANIFEST, CAMPAIGN = "manifest.json", "campaign.toml"
-# rows and histories of all cases; of a run that lets cases go, rows of some, and what is counted
+# rows and histories of all cases; of a run of statistics, selected rows and accumulators
 CASES, HISTORIES, SELECTED, ACCUMULATORS = DATA_FOLDERS = untrusted.KINDS
 SAMPLES, HISTORY = "samples.parquet", "history.parquet"
 HISTOGRAMS = "histograms.csv"
 SHARD_PATTERN = "part-*.parquet"
-_PROBE, _CALL = "is-writable", "workers-called"
-RARE = "the estimate of a rare event"  # what a folder with "rare" in its manifest holds
+_WRITE_PROBE, _LEASE = "is-writable", "workers-called"
+RARE = "the estimate of a rare event"  # in a folder with "rare" in its manifest
 _FIGURES = (
     "hist_*",
     "histograms",
@@ -44,7 +43,7 @@ _FIGURES = (
     "scatter",
     "rare",
 )
-_FOLLOWING = (  # from the cases
+_DERIVED = (  # derived from the cases
     "statistics.csv",
     "statistics.json",
     HISTOGRAMS,
@@ -61,53 +60,77 @@ _FOLLOWING = (  # from the cases
 )
 # data folders and sample table of format 1, which overwriting removes too
 _FORMAT_1 = ("kept", "counted")
-_OUR_FILES = (MANIFEST, CAMPAIGN, SAMPLES, "plan.parquet", ledger.LEDGER, _CALL, *_FOLLOWING)
+_OUR_FILES = (MANIFEST, CAMPAIGN, SAMPLES, "plan.parquet", ledger.LEDGER, _LEASE, *_DERIVED)
 
 
 def next_folder(name: str, root: Path = Path("runs")) -> Path:
-    """``runs/<name>-<n>`` with the smallest free n."""
+    """Next unused folder ``runs/<name>-<n>``."""
     n = 1
     while (root / f"{name}-{n}").exists():
         n += 1
     return root / f"{name}-{n}"
 
 
-_ours: set[Path] = set()  # folders that this process has open
+_open_folders: set[Path] = set()  # open in this process
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_ours.clear)  # a process made by fork has none open
+    os.register_at_fork(after_in_child=_open_folders.clear)  # a forked process has none open
 
 
 @contextlib.contextmanager
 def opened(
     folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True
 ) -> Iterator[Path]:
-    """A folder that may be written, by this process alone, without losing anything unasked; see
-    `check_folder`. Raises StoreError, too, if it cannot be written."""
-    if folder.resolve() in _ours:  # it is open already
+    """Open a folder for writing by this process alone; see `check_folder`.
+
+    Parameters
+    ----------
+    folder : Path
+    overwrite : bool
+        Remove the run in it.
+    resume : bool
+        Keep the run in it.
+    resumable : bool
+        Mention resuming in errors.
+
+    Yields
+    ------
+    Path
+
+    Raises
+    ------
+    StoreError
+        If it cannot be used or written.
+    """
+    if folder.resolve() in _open_folders:  # open already
         yield folder
         return
     check_folder(folder, overwrite, resume, resumable)
     is_new = not folder.exists()
     make_writable(folder)
     try:
-        with _held(folder):
+        with _locked_folder(folder):
             if overwrite:
                 _clear(folder)
-            _sweep(folder)
+            _remove_temporary(folder)
             revoke_lease(folder)
-            _ours.add(folder.resolve())
+            _open_folders.add(folder.resolve())
             yield folder
     finally:
-        _ours.discard(folder.resolve())
-        if is_new and is_local(folder) and not any(folder.iterdir()):  # nothing came of it
+        _open_folders.discard(folder.resolve())
+        if is_new and is_local(folder) and not any(folder.iterdir()):  # nothing was written
             folder.rmdir()
 
 
 def check_folder(
     folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True
 ) -> None:
-    """See whether ``folder`` may be written, and change nothing. ``resumable``: say that it could
-    be resumed.
+    """Check that a folder may be written, without changing it.
+
+    Parameters
+    ----------
+    folder : Path
+    overwrite, resume, resumable : bool
+        As for `opened`.
 
     Raises
     ------
@@ -116,7 +139,7 @@ def check_folder(
     """
     if folder.exists() and not folder.is_dir():
         raise StoreError(f"{folder}: is a file; give {option('out')} a folder")
-    if folder.is_dir() and any(not _is_left(path) for path in folder.iterdir()):
+    if folder.is_dir() and any(not _is_temporary(path) for path in folder.iterdir()):
         untrusted.check_entries(folder)
         if not is_run(folder):
             raise StoreError(
@@ -124,13 +147,13 @@ def check_folder(
                 f"another {option('out')}"
             )
         if not (overwrite or resume):
-            ways = (
+            advice = (
                 f"add {switch('resume')} to fly its missing cases, {switch('overwrite')} to "
                 "replace it,"
                 if resumable and any((folder / kind).is_dir() for kind in (CASES, ACCUMULATORS))
                 else f"add {switch('overwrite')} to replace it"
             )
-            raise StoreError(f"{folder}: exists; {ways} or choose another {option('out')}")
+            raise StoreError(f"{folder}: exists; {advice} or choose another {option('out')}")
     for name in () if overwrite else DATA_FOLDERS:
         if (folder / name).exists() and not (folder / name).is_dir():
             raise StoreError(
@@ -140,23 +163,23 @@ def check_folder(
 
 
 def ledger_is_intact(folder: Path) -> bool:
-    """Whether the list of the files of a folder is as it was written."""
+    """Return True if every line of the ledger of a folder is intact."""
     return has_ledger(folder) and not ledger.count_damaged_lines(folder)
 
 
 def has_ledger(folder: Path) -> bool:
+    """Return True if the folder has a ledger."""
     return (folder / ledger.LEDGER).is_file()
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder is that of a run, if a damaged one."""
+    """Return True if the folder is a run folder, perhaps a damaged one."""
     return (folder / MANIFEST).is_file() or has_ledger(folder)
 
 
 @contextlib.contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """Let no other process write into a folder meanwhile, where a folder can be locked. Raises
-    StoreError if one does."""
+def _locked_folder(folder: Path) -> Iterator[None]:
+    """Lock a local folder against other processes. Raises StoreError if it is locked."""
     if not is_local(folder):  # objects cannot be locked
         yield
         return
@@ -173,96 +196,94 @@ def _held(folder: Path) -> Iterator[None]:
 
 
 def make_writable(folder: Path) -> None:
-    """Make a folder if there is none. Raises StoreError if nothing can be written into it."""
+    """Create a folder if needed, and check that it can be written. Raises StoreError."""
     try:
         if is_local(folder):
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 pass
         else:
-            (folder / _PROBE).write_bytes(b"")
-            (folder / _PROBE).unlink()
+            (folder / _WRITE_PROBE).write_bytes(b"")
+            (folder / _WRITE_PROBE).unlink()
     except OSError as error:
         raise StoreError(f"{folder}: cannot be written: {error.strerror or error}") from None
-    except Exception as error:  # whatever clients of object storage raise
+    except Exception as error:  # clients of object storage raise errors of their own
         if is_local(folder):
             raise
         raise StoreError(f"{folder}: cannot be reached: {error}") from None
 
 
 def _clear(folder: Path) -> None:
-    """Remove what a run made, and nothing else."""
+    """Remove the files of a run, and nothing else."""
     for name in (*DATA_FOLDERS, *_FORMAT_1):
         if is_local(folder):
             shutil.rmtree(folder / name, ignore_errors=True)
         for path in (folder / name).glob("*"):
             path.unlink()
     for path in list(folder.iterdir()) if folder.is_dir() else ():
-        if path.is_file() and _is_one(path.name, _OUR_FILES):
+        if path.is_file() and _matches(path.name, _OUR_FILES):
             path.unlink()
 
 
 def is_derived(name: str) -> bool:
-    """Whether a name is that of what follows from the cases of a run: statistics, tables,
-    figures."""
-    return _is_one(name, _FOLLOWING)
+    """Return True if a file of this name is derived from the cases: statistics, tables, figures."""
+    return _matches(name, _DERIVED)
 
 
-def _is_one(name: str, patterns: Iterable[str]) -> bool:
+def _matches(name: str, patterns: Iterable[str]) -> bool:
     return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
-def _sweep(folder: Path, kinds: Sequence[str] = (".",)) -> None:
-    """Remove what processes that were killed left of files they were writing."""
+def _remove_temporary(folder: Path, kinds: Sequence[str] = (".",)) -> None:
+    """Remove temporary files of killed processes."""
     for kind in kinds if is_local(folder) else ():
         for path in (folder / kind).glob("*.????????.tmp"):
-            if _is_left(path):
+            if _is_temporary(path):
                 path.unlink()
 
 
-def _is_left(path: Path) -> bool:
-    """Whether a file is what a process that was killed left of one that it was writing."""
-    return _is_one(path.name, [f"{one}.????????.tmp" for one in (*_OUR_FILES, SHARD_PATTERN)])
+def _is_temporary(path: Path) -> bool:
+    """Return True for a temporary file of a killed process."""
+    return _matches(path.name, [f"{one}.????????.tmp" for one in (*_OUR_FILES, SHARD_PATTERN)])
 
 
 def issue_lease(folder: Path) -> str:
-    """Call workers to write parts into a folder; returns the word by which they know that they
-    still may."""
-    word = uuid4().hex
-    write_text(folder / _CALL, word)
-    return word
+    """Allow workers to write shards into a folder; returns the token of the lease."""
+    lease = uuid4().hex
+    write_text(folder / _LEASE, lease)
+    return lease
 
 
 def revoke_lease(folder: Path) -> None:
-    """Let workers that were called, and that nobody waits for any more, write nothing."""
-    (folder / _CALL).unlink(missing_ok=True)
+    """End the lease: workers no longer write into the folder."""
+    (folder / _LEASE).unlink(missing_ok=True)
 
 
-def lease_is_valid(folder: Path, word: str) -> bool:
-    """Whether workers that were called by this word may write into a folder."""
+def lease_is_valid(folder: Path, lease: str) -> bool:
+    """Return True if a lease still allows workers to write into a folder."""
     try:
-        return (folder / _CALL).read_text(encoding="utf-8") == word
+        return (folder / _LEASE).read_text(encoding="utf-8") == lease
     except OSError:
         return False
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file so that a reader sees the old or the new text, never a part."""
+    """Write a text file atomically."""
     ledger.write_atomically(path, text.encode())
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write JSON: see `json_text`."""
+    """Write JSON atomically; see `json_text`."""
     write_text(path, json_text(data))
 
 
 def json_text(data: Any) -> str:
-    """Data as JSON; a number that is not finite becomes null, as JSON has none."""
+    """JSON text of data; numbers that are not finite become null."""
     return json.dumps(finite(data), indent=2, allow_nan=False) + "\n"
 
 
 def finite(data: Any) -> Any:
-    """Data with None in place of numbers that are not finite."""
+    """Copy of data with None in place of numbers that are not finite."""
     if isinstance(data, dict):
         return {key: finite(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
@@ -271,5 +292,5 @@ def finite(data: Any) -> Any:
 
 
 def remove_temporary_shards(folder: Path) -> None:
-    """Remove what workers that were lost left of parts they were writing."""
-    _sweep(folder, DATA_FOLDERS)
+    """Remove temporary shards of lost workers."""
+    _remove_temporary(folder, DATA_FOLDERS)

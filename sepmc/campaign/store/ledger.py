@@ -1,8 +1,8 @@
-"""The files of a run folder with their checksums, a line each, added as a file is written: whatever
-interrupts a run, what it holds whole is known.
+"""Ledger of a run folder: its files with size and checksum, a line each, appended as files are
+written.
 
-A line has a checksum of its own at its end. Of several lines of a file the last counts; a line that
-was cut short or changed says nothing, and its file then counts as not there.
+Each line ends with a checksum of its own. The last line of a file counts; a damaged line is
+ignored, so its file counts as missing.
 """
 
 import hashlib
@@ -19,12 +19,21 @@ from sepmc.paths import is_local
 from sepmc.scene.limits import CASES, LEDGER_BYTES, LEDGER_LINES, PART_BYTES
 
 LEDGER = "checksums.jsonl"
-_OF_A_LINE = 16  # characters
+_CHECKSUM_LENGTH = 16  # characters
 
 
 class Entry(msgspec.Struct, frozen=True):
-    """A file of a run folder: its path there, its size, and of a part its first case and how many
-    there are."""
+    """File of a run folder.
+
+    Attributes
+    ----------
+    file : str
+        Path relative to the folder.
+    bytes : int
+    sha256 : str
+    first, cases : int
+        First case and number of cases of a shard.
+    """
 
     file: str
     bytes: int
@@ -33,36 +42,38 @@ class Entry(msgspec.Struct, frozen=True):
     cases: int = 0
 
     @property
-    def is_possible(self) -> bool:
-        """Whether there can be such a file, of so many cases, in a run folder."""
+    def is_valid(self) -> bool:
+        """True if a run can have such a file."""
         return (
             untrusted.is_file_name(self.file)
             and 0 <= self.bytes <= PART_BYTES
             and 0 <= self.first <= self.first + self.cases <= CASES
-            and self.cases <= self.bytes  # of each case many numbers, 4 to a byte at most
+            and self.cases <= self.bytes  # a case has several numbers, at most 4 to a byte
         )
 
     @property
     def line(self) -> str:
-        """How it stands in the ledger."""
-        said = msgspec.json.encode(self).decode()
-        return f"{said} {checksum(said.encode())[:_OF_A_LINE]}\n"
+        """Line of the ledger."""
+        text = msgspec.json.encode(self).decode()
+        return f"{text} {checksum(text.encode())[:_CHECKSUM_LENGTH]}\n"
 
     @property
-    def numbers(self) -> str:
-        """Which cases it has, in words."""
+    def cases_text(self) -> str:
+        """Range of cases in words."""
         return f"cases {self.first} to {self.first + self.cases - 1}"
 
 
 def checksum(content: bytes) -> str:
-    """The checksum of a content."""
+    """SHA-256 of bytes, hexadecimal."""
     return hashlib.sha256(content).hexdigest()
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that a reader sees the old or the new content, never a part; of several
-    processes that write it at once, one's. Whatever had its name is left alone elsewhere."""
-    if not is_local(path):  # object storage does so by itself
+    """Write a file so that readers see the old or the new content, never a part.
+
+    Of several processes that write it at once, one wins.
+    """
+    if not is_local(path):  # object storage writes atomically
         path.write_bytes(content)
         return
     temporary = path.with_name(f"{path.name}.{uuid4().hex[:8]}.tmp")
@@ -70,7 +81,7 @@ def write_atomically(path: Path, content: bytes) -> None:
         with open(temporary, "xb") as file:
             file.write(content)
         os.replace(temporary, path)
-    except FileExistsError:  # somebody else's
+    except FileExistsError:  # of another process
         raise
     except OSError:  # a full disk
         temporary.unlink(missing_ok=True)
@@ -78,14 +89,14 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def make_entry(file: str, content: bytes, first: int = 0, cases: int = 0) -> Entry:
-    """The entry of a file with this content."""
+    """Entry of a file with this content."""
     return Entry(file, len(content), checksum(content), first, cases)
 
 
 def add(folder: Path, *entries: Entry) -> None:
-    """Add files to the ledger of a folder."""
-    lines = "".join(one.line for one in entries).encode()
-    if not is_local(folder):  # nothing can be added to an object
+    """Append entries to the ledger of a folder."""
+    lines = "".join(entry.line for entry in entries).encode()
+    if not is_local(folder):  # objects cannot be appended to
         write_atomically(folder / LEDGER, _content(folder) + lines)
         return
     with open(folder / LEDGER, "ab") as ledger:
@@ -93,14 +104,24 @@ def add(folder: Path, *entries: Entry) -> None:
 
 
 def rewrite(folder: Path, entries: Iterable[Entry]) -> None:
-    """Put these files into the ledger of a folder, and no others."""
-    write_atomically(folder / LEDGER, "".join(one.line for one in entries).encode())
+    """Replace the ledger of a folder by these entries."""
+    write_atomically(folder / LEDGER, "".join(entry.line for entry in entries).encode())
 
 
 def read(folder: Path) -> Mapping[str, Entry]:
-    """The files in the ledger of a folder, by their path there. Raises StoreError if there is
-    anything in the folder but files and folders."""
-    if not is_local(folder):  # whose clock tells seconds only
+    """Read the ledger of a folder.
+
+    Returns
+    -------
+    mapping of str to Entry
+        By file.
+
+    Raises
+    ------
+    StoreError
+        If the folder has links or other special files, or the ledger is too large.
+    """
+    if not is_local(folder):  # its times have a resolution of seconds
         lines = _lines(folder / LEDGER) if (folder / LEDGER).is_file() else []
         return _entries(lines)
     untrusted.check_entries(folder)
@@ -117,7 +138,7 @@ def _read(path: Path, changed: int, size: int) -> Mapping[str, Entry]:
 
 
 def _entries(lines: Iterable[bytes]) -> Mapping[str, Entry]:
-    return {one.file: one for one in map(_entry, lines) if one}
+    return {entry.file: entry for entry in map(_entry, lines) if entry}
 
 
 def _content(folder: Path) -> bytes:
@@ -128,30 +149,28 @@ def _content(folder: Path) -> bytes:
 
 
 def _lines(path: Path) -> list[bytes]:
-    """Lines of a ledger. Raises StoreError if there are more than a run has files."""
-    written = untrusted.read_bounded(path, LEDGER_BYTES)
-    if (count := written.count(b"\n") + written.count(b"\r")) > LEDGER_LINES:
-        said = f"has {count:,} lines: must have at most {LEDGER_LINES:,}"
-        raise untrusted.StoreError(f"{path}: {said}")
-    return written.splitlines()
+    """Lines of a ledger. Raises StoreError if there are too many."""
+    content = untrusted.read_bounded(path, LEDGER_BYTES)
+    if (count := content.count(b"\n") + content.count(b"\r")) > LEDGER_LINES:
+        text = f"has {count:,} lines: must have at most {LEDGER_LINES:,}"
+        raise untrusted.StoreError(f"{path}: {text}")
+    return content.splitlines()
 
 
 def _entry(line: bytes) -> Entry | None:
-    """What a line tells of; None if it is not as it was written, or tells of nothing that can
-    be."""
-    said, _, end = line.rpartition(b" ")
-    if checksum(said)[:_OF_A_LINE].encode() != end:
+    """Entry of a line; None if the line is damaged or invalid."""
+    text, _, end = line.rpartition(b" ")
+    if checksum(text)[:_CHECKSUM_LENGTH].encode() != end:
         return None
     try:
-        found = msgspec.json.decode(said, type=Entry)
+        entry = msgspec.json.decode(text, type=Entry)
     except (msgspec.MsgspecError, ValueError):
         return None
-    return found if found.is_possible else None
+    return entry if entry.is_valid else None
 
 
 def count_damaged_lines(folder: Path) -> int:
-    """How many lines of the ledger of a folder say nothing, as they are not as they were
-    written."""
+    """Number of damaged lines in the ledger of a folder."""
     try:
         lines = _lines(folder / LEDGER)
     except untrusted.StoreError:
@@ -160,23 +179,28 @@ def count_damaged_lines(folder: Path) -> int:
 
 
 def digest(entries: Iterable[Entry]) -> str:
-    """A checksum of files, in whatever order."""
-    return checksum("".join(sorted(one.line for one in entries)).encode())
+    """Checksum of entries in any order."""
+    return checksum("".join(sorted(entry.line for entry in entries)).encode())
 
 
-def read_verified(folder: Path, one: Entry) -> bytes:
-    """The content of a file, as it was written. Raises ValueError, with what is wrong, if it is
-    not."""
-    path = folder / one.file
+def read_verified(folder: Path, entry: Entry) -> bytes:
+    """Content of a file whose size and checksum match its entry.
+
+    Raises
+    ------
+    ValueError
+        With the reason, if the file is missing or differs.
+    """
+    path = folder / entry.file
     try:
         size = path.stat().st_size
-        content = path.read_bytes() if path.is_file() and size == one.bytes else b""
+        content = path.read_bytes() if path.is_file() and size == entry.bytes else b""
     except FileNotFoundError:
         raise ValueError("is gone") from None
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror or error}") from None
-    if size != one.bytes:
-        raise ValueError(f"was changed: it has {size} bytes, and had {one.bytes}")
-    if checksum(content) != one.sha256:
+    if size != entry.bytes:
+        raise ValueError(f"was changed: it has {size} bytes, and had {entry.bytes}")
+    if checksum(content) != entry.sha256:
         raise ValueError("was changed: its checksum is another")
     return content

@@ -1,4 +1,4 @@
-"""What a manifest says, checked when it is read: types, ranges, and what a sealed one must have."""
+"""Schema of manifests: types, ranges and required keys, checked when a manifest is read."""
 
 import contextlib
 import json
@@ -15,14 +15,14 @@ from sepmc.scene.model import Name
 FORMAT = 2  # of run folders: raised when their keys or folders are renamed
 _Count = Annotated[int, Meta(ge=0, le=CASES)]
 _TEXT = 100_000  # characters of a note
-_OF_ALL = ("campaign", "files", "files_sha256", "campaign_sha256")
-_OF_CASES = ("seed", "cases", "sessions")
-_OF_ONE = ("bodies", "joints")
-_OF_EVENT = ("seed", "sessions")
+_REQUIRED = ("campaign", "files", "files_sha256", "campaign_sha256")
+_REQUIRED_OF_CASES = ("seed", "cases", "sessions")
+_REQUIRED_OF_CASE = ("bodies", "joints")
+_REQUIRED_OF_RARE_EVENT = ("seed", "sessions")
 
 
 class _Session(Struct):
-    """What one command did."""
+    """Entry of one command."""
 
     sepmc: str
     started: str = ""
@@ -36,7 +36,7 @@ class _Session(Struct):
 
 
 class _Accuracy(Struct):
-    """How exact a run is; an infinite error is null."""
+    """Accuracy of a run; an infinite error is null."""
 
     achieved: float | None = None
     worst_outcome: str = ""
@@ -59,7 +59,7 @@ class _Accuracy(Struct):
 
 
 class _Manifest(Struct):
-    """Of a campaign, or of one case."""
+    """Manifest of a campaign, a rare-event estimate or a single case."""
 
     digest: str
     format: int = 1
@@ -93,47 +93,74 @@ class _Manifest(Struct):
     campaign_sha256: str = ""
 
 
-def shard_provenance(said: Mapping[bytes, bytes]) -> dict[str, Any]:
-    """What a part says of the run that it is of, as a manifest would. Raises ValueError or KeyError
-    if it does not."""
-    found: dict[str, Any] = {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
-    if numbers := said[b"numbers"].decode():
-        found["numbers"] = numbers
-    if b"lengths" in said or b"keep" in said:  # of cases that are counted, and let go but for some
-        found |= {"stats_only": True, "keep": said.get(b"keep", b"").decode()}
+def shard_provenance(metadata: Mapping[bytes, bytes]) -> dict[str, Any]:
+    """Provenance of a run from the metadata of a shard, by the keys of a metadata.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If it is incomplete.
+    """
+    provenance: dict[str, Any] = {
+        "digest": metadata[b"digest"].decode(),
+        "seed": int(metadata[b"seed"]),
+    }
+    if numbers_text := metadata[b"numbers"].decode():
+        provenance["numbers"] = numbers_text
+    if b"lengths" in metadata or b"keep" in metadata:  # of a run of statistics
+        provenance |= {"stats_only": True, "keep": metadata.get(b"keep", b"").decode()}
     try:
-        settings = msgspec.json.decode(said.get(b"settings", b"{}"), type=dict[str, str])
+        settings = msgspec.json.decode(metadata.get(b"settings", b"{}"), type=dict[str, str])
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise ValueError(f"its settings are none: {error}") from None
     _check(settings)
-    return found | {"settings": settings}
+    return provenance | {"settings": settings}
 
 
-def read(written: bytes) -> dict[str, Any]:
-    """A manifest, from what its file holds. Raises ValueError, with what is wrong, if it is
-    none."""
+def read(content: bytes) -> dict[str, Any]:
+    """Read and check a manifest.
+
+    Parameters
+    ----------
+    content : bytes
+
+    Returns
+    -------
+    dict of str to Any
+
+    Raises
+    ------
+    ValueError
+        With the reason.
+    """
     try:
-        said = json.loads(written.decode("utf-8"))
+        manifest = json.loads(content.decode("utf-8"))
     except RecursionError:
         raise ValueError("is too deep") from None
-    _check(said)
+    _check(manifest)
     try:
-        msgspec.convert(said, _Manifest)
+        msgspec.convert(manifest, _Manifest)
     except msgspec.ValidationError as error:
         raise ValueError(f"it holds no manifest: {error}") from None
-    if "sha256" in said:
-        own = _OF_ONE if "case" in said else _OF_EVENT if "rare" in said else _OF_CASES
-        wanted = (*_OF_ALL, *own)
-        for key in wanted:
-            if said.get(key) is None or (key == "sessions" and not said[key]):
+    if "sha256" in manifest:
+        own = (
+            _REQUIRED_OF_CASE
+            if "case" in manifest
+            else _REQUIRED_OF_RARE_EVENT
+            if "rare" in manifest
+            else _REQUIRED_OF_CASES
+        )
+        required = (*_REQUIRED, *own)
+        for key in required:
+            if manifest.get(key) is None or (key == "sessions" and not manifest[key]):
                 raise ValueError(f"it holds no manifest: {key} is missing")
-    return dict(said)
+    return dict(manifest)
 
 
-def _check(said: Any) -> None:
-    """Raise ValueError for what is too large, or no screen can show."""
+def _check(manifest: Any) -> None:
+    """Raise ValueError for data that are too large, or texts with control characters."""
     problems = Problems()
     with contextlib.suppress(TooManyProblems):
-        check_tree(said, problems, _TEXT)
+        check_tree(manifest, problems, _TEXT)
     if problems:
         raise ValueError(problems[0])

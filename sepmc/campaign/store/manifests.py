@@ -1,4 +1,4 @@
-"""What a run folder says of itself: its manifest, and what is wrong with its files."""
+"""Manifest of a run folder: writing, sealing, checking and diagnosing."""
 
 import contextlib
 import json
@@ -22,15 +22,17 @@ from sepmc.wording import another_place, flying_again
 
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any], campaign: str) -> None:
-    """Write the manifest of a run folder, sealed, with a checksum of the text of the campaign,
-    which is put beside it. The manifest comes first: it makes a folder a run."""
+    """Write manifest and campaign text of a run folder.
+
+    The manifest comes first, as it makes a folder a run folder; it has a checksum of the campaign
+    text.
+    """
     seal(folder, {**manifest, "campaign_sha256": ledger.checksum(campaign.encode())})
     folders.write_text(folder / folders.CAMPAIGN, campaign)
 
 
 def seal(folder: Path, manifest: Mapping[str, Any]) -> None:
-    """Write the manifest of a run folder with checksums of the ledger, as it is now, and of
-    itself."""
+    """Write a manifest with checksums of the ledger, as it is now, and of itself."""
     files = ledger.read(folder).values()
     sealed = {
         **manifest,
@@ -38,30 +40,29 @@ def seal(folder: Path, manifest: Mapping[str, Any]) -> None:
         "files": len(files),
         "files_sha256": ledger.digest(files),
     }
-    folders.write_json(folder / folders.MANIFEST, {**sealed, "sha256": _seal(sealed)})
+    folders.write_json(folder / folders.MANIFEST, {**sealed, "sha256": _checksum_of(sealed)})
 
 
-def _seal(manifest: Mapping[str, Any]) -> str:
-    """The checksum of a manifest, of all that it says besides."""
-    said = {key: value for key, value in manifest.items() if key != "sha256"}
-    return ledger.checksum(json.dumps(folders.finite(said), sort_keys=True).encode())
+def _checksum_of(manifest: Mapping[str, Any]) -> str:
+    """Checksum of a manifest without its own checksum."""
+    reason = {key: value for key, value in manifest.items() if key != "sha256"}
+    return ledger.checksum(json.dumps(folders.finite(reason), sort_keys=True).encode())
 
 
 def _is_sealed(manifest: Mapping[str, Any]) -> bool:
-    """Whether a manifest is as it was written."""
-    return manifest.get("sha256") == _seal(manifest)
+    """Return True if a manifest matches its checksum."""
+    return manifest.get("sha256") == _checksum_of(manifest)
 
 
 def forget_damaged(folder: Path, endings: tuple[str, ...]) -> list[str]:
-    """Take files that are not as they were written out of the ledger of a folder, if their names
-    end so. Returns their names."""
-    held = ledger.read(folder)
-    some = [(name, one) for name, one in held.items() if name.endswith(endings)]
-    lost = [name for name, one in some if shards.find_fault(folder, one)]
-    if lost:
-        ledger.rewrite(folder, [one for name, one in held.items() if name not in lost])
+    """Remove damaged files with these endings from the ledger of a folder; returns their names."""
+    entries = ledger.read(folder)
+    candidates = [(name, entry) for name, entry in entries.items() if name.endswith(endings)]
+    damaged = [name for name, entry in candidates if shards.find_fault(folder, entry)]
+    if damaged:
+        ledger.rewrite(folder, [entry for name, entry in entries.items() if name not in damaged])
         seal(folder, _manifest(folder))
-    return lost
+    return damaged
 
 
 class OtherFormatError(StoreError):
@@ -70,8 +71,19 @@ class OtherFormatError(StoreError):
 
 @dataclass(frozen=True)
 class Finding:
-    """What is wrong with a run folder: a sentence, the file there if it is one that follows from
-    the cases, whether flying, counting or drawing again mends it, and what to do if not."""
+    """Fault of a run folder.
+
+    Attributes
+    ----------
+    text : str
+        Fault in words.
+    file : str
+        File derived from the cases, if it is one.
+    repairable : bool
+        True if running or drawing again repairs it.
+    advice : str
+        Remedy if not.
+    """
 
     text: str
     file: str = ""
@@ -80,18 +92,26 @@ class Finding:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a run, as it was written, beside the campaign that was flown. Raises
-    StoreError if there is none, or if either was changed."""
+    """Read the manifest of a run.
+
+    Returns
+    -------
+    dict of str to Any
+
+    Raises
+    ------
+    StoreError
+        If there is none, or it or the campaign beside it was changed.
+    """
     manifest = _manifest(folder, f"; to see what would mend it: sepmc doctor {folder}")
-    for finding in changed(folder, manifest):
+    for finding in changed_files(folder, manifest):
         raise StoreError(finding.text)
     return manifest
 
 
 def read_provenance(folder: Path) -> dict[str, Any]:
-    """By what the cases of a run folder were made: its manifest or, where that was changed, what
-    its parts say: ``digest``, ``seed``, ``settings`` and, if they are not the first ones,
-    ``numbers``."""
+    """Manifest of a run folder or, where it was changed, what its shards say: ``digest``, ``seed``,
+    ``settings`` and perhaps ``numbers``. Empty if unknown."""
     untrusted.check_entries(folder)
     try:
         manifest = _manifest(folder)
@@ -101,180 +121,187 @@ def read_provenance(folder: Path) -> dict[str, Any]:
         raise
     except StoreError:
         pass
-    parts = (
+    paths = (
         path
         for kind in (folders.CASES, folders.ACCUMULATORS, folders.SELECTED)
         for path in sorted((folder / kind).glob("part-*.parquet"))
     )
-    for path in parts:
+    for path in paths:
         with contextlib.suppress(StoreError, KeyError, ValueError):
-            _, said = shards.read_metadata(path)
-            return manifest_schema.shard_provenance(said)
+            _, metadata = shards.read_metadata(path)
+            return manifest_schema.shard_provenance(metadata)
     return {}
 
 
-def changed(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
-    """What is wrong with the manifest of a folder, with what was flown, and its list of files."""
+def changed_files(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
+    """Faults of the manifest of a folder, of its campaign and of its ledger."""
     if not _is_sealed(manifest):
-        said = "was changed since it was written: its checksum is another"
-        return [Finding(f"{folder / folders.MANIFEST}: {said}")]
-    return [*_not_as_flown(folder, manifest), *_files_lost(folder, manifest)]
+        reason = "was changed since it was written: its checksum is another"
+        return [Finding(f"{folder / folders.MANIFEST}: {reason}")]
+    return [*_changed_campaign(folder, manifest), *_changed_ledger(folder, manifest)]
 
 
-def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Whether the campaign of a folder, or the store.table of its inputs, is not what was flown."""
+def _changed_campaign(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
+    """Fault if the campaign of a folder, or its sample table, was changed."""
     try:
-        written = ledger.checksum(untrusted.read_bounded(folder / folders.CAMPAIGN, CAMPAIGN_BYTES))
+        checksum = ledger.checksum(
+            untrusted.read_bounded(folder / folders.CAMPAIGN, CAMPAIGN_BYTES)
+        )
     except StoreError as error:
         yield Finding(str(error), repairable=False, advice=restore_advice(folder))
     else:
-        if written != manifest["campaign_sha256"]:
-            said = (
+        if checksum != manifest["campaign_sha256"]:
+            reason = (
                 "is not the campaign that was flown; to fly it as it is now, copy it to another "
                 "place"
             )
-            lost = f"{folder / folders.CAMPAIGN}: {said}"
-            yield Finding(lost, repairable=False, advice=restore_advice(folder))
-    plan = ledger.read(folder).get(folders.SAMPLES)
-    if plan and (problem := shards.find_fault(folder, plan)):
-        said = f"{folder / folders.SAMPLES}: {problem}; it gave inputs of the cases"
-        yield Finding(said, repairable=False, advice="put it back")
+            text = f"{folder / folders.CAMPAIGN}: {reason}"
+            yield Finding(text, repairable=False, advice=restore_advice(folder))
+    samples = ledger.read(folder).get(folders.SAMPLES)
+    if samples and (problem := shards.find_fault(folder, samples)):
+        reason = f"{folder / folders.SAMPLES}: {problem}; it gave inputs of the cases"
+        yield Finding(reason, repairable=False, advice="put it back")
 
 
 def restore_advice(folder: Path) -> str:
-    """What to do if the campaign of a run is not what was flown."""
+    """Remedy if the campaign of a run was changed."""
     return (
         f"put {folders.CAMPAIGN} back as it was, or go on by the file that it was made from: "
         f"{flying_again(folder, 'FILE')}"
     )
 
 
-def _files_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Whether the ledger of a run that is complete tells of other files."""
+def _changed_ledger(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
+    """Fault if the ledger of a complete run lists other files."""
     files = ledger.read(folder).values()
     if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
-        said = f"was changed: it tells of {len(files)} files, and there were {manifest['files']}"
-        said = said if folders.has_ledger(folder) else "is gone"
-        how = f". To fly again what is not sure: {flying_again(folder)}"
-        yield Finding(f"{folder / ledger.LEDGER}: {said}{how if is_resumable(manifest) else ''}")
+        reason = f"was changed: it lists {len(files)} files instead of {manifest['files']}"
+        reason = reason if folders.has_ledger(folder) else "is gone"
+        advice = f". To fly missing cases again: {flying_again(folder)}"
+        yield Finding(
+            f"{folder / ledger.LEDGER}: {reason}{advice if is_resumable(manifest) else ''}"
+        )
 
 
 def has_case_rows(manifest: Mapping[str, Any]) -> bool:
-    """Whether a run holds rows of cases, which can be flown one by one: it is no single flight, and
-    not one of statistics only, and not the estimate of a rare event."""
-    alone = "case" in manifest or "rare" in manifest
-    return not alone and not manifest.get("stats_only")
+    """Return True if a run stores rows of cases: not a single case, statistics only or a rare
+    event."""
+    return is_resumable(manifest) and not manifest.get("stats_only")
 
 
 def is_resumable(manifest: Mapping[str, Any]) -> bool:
-    """Whether what is lost of a run can be flown again: all but a single flight, and the estimate
-    of a rare event."""
+    """Return True if missing cases of a run can be run again: not a single case or a rare event."""
     return not ("case" in manifest or "rare" in manifest)
 
 
 def record_derived(folder: Path, files: Iterable[Path]) -> None:
-    """Note what follows from the cases of a run, statistics and figures, in its ledger."""
+    """Record files derived from the cases of a run, statistics and figures, in its ledger."""
     names = [path.relative_to(folder).as_posix() for path in files]
     ledger.add(folder, *(ledger.make_entry(name, (folder / name).read_bytes()) for name in names))
     seal(folder, _manifest(folder))
 
 
 def is_recorded(folder: Path, name: str) -> bool:
-    """Whether a file that follows from the cases of a run is there as it was noted."""
-    one = ledger.read(folder).get(name)
-    return one is not None and not shards.find_fault(folder, one)
+    """Return True if a derived file is intact as recorded."""
+    entry = ledger.read(folder).get(name)
+    return entry is not None and not shards.find_fault(folder, entry)
 
 
 def drop_derived(folder: Path) -> list[str]:
-    """Remove what follows from the cases of a run, statistics, tables and figures, as it is to have
-    others. Returns the names of the files."""
-    held = ledger.read(folder)
-    told = [name for name in held if folders.is_derived(name)]
-    for name in told:
+    """Remove the files derived from the cases of a run; returns their names."""
+    entries = ledger.read(folder)
+    derived = [name for name in entries if folders.is_derived(name)]
+    for name in derived:
         (folder / name).unlink(missing_ok=True)
-    if told:
-        ledger.rewrite(folder, [one for name, one in held.items() if name not in told])
-    return told
+    if derived:
+        ledger.rewrite(folder, [entry for name, entry in entries.items() if name not in derived])
+    return derived
 
 
 def foreign_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
-    """Parts that were flown with another campaign or seed than a manifest says. Those of a foreign
-    file are flown again; where the ledger knows them, it is campaign and manifest that are
-    foreign."""
-    found, held = [], ledger.read(folder)
-    wanted = {key: manifest[key] for key in ("digest", "seed") if manifest.get(key) is not None}
+    """Shards with another campaign or seed than the manifest.
+
+    If the ledger has them, manifest and campaign are foreign; otherwise the shard is, and its cases
+    are run again.
+    """
+    findings, entries = [], ledger.read(folder)
+    expected = {key: manifest[key] for key in ("digest", "seed") if manifest.get(key) is not None}
     for kind in (folders.CASES, folders.ACCUMULATORS, folders.SELECTED):
         for path in sorted((folder / kind).glob("part-*.parquet")):
             try:
-                own = manifest_schema.shard_provenance(shards.read_metadata(path)[1])
+                provenance = manifest_schema.shard_provenance(shards.read_metadata(path)[1])
             except (StoreError, KeyError, ValueError):
-                continue  # told as damaged
-            if all(own[key] == value for key, value in wanted.items()):
+                continue  # reported as damaged
+            if all(provenance[key] == value for key, value in expected.items()):
                 continue
-            one = held.get(f"{kind}/{path.name}")
-            known = one is not None and not shards.find_fault(folder, one)
-            own_seed, other = own["seed"], wanted.get("seed")
-            how = "another campaign" if own_seed == other else f"seed {own_seed}, not {other}"
-            found.append(
+            entry = entries.get(f"{kind}/{path.name}")
+            is_recorded_shard = entry is not None and not shards.find_fault(folder, entry)
+            seed, expected_seed = provenance["seed"], expected.get("seed")
+            difference = (
+                "another campaign" if seed == expected_seed else f"seed {seed}, not {expected_seed}"
+            )
+            findings.append(
                 Finding(
-                    f"{path}: was flown with {how}, as {folders.MANIFEST} says",
-                    repairable=not known,
+                    f"{path}: was flown with {difference}, as {folders.MANIFEST} says",
+                    repairable=not is_recorded_shard,
                     advice=f"{folders.MANIFEST} and {folders.CAMPAIGN} are of another run: put "
                     "those of its cases back, or fly with --overwrite or another --out",
                 )
             )
-    return found
+    return findings
 
 
 def diagnose(folder: Path) -> list[Finding]:
-    """All that is wrong with a run folder, file by file. Raises StoreError if it is none."""
+    """List all faults of a run folder, file by file. Raises StoreError if it is no run folder."""
     if not (folders.is_run(folder) or read_provenance(folder)):
         raise _no_run(folder)
     try:
         manifest = _manifest(folder)
-        found = changed(folder, manifest)
+        findings = changed_files(folder, manifest)
     except OtherFormatError as error:
         return [Finding(str(error), repairable=False)]
     except StoreError as error:
         path = folder / folders.MANIFEST
-        said = str(error) if path.exists() else f"{path}: is gone"
-        manifest, found = {}, [Finding(said, repairable=bool(read_provenance(folder)))]
+        reason = str(error) if path.exists() else f"{path}: is gone"
+        manifest, findings = {}, [Finding(reason, repairable=bool(read_provenance(folder)))]
         if not (folder / folders.CAMPAIGN).is_file():
-            said = f"{folder / folders.CAMPAIGN}: is gone"
-            found.append(Finding(said, repairable=False, advice=restore_advice(folder)))
-    held, lost = ledger.read(folder), ledger.count_damaged_lines(folder)
-    if lost:
-        said = f"{lost} of its lines were cut short or changed"
-        found.append(Finding(f"{folder / ledger.LEDGER}: {said}"))
-    for one in held.values():
-        if one.file != folders.SAMPLES:
+            reason = f"{folder / folders.CAMPAIGN}: is gone"
+            findings.append(Finding(reason, repairable=False, advice=restore_advice(folder)))
+    entries, damaged = ledger.read(folder), ledger.count_damaged_lines(folder)
+    if damaged:
+        reason = f"{damaged} of its lines were cut short or changed"
+        findings.append(Finding(f"{folder / ledger.LEDGER}: {reason}"))
+    for entry in entries.values():
+        if entry.file != folders.SAMPLES:
             try:
-                ledger.read_verified(folder, one)
+                ledger.read_verified(folder, entry)
             except ValueError as error:
-                of = f", with {one.numbers}" if one.cases else ""
-                found.append(Finding(f"{folder / one.file}: {error}{of}", one.file))
+                cases = f", with {entry.cases_text}" if entry.cases else ""
+                findings.append(Finding(f"{folder / entry.file}: {error}{cases}", entry.file))
     for kind in folders.DATA_FOLDERS:
         for path in sorted((folder / kind).glob("*")):
-            if f"{kind}/{path.name}" not in held:
-                said = f"is not in {ledger.LEDGER}: not finished, or not of this run"
+            if f"{kind}/{path.name}" not in entries:
+                reason = f"is not in {ledger.LEDGER}: not finished, or not of this run"
                 ours = path.name.startswith("part-") and ".parquet" in path.name
-                found.append(Finding(f"{path}: {said if ours else 'is none of a run: move it'}"))
+                findings.append(
+                    Finding(f"{path}: {reason if ours else 'is none of a run: move it'}")
+                )
     if _is_sealed(manifest) and "rare" not in manifest:
-        found += foreign_shards(folder, manifest)
-    goes_on = is_resumable(manifest)
-    # runs of earlier versions that counted their cases kept nothing to go on from
-    holds = has_case_rows(manifest) or any(
-        one.file.startswith(folders.ACCUMULATORS) for one in held.values()
+        findings += foreign_shards(folder, manifest)
+    resumable = is_resumable(manifest)
+    # a complete run of statistics whose accumulators are gone is reported by its ledger
+    has_content = has_case_rows(manifest) or any(
+        entry.file.startswith(folders.ACCUMULATORS) for entry in entries.values()
     )
-    if _is_sealed(manifest) and goes_on and (holds or not manifest["complete"]):
-        counted = shards.accumulator_entry(folder)
-        there = sum(one.cases for one in shards.entries(folder, folders.CASES))
-        there += counted.first if counted else 0
-        if there < manifest["cases"]:
-            found.append(Finding(f"{folder}: holds {there} of {manifest['cases']} cases"))
-    if not goes_on:  # it is flown again as a whole
-        found = [replace(one, repairable=False) for one in found]
-    return found
+    if _is_sealed(manifest) and resumable and (has_content or not manifest["complete"]):
+        accumulators = shards.accumulator_entry(folder)
+        n_stored = sum(entry.cases for entry in shards.entries(folder, folders.CASES))
+        n_stored += accumulators.first if accumulators else 0
+        if n_stored < manifest["cases"]:
+            findings.append(Finding(f"{folder}: holds {n_stored} of {manifest['cases']} cases"))
+    if not resumable:  # it is run again as a whole
+        findings = [replace(entry, repairable=False) for entry in findings]
+    return findings
 
 
 def ensure_ledger(folder: Path) -> None:
@@ -284,8 +311,8 @@ def ensure_ledger(folder: Path) -> None:
 
 
 def _manifest(folder: Path, advice: str = "") -> dict[str, Any]:
-    """The manifest of a run, whatever it says. Raises StoreError if there is none, with ``advice``
-    on one that cannot be read."""
+    """Manifest of a run, changed or not. Raises StoreError if it is missing or unreadable, with
+    ``advice``."""
     path = folder / folders.MANIFEST
     untrusted.check_entries(folder)
     if not (path.exists() or (is_local(path) and path.is_symlink())):
@@ -294,9 +321,9 @@ def _manifest(folder: Path, advice: str = "") -> dict[str, Any]:
         manifest = manifest_schema.read(untrusted.read_bounded(path, MANIFEST_BYTES))
     except ValueError as error:
         raise StoreError(f"{path}: cannot be read: {error}{advice}") from None
-    if (written := manifest.get("format", 1)) != manifest_schema.FORMAT:
+    if (checksum := manifest.get("format", 1)) != manifest_schema.FORMAT:
         raise OtherFormatError(
-            f"{folder}: was written by another version of sepmc (folder format {written}, this "
+            f"{folder}: was written by another version of sepmc (folder format {checksum}, this "
             f"version reads {manifest_schema.FORMAT}); {another_place()}"
         )
     return manifest
@@ -307,7 +334,7 @@ def _no_run(folder: Path) -> StoreError:
 
 
 def versions() -> dict[str, Any]:
-    """What made a run: versions and machine."""
+    """Versions of software and machine, for a manifest."""
     packages = {
         "numpy": np.__version__,
         "numba": version("numba"),

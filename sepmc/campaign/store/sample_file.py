@@ -1,4 +1,4 @@
-"""Tables of inputs in files: CSV or Parquet to the cases that a campaign flies."""
+"""Sample tables in CSV or Parquet: inputs of the cases of a campaign."""
 
 import stat
 from collections import Counter
@@ -15,14 +15,25 @@ from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.limits import CASES, PLAN_BYTES, PLAN_NUMBERS, TEXT, text_fault
 from sepmc.scene.messages import Problems, printable, shorten
 
-_PLACE = "run.samples"
+_KEY = "run.samples"
 _PARQUET = ".parquet"
 _ENDINGS = (_PARQUET, ".csv", ".txt")
 
 
 def read_input_table(path: Path, problems: Problems) -> InputTable | None:
-    """Read a table of inputs in CSV or Parquet; None, with the problems noted, if that cannot
-    be."""
+    """Read a sample table.
+
+    Parameters
+    ----------
+    path : Path
+    problems : Problems
+        Receives faults.
+
+    Returns
+    -------
+    InputTable or None
+        None if it cannot be read.
+    """
     fault, table = _file_fault(path), None
     if not fault:
         kind = "Parquet" if path.suffix.lower() == _PARQUET else "CSV"
@@ -34,36 +45,36 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
         except MemoryError:
             fault = "is larger than the memory there is"
         except (OSError, ValueError, pa.ArrowException) as error:
-            said = printable(str(error).partition("\n")[0])
-            fault = f"cannot be read as {kind}: {said}"
+            reason = printable(str(error).partition("\n")[0])
+            fault = f"cannot be read as {kind}: {reason}"
     if table is None or fault:
-        problems.add(_PLACE, fault, str(path))
+        problems.add(_KEY, fault, str(path))
         return None
     if fault := _table_fault(table, names):
-        problems.add(_PLACE, fault, str(path))
+        problems.add(_KEY, fault, str(path))
         return None
     columns = {n: table.column(k) for k, n in enumerate(names) if n}
     numbers = _case_numbers(columns.pop(CASE, None), table.num_rows, problems)
     if numbers is None:
         return None
     order = np.argsort(numbers)
-    words = {
-        name: f"{_first_word(column, numbers)} is no number"
+    non_numeric = {
+        name: f"{_first_non_numeric(column, numbers)} is no number"
         for name, column in columns.items()
         if not _is_number(column.type) and column.null_count < len(column)
     }
-    kept = {
+    numeric = {
         name: _floats(column)[order] for name, column in columns.items() if _is_number(column.type)
     }
-    return InputTable(path, numbers[order], kept, words)
+    return InputTable(path, numbers[order], numeric, non_numeric)
 
 
 class _TooLarge(Exception):
-    """A table that would take more memory than any is given; its argument is the sentence."""
+    """The table needs too much memory; the argument is the reason."""
 
 
 def _file_fault(path: Path) -> str:
-    """Why a path is not that of a table that can be read; empty if it is."""
+    """Reason why a path is no readable sample table; empty if it is one."""
     try:
         state = path.stat()
     except FileNotFoundError:
@@ -80,13 +91,14 @@ def _file_fault(path: Path) -> str:
 
 
 def _parquet(path: Path) -> pa.Table:
-    """A Parquet table, whose text stays a dictionary: a small file can hold a word many times."""
+    """Parquet table; text stays dictionary-encoded, as a small file can repeat a text often."""
     with pq.ParquetFile(readable(path)) as file:
-        told = file.metadata
+        metadata = file.metadata
         rows = max(
-            told.num_rows, sum(told.row_group(k).num_rows for k in range(told.num_row_groups))
+            metadata.num_rows,
+            sum(metadata.row_group(k).num_rows for k in range(metadata.num_row_groups)),
         )
-        _check_size(rows, told.num_columns)
+        _check_size(rows, metadata.num_columns)
         texts = [field.name for field in file.schema_arrow if _is_text(field.type)]
     with pq.ParquetFile(readable(path), read_dictionary=texts) as file:
         return file.read()
@@ -94,14 +106,14 @@ def _parquet(path: Path) -> pa.Table:
 
 def _check_size(rows: int, columns: int) -> None:
     if rows * columns > PLAN_NUMBERS:
-        said = (
+        reason = (
             f"has {rows:,} rows of {columns:,} columns: must hold at most {PLAN_NUMBERS:,} numbers"
         )
-        raise _TooLarge(said)
+        raise _TooLarge(reason)
 
 
 def _table_fault(table: pa.Table, names: list[str]) -> str:
-    """What is wrong with the size of a table, or with its names; empty if nothing is."""
+    """Fault in the size or the column names of a table; empty if there is none."""
     try:
         _check_size(table.num_rows, table.num_columns)
     except _TooLarge as error:
@@ -117,23 +129,23 @@ def _table_fault(table: pa.Table, names: list[str]) -> str:
 
 
 def _case_numbers(column: pa.ChunkedArray | None, rows: int, problems: Problems) -> Any:
-    """Numbers (n,) of the cases, those of the rows if none are given; None, with the problem noted,
-    if they are none."""
-    place, said = f"{_PLACE}, column {CASE}", f"must hold whole numbers from 0 to {CASES - 1}"
+    """Case numbers (n,), the row numbers without a column; None, with the problem noted, if
+    invalid."""
+    column_key, reason = f"{_KEY}, column {CASE}", f"must hold whole numbers from 0 to {CASES - 1}"
     if column is None:
         return np.arange(rows)
     if not _is_number(column.type):
-        problems.add(place, said, _first(column))
+        problems.add(column_key, reason, _first(column))
         return None
-    given = _floats(column)
-    fits = (given >= 0) & (given < CASES)
-    whole = fits & (np.where(fits, given, 0.0) % 1 == 0)
-    if not whole.all():
-        problems.add(place, said, str(column[int(np.argmin(whole))].as_py()))
-    elif len(np.unique(given)) < len(given):
-        problems.add(place, "holds a number twice")
+    values = _floats(column)
+    in_range = (values >= 0) & (values < CASES)
+    is_whole = in_range & (np.where(in_range, values, 0.0) % 1 == 0)
+    if not is_whole.all():
+        problems.add(column_key, reason, str(column[int(np.argmin(is_whole))].as_py()))
+    elif len(np.unique(values)) < len(values):
+        problems.add(column_key, "holds a number twice")
     else:
-        return given.astype(np.int64)
+        return values.astype(np.int64)
     return None
 
 
@@ -146,31 +158,31 @@ def _is_text(kind: pa.DataType) -> bool:
 
 
 def _floats(column: pa.ChunkedArray) -> np.ndarray:
-    """Numbers (n,) of a column; NaN where it has none."""
+    """Values (n,) of a column; NaN where empty."""
     return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
 
 
 def _first(column: pa.ChunkedArray) -> str:
-    """The first value of a column that is there and no number, or else the first that is there."""
-    there = (_said(x) for x in column if x.is_valid)
-    found = first = next(there, "")
-    while _reads_as_number(found):
-        if (following := next(there, None)) is None:
-            return first
-        found = following
-    return found
+    """First value of a column that is no number, or else the first value."""
+    valid = (_text_of(x) for x in column if x.is_valid)
+    text = first_text = next(valid, "")
+    while _reads_as_number(text):
+        if (next_text := next(valid, None)) is None:
+            return first_text
+        text = next_text
+    return text
 
 
-def _first_word(column: pa.ChunkedArray, numbers: np.ndarray) -> str:
-    word = _first(column)
-    at = next(k for k, x in enumerate(column) if x.is_valid and _said(x) == word)
-    return f"{shorten(word)} in case {numbers[at]}"
+def _first_non_numeric(column: pa.ChunkedArray, numbers: np.ndarray) -> str:
+    text = _first(column)
+    row = next(k for k, x in enumerate(column) if x.is_valid and _text_of(x) == text)
+    return f"{shorten(text)} in case {numbers[row]}"
 
 
-def _said(value: pa.Scalar) -> str:
+def _text_of(value: pa.Scalar) -> str:
     try:
         return str(value)
-    except (ValueError, OverflowError, pa.ArrowException):  # a time in a zone that nobody knows
+    except (ValueError, OverflowError, pa.ArrowException):  # such as a time in an unknown zone
         return f"a {value.type}"
 
 

@@ -1,5 +1,5 @@
-"""Rows and histories of a run folder in Parquet, and its statistics. The only place that knows
-pyarrow, but for the tables that give inputs."""
+"""Shards of a run folder in Parquet, and its statistics. The only user of pyarrow besides sample
+tables."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -28,8 +28,7 @@ from sepmc.wording import another_place, flying_again, switch
 def arrow_table(
     columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None
 ) -> pa.Table:
-    """An Arrow table whose fields carry unit and meaning in their metadata, and which itself says
-    what it is ``about``."""
+    """Arrow table with unit and meaning in the metadata of its fields, and ``about`` in its own."""
     fields, arrays = [], []
     for column in columns:
         array = _array(data[column.name])
@@ -43,7 +42,7 @@ def arrow_table(
 
 
 def _array(values: Any) -> pa.Array | pa.ChunkedArray:
-    """A column as Arrow has it; text as a dictionary of what occurs."""
+    """Arrow array of a column; text is dictionary-encoded."""
     if isinstance(values, pd.Categorical):
         used = values.remove_unused_categories()
         return pa.DictionaryArray.from_arrays(
@@ -60,31 +59,39 @@ def _array(values: Any) -> pa.Array | pa.ChunkedArray:
 def write_parquet(
     path: Path, columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None
 ) -> bytes:
-    """Write one Parquet file atomically.
+    """Write a Parquet file atomically.
 
-    Dictionary encoding only where text repeats: floats take 7 times longer with it. Snappy takes 60
-    % of the time of zstd, for files 4 to 10 % larger: numbers that are dispersed do not compress.
+    Only text is dictionary-encoded: floats take 7 times longer with it. Snappy takes 60 % of the
+    time of zstd, for files 4 to 10 % larger: dispersed numbers do not compress.
+
+    Parameters
+    ----------
+    path : Path
+    columns : list of Column
+    data : dict of str to array
+    about : dict of str to str, optional
+        Metadata of the table.
 
     Returns
     -------
     bytes
-        What was written.
+        Content of the file.
 
     Raises
     ------
     StoreError
-        If it cannot be written, a full disk say.
+        If it cannot be written, such as on a full disk.
     """
     written, content = arrow_table(columns, data, about), pa.BufferOutputStream()
     text = [field.name for field in written.schema if pa.types.is_dictionary(field.type)]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         pq.write_table(written, content, compression="snappy", use_dictionary=text or False)
-        whole = content.getvalue().to_pybytes()
-        ledger.write_atomically(path, whole)
+        written_bytes = content.getvalue().to_pybytes()
+        ledger.write_atomically(path, written_bytes)
     except (OSError, pa.ArrowException) as error:
         raise StoreError(f"{path}: cannot be written: {error}") from None
-    return whole
+    return written_bytes
 
 
 def write_shard(
@@ -96,24 +103,26 @@ def write_shard(
     data: dict[str, Any],
     about: dict[str, str],
 ) -> ledger.Entry:
-    """Write the part of a run that begins with case ``first``; it counts once it is noted."""
+    """Write the shard that begins with case ``first``; it counts once recorded in the ledger."""
     path = shard_path(folder, kind, first)
     content = write_parquet(path, columns, data, about)
     return ledger.make_entry(f"{kind}/{path.name}", content, first, cases)
 
 
-def record_shards(folder: Path, parts: Iterable[ledger.Entry]) -> None:
-    """Note parts of a run in its ledger, in the order in which they count."""
+def record_shards(folder: Path, written: Iterable[ledger.Entry]) -> None:
+    """Record shards of a run in its ledger, in this order."""
     try:
-        ledger.add(folder, *parts)
+        ledger.add(folder, *written)
     except OSError as error:
         raise StoreError(f"{folder / ledger.LEDGER}: cannot be written: {error}") from None
 
 
-def replace_shards(folder: Path, kind: str, parts: Iterable[ledger.Entry]) -> None:
-    """Put new parts, which are written, in place of all those of a kind."""
-    new = {one.file: one for one in parts}
-    others = [one for one in ledger.read(folder).values() if not one.file.startswith(f"{kind}/")]
+def replace_shards(folder: Path, kind: str, written: Iterable[ledger.Entry]) -> None:
+    """Replace all shards of a kind by new ones, which are written already."""
+    new = {entry.file: entry for entry in written}
+    others = [
+        entry for entry in ledger.read(folder).values() if not entry.file.startswith(f"{kind}/")
+    ]
     ledger.rewrite(folder, [*others, *new.values()])
     for path in (folder / kind).glob(folders.SHARD_PATTERN):
         if f"{kind}/{path.name}" not in new:
@@ -123,68 +132,82 @@ def replace_shards(folder: Path, kind: str, parts: Iterable[ledger.Entry]) -> No
 def write_accumulators(
     folder: Path, cases: int, arrays: Sequence[np.ndarray], about: dict[str, str]
 ) -> None:
-    """Write what is counted of the first so many cases of a run, in place of what was before."""
-    lengths = json.dumps([len(one) for one in arrays])
+    """Write the accumulators of the first ``cases`` cases of a run, replacing earlier ones."""
+    lengths = json.dumps([len(entry) for entry in arrays])
     path = shard_path(folder, folders.ACCUMULATORS, cases)
     column = Column("value", "", "what is counted, an array after the other")
     content = write_parquet(
         path, [column], {"value": np.concatenate(arrays)}, about | {"lengths": lengths}
     )
-    one = ledger.make_entry(f"{folders.ACCUMULATORS}/{path.name}", content, cases)
+    entry = ledger.make_entry(f"{folders.ACCUMULATORS}/{path.name}", content, cases)
     try:
-        replace_shards(folder, folders.ACCUMULATORS, [one])
+        replace_shards(folder, folders.ACCUMULATORS, [entry])
     except OSError as error:
         raise StoreError(f"{folder / ledger.LEDGER}: cannot be written: {error}") from None
 
 
 def accumulator_entry(folder: Path) -> ledger.Entry | None:
-    """What tells what is counted of a run, as it was written; None if there is nothing."""
-    held = [
+    """Entry of the accumulators of a run; None if there are none, or they are damaged."""
+    stored = [
         o for o in ledger.read(folder).values() if o.file.startswith(f"{folders.ACCUMULATORS}/")
     ]
-    return held[-1] if held and not find_fault(folder, held[-1]) else None
+    return stored[-1] if stored and not find_fault(folder, stored[-1]) else None
 
 
 def read_accumulators(
-    folder: Path, one: ledger.Entry
+    folder: Path, entry: ledger.Entry
 ) -> tuple[list[np.ndarray], dict[bytes, bytes]]:
-    """Arrays that tell what is counted of a run, and what they say of it. Raises StoreError if they
-    are none."""
-    path = folder / one.file
-    _, said = read_metadata(path)
+    """Read the accumulators of a run, and their metadata.
+
+    Parameters
+    ----------
+    folder : Path
+    entry : Entry
+
+    Returns
+    -------
+    arrays : list of ndarray
+    about : dict of bytes to bytes
+
+    Raises
+    ------
+    StoreError
+    """
+    path = folder / entry.file
+    _, reason = read_metadata(path)
     values = read_table(path, ["value"])["value"].to_numpy()
     try:
-        lengths = msgspec.json.decode(said[b"lengths"], type=list[int])
+        lengths = msgspec.json.decode(reason[b"lengths"], type=list[int])
         if min(lengths) < 0 or sum(lengths) != len(values):
             raise ValueError("its arrays have other lengths")
     except (KeyError, ValueError, msgspec.MsgspecError) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
-    return np.split(values, np.cumsum(lengths)[:-1]), said
+    return np.split(values, np.cumsum(lengths)[:-1]), reason
 
 
 def shard_path(folder: Path, kind: str, first: int) -> Path:
-    """Path of the part that begins with case ``first``."""
+    """Path of the shard that begins with case ``first``."""
     return folder / kind / f"part-{first:010d}.parquet"
 
 
 def entries(folder: Path, kind: str) -> list[ledger.Entry]:
-    """Parts of a run, in order of their first case."""
-    held = [one for one in ledger.read(folder).values() if one.file.startswith(f"{kind}/")]
-    return sorted((one for one in held if one.cases), key=lambda one: one.first)
+    """Entries of the shards of a kind, sorted by first case."""
+    stored = [entry for entry in ledger.read(folder).values() if entry.file.startswith(f"{kind}/")]
+    return sorted((entry for entry in stored if entry.cases), key=lambda entry: entry.first)
 
 
-_whole: set[tuple[str, int, int, str]] = set()  # files that were seen as they were written
+_verified: set[tuple[str, int, int, str]] = set()  # of files that were verified
 
 
-def find_fault(folder: Path, one: ledger.Entry) -> str:
-    """What is wrong with a file; nothing, if it is as it was written, which is seen once."""
-    path = folder / one.file
+def find_fault(folder: Path, entry: ledger.Entry) -> str:
+    """Fault of a file; empty if it is intact, which is verified once."""
+    path = folder / entry.file
     try:
         state = path.stat()
-        known = (str(path.absolute()), state.st_mtime_ns, state.st_size, one.sha256)
-        if known not in _whole:
-            ledger.read_verified(folder, one)
-            _whole.add(known)
+        known = (str(path.absolute()), state.st_mtime_ns, state.st_size, entry.sha256)
+        if known not in _verified:
+            ledger.read_verified(folder, entry)
+            _verified.add(known)
     except OSError:
         return "is gone"
     except ValueError as error:
@@ -192,23 +215,23 @@ def find_fault(folder: Path, one: ledger.Entry) -> str:
     return ""
 
 
-def _path(folder: Path, one: ledger.Entry) -> Path:
-    """Path of a part, which is as it was written. Raises StoreError if it is not, with the file,
-    its cases and what to do."""
-    if problem := find_fault(folder, one):
+def _verified_path(folder: Path, entry: ledger.Entry) -> Path:
+    """Path of an intact file. Raises StoreError with its cases and the remedy if it is not."""
+    if problem := find_fault(folder, entry):
         raise StoreError(
-            f"{folder / one.file}: {problem}; it held {one.numbers}. To fly these again: "
+            f"{folder / entry.file}: {problem}; it held {entry.cases_text}. To fly these again: "
             f"{flying_again(folder)}"
         )
-    return folder / one.file
+    return folder / entry.file
 
 
-def _read_entry(folder: Path, one: ledger.Entry, columns: Sequence[str] | None = None) -> pa.Table:
-    """Columns of a part. Not by `pyarrow.parquet.read_table`, which imports the data set machinery
-    for it (30 ms)."""
-    path = _path(folder, one)
-    of_cases = one.file.startswith(f"{folders.CASES}/")
-    return read_table(path, columns, *((one.cases, one.first) if of_cases else ()))
+def _read_entry(
+    folder: Path, entry: ledger.Entry, columns: Sequence[str] | None = None
+) -> pa.Table:
+    """Columns of a shard. `pyarrow.parquet.read_table` would import the data set module (30 ms)."""
+    path = _verified_path(folder, entry)
+    of_cases = entry.file.startswith(f"{folders.CASES}/")
+    return read_table(path, columns, *((entry.cases, entry.first) if of_cases else ()))
 
 
 def read_table(
@@ -218,29 +241,47 @@ def read_table(
     first: int | None = None,
     content: bytes | None = None,
 ) -> pa.Table:
-    """Columns of a part, or of what it holds. Raises StoreError if they are none of a run."""
+    """Read a Parquet file of a run.
+
+    Parameters
+    ----------
+    path : Path
+    columns : sequence of str, optional
+    rows, first : int, optional
+        Expected number of rows, and first case.
+    content : bytes, optional
+        Content of the file, if read already.
+
+    Returns
+    -------
+    pyarrow.Table
+
+    Raises
+    ------
+    StoreError
+        If it is no file of a run.
+    """
     try:
         with pq.ParquetFile(
             readable(path) if content is None else pa.BufferReader(content)
         ) as file:
             size = path.stat().st_size
             if not (fault := file_fault(file, size, rows)):
-                lost = [name for name in columns or () if name not in file.schema_arrow.names]
-                fault = f"has no column {lost[0]}" if lost else ""
+                missing = [name for name in columns or () if name not in file.schema_arrow.names]
+                fault = f"has no column {missing[0]}" if missing else ""
             if not fault:
-                found = file.read(columns=columns).replace_schema_metadata(None)
-                found.validate(full=True)
-                fault = table_fault(found, first)
+                table = file.read(columns=columns).replace_schema_metadata(None)
+                table.validate(full=True)
+                fault = table_fault(table, first)
     except (OSError, ValueError, pa.ArrowException) as error:
         raise StoreError(f"{path}: cannot be read: {printable(str(error))}") from None
     if fault:
         raise StoreError(f"{path}: {fault}")
-    return found
+    return table
 
 
 def read_metadata(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
-    """The schema of a part, and what it says of itself. Raises StoreError if it is none of a
-    run."""
+    """Schema of a shard, and its metadata. Raises StoreError if it is no shard."""
     try:
         with pq.ParquetFile(readable(path)) as file:
             if fault := file_fault(file, path.stat().st_size):
@@ -250,63 +291,76 @@ def read_metadata(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
         raise StoreError(f"{path}: cannot be read: {printable(str(error))}") from None
 
 
-def read_shard(folder: Path, one: ledger.Entry) -> dict[str, np.ndarray]:
-    """All columns of a part, text as objects."""
-    frame = _read_entry(folder, one).to_pandas()
+def read_shard(folder: Path, entry: ledger.Entry) -> dict[str, np.ndarray]:
+    """All columns of a shard; text as objects."""
+    frame = _read_entry(folder, entry).to_pandas()
     text = [name for name in frame if frame[name].dtype == "category"]
-    told = frame.astype(dict.fromkeys(text, object))
-    return {str(name): values.to_numpy() for name, values in told.items()}
+    objects = frame.astype(dict.fromkeys(text, object))
+    return {str(name): values.to_numpy() for name, values in objects.items()}
 
 
 def drop_damaged(folder: Path, with_histories: bool) -> int:
-    """Forget parts that are gone or not as they were written, and those of cases whose histories
-    are, if they should have some, so that these are flown again. Returns how many cases that
-    are."""
-    held = ledger.read(folder)
-    sound = {one.file: one for one in held.values() if not find_fault(folder, one)}
-    kept, dropped = {name: one for name, one in held.items() if not one.cases}, 0
-    for one in entries(folder, folders.CASES):
-        over_time = f"{folders.HISTORIES}/{Path(one.file).name}"
-        if one.file in sound and (over_time in sound or not with_histories):
-            kept |= {name: sound[name] for name in (one.file, over_time) if name in sound}
+    """Remove damaged shards, and those without intact histories if there should be some.
+
+    Returns
+    -------
+    int
+        Number of cases removed.
+    """
+    stored = ledger.read(folder)
+    intact = {entry.file: entry for entry in stored.values() if not find_fault(folder, entry)}
+    selected, n_dropped = {name: entry for name, entry in stored.items() if not entry.cases}, 0
+    for entry in entries(folder, folders.CASES):
+        histories = f"{folders.HISTORIES}/{Path(entry.file).name}"
+        if entry.file in intact and (histories in intact or not with_histories):
+            selected |= {name: intact[name] for name in (entry.file, histories) if name in intact}
         else:
-            dropped += one.cases
-    ledger.rewrite(folder, kept.values())
-    _drop_unknown(folder)
-    return dropped
+            n_dropped += entry.cases
+    ledger.rewrite(folder, selected.values())
+    _remove_unrecorded(folder)
+    return n_dropped
 
 
 def drop_selected(folder: Path, first: int | None) -> int | None:
-    """Drop rows that a run kept of the case ``first`` and later ones, and what of it is in no
-    ledger. Returns how many are left; None if they are not as they were written."""
-    held = ledger.read(folder)
-    kept = entries(folder, folders.SELECTED)
-    late = [one.file for one in kept if first is not None and one.first >= first]
-    ledger.rewrite(folder, [one for name, one in held.items() if name not in late])
-    _drop_unknown(folder)
-    left = entries(folder, folders.SELECTED)
-    return None if any(find_fault(folder, one) for one in left) else sum(one.cases for one in left)
+    """Remove selected rows of case ``first`` and later ones, and shards that are not in the ledger.
+
+    Returns
+    -------
+    int or None
+        Rows that remain; None if they are damaged.
+    """
+    stored = ledger.read(folder)
+    selected = entries(folder, folders.SELECTED)
+    later = [entry.file for entry in selected if first is not None and entry.first >= first]
+    ledger.rewrite(folder, [entry for name, entry in stored.items() if name not in later])
+    _remove_unrecorded(folder)
+    remaining = entries(folder, folders.SELECTED)
+    return (
+        None
+        if any(find_fault(folder, entry) for entry in remaining)
+        else sum(entry.cases for entry in remaining)
+    )
 
 
-def _drop_unknown(folder: Path) -> None:
-    """Remove parts that are in no ledger."""
-    held = ledger.read(folder)
+def _remove_unrecorded(folder: Path) -> None:
+    """Remove shards that are not in the ledger."""
+    stored = ledger.read(folder)
     for kind in folders.DATA_FOLDERS:
         for path in (folder / kind).glob("part-*.parquet*"):
-            if f"{kind}/{path.name}" not in held:
+            if f"{kind}/{path.name}" not in stored:
                 path.unlink()
 
 
 def campaign_text(file: CampaignFile, **run: Any) -> str:
-    """The resolved campaign of a folder as TOML, with other values of ``run``."""
-    own = run | ({"samples": folders.SAMPLES} if file.input_table else {})
-    tree = {**file.tree, "run": {**file.tree.get("run", {}), **own}} if own else file.tree
+    """TOML of the resolved campaign of a folder, with other values of its ``run`` table."""
+    settings = run | ({"samples": folders.SAMPLES} if file.input_table else {})
+    tree = {**file.tree, "run": {**file.tree.get("run", {}), **settings}} if settings else file.tree
     return replace(file, tree=tree).toml
 
 
 def write_input_table(folder: Path, table: InputTable, inputs: list[Column]) -> None:
-    """Write the table that gives inputs, so that the run can be replayed and resumed from its
-    folder alone."""
+    """Write the sample table of a campaign, so that its folder is sufficient for replay and
+    resuming."""
     known = {column.name: column for column in inputs}
     columns = [Column(CASE, "1", "number of the case")]
     columns += [known.get(name, Column(name, "", "")) for name in table.columns]
@@ -317,61 +371,61 @@ def write_input_table(folder: Path, table: InputTable, inputs: list[Column]) -> 
 
 
 def stored_cases(folder: Path) -> np.ndarray:
-    """Numbers of the cases a run folder holds, sorted; shape (n,)."""
-    held = [np.arange(one.first, one.first + one.cases) for one in entries(folder, folders.CASES)]
-    return np.concatenate(held) if held else np.empty(0, dtype=np.int64)
+    """Numbers (n,) of the stored cases, sorted."""
+    stored = [
+        np.arange(entry.first, entry.first + entry.cases)
+        for entry in entries(folder, folders.CASES)
+    ]
+    return np.concatenate(stored) if stored else np.empty(0, dtype=np.int64)
 
 
 def case_after(folder: Path, count: int) -> int | None:
-    """Number of the case that comes after the first so many that a run holds; None if there is
-    none."""
+    """Number of the case after the first ``count`` stored ones; None if there is none."""
     done = stored_cases(folder)
     return int(done[count]) if len(done) > count else None
 
 
 def read_summaries(folder: Path) -> Iterator[str]:
-    """What was counted of the cases of each part of a run:
-    `sepmc.campaign.execution.batch_summary.BatchSummary.text`."""
-    for one in entries(folder, folders.CASES):
-        _, said = read_metadata(_path(folder, one))
-        if b"summary" not in said:
+    """Texts of the batch summaries of all shards, from their metadata."""
+    for entry in entries(folder, folders.CASES):
+        _, reason = read_metadata(_verified_path(folder, entry))
+        if b"summary" not in reason:
             raise StoreError(
                 f"{folder}: was flown by a version of sepmc that counted less, so its cases cannot "
                 f"be continued; {another_place()}"
             )
-        yield said[b"summary"].decode(errors="replace")
+        yield reason[b"summary"].decode(errors="replace")
 
 
 class MissingColumnError(StoreError, KeyError):
-    """The cases of a run do not have a column."""
+    """The cases of a run have no such column."""
 
     __str__ = Exception.__str__
 
 
 class CaseColumns(Mapping[str, np.ndarray]):
-    """Columns of the case table of a run folder, read when they are asked for, in order of case;
-    text as objects.
+    """Columns of the case table of a run folder, read on demand, in order of case; text as objects.
 
-    A table of up to `KEPT` cases is read once, a longer one column by column, and a part at a time
-    by `batches`.
+    A table of up to `MAX_IN_MEMORY` cases is read once, a longer one column by column, and a shard
+    at a time by `batches`.
     """
 
-    KEPT = 65536
+    MAX_IN_MEMORY = 65536
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self._parts = entries(folder, folders.CASES)
-        if not self._parts:
+        self._entries = entries(folder, folders.CASES)
+        if not self._entries:
             raise StoreError(f"{folder}: holds no cases; give the folder of a run")
-        self.rows = sum(part.cases for part in self._parts)
-        self._names = read_metadata(_path(folder, self._parts[0]))[0].names
+        self.rows = sum(part.cases for part in self._entries)
+        self._names = read_metadata(_verified_path(folder, self._entries[0]))[0].names
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self._names:
             raise MissingColumnError(f"{self.folder}: has no column {name}")
-        if self.rows <= self.KEPT:
-            return self._whole[name].to_numpy()
-        return self._read([name])[name].to_numpy()
+        if self.rows <= self.MAX_IN_MEMORY:
+            return self._table[name].to_numpy()
+        return self._read_rows([name])[name].to_numpy()
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)
@@ -380,23 +434,33 @@ class CaseColumns(Mapping[str, np.ndarray]):
         return len(self._names)
 
     @cached_property
-    def _whole(self) -> pa.Table:
-        return self._read(None)
+    def _table(self) -> pa.Table:
+        return self._read_rows(None)
 
-    def _read(self, names: list[str] | None) -> pa.Table:
-        read = [_read_entry(self.folder, part, names) for part in self._parts]
+    def _read_rows(self, names: list[str] | None) -> pa.Table:
+        read = [_read_entry(self.folder, part, names) for part in self._entries]
         try:
             return pa.concat_tables(read)
         except pa.ArrowException as error:
-            said = printable(str(error))
-            raise StoreError(f"{self.folder}: its parts differ in columns: {said}") from None
+            reason = printable(str(error))
+            raise StoreError(f"{self.folder}: its parts differ in columns: {reason}") from None
 
     def batches(
         self, names: Sequence[str]
     ) -> Iterator[tuple[np.ndarray, pd.Categorical, np.ndarray]]:
-        """Part by part: numbers and statuses, shape (n,), and the columns asked for, shape
-        (len(names), n)."""
-        for part in self._parts:
+        """Read shard by shard.
+
+        Parameters
+        ----------
+        names : sequence of str
+
+        Yields
+        ------
+        numbers : ndarray, shape (n,)
+        statuses : Categorical, shape (n,)
+        columns : ndarray, shape (len(names), n)
+        """
+        for part in self._entries:
             read = _read_entry(self.folder, part, ["case", "status", *names])
             columns = np.empty((len(names), read.num_rows))
             for row, name in zip(columns, names, strict=True):
@@ -407,36 +471,48 @@ class CaseColumns(Mapping[str, np.ndarray]):
 def read_cases(
     folder: Path, below: int | None = None, columns: list[str] | None = None
 ) -> pd.DataFrame:
-    """Case rows of a run, in order of case: all, or those ``below`` a number; all columns, or
-    some."""
-    held = entries(folder, folders.CASES)
-    if not held:
+    """Case rows of a run, sorted by case; optionally cases ``below`` a number, some columns."""
+    stored = entries(folder, folders.CASES)
+    if not stored:
         raise StoreError(f"{folder}: holds no {folders.CASES}; give the folder of a run")
-    return _read(folder, held, ["case"], below, columns)
+    return _read_rows(folder, stored, ["case"], below, columns)
 
 
 def read_row(folder: Path, number: int) -> dict[str, Any]:
-    """The row of a case of a run. Raises StoreError if the run does not hold it."""
+    """Row of a case of a run. Raises StoreError if it is not stored."""
     for part in entries(folder, folders.CASES):
         if part.first <= number < part.first + part.cases:
             frame = _read_entry(folder, part).to_pandas(ignore_metadata=True)
-            found = frame[frame["case"] == number]
-            return {str(name): found[name].iloc[0] for name in found}
+            table = frame[frame["case"] == number]
+            return {str(name): table[name].iloc[0] for name in table}
     raise StoreError(f"{folder}: does not hold case {number}")
 
 
 def read_histories(
-    folder: Path, below: int | None = None, held: Sequence[ledger.Entry] | None = None
+    folder: Path, below: int | None = None, stored: Sequence[ledger.Entry] | None = None
 ) -> pd.DataFrame | None:
-    """Histories of a run in long form (case, time_s, ...), of cases ``below`` a number only if
-    given, or None if it kept none: all, or of the parts that it ``held`` once."""
-    held = entries(folder, folders.HISTORIES) if held is None else held
-    return _read(folder, held, ["case", "time_s"], below) if held else None
+    """Histories of a run in long form (case, time_s, ...).
+
+    Parameters
+    ----------
+    folder : Path
+    below : int, optional
+        Only cases below this number.
+    stored : sequence of Entry, optional
+        Shards to read; all if None.
+
+    Returns
+    -------
+    DataFrame or None
+        None if no histories are stored.
+    """
+    stored = entries(folder, folders.HISTORIES) if stored is None else stored
+    return _read_rows(folder, stored, ["case", "time_s"], below) if stored else None
 
 
-def _read(
+def _read_rows(
     folder: Path,
-    held: Sequence[ledger.Entry],
+    stored: Sequence[ledger.Entry],
     order: list[str],
     below: int | None = None,
     columns: list[str] | None = None,
@@ -444,7 +520,7 @@ def _read(
     frame = pd.concat(
         [
             _read_entry(folder, part, columns).to_pandas(ignore_metadata=True)
-            for part in held
+            for part in stored
             if below is None or part.first < below
         ],
         ignore_index=True,
@@ -457,39 +533,47 @@ def _read(
 
 
 def units(folder: Path, kind: str = folders.CASES) -> dict[str, str]:
-    """Unit of each column, from the metadata of the first part."""
+    """Unit of each column, from the metadata of the first shard."""
     part = next(iter(entries(folder, kind)), None)
     if part is None:
         return {}
     return {
         field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
-        for field in read_metadata(_path(folder, part))[0]
+        for field in read_metadata(_verified_path(folder, part))[0]
     }
 
 
 def write_statistics(
     folder: Path, stats: pd.DataFrame, of: dict[str, str], told: dict[str, Any]
 ) -> None:
-    """Write ``statistics.csv``, ``of`` mapping each outcome to its unit, and ``statistics.json``
-    with what is ``told``: see `statistics_as_json`."""
+    """Write ``statistics.csv`` and ``statistics.json``.
+
+    Parameters
+    ----------
+    folder : Path
+    stats : DataFrame
+    of : dict of str to str
+        By outcome.
+    content : dict
+        Contents of the JSON file; see `statistics_as_json`.
+    """
     frame = _with_units(stats, of)
     folders.write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
     folders.write_json(folder / "statistics.json", told)
 
 
 def write_histograms(folder: Path, bins: pd.DataFrame) -> Path:
-    """Write the bins of histograms, ``histograms.csv``; returns its path."""
+    """Write ``histograms.csv``; returns its path."""
     path = folder / folders.HISTOGRAMS
     folders.write_text(path, bins.to_csv(index=False))
     return path
 
 
 def read_stored_statistics(folder: Path) -> StoredStatistics:
-    """Statistics and histograms of a run that kept no cases. Raises StoreError if they are not
-    there as they were written."""
-    held, frames = ledger.read(folder), []
+    """Statistics and histograms of a run without rows. Raises StoreError if they are damaged."""
+    stored, frames = ledger.read(folder), []
     for name, index in (("statistics.csv", "outcome"), (folders.HISTOGRAMS, None)):
-        problem = find_fault(folder, held[name]) if name in held else "is not there"
+        problem = find_fault(folder, stored[name]) if name in stored else "is not there"
         if problem:
             raise StoreError(
                 f"{folder / name}: {problem}; to write it again: {flying_again(folder)}"
@@ -508,9 +592,27 @@ def statistics_as_json(
     verdicts: Sequence[dict[str, Any]] = (),
     rarely_drawn: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """What ``statistics.json`` holds; ``of`` maps each outcome to its unit, ``failed`` names first
-    cases by status, ``verdicts`` are those on requirements, ``rarely_drawn`` names values of inputs
-    that statistics hardly show. What is not a number is null."""
+    """Contents of ``statistics.json``; NaN becomes null.
+
+    Parameters
+    ----------
+    stats : DataFrame
+    counts : dict of str to int
+        Cases by status.
+    of : dict of str to str
+        By outcome.
+    audit : DataFrame
+    failed : dict of str to list of int, optional
+        First cases by status.
+    verdicts : sequence of dict
+        On requirements.
+    rarely_drawn : sequence of str
+        Values of inputs that hardly occur.
+
+    Returns
+    -------
+    dict
+    """
     rows, audited = (
         {
             str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()}
@@ -529,7 +631,7 @@ def statistics_as_json(
 
 
 def _with_units(stats: pd.DataFrame, of: dict[str, str]) -> pd.DataFrame:
-    """Statistics with the unit of each outcome first; numbers of cases are whole."""
+    """Statistics with the unit of each outcome first; case numbers are integers."""
     columns = {
         str(name): stats[name].astype("Int64") if name in ("case_min", "case_max") else stats[name]
         for name in stats
@@ -539,8 +641,7 @@ def _with_units(stats: pd.DataFrame, of: dict[str, str]) -> pd.DataFrame:
 
 
 def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str]) -> Path:
-    """Write the time history of a single run, ``history.parquet``; units are taken from
-    ``history.attrs``."""
+    """Write the history of a single case, ``history.parquet``; units are in ``history.attrs``."""
     columns = [
         Column(str(name), history.attrs["units"][name], meanings.get(str(name), ""))
         for name in history.columns
@@ -559,12 +660,12 @@ def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str])
 
 
 def read_history(folder: Path) -> pd.DataFrame | None:
-    """The time history of a single run, or None if the folder holds none."""
-    one = ledger.read(folder).get(folders.HISTORY)
-    if one is None:
+    """History of a single case; None if the folder has none."""
+    entry = ledger.read(folder).get(folders.HISTORY)
+    if entry is None:
         return None
     try:
-        content = ledger.read_verified(folder, one)
+        content = ledger.read_verified(folder, entry)
     except ValueError as error:
         raise StoreError(
             f"{folder / folders.HISTORY}: {error}; fly it again with {switch('overwrite')}"

@@ -17,7 +17,7 @@ from sepmc.kernel.tracer.tracer import where
 from sepmc.routines import layout as at
 from sepmc.scene.contents import contents
 from sepmc.scene.model import GROUND
-from sepmc.schema import Status, across
+from sepmc.schema import Status, transverse_components
 
 # quaternion drift in a step, or relative energy defect, beyond which a case is rejected
 _UNRESOLVED = 1e-6
@@ -192,7 +192,7 @@ def emit_results(text: Text, c: Context) -> None:
     for field, count in [("OUTCOMES", n_own), *_other_outcomes(c)]:
         text(f"put_columns(outcomes, {o}, w, {field}, {count}, first)")
         o += count
-    for y, z in across(contents(spec.scene)):
+    for y, z in transverse_components(contents(spec.scene)):
         text.block("for i in range(first, min(first + LANES, draws.shape[1])):")(
             f"outcomes[{o}, i] = math.hypot(outcomes[{y}, i], outcomes[{z}, i])"
         )
