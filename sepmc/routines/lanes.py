@@ -38,6 +38,13 @@ def get6(w, k):
 
 
 @formula
+def get9(w, k):
+    """Matrix (tuple of 9 by rows) of a lane, first element at w[k]."""
+    a, b, c = get3(w, k), get3(w, k + 3 * LANES), get3(w, k + 6 * LANES)
+    return (a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
+
+
+@formula
 def largest3(a):
     """Largest magnitude of three numbers."""
     return max(abs(a[0]), abs(a[1]), abs(a[2]))
@@ -47,6 +54,14 @@ def largest3(a):
 def largest4(a):
     """Largest magnitude of four numbers."""
     return max(largest3((a[0], a[1], a[2])), abs(a[3]))
+
+
+@formula
+def put9(w, k, a):
+    """Store a matrix (tuple of 9 by rows) of a lane, first element at w[k]."""
+    put3(w, k, (a[0], a[1], a[2]))
+    put3(w, k + 3 * LANES, (a[3], a[4], a[5]))
+    put3(w, k + 6 * LANES, (a[6], a[7], a[8]))
 
 
 @formula

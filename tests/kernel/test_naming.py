@@ -2,8 +2,11 @@
 are called changes nothing."""
 
 import ast
+import builtins
+import importlib
 import keyword
 import re
+import types
 
 import pytest
 from small_scenes import SCENES, scene
@@ -83,3 +86,34 @@ def test_no_function_of_a_kernel_shadows_an_import(name):
     defined = {node.name for node in body if isinstance(node, ast.FunctionDef)}
     assert defined
     assert not defined & imported
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_name_of_a_kernel_is_defined(name):
+    """Functions of a kernel are compiled when they are called: a missing name would wait till
+    then."""
+    tree = ast.parse(step_selection.kernel_text(scene(name), history=True))
+    namespace = set(dir(builtins))
+    modules = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                value = getattr(importlib.import_module(node.module), alias.name, None)
+                try:
+                    value = importlib.import_module(f"{node.module}.{alias.name}")
+                except ModuleNotFoundError:
+                    assert value is not None, alias.name
+                modules[alias.name] = value
+            namespace |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Import):
+            namespace |= {alias.asname or alias.name for alias in node.names}
+        elif isinstance(node, ast.FunctionDef):
+            namespace |= {node.name, *(argument.arg for argument in node.args.args)}
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            namespace.add(node.id)
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    assert {node.id for node in names} <= namespace
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            module = modules.get(node.value.id)
+            assert not isinstance(module, types.ModuleType) or hasattr(module, node.attr), node.attr

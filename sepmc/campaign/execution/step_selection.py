@@ -258,7 +258,8 @@ def select_steps(
     -------
     Integration
     """
-    variant, size = Variant.STANDARD, size or CalibrationSize(CORNERS, SAMPLE)
+    variant: int = Variant.STANDARD
+    size = size or CalibrationSize(CORNERS, SAMPLE)
     while True:
         kernel = load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
         _announce_calibration(announce)
