@@ -499,7 +499,7 @@ def _common_steps(
         report(len(draws))
         return block
 
-    def integrate_cases(
+    def integrate_some(
         steps: np.ndarray, methods: np.ndarray, draws: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         block = integrate_block(steps, draws, methods)
@@ -519,7 +519,7 @@ def _common_steps(
     )
     for _ in range(_MAX_ROUNDS):
         tried = np.vstack([tried, sampled[beyond_goal]])
-        search = Search(integrate_cases, tried, scale, goal, is_decisive, evaluations)
+        search = Search(integrate_some, tried, scale, goal, is_decisive, evaluations)
         fewest = (
             search.fewest_steps(min_steps) if step is None else search.given_step(kernel.n_segments)
         )
