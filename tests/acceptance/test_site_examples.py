@@ -2,7 +2,8 @@
 
 Blocks marked ``sh`` and ``python`` of a page run in the order of the page, in one empty folder. A
 comment ``<!-- not run: REASON -->`` before a block leaves it out; the options of its `sepmc`
-commands are checked all the same. With few cases, ``--check`` may find a requirement that is not shown.
+commands are checked all the same. With few cases, ``--check`` may find a requirement that is not
+shown.
 """
 
 import re
