@@ -68,7 +68,7 @@ def _show_scene(campaign: "Campaign", shape: Any) -> None:
         click.echo("  " + line)
     click.echo("  kernel       generated for the scene (print it with --code)")
     body_names = shape.names.back
-    for stage, stage_name in zip(shape.stages, stage_names(campaign), strict=True):
+    for stage, stage_name in zip(shape.segments, stage_names(campaign), strict=True):
         groups = [
             " and ".join(body_names.get(body, body) for body in group)
             for group in stage.groups
@@ -112,7 +112,7 @@ def _input_warnings(campaign: "Campaign") -> list[str]:
         count += end - first
     note = implausible_note(implausible, count)
     return [
-        *sampling_notes(campaign, selection),
+        *sampling_notes(campaign, selection, total),
         *file_notes(campaign),
         *undispersed(campaign),
         *([note] if note else []),

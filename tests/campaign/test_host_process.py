@@ -150,7 +150,7 @@ print(campaign.run(cases=40, seed=7).notes)
     )
     assert out.splitlines()[0] == "True 1 0 1"
     assert "this process was made by fork" in out.splitlines()[1]
-    assert "flies on one thread" in out.splitlines()[1]
+    assert "one thread" in out.splitlines()[1]
     assert out.splitlines()[2] == "[]"
 
 
@@ -173,7 +173,7 @@ def test_a_forked_child_leaves_the_compilers_of_its_parent(tmp_path):
         """
 SHORT = '''from sepmc.engine.compile_units import compile_unit, workspace
 @compile_unit("")
-def flown(address):
+def entry(address):
     w = workspace(address)
     w[0] = {}.0
 '''

@@ -1,5 +1,5 @@
-"""Processes that compile: they are kept for the next kernel, replaced when they die, and what they
-cannot compile is said."""
+"""Compile processes: kept for the next kernel, replaced when they die, with compile failures
+reported."""
 
 import ctypes
 
@@ -10,7 +10,7 @@ from sepmc.engine import cache_files, compile_workers, kernel_cache
 
 SHORT = """from sepmc.engine.compile_units import compile_unit, workspace
 @compile_unit("")
-def flown(address):
+def entry(address):
     w = workspace(address)
     w[0] = {}.0
 """
@@ -18,7 +18,7 @@ def flown(address):
 
 @pytest.fixture(autouse=True)
 def none_running():
-    """No process of another test, and none left."""
+    """No process from another test, and none left running."""
     compile_workers.end_all()
     yield
     compile_workers.end_all()
@@ -26,10 +26,11 @@ def none_running():
 
 
 def names(*numbers):
+    """Modules of short compile units."""
     return kernel_cache.write_modules([SHORT.format(number) for number in numbers])
 
 
-def test_processes_are_kept():
+def test_processes_stay_alive():
     seen = []
     assert compile_workers.compile_all(
         names(1, 2, 3), lambda done, total: seen.append((done, total))
@@ -41,7 +42,7 @@ def test_processes_are_kept():
     assert compile_workers.running() == first
 
 
-def test_one_that_died_is_replaced():
+def test_dead_process_is_replaced():
     assert compile_workers.compile_all(names(1))
     (first,) = compile_workers.running()
     first.process.kill()
@@ -50,8 +51,8 @@ def test_one_that_died_is_replaced():
     assert first not in compile_workers.running()
 
 
-def test_what_cannot_be_compiled():
-    """The call says so, and whoever loads the module then gets the error itself."""
+def test_compile_failure():
+    """The call reports a failure, and loading the module raises the error itself."""
     (bad,) = kernel_cache.write_modules(["raise ValueError('no kernel')\n"])
     assert not compile_workers.compile_all([bad])
     assert compile_workers.running() == []
@@ -59,7 +60,7 @@ def test_what_cannot_be_compiled():
         kernel_cache.load_module(bad)
 
 
-def test_they_end_by_themselves(monkeypatch):
+def test_idle_processes_end(monkeypatch):
     monkeypatch.setattr(compile_workers, "IDLE_S", 0.05)
     assert compile_workers.compile_all(names(1))
     (one,) = compile_workers.running()
@@ -71,8 +72,8 @@ def test_nothing_to_do():
     assert compile_workers.running() == []
 
 
-def test_how_a_kernel_is_split_is_kept(monkeypatch):
-    """Split once, and again where a piece is gone from the folder."""
+def test_split_is_stored(monkeypatch):
+    """A kernel is split once, and again if a unit is missing in the folder."""
     import sepmc
     from sepmc.campaign.execution.step_selection import kernel_text
     from sepmc.kernel.emit.compile_units import split
@@ -85,20 +86,20 @@ def test_how_a_kernel_is_split_is_kept(monkeypatch):
     assert kernel_cache.compile_units_of(text) == pieces
     assert calls == []
     monkeypatch.setattr(cache_files, "is_stored", lambda name: False)  # as if none was compiled
-    lost = kernel_cache.CACHE_FOLDER / f"{pieces.names[3]}.py"
-    kept = lost.read_text(encoding="utf-8")
-    for damage in (lost.unlink, lambda: lost.write_text(kept[:-9], encoding="utf-8")):
+    removed = kernel_cache.CACHE_FOLDER / f"{pieces.names[3]}.py"
+    content = removed.read_text(encoding="utf-8")
+    for damage in (removed.unlink, lambda: removed.write_text(content[:-9], encoding="utf-8")):
         damage()
         assert kernel_cache.compile_units_of(text) == pieces
-        assert (calls, lost.read_text(encoding="utf-8")) == ([text], kept)
+        assert (calls, removed.read_text(encoding="utf-8")) == ([text], content)
         calls.clear()
 
 
-def flown_by(name):
-    """What a piece writes, called by the address at which it is linked."""
-    room = np.zeros(1)
-    ctypes.CFUNCTYPE(None, ctypes.c_void_p)(cache_files.link(name))(room.ctypes.data)
-    return room[0]
+def value_of(name):
+    """Value that a unit writes, called by the address at which it is linked."""
+    workspace = np.zeros(1)
+    ctypes.CFUNCTYPE(None, ctypes.c_void_p)(cache_files.link(name))(workspace.ctypes.data)
+    return workspace[0]
 
 
 DAMAGES = ["none", "cut short", "one bit", "empty", "gone"]
@@ -106,7 +107,7 @@ DAMAGES = ["none", "cut short", "one bit", "empty", "gone"]
 
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_damaged_code_is_compiled_again(damage):
-    """It never gets into the process, and the next who asks compiles it."""
+    """Damaged code is never loaded, and is compiled again when needed."""
     number = 100 + DAMAGES.index(damage)
     (name,) = kernel_cache.write_modules([SHORT.format(number)])
     pieces = kernel_cache.CompileUnits((name,), 0, 0, 0, 0, ())
@@ -117,20 +118,20 @@ def test_damaged_code_is_compiled_again(damage):
     written = path.read_bytes()
     changed = bytearray(written)
     changed[len(changed) // 2] ^= 1
-    to = {"cut short": written[:-1], "one bit": bytes(changed), "empty": b""}
+    damaged = {"cut short": written[:-1], "one bit": bytes(changed), "empty": b""}
     if damage == "gone":
         path.unlink()
     elif damage != "none":
-        path.write_bytes(to[damage])
+        path.write_bytes(damaged[damage])
     assert (name in kernel_cache.missing_units(pieces)) == (damage != "none")
     if damage != "none":
         assert cache_files.link(name) == 0
         assert compile_workers.compile_all([name])
-    assert flown_by(name) == number
+    assert value_of(name) == number
 
 
-def test_no_file_stands_in_for_another():
-    """Whole by itself, under the name of another: it counts as not there."""
+def test_renamed_file_counts_as_missing():
+    """An undamaged file under another name counts as missing."""
     one, other = kernel_cache.write_modules([SHORT.format(201), SHORT.format(202)])
     assert compile_workers.compile_all([one, other])
     paths = [kernel_cache.CACHE_FOLDER / f"{name}.code" for name in (one, other)]
@@ -140,8 +141,8 @@ def test_no_file_stands_in_for_another():
     assert [cache_files.link(name) for name in (one, other)] == [0, 0]
 
 
-def test_code_that_needs_what_is_not_there():
-    """LLVM would load it, and the process would end when it calls."""
+def test_undefined_symbols():
+    """LLVM would load it, and a call would end the process."""
     (name,) = kernel_cache.write_modules([SHORT.format(7)])
     assert compile_workers.compile_all([name])
     symbols, code = cache_files._read(name)
@@ -150,8 +151,8 @@ def test_code_that_needs_what_is_not_there():
         cache_files.link("needy")
 
 
-def test_a_text_is_written_once(monkeypatch):
-    """And anew for another scene, method or history."""
+def test_text_is_written_once(monkeypatch):
+    """A text is written again for another scene, method or history."""
     import sepmc
     from sepmc.campaign.execution.step_selection import kernel_text
     from sepmc.kernel.emit import module
@@ -160,12 +161,16 @@ def test_a_text_is_written_once(monkeypatch):
     campaign = sepmc.load("table2", {**quiet, "body.upper.mass_kg": 458.1})
     first, calls = kernel_text(campaign), []
     write = module.emit
-    monkeypatch.setattr(module, "emit", lambda *given: calls.append(given) or write(*given))
+    monkeypatch.setattr(
+        module, "emit", lambda *arguments: calls.append(arguments) or write(*arguments)
+    )
     assert kernel_text(sepmc.load("table2", {**quiet, "body.upper.mass_kg": 458.1})) == first
     assert calls == []
     assert kernel_text(campaign, "rk4") != first
     assert kernel_text(campaign, history=True) != first
-    assert all(write(*given) == kernel_text(campaign, *given[1:]) for given in list(calls))
+    assert all(
+        write(*arguments) == kernel_text(campaign, *arguments[1:]) for arguments in list(calls)
+    )
     calls.clear()
     for path in kernel_cache.CACHE_FOLDER.glob("text_*.sealed"):
         if first.encode() in path.read_bytes():

@@ -1,5 +1,5 @@
-"""Kernels as plain Python: Python's numbers, which do where they divide, round and take roots what
-compiled code does."""
+"""Kernels as plain Python: Python's numbers, with division, rounding and roots as in compiled
+code."""
 
 import itertools
 import math
@@ -46,44 +46,43 @@ def plain():
 
 
 @pytest.mark.parametrize("name", ["over", "within", "power", "root"])
-def test_numbers_without_an_answer(plain, name):
-    """As numpy's, bit for bit, signs of zeros and infinities among them; and Python's own
-    numbers."""
-    numpy_s = {}
-    exec(compile(TEXT.replace("math.sqrt", "np.sqrt"), "numpy's", "exec"), numpy_s)
+def test_division_powers_and_roots(plain, name):
+    """As in numpy, bit for bit, with signs of zeros and infinities; and Python's own numbers."""
+    reference = {}
+    exec(compile(TEXT.replace("math.sqrt", "np.sqrt"), "numpy's", "exec"), reference)
     with np.errstate(all="ignore"):
         for a, b in itertools.product(NUMBERS, NUMBERS):
-            found, expected = (
+            result, expected = (
                 getattr(plain, name)(a, b),
-                numpy_s[name](np.float64(a), np.float64(b)),
+                reference[name](np.float64(a), np.float64(b)),
             )
-            assert type(found) is float
-            assert_array_equal(found, expected, err_msg=f"{name}({a}, {b})")
-            assert math.copysign(1.0, found) == math.copysign(1.0, expected) or math.isnan(found)
+            assert type(result) is float
+            assert_array_equal(result, expected, err_msg=f"{name}({a}, {b})")
+            assert math.copysign(1.0, result) == math.copysign(1.0, expected) or math.isnan(result)
 
 
 @pytest.mark.parametrize("n", [2, 24])
-@pytest.mark.parametrize("spoilt", ["", "rows alike", "zero row", "NaN", "last NaN"])
-def test_elimination_is_that_of_the_kernels(plain, n, spoilt):
-    """As the routine of the kernels; half of the numbers are zero, so that rows change places."""
+@pytest.mark.parametrize("defect", ["", "rows alike", "zero row", "NaN", "last NaN"])
+def test_elimination_agrees_with_kernels(plain, n, defect):
+    """As the routine of the kernels; half of the numbers are zero, so that rows are exchanged."""
     random, size = np.random.default_rng(7), n * n + n
     for _ in range(20):
         matrix = random.normal(size=(n, n)) * (random.random((n, n)) < 0.5) + np.eye(n)
-        if spoilt == "rows alike":
+        if defect == "rows alike":
             matrix[1] = matrix[0]
-        elif spoilt == "zero row":
+        elif defect == "zero row":
             matrix[1] = 0.0
-        elif spoilt:
-            matrix[(0, 1) if spoilt == "NaN" else (n - 1, n - 1)] = math.nan
+        elif defect:
+            matrix[(0, 1) if defect == "NaN" else (n - 1, n - 1)] = math.nan
         known = random.normal(size=n)
         numbers = [*matrix.ravel().tolist(), *known.tolist(), *[0.0] * (size + n)]
-        routine_s = numbers[:size]
-        pivot = linear.solve_lu.py_func(routine_s, 0, n * n, n)
-        found = plain.linear.eliminate(numbers, 0, n, size, 2 * size)
-        assert found == pytest.approx(pivot, rel=1e-9)
-        solution = routine_s[n * n :] if pivot > 0.0 else np.full(n, math.nan)
+        expected = numbers[:size]
+        pivot = linear.solve_lu.py_func(expected, 0, n * n, n)
+        smallest = plain.linear.eliminate(numbers, 0, n, size, 2 * size)
+        assert smallest == pytest.approx(pivot, rel=1e-9)
+        solution = expected[n * n :] if pivot > 0.0 else np.full(n, math.nan)
         assert_allclose(numbers[2 * size :], solution, rtol=1e-9, atol=1e-11)
-        if not spoilt:
+        if not defect:
             assert_allclose(matrix @ numbers[2 * size :], known, rtol=0, atol=1e-12)
 
 
@@ -96,13 +95,13 @@ def test_rows_dependent_to_round_off_share_by_least_squares(plain, round_off):
     matrix[2, 2] *= 1.0 + round_off
     w = [0.0] * (54 * lanes)  # the system, its solution, and scratch
     w[: 9 * lanes : lanes] = [*matrix[np.tril_indices(3)].tolist(), *right.tolist()]
-    rank, _ = plain.linear.share(w, 0, 3, 12 * lanes, 9 * lanes)
+    rank, _ = plain.linear.solve_min_norm(w, 0, 3, 12 * lanes, 9 * lanes)
     assert rank == 2
     assert_allclose(w[9 * lanes : 12 * lanes : lanes], wanted, atol=20.0 * round_off + 1e-14)
 
 
-def test_the_compiled_formulas_stay_as_they_are(plain):
-    """The second copies are modules of their own, with lines where the files have them."""
+def test_compiled_formulas_are_unchanged(plain):
+    """The second copies are separate modules, with the line numbers of the files."""
     assert plain.vec3 is not vec3
     assert (
         plain.vec3.dot((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
@@ -120,19 +119,19 @@ def test_the_compiled_formulas_stay_as_they_are(plain):
     "name",
     ["table2.toml", str(Path(__file__).parents[1] / "data" / "everything.toml"), "hyper-x.toml"],
 )
-def test_a_flight_is_in_pythons_numbers(name):
-    """No number of the workspace is one of numpy's, which would make all that follows from it
-    slow."""
+def test_workspace_has_pythons_numbers(name):
+    """No number of the workspace is one of numpy's, which would slow down all that depends on
+    it."""
     campaign = sepmc.load(name)
     kernel = interpreted.load(step_selection.kernel_text(campaign))
-    kept, one = [], kernel.plain.integrate_block
+    seen, original = [], kernel.plain.integrate_block
 
     def integrate_block(w, first, arrays):
-        one(w, first, arrays)
-        kept.extend(w)
+        original(w, first, arrays)
+        seen.extend(w)
 
     kernel.plain.integrate_block = integrate_block
-    steps, usual = (
+    steps, typical = (
         np.full(kernel.n_segments, 2),
         np.full(kernel.n_segments, campaign.scene.run.end_time / 3.0),
     )
@@ -140,9 +139,9 @@ def test_a_flight_is_in_pythons_numbers(name):
         kernel,
         campaign.plan,
         steps,
-        usual,
+        typical,
         campaign.slots,
         step_selection.calibration_sample(campaign, 1),
     )
-    kernel.plain.integrate_block = one
-    assert {type(x) for x in kept} == {float}
+    kernel.plain.integrate_block = original
+    assert {type(x) for x in seen} == {float}

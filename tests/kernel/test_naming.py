@@ -1,5 +1,5 @@
-"""Names of a kernel: none comes from a file, so none of a file can meet another, and what things
-are called changes nothing."""
+"""Names of kernels: none comes from a file, so names of a file cannot collide, and none hides an
+imported one."""
 
 import ast
 import builtins
@@ -39,7 +39,7 @@ HOSTILE = [
 
 
 def _renamed(tree, names):
-    """A scene in which each table's items are called otherwise, everywhere they are named."""
+    """The tree of a scene with other names of its items."""
     text = repr(tree)
     for old, new in names.items():
         text = re.sub(rf"'{re.escape(old)}'", f"'{new}'", text)
@@ -48,19 +48,33 @@ def _renamed(tree, names):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_no_name_of_a_file_stands_in_a_kernel(name):
-    """What things are called changes nothing of its text."""
+def test_no_name_of_a_file_is_in_a_kernel(name):
+    """The text of a kernel does not depend on the names in the file."""
     campaign = scene(name)
-    own = [
+    originals = [
         *campaign.scene.body,
         *campaign.scene.joint,
         *(m.name for m in campaign.scene.motor),
         *(p.name for p in campaign.scene.phase),
     ]
-    called = dict(zip(dict.fromkeys(own), HOSTILE, strict=False))
-    other = Campaign(parse_campaign(_renamed(campaign.file.tree, called), name))
+    names = dict(zip(dict.fromkeys(originals), HOSTILE, strict=False))
+    other = Campaign(parse_campaign(_renamed(campaign.file.tree, names), name))
     assert set(other.scene.body) != set(campaign.scene.body)
     assert step_selection.kernel_text(other) == step_selection.kernel_text(campaign)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_name_of_a_kernel_hides_another(name):
+    """A function or variable named like an imported routine or a function would replace it."""
+    module = ast.parse(step_selection.kernel_text(scene(name), history=True))
+    imports = [node for node in module.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    imported = {alias.asname or alias.name for node in imports for alias in node.names}
+    functions = {node.name for node in module.body if isinstance(node, ast.FunctionDef)}
+    names = [node for node in ast.walk(module) if isinstance(node, ast.Name)]
+    variables = {node.id for node in names if isinstance(node.ctx, ast.Store)}
+    assert functions
+    assert not imported & functions
+    assert not variables & (imported | functions)
 
 
 @pytest.mark.parametrize("name", ["if", "l", "w", "LANES", "spin_a"])
@@ -71,21 +85,6 @@ def test_a_body_may_be_called_anything(pair, name):
     ast.parse(step_selection.kernel_text(campaign))
     assert keyword.iskeyword("if")
     assert f"body1 {name}" in make_kernel_spec(campaign.plan, campaign.dispersed).names.legend[0]
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_no_function_of_a_kernel_shadows_an_import(name):
-    """A function of a kernel that shadows a routine would call itself in its place."""
-    body = ast.parse(step_selection.kernel_text(scene(name), history=True)).body
-    imported = {
-        alias.asname or alias.name
-        for node in body
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        for alias in node.names
-    }
-    defined = {node.name for node in body if isinstance(node, ast.FunctionDef)}
-    assert defined
-    assert not defined & imported
 
 
 @pytest.mark.parametrize("name", SCENES)

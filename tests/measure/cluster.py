@@ -26,7 +26,7 @@ from support.runs import same, statistics_of
 
 import sepmc
 from sepmc.campaign.store import manifests
-from sepmc.cluster import crew
+from sepmc.cluster import dask_executor
 
 OFTEN = {"run.chunk": 2048, "run.history_step_s": 0.1}
 CASES = 60_000
@@ -34,7 +34,7 @@ CASES = 60_000
 
 def one_killed(campaign, folder, after, which):
     """A run by two workers, one of which is killed after some seconds; its result."""
-    with crew(2, threads=1) as workers:
+    with dask_executor(2, threads=1) as workers:
         pids = list(workers.client.run(os.getpid).values())
         timer = threading.Timer(after, os.kill, (pids[which], signal.SIGKILL))
         timer.start()
@@ -66,7 +66,7 @@ def throughput(cases):
     """Seconds of one process of two threads, and of two workers of one thread, in turn."""
     campaign = sepmc.load("table2", {"run.history_step_s": 0.0})
     seconds = {"process": [], "workers": []}
-    with tempfile.TemporaryDirectory() as temporary, crew(2, threads=1) as workers:
+    with tempfile.TemporaryDirectory() as temporary, dask_executor(2, threads=1) as workers:
         folder = Path(temporary) / "run"
         told = set()
         for _ in range(4):

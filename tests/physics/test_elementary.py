@@ -1,5 +1,5 @@
-"""Elementary functions without branches, the air in a layer and the closed forms that foretell
-events, against many digits or print."""
+"""Elementary functions, the standard atmosphere in a layer and predicted crossing times, against 60
+digits or printed tables."""
 
 import itertools
 import math
@@ -36,17 +36,18 @@ INF, NAN = math.inf, math.nan
 
 @pytest.fixture(scope="module", autouse=True)
 def digits():
-    """60 digits for every reference here."""
+    """60 digits for all references."""
     with mpmath.workdps(60):
         yield
 
 
-def units(found, exact):
+def units(result, exact):
     """Error in units of the last place of the exact value."""
-    return float(abs(mpmath.mpf(float(found)) - exact) / mpmath.mpf(math.ulp(float(exact))))
+    return float(abs(mpmath.mpf(float(result)) - exact) / mpmath.mpf(math.ulp(float(exact))))
 
 
 def spread(low, high, n=SAMPLES, seed=1):
+    """Random numbers of a range."""
     return np.random.default_rng(seed).uniform(low, high, n)
 
 
@@ -58,7 +59,8 @@ def spread(low, high, n=SAMPLES, seed=1):
     ("low", "high"), [(-708.4, 709.0), (-40.0, 1.0), (-0.4, 0.4), (-1e-8, 1e-8)]
 )
 def test_exponential(low, high):
-    """Over its whole range, that of the air and about 0: within one unit of the last place."""
+    """Over the whole range, the range of the atmosphere and near 0: within one unit in the last
+    place."""
     values = [
         *spread(low, high),
         low,
@@ -88,7 +90,7 @@ def test_exponential_at_its_edges(x, expected):
 
 
 def test_exponential_rises_across_its_seams():
-    """Where the whole power of two changes, it does not step back by more than round-off."""
+    """Where k changes, it decreases by no more than round-off."""
     for k in range(-20, 21):
         x = (k + 0.5) * math.log(2.0)
         around = [exponential(x * (1.0 + i * 1e-15)) for i in range(-3, 4)]
@@ -98,8 +100,7 @@ def test_exponential_rises_across_its_seams():
 
 
 def test_power_of_two():
-    """Exact, from the least normal number to the largest power; the plain function used without the
-    JIT, too."""
+    """Exact, from the smallest normal number to the largest power; also without the JIT."""
     for k in (-1022, -1021, -1, 0, 1, 52, 1000, 1023):
         assert power_of_two(float(k)) == math.ldexp(1.0, k)
     assert math.isnan(power_of_two(NAN))
@@ -110,7 +111,7 @@ def test_power_of_two():
 
 
 def test_arctan2():
-    """All quadrants, ratios of 1e-16 to 1e16: within 2.5 units of the last place, since pi / 2 and
+    """All quadrants, ratios of 1e-16 to 1e16: within 2.5 units in the last place, since pi / 2 and
     pi are added as doubles."""
     rng = np.random.default_rng(2)
     points = rng.normal(size=(4 * SAMPLES, 2)) * 10.0 ** rng.uniform(-8, 8, (4 * SAMPLES, 2))
@@ -118,8 +119,8 @@ def test_arctan2():
 
 
 def test_arctan2_of_small_angles():
-    """Alpha and beta of a flight near its path: ratios below tan(pi / 8), in front; within one unit
-    of the last place."""
+    """Alpha and beta near the flight path: ratios below tan(pi / 8), in front; within one unit in
+    the last place."""
     points = [(y, 1.0) for y in 10.0 ** spread(-12, math.log10(0.4), seed=3)]
     assert max(units(arctan2(y, x), mpmath.atan2(y, x)) for y, x in points) <= 1.0
 
@@ -139,10 +140,10 @@ def test_arctan2_of_small_angles():
     ],
 )
 def test_arctan2_at_its_edges(y, x):
-    """Axes, signed zeros, infinities and diagonals as the library's, the sign of zero included."""
-    found, expected = arctan2(y, x), math.atan2(y, x)
-    assert found == pytest.approx(expected, rel=2.3e-16, abs=0)
-    assert math.copysign(1.0, found) == math.copysign(1.0, expected)
+    """Axes, signed zeros, infinities and diagonals as in the library, with the sign of zero."""
+    result, expected = arctan2(y, x), math.atan2(y, x)
+    assert result == pytest.approx(expected, rel=2.3e-16, abs=0)
+    assert math.copysign(1.0, result) == math.copysign(1.0, expected)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +154,7 @@ def test_arctan2_keeps_nan(y, x):
 
 
 def test_arctan2_is_continuous_across_its_seams():
-    """Where the formula changes: at tan(pi / 8), one, and where the larger is the other."""
+    """Where the formula changes: at tan(pi / 8), one, and where the larger coordinate changes."""
     for seam in (
         math.pi / 8,
         math.pi / 4,
@@ -176,7 +177,7 @@ def test_arctan2_is_continuous_across_its_seams():
 
 @pytest.mark.parametrize("size", [1e-3, 0.8, 7.0, 1e3, 1e5])
 def test_sine_and_cosine(size):
-    """Absolute error 2e-16 up to 1e5 rad; within two units of the last place, also near the zeros
+    """Absolute error 2e-16 up to 1e5 rad; within two units in the last place, also near the zeros
     of either."""
     near = np.round(spread(-size, size, 200, seed=4) / (math.pi / 2)) * (math.pi / 2)
     for x in [*spread(-size, size).tolist(), *near.tolist()]:
@@ -189,7 +190,7 @@ def test_sine_and_cosine(size):
 
 
 def test_sine_and_cosine_in_every_quadrant():
-    """At and beside the multiples of pi / 4, where the quadrant turns over."""
+    """At and near the multiples of pi / 4, where the quadrant changes."""
     for k in range(-17, 18):
         for shift in (-1e-9, 0.0, 1e-9):
             x = k * math.pi / 4 + shift
@@ -222,7 +223,7 @@ BASES = [
 
 
 def exact_air(height):
-    """Density, pressure, temperature at a geometric height, by the standard's own formulas with
+    """Density, pressure, temperature at a geometric height, by the formulas of the standard with
     powers and exponentials, 60 digits."""
     h = mpmath.mpf(R0) * height / (mpmath.mpf(R0) + height)
     gmr = mpmath.mpf("9.80665") * mpmath.mpf("28.9644") / mpmath.mpf("8314.32")
@@ -241,9 +242,9 @@ def geometric(h):
     return R0 * h / (R0 - h)
 
 
-def test_air_by_the_standards_own_formulas():
-    """Powers and exponentials of the standard against the one series that stands for both:
-    round-off of exp(-13) and ten operations."""
+def test_air_by_the_formulas_of_the_standard():
+    """Powers and exponentials of the standard against the common series: round-off of exp(-13) and
+    ten operations."""
     edges = [geometric(base) * (1.0 + s) for base, _ in BASES[1:7] for s in (-1e-12, 0.0, 1e-12)]
     for height in [*spread(0.0, 86e3, 300, seed=5).tolist(), *edges, 0.0, 86e3]:
         assert_allclose(
@@ -279,9 +280,9 @@ def test_air_at_the_printed_bases(h, t, mb, rho):
 
 
 @pytest.mark.parametrize(("low", "lapse"), BASES[:7])
-def test_air_of_a_layer_goes_on_beyond_its_edges(low, lapse):
-    """Lanes keep the layer they started in for a step: 500 m beyond either end its formula holds to
-    round-off (the case is then lost)."""
+def test_air_of_a_layer_extends_beyond_its_edges(low, lapse):
+    """Lanes keep the layer they started a step in: 500 m beyond either end its formula is valid to
+    round-off (the case is then rejected)."""
     k = [base for base, _ in BASES].index(low)
     base_air = exact_air(geometric(low))
     layer = (low, lapse / float(base_air[2]), 1.0 / float(base_air[2]), float(base_air[1]))
@@ -356,7 +357,7 @@ def test_rises_about_a_height(height):
         (-6.0, 2.0, 0.0, 0.0, 3.0),  # straight on
         (-8.0, 0.0, 4.0, 0.0, 2.0),  # from rest: sqrt(2 s / a)
         (-5.0, 1.0, 2.0, 0.0, 0.5 * (math.sqrt(21.0) - 1.0)),
-        # decelerates, still gets there: the first of two crossings
+        # decelerates but crosses: the first of two crossings
         (-1.0, 3.0, -2.0, 0.0, 0.5 * (3.0 - math.sqrt(5.0))),
         (0.0, 2.0, 1.0, 0.0, 0.0),  # there
         (4.0, 2.0, 0.0, 0.0, -2.0),  # behind
@@ -375,13 +376,13 @@ def test_time_left_in_closed_form(value, rate, acceleration, jerk, expected):
     [(-1.0, 0.0, 0.0), (-1.0, -2.0, 0.0), (-1.0, 0.0, -1.0), (-2.0, 1.0, -1.0), (-1.0, -1.0, -3.0)],
 )
 def test_time_left_is_infinite_without_a_crossing(value, rate, acceleration):
-    """At rest, going away, or turning back before it gets there."""
+    """At rest, moving away, or turning back before the crossing."""
     assert time_left(value, rate, acceleration, 0.0) == INF
 
 
 def test_time_left_with_jerk():
-    """Three of Newton's steps to the root of the cubic: to round-off if the jerk is small, closer
-    than without it if it is not."""
+    """Three Newton iterations to the root of the cubic: to round-off for a small jerk, closer than
+    without it otherwise."""
     for wait, rate, acceleration, jerk in (
         (0.1, 1.0, 0.5, 2.0),
         (0.5, 2.0, -1.0, 1.5),
@@ -393,7 +394,7 @@ def test_time_left_with_jerk():
 
 
 def test_time_left_scales():
-    """Twice as fast in time: half the wait, to the last bit, since the factors are powers of
+    """Twice as fast in time: half the time, to the last bit, since the factors are powers of
     two."""
     for value, rate, acceleration, jerk in np.random.default_rng(6).uniform(0.1, 3.0, (50, 4)):
         once = time_left(-value, rate, acceleration, jerk)
@@ -403,17 +404,17 @@ def test_time_left_scales():
 @pytest.mark.parametrize(
     "numbers", [(NAN, 1.0, 0.0, 0.0), (-1.0, NAN, 0.0, 0.0), (-1.0, 1.0, NAN, 0.0)]
 )
-def test_time_left_of_no_number_is_no_finite_wait(numbers):
-    """NaN must not become a step that looks sound."""
+def test_time_left_of_nan_is_not_finite(numbers):
+    """NaN must not give a finite step."""
     assert not math.isfinite(time_left(*numbers))
 
 
 def test_nearest_turn():
     for last in (-20.0, -math.pi, 0.0, 1.0, 50.0):
         for angle in np.linspace(-math.pi, math.pi, 13):
-            found = nearest_turn(angle, last)
-            assert abs(found - last) <= math.pi * (1.0 + 1e-12)
-            assert math.remainder(found - angle, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
+            result = nearest_turn(angle, last)
+            assert abs(result - last) <= math.pi * (1.0 + 1e-12)
+            assert math.remainder(result - angle, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_larger_takes_nan_from_the_second():
@@ -422,11 +423,11 @@ def test_larger_takes_nan_from_the_second():
 
 
 def test_two_arctangents_with_one_division():
-    """As each by itself, to a few units of the last place; still air has neither."""
+    """As each by itself, to a few units in the last place; both zero in still air."""
     random = np.random.default_rng(6)
     points = random.normal(size=(SAMPLES, 4)) * 10.0 ** random.uniform(-8, 8, (SAMPLES, 4))
     for y, x, v, u in points.tolist():
-        found = arctan2_of_two(y, x, v, u)
-        assert found == pytest.approx((arctan2(y, x), arctan2(v, u)), rel=2e-15, abs=0)
+        result = arctan2_of_two(y, x, v, u)
+        assert result == pytest.approx((arctan2(y, x), arctan2(v, u)), rel=2e-15, abs=0)
     assert arctan2_of_two(0.0, 0.0, 0.0, 0.0) == (0.0, 0.0)
     assert all(map(math.isnan, arctan2_of_two(NAN, 1.0, NAN, 1.0)))

@@ -274,7 +274,7 @@ def _passive_conditions(
 
 def _time(scope: Scope, c: Context, due: Due) -> Expr:
     """Time at which a condition is due, s."""
-    terms = [c.case.number(place) for place in due.slots]
+    terms = [c.case.number(slot) for slot in due.slots]
     for motor in c.spec.triggered_motors:
         if motor.name == due.motor:
             terms.insert(0, ignition(scope, c, motor))
@@ -351,7 +351,7 @@ def _check_start(text: Text, c: Context) -> None:
 def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
     """Set the end time of a segment. A time that is already past ends it at once; a release delay
     counts from then on."""
-    scope, time = c.scope(), total([c.case.number(place) for place in segment.end_time])
+    scope, time = c.scope(), total([c.case.number(slot) for slot in segment.end_time])
     now = scope.load("T")
     if segment.after_late:  # its end came during a release delay
         reject_unless(
@@ -368,7 +368,7 @@ def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
 def _begin_delayed(text: Text, c: Context, segment: Segment) -> None:
     """Set the end of a segment with delayed releases: the longest delay."""
     scope = c.scope()
-    first, *others = (c.case.number(place) for place in segment.late.values())
+    first, *others = (c.case.number(slot) for slot in segment.late.values())
     last = functools.reduce(scalar.larger, others, first)
     c.workspace.add(f"UNTIL_{segment.name}", 1)
     scope.store(f"UNTIL_{segment.name}", scope.load("T") + last)

@@ -96,8 +96,8 @@ class Case:
 
     @property
     def gust(self) -> Any:
-        """Factor and turn of the wind profile as a vector; None if they are the same in all cases.
-        Factor and turn of the wind profile as a vector; None if they are the same in all cases."""
+        """Factor and turn of the wind profile as a vector; None if they are the same in all
+        cases."""
         slots = self.spec.layout.slots
         if WIND_FACTOR not in slots:
             return None

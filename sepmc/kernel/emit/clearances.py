@@ -1,5 +1,5 @@
-"""Clearances, as lines of a kernel: the minimum distance between bodies is searched in every step.
-Clearances, as lines of a kernel: the minimum distance between bodies is searched in every step."""
+"""Clearances, as lines of a kernel: the minimum distance between bodies is searched in every
+step."""
 
 import math
 from typing import Any
@@ -147,8 +147,8 @@ def is_active_at_start(c: Context, i: int) -> bool:
 
 
 def _position_coefficient(s: State, body: str, q: int) -> Any:
-    """Coefficient of the position of a body over the step, for power ``q`` of the elapsed fraction.
-    Coefficient of the position of a body over the step, for power ``q`` of the elapsed fraction."""
+    """Coefficient of the position of a body over the step, for power ``q`` of the elapsed
+    fraction."""
     if body == GROUND:
         times = s.scope.load("BEGIN_T") if q == 0 else s.scope.load("LENGTH") if q == 1 else 0.0
         return vec3.scale(times, s.speed(GROUND))

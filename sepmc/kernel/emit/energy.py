@@ -50,7 +50,7 @@ def _mean_speed(s: State) -> Any:
     whole = total([s.case.mass(body) for body in s.spec.bodies])
     return vector_sum(
         [
-            vec3.scale((s.case.mass(body) / whole).called("share"), s.speed(body))
+            vec3.scale((s.case.mass(body) / whole).called("mass_fraction"), s.speed(body))
             for body in s.spec.bodies
         ]
     ).called("mean")

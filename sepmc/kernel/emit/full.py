@@ -38,8 +38,8 @@ def _constraining_joints(segment: Segment) -> list[str]:
 
 
 class FullSystem:
-    """System of a segment at a state, given the loads: forces in ground axes, moments in body axes.
-    System of a segment at a state, given the loads: forces in ground axes, moments in body axes."""
+    """System of a segment at a state, given the loads: forces in ground axes, moments in body
+    axes."""
 
     def __init__(self, s: State, rows: Rows, force: dict[str, Any], moment: dict[str, Any]):
         self.s, self.rows = s, rows

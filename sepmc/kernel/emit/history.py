@@ -169,8 +169,8 @@ def _emit_row(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
-    """Lateral load of every pin of a joint at hole entry and tip while it may slide, N; else NaN.
-    Lateral load of every pin of a joint at hole entry and tip while it may slide, N; else NaN."""
+    """Lateral load of every pin of a joint at hole entry and tip while it may slide, N; else
+    NaN."""
     if not s.segment.sliding_kinds(joint):
         return [math.nan] * 2 * s.c.pins(joint)
     sliding = s.sliding(joint)

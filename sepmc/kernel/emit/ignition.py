@@ -1,5 +1,5 @@
-"""Ignition times of motors that are triggered by an event, a release or a joint that becomes free.
-Ignition times of motors that are triggered by an event, a release or a joint that becomes free."""
+"""Ignition times of motors that are triggered by an event, a release or a joint that becomes
+free."""
 
 import math
 

@@ -111,7 +111,7 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
         "simultaneous ones."
     )
     text = out.function(f"stop_at_load_{segment.name}(w)", docstring)
-    text(f"node_loads(w, {number})", "found = 0.0")
+    text(f"node_loads(w, {number})", "any_reached = 0.0")
     inner = text.lanes()
     inner("w[CUT + l], w[THETA + l] = 0.0, 1.0")
     inner = inner.block(f"if w[DONE + l] == 0.0 and w[LENGTH + l] > {at.GRAIN}:")
@@ -135,14 +135,16 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
         if load.direction:
             side = load_side(segment, load)
             c.start(side, 0.0)
-            counts = [load.direction in (way, "either") for way in ("rising", "falling")]
+            counts = [
+                load.direction in (side_name, "either") for side_name in ("rising", "falling")
+            ]
             sides.append(f"w[{side} + l] = peaks.side_at({arguments}, w[THETA + l], w[{side} + l])")
             arguments += f", w[{side} + l], {counts[0]}, {counts[1]}"
         routine = "first_crossed" if load.direction else "first_reached"
         pending(f"theta_{i}, rate = peaks.{routine}({arguments})")
         pending.block(f"if theta_{i} < first:")(f"first, slope = theta_{i}, rate")
     reached = inner.block("if first <= 1.0:")
-    reached("found, w[CUT + l], w[THETA + l], w[REACH + l] = 1.0, 1.0, first, first")
+    reached("any_reached, w[CUT + l], w[THETA + l], w[REACH + l] = 1.0, 1.0, first, first")
     reached(
         "w[T + l] = w[BEGIN_T + l] + first * w[LENGTH + l]",
         "w[END + l], w[PROGRESS + l] = w[T + l], 2.0",
@@ -156,7 +158,7 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
             f"max(w[{indicator}], slow if first > 0.0 else 0.0)"
         )
     inner(*sides)
-    inner = text.block("if found > 0.0:")
+    inner = text.block("if any_reached > 0.0:")
     emit_broadcast(inner, c, "THETA")
     emit_broadcast(inner, c, "CUT")
     inner(f"interpolate(w, {number})")
@@ -174,8 +176,8 @@ def load_side(segment: Segment, load: Event) -> str:
 
 
 def _emit_wrenches(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function for the monitored loads of a segment whose derivative does not give them.
-    Write the function for the monitored loads of a segment whose derivative does not give them."""
+    """Write the function for the monitored loads of a segment whose derivative does not give
+    them."""
     docstring = (
         "Force and moment of every monitored joint at the state S and the times CLOCK, in axes "
         "of its first body, into WRENCH"

@@ -26,8 +26,8 @@ from sepmc.scene.model import GROUND
 
 
 def before_motion(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines for what the motion at a state S depends on: look-ups in tables, and friction.
-    Append lines for what the motion at a state S depends on: look-ups in tables, and friction."""
+    """Append lines for what the motion at a state S depends on: look-ups in tables, and
+    friction."""
     call_look_up(text, c, segment)
     if c.spec.friction_joints(segment):
         text(f"friction_{segment.name}(w)")

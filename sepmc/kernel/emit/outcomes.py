@@ -186,8 +186,8 @@ def emit_results(text: Text, c: Context) -> None:
         "known = w[WINDING_UNCLEAR + l] == 0.0 and w[UNEVEN + l] == 0.0",
     )
     for k in range(len(c.indicators)):
-        place = component("INDICATORS", k)
-        inner(f"w[{place} + l] = w[{place} + l] if known else unknown")
+        path = component("INDICATORS", k)
+        inner(f"w[{path} + l] = w[{path} + l] if known else unknown")
     o = 0
     for field, count in [("OUTCOMES", n_own), *_other_outcomes(c)]:
         text(f"put_columns(outcomes, {o}, w, {field}, {count}, first)")
@@ -200,10 +200,10 @@ def emit_results(text: Text, c: Context) -> None:
     text(f"put_columns(outcomes, {o}, w, AUDIT, {len(audits)}, first)")
     o += len(audits) + 1  # the error estimate is filled in later
     text(f"put_columns(outcomes, {o}, w, INDICATORS, N_INDICATORS, first)")
-    for number, place in enumerate(
+    for number, path in enumerate(
         [*(f"ENDED_{one.name}" for one in spec.segments), *c.change_times]
     ):
-        text(f"put_columns(ends, {number}, w, {place}, 1, first)")
+        text(f"put_columns(ends, {number}, w, {path}, 1, first)")
     inner = text.block("for i in range(first, min(first + LANES, draws.shape[1])):")
     inner("status[i] = int(w[STATUS + i - first])")
     inner.block(f"if w[STATUS + i - first] > {float(Status.NEVER_RELEASED)}:").block(
@@ -273,6 +273,6 @@ def _set_status(text: Text, c: Context) -> None:
         "defect = w[ENERGY + l] / w[ENERGY + 2 * LANES + l]",
         "valid = w[NOT_FINITE + l] == 0.0 and w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= "
         f"{_UNRESOLVED} and defect <= {_UNRESOLVED}",
-        f"ended = w[UNRELEASED + l] if valid else {float(at.FINER_STEPS)}",
-        "w[STATUS + l] = w[REJECTED + l] if w[REJECTED + l] != 0.0 else ended",
+        f"final = w[UNRELEASED + l] if valid else {float(at.FINER_STEPS)}",
+        "w[STATUS + l] = w[REJECTED + l] if w[REJECTED + l] != 0.0 else final",
     )

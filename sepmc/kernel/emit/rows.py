@@ -123,8 +123,8 @@ class Rows:
         )
 
     def _stabilised(self, gamma: Any, value: Any, rate: Any) -> Any:
-        """Right-hand side of a row with residuals, with Baumgarte terms if the scene asks for them.
-        Right-hand side of a row with residuals, with Baumgarte terms if the scene asks for them."""
+        """Right-hand side of a row with residuals, with Baumgarte terms if the scene asks for
+        them."""
         if self.s.spec.scene.solver.drift != "baumgarte":
             return gamma
         return gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
@@ -274,8 +274,8 @@ class Rows:
 
 
 class LeastSquares:
-    """Minimum-norm solutions of a symmetric, possibly singular system, given by its lower triangle.
-    Minimum-norm solutions of a symmetric, possibly singular system, given by its lower triangle."""
+    """Minimum-norm solutions of a symmetric, possibly singular system, given by its lower
+    triangle."""
 
     def __init__(self, s: State, a: list[list[Any]], name: str = ""):
         self.s, self.matrix, self.solutions = s, [x for row in a for x in row], 0

@@ -66,8 +66,8 @@ def emit_prepare(out: Text, c: Context) -> None:
                 f"UNTIL_{segment.name}",
                 total(
                     [
-                        case.number(place)
-                        for place in (*segment.end_time, *_optional_slot(segment.delay))
+                        case.number(slot)
+                        for slot in (*segment.end_time, *_optional_slot(segment.delay))
                     ]
                 ),
             )
@@ -91,8 +91,8 @@ def emit_prepare(out: Text, c: Context) -> None:
     scope.write(text, _MOST_LINES)
 
 
-def _optional_slot(place: int | None) -> list[int]:
-    return [] if place is None else [place]
+def _optional_slot(slot: int | None) -> list[int]:
+    return [] if slot is None else [slot]
 
 
 def _set_initial_state(c: Context) -> None:

@@ -400,8 +400,8 @@ def emit_cut_attitudes(text: Text, c: Context, segment: Segment, flag: str) -> N
         for k, angle in enumerate((quat.pitch, quat.roll)):
             last = component(f"ANGLES_{body}", k)
             changes.append((last, scalar.nearest_turn(angle(r), scope.load(last))))
-        for place, value in changes:
-            scope.store(place, where(is_cut, value, scope.load(place)))
+        for path, value in changes:
+            scope.store(path, where(is_cut, value, scope.load(path)))
         scope.write(text)
 
 

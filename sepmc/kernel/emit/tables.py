@@ -100,8 +100,8 @@ def _emit_aero_tables(
 
 
 def _emit_height_tables(out: Text, text: Text, c: Context, segment: Segment) -> None:
-    """Append lines for tables over altitude: log density and speed of sound, and the wind profile.
-    Append lines for tables over altitude: log density and speed of sound, and the wind profile."""
+    """Append lines for tables over altitude: log density and speed of sound, and the wind
+    profile."""
     in_air = [body for body in c.spec.bodies if _has_air(c.spec, body)]
     windy = c.spec.bodies if has_wind_profile(c.spec) else []
     if not (in_air or windy):

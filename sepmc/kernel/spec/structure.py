@@ -196,8 +196,8 @@ def _may_fail(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
 
 
 def _kinds_of(scene: Scene, joint: str) -> list[tuple[int, ...]]:
-    """Row codes of a joint over phases and releases, the most rows first: a joint only loses rows.
-    Row codes of a joint over phases and releases, the most rows first: a joint only loses rows."""
+    """Row codes of a joint over phases and releases, the most rows first: a joint only loses
+    rows."""
     kinds = [phase.joints.get(joint, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == joint]
     codes = dict.fromkeys(tuple(rows_of(scene.joint[joint], kind)) for kind in kinds)
@@ -337,8 +337,8 @@ def _burn_out(layout: ParameterLayout, name: str) -> Due:
     """Time of a burn-out."""
     motor = next(one for one in layout.scene.motor if one.name == name)
     keys = ("burn",) if motor.trigger is not None else ("ignition", "delay", "burn")
-    places = tuple(layout.slots[f"motor.{name}.{key}"] for key in keys)
-    return Due(places, name if motor.trigger is not None else "")
+    slots = tuple(layout.slots[f"motor.{name}.{key}"] for key in keys)
+    return Due(slots, name if motor.trigger is not None else "")
 
 
 def _add_clauses(

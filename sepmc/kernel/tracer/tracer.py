@@ -532,7 +532,7 @@ def _shared(index: int, shape: Shape) -> tuple[str, int]:
 
 _READS: dict[str, Callable[[Any, Shape], tuple[str, int]]] = {
     "load": _load,
-    "parameter": lambda place, _: (f"w[P + {place} * LANES + l]", _ATOM),
+    "parameter": lambda index, _: (f"w[P + {index} * LANES + l]", _ATOM),
     "shared": _shared,
     "named": lambda name, _: (name, _ATOM),
 }
