@@ -158,7 +158,7 @@ def _run(function: Any, job: Any, first: int, end: int, threads: int | None) -> 
 
 
 @contextmanager
-def crew(
+def dask_executor(
     workers: int | None = None, address: str | None = None, threads: int | None = None
 ) -> Iterator[DaskExecutor]:
     """Workers on this machine, or of the scheduler at an address.

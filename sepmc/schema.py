@@ -39,12 +39,12 @@ class Status(IntEnum):
 
 _SENTENCES = {
     Status.OK: "flown to the end",
-    Status.NEVER_RELEASED: "a phase was still on, or a joint still held that should have let go, "
-    "at the end time: a [[release]] whose condition did not come (optional = true allows that), "
-    "one that was drawn to fail, a run.end_time_s too short, or too little separation force; left "
+    Status.NEVER_RELEASED: "a phase had not ended, or a joint had not been released, at the end "
+    "time: a [[release]] whose condition was not met (optional = true allows that), one that was "
+    "sampled to fail, a run.end_time_s too short, or too little separation force; left "
     "out of the statistics",
     Status.INVALID_INPUT: "a mass is not positive, an inertia not positive definite or a number "
-    "not what it may be: narrow the dispersion, or cut its normal law by truncate_sigma",
+    "not allowed: narrow the dispersion, or cut its normal law by truncate_sigma",
     Status.OUTSIDE_ATMOSPHERE: "a body left the heights where the atmosphere is defined (0 to 86 "
     "km for us1976)",
     Status.SINGULAR_JOINT: "the constraint force equations have no solution: is a rod of no "
@@ -63,7 +63,7 @@ _SENTENCES = {
     Status.JAMMED: "guide friction grows faster than the load that drives it, so the pins jam: "
     "look at J_jam_friction",
     Status.TOO_MANY_EVENTS: "events followed each other without time passing",
-    Status.NO_CLEARANCE: "the least distance of two outlines could not be found within a step: "
+    Status.NO_CLEARANCE: "the minimum distance of two outlines was not found in a step: "
     "move stations of outlines that are flush "
     "at the start by 0.1 mm, or shorten the step",
 }
@@ -106,8 +106,8 @@ _JOINT = (
     ("release_time_s", "s", "time at which joint {0} became free; NaN if it did not", 1.0),
 )
 _LOADS = (
-    ("peak_force_N", "N", "greatest constraint force of {0}", 1.0),
-    ("peak_force_time_s", "s", "time of the greatest constraint force of {0}", 1.0),
+    ("peak_force_N", "N", "maximum constraint force of {0}", 1.0),
+    ("peak_force_time_s", "s", "time of the maximum constraint force of {0}", 1.0),
     (
         "force_impulse_N_s",
         "N s",
@@ -117,10 +117,10 @@ _LOADS = (
     (
         "peak_moment_N_m",
         "N m",
-        "greatest constraint moment of {0} on its second body at its joint point",
+        "maximum constraint moment of {0} on its second body at its joint point",
         1.0,
     ),
-    ("peak_moment_time_s", "s", "time of the greatest constraint moment of {0}", 1.0),
+    ("peak_moment_time_s", "s", "time of the maximum constraint moment of {0}", 1.0),
     (
         "moment_impulse_N_m_s",
         "N m s",
@@ -132,11 +132,11 @@ _CLEARANCE = (
     (
         "clearance_mm",
         "mm",
-        "least distance of {0} over the flight, solids and rims or points in shells, not positive "
-        "if they met; through the wall of a shell at most a tenth of its radius is told",
+        "minimum distance of {0} over the flight, solids and rims or points in shells, not "
+        "positive if they met; penetration of the wall of a shell is limited to 0.1 of its radius",
         1000.0,
     ),
-    ("clearance_time_s", "s", "time of the least distance of {0}", 1.0),
+    ("clearance_time_s", "s", "time of the minimum distance of {0}", 1.0),
     (
         "clearance_station_m",
         "m",
@@ -301,12 +301,12 @@ def outcome_columns(contents: Contents) -> list[Column]:
                 Column(
                     f"{joint}_pin{pin}_peak_load_N",
                     "N",
-                    f"greatest lateral load of pin {pin} of {joint} at mouth or tip",
+                    f"maximum lateral load of pin {pin} of {joint} at mouth or tip",
                 )
             )
         meaning = (
-            f"least coefficient of friction at which the pins of {joint} would have held "
-            "against all that drives them apart"
+            f"minimum coefficient of friction at which the pins of {joint} would not have slid "
+            "under the loads that drive them"
         )
         columns.append(Column(f"{joint}_jam_friction", "1", meaning))
     for name in contents.clearances:

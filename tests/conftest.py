@@ -1,4 +1,4 @@
-"""Scenes that several test files fly."""
+"""Scenes and settings shared by test files."""
 
 import gc
 import tomllib
@@ -12,21 +12,21 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.engine import compile_workers, interpreted
 from sepmc.scene.read import parse_campaign
 
-# Kernels flown as plain Python make millions of small objects, hardly any of them in a cycle:
-# looking for those so often takes an eighth of the time.
+# Interpreted kernels make millions of small objects, hardly any of them in a cycle: the default
+# garbage collection takes an eighth of the time.
 gc.set_threshold(100_000, 50, 50)
 
 
-# Processes that compile wait for the next kernel: they hold the formulas compiled.
+# Compile workers wait for the next kernel: they have the formulas compiled.
 compile_workers.IDLE_S = 1800.0
 
 
 class _Recent(dict):
-    """The last kernels that were read as plain Python, by their text: tests fly scenes in turn, and
-    reading one takes as long as some flights."""
+    """Recently loaded interpreted kernels by their text: tests run scenes in turn, and loading one
+    takes as long as some runs."""
 
     def clear(self):
-        """Forget all but the last seven."""
+        """Remove all but the last seven."""
         for text in list(self)[:-7]:
             del self[text]
 
@@ -36,19 +36,19 @@ interpreted._loaded = _Recent(interpreted._loaded)
 
 @pytest.fixture(scope="session")
 def table2():
-    """The shipped campaign of Table 2."""
+    """Shipped campaign of Table 2."""
     return sepmc.load("table2.toml")
 
 
 @pytest.fixture(scope="session")
 def pair():
-    """Maker of campaigns of two bodies in empty space, with values put in place by TOML path:
-    ``pair({path: value})``."""
+    """Factory of campaigns of two bodies in empty space, with settings by TOML path: ``pair({path:
+    value})``."""
     return lambda settings=None: Campaign(parse_campaign(tomllib.loads(PAIR), "pair", settings))
 
 
 @pytest.fixture
 def plainly():
-    """Campaigns are flown as plain Python meanwhile, in steps found from their first cases."""
+    """Campaigns run interpreted, with steps selected from their first cases."""
     with run_interpreted():
         yield

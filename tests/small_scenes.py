@@ -1,5 +1,4 @@
-"""Scenes that exist only to have, between them, every kind of joint, load, end of a phase and air
-that there is."""
+"""Scenes that together have every kind of joint, load, phase end and atmosphere."""
 
 import tomllib
 
@@ -33,7 +32,7 @@ end_time_s = 0.5
 step_s = 0.05
 """
 
-# two bodies that a spring parts in empty space
+# two bodies separated by a spring in empty space
 SPRUNG = """
 environment = { atmosphere = "none", gravity = "none" }
 [body.fore]
@@ -74,7 +73,7 @@ step_s = 0.05
 "spring.push.force_N" = { normal = 1.0, truncate_sigma = 3 }
 """
 
-# A spring that pushes the two bodies of `conftest.pair` apart, and the mass that it moves, kg.
+# A spring between the two bodies of `conftest.pair`, and their reduced mass, kg.
 PUSH = {
     "name": "push",
     "bodies": ["fore", "aft"],

@@ -1,5 +1,5 @@
-"""A pair of lopsided bodies that turns while it is pushed, and its flights in plain Python, held
-against the independent ones."""
+"""Two asymmetric bodies that turn while they are pushed, run interpreted and compared with
+independent simulations."""
 
 import math
 
@@ -30,14 +30,14 @@ MID = {"body.mid": {"mass_kg": 2.0, "inertia_kg_m2": [1.0, 1.5, 1.2], "cg_m": [2
 
 
 def alone(campaign):
-    """The nominal case: its status, and its outcomes by name."""
+    """Status of the nominal case, and its outcomes by name."""
     found = campaign.simulate(step_s=0.25 * campaign.scene.run.end_time).attrs
     return found["status"], found["outcomes"]
 
 
 def by_independent_flights(campaign, count):
-    """Statuses (n,) and outcomes (n, o), SI, of the first cases of a campaign, each by an
-    independent flight."""
+    """Statuses (n,) and outcomes (n, o), SI, of the first cases of a campaign by independent
+    simulations."""
     flown, columns = (
         [independent.simulate(campaign.case(i).to_dict()) for i in range(count)],
         campaign.outcome_columns,
@@ -48,9 +48,9 @@ def by_independent_flights(campaign, count):
 
 
 def agrees(campaign, unclear=("force_time_s", "moment_time_s")):
-    """The nominal case, all outcomes as the independent flight has them; but for those that are
-    ``unclear``, such as the time of a peak, which is as sharp as the peak. Returns the outcomes by
-    name."""
+    """Check all outcomes of the nominal case against the independent simulation, but for those in
+    ``unclear``, such as the time of a peak, which is as uncertain as the peak is flat. Returns the
+    outcomes by name."""
     (status, outcomes), other = alone(campaign), independent.simulate(campaign.nominal().to_dict())
     assert status == other.status == "ok"
     compared = 0
@@ -66,5 +66,5 @@ def agrees(campaign, unclear=("force_time_s", "moment_time_s")):
 
 
 def without_steps(settings):
-    """Settings but for the step that they give."""
+    """Settings without a given step."""
     return {key: value for key, value in settings.items() if key != "solver.step_s"}

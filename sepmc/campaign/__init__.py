@@ -1,2 +1,1 @@
-"""How a campaign is flown: cases, trial cases, chunks, where they go, what they leave; the Python
-interface."""
+"""Campaigns: the Python interface, definition and sampling of cases, execution and run folders."""

@@ -1,5 +1,4 @@
-"""The Python interface: a campaign is read and flown, what it gave is read, any case of it is flown
-alone."""
+"""Python interface: load a campaign, run it, simulate single cases and estimate rare events."""
 
 import time
 from collections.abc import Iterable
@@ -61,27 +60,31 @@ def load(
     Parameters
     ----------
     path : str or Path
-        A campaign file, a run folder, or the bare name of a shipped campaign.
+        Campaign file, run folder, or name of a shipped campaign.
     settings : dict, optional
-        Values to put in place, by TOML path: ``{"solver.formulation": "full"}``.
+        Values that replace those of the file, by TOML path: ``{"solver.formulation": "full"}``.
     verify : bool
-        Whether the campaign of a run folder must be as it was flown.
+        Check that the campaign of a run folder is unchanged.
+
+    Returns
+    -------
+    Campaign
 
     Raises
     ------
     SceneError
-        If anything in the file cannot be flown, with every problem and its place.
+        If the file has errors, with the place of each.
     StoreError
-        If it is that of a run folder, and was changed since it was flown.
+        If the campaign of a run folder was changed.
     """
     file = find_file(path)
-    before: dict[str, str] = {}  # what was set when it was flown
+    flown_settings: dict[str, str] = {}  # settings of the run
     if file.name == folders.CAMPAIGN and folders.is_run(file.parent):
         if verify:
             manifests.read_manifest(file.parent)
-        before = manifests.read_provenance(file.parent).get("settings", {})
+        flown_settings = manifests.read_provenance(file.parent).get("settings", {})
     read = read_campaign(path, settings, read_input_table)
-    return Campaign(read, before | as_text(settings or {}))
+    return Campaign(read, flown_settings | as_text(settings or {}))
 
 
 class _NoCopyDict(dict[str, Any]):
@@ -93,7 +96,7 @@ class _NoCopyDict(dict[str, Any]):
 
 
 class Campaign(Definition):
-    """A scene, its dispersions and its run settings, ready to fly."""
+    """Scene, dispersions and run settings of a campaign."""
 
     def __repr__(self) -> str:
         scene = self.scene
@@ -104,8 +107,7 @@ class Campaign(Definition):
         )
 
     def with_settings(self, settings: dict[str, Any]) -> "Campaign":
-        """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg":
-        460.0}``."""
+        """Campaign with other values, by TOML path: ``{"body.upper.mass_kg": 460.0}``."""
         tree, folder, name = self.file.tree, self.file.folder, self.name
         read = parse_campaign(tree, name, settings, name, folder, read_input_table)
         return Campaign(read, self.settings | as_text(settings or {}))
@@ -117,86 +119,101 @@ class Campaign(Definition):
         announce: Log | None = None,
         plain_work: float | None = None,
     ) -> pd.DataFrame:
-        """Time history of one case (the nominal if None, or that of a number), a row every
-        ``step_s`` and two at each phase boundary.
+        """Simulate one case.
 
-        Flown at ``solver.step_s``, or else in steps at which two halvings in a row changed no
-        outcome by more than ``solver.accuracy``: by the kernel written for the scene, as plain
-        Python or, where that takes more than some ten seconds, compiled, which ``announce`` is told
-        of. Its outcomes are those of the campaign's row to that accuracy; one that has not settled
-        when its work is spent has a note. With ``plain_work``, lines of its kernel that plain
-        Python may fly (1e7 in 5 s), nothing is compiled, and what takes more raises
-        `sepmc.campaign.execution.single_case.UnknownError`. A case is flown as its ``scene`` has
-        it, whatever this campaign has; one of a campaign with other columns raises InputError.
+        The step is ``solver.step_s``, or a step at which two halvings in a row changed no outcome
+        by more than ``solver.accuracy``. The kernel runs in plain Python, or compiled where that
+        takes more than some ten seconds. Outcomes agree with the row of a run to the accuracy; a
+        case that does not converge within its work has a note.
+
+        Parameters
+        ----------
+        case : Case or int, optional
+            Nominal case if None. A `Case` is simulated with its own ``scene``.
+        step_s : float
+            Interval of history rows; there are also two rows at each phase boundary.
+        announce : Log, optional
+            Told if a kernel is compiled.
+        plain_work : float, optional
+            Kernel lines that plain Python may run (1e7 in 5 s); nothing is compiled then.
 
         Returns
         -------
-        history : DataFrame
-            time_s, phase, then the columns of `sepmc.schema.history_columns`. ``attrs`` holds
-            ``units``, the ``outcomes`` of the case, their ``errors`` (relative, see
-            `sepmc.campaign.execution.accuracy.errors`: at a given step twice the change at half of
-            it, else the last change), its ``status``, whether its kernel was ``compiled``,
-            ``notes``, sentences on what deserves a look, and the times (s) of ``releases`` by joint
-            and of ``events`` by name, NaN of those that did not come.
+        DataFrame
+            Columns time_s, phase and those of `sepmc.schema.history_columns`. Its ``attrs`` are
+            ``units``; ``outcomes``; ``errors``, relative
+            (`sepmc.campaign.execution.accuracy.errors`): at a given step twice the change at half
+            of it, else the last change; ``status``; ``compiled``; ``notes``; times, s, of
+            ``releases`` by joint and ``events`` by name, NaN if they did not occur; and of ends of
+            strokes of ``springs``.
+
+        Raises
+        ------
+        InputError
+            If there is no such case, or it has other columns.
+        UnknownError
+            If ``plain_work`` is too small.
         """
         check_history_step(step_s, self.scene)
         if isinstance(case, Case):
             if make_parameter_layout(case.scene).contents != self.plan.contents:
-                said = "must be a case of this campaign: it has other columns"
-                raise InputError(f"case = {case!r}: {said}")
+                message = "must be a case of this campaign: it has other columns"
+                raise InputError(f"case = {case!r}: {message}")
         elif case is not None:
             case = self.case(check_int("case", case, 0, CASES - 1))
-        scene, unfit = (case or self.nominal()).scene, self._unfit(case)
-        if unfit:
+        scene, invalid = (case or self.nominal()).scene, self._invalid_values(case)
+        if invalid:
             scene = self.nominal().scene
-            found = invalid_case(scene, len(self.result_columns))
+            result = invalid_case(scene, len(self.result_columns))
         else:
-            found = simulate_case(scene, self.outcome_columns, step_s, announce, plain_work)
-        columns = schema.history_columns(found.plan.contents)
+            result = simulate_case(scene, self.outcome_columns, step_s, announce, plain_work)
+        columns = schema.history_columns(result.plan.contents)
         data: dict[str, Any] = {
-            "time_s": found.times,
-            "phase": [found.plan.phases[p] for p in found.phases],
+            "time_s": result.times,
+            "phase": [result.plan.phases[p] for p in result.phases],
         }
-        data |= {c.name: found.rows[:, i] * c.scale for i, c in enumerate(columns)}
+        data |= {c.name: result.rows[:, i] * c.scale for i, c in enumerate(columns)}
         frame = pd.DataFrame(data)
-        results = schema.result_columns(found.plan.contents)
+        results = schema.result_columns(result.plan.contents)
         outcomes = {
-            c.name: float(x * c.scale) for c, x in zip(results, found.outcomes, strict=True)
+            c.name: float(x * c.scale) for c, x in zip(results, result.outcomes, strict=True)
         }
-        releases = schema.release_columns(found.plan.contents)
-        events = schema.event_columns(found.plan.contents)
+        releases = schema.release_columns(result.plan.contents)
+        events = schema.event_columns(result.plan.contents)
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
-        errors = () if found.error is None else zip(self.outcome_columns, found.error, strict=True)
-        notes = unfit + found.notes + reversed_joints(scene, outcomes, which)
+        errors = (
+            () if result.error is None else zip(self.outcome_columns, result.error, strict=True)
+        )
+        notes = invalid + result.notes + reversed_joints(scene, outcomes, which)
         _warn(notes, announce)
         frame.attrs = {
             "units": _NoCopyDict({"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}}),
             "outcomes": _NoCopyDict(outcomes),
             "errors": _NoCopyDict({c.name: float(x) for c, x in errors}),
-            "status": found.status.label,
-            "compiled": found.compiled,
+            "status": result.status.label,
+            "compiled": result.compiled,
             "notes": notes,
             "releases": _NoCopyDict({j: outcomes[c] for j, c in releases.items()}),
             "events": _NoCopyDict({e: outcomes[c] for e, c in events.items()}),
-            "springs": _NoCopyDict(found.springs),
+            "springs": _NoCopyDict(result.springs),
         }
         return frame
 
-    def _unfit(self, case: Case | None) -> list[str]:
-        """A sentence for each number of a case that may not be, as laws give it."""
-        found = []
+    def _invalid_values(self, case: Case | None) -> list[str]:
+        """Reasons reason sampled values of a case are invalid."""
+        reasons = []
         for dispersion in self.file.dispersions:
             parameter, field = dispersion.parameter, dispersion.parameter.field
             value = (case.inputs if case else {}).get(parameter.column)
             if value is not None and field is not None and dispersion.has_tails:
-                why = convert(value * parameter.factor, field.type)[1]
-                found += [f"{parameter.key} = {value:g}: {why}"] if why else []
+                reason = convert(value * parameter.factor, field.type)[1]
+                reasons += [f"{parameter.key} = {value:g}: {reason}"] if reason else []
         for load in case.scene.load if case else ():
             if load.end - load.start <= SHORTEST:
-                found.append(
+                reasons.append(
                     f"load.{load.name}.end_s = {load.end:g}: must be > start_s = {load.start:g}"
                 )
-        return found
+        return reasons
 
     def run(
         self,
@@ -254,94 +271,98 @@ class Campaign(Definition):
         threads = check_threads(threads)
         if options.max_failures is not None:
             check_int("max_failures", options.max_failures, 0)
-        kept = self._keep(options, out)
+        keep = self._keep(options, out)
         if resume and out is not None:
-            stats_only, kept, until = previous_run.original_mode(
-                as_path(out), stats_only, kept, until
+            stats_only, keep, until = previous_run.original_mode(
+                as_path(out), stats_only, keep, until
             )
         stop = None if until is None else self.until(until, numbers)
-        some_counted = (stats_only or bool(kept)) and not numbers.are_first
-        _check_executor(options.executor, out, until, some_counted)
-        orders = ExecutionOptions(
+        is_counted_selection = (stats_only or bool(keep)) and not numbers.are_first
+        _check_executor(options.executor, out, until, is_counted_selection)
+        execution = ExecutionOptions(
             threads,
             options.executor,
             stop,
             options.max_failures,
-            stats_only or kept is not None,
-            kept,
+            stats_only or keep is not None,
+            keep,
+            options.calibration,
             options.progress,
             options.announce,
         )
-        into = (
+        context = (
             nullcontext()
             if out is None
             else folders.opened(as_path(out), options.overwrite, resume)
         )
-        with using_threads(threads), into as folder:
-            return self._run(folder, SampleSpec(seed, numbers, total), resume, orders)
+        with using_threads(threads), context as folder:
+            return self._run(folder, SampleSpec(seed, numbers, total), resume, execution)
 
     def _run(
-        self, folder: Path | None, draws: SampleSpec, resume: bool, orders: ExecutionOptions
+        self, folder: Path | None, spec: SampleSpec, resume: bool, options: ExecutionOptions
     ) -> Result:
-        """`run`, in memory or into a folder that is open."""
-        seed, numbers = draws.seed, draws.numbers
-        stats_only, announce, crew, stop = (
-            orders.stats_only,
-            orders.announce,
-            orders.crew,
-            orders.until,
+        """Run cases in memory or into an open folder."""
+        seed, numbers = spec.seed, spec.numbers
+        stats_only, announce, executor, stop = (
+            options.stats_only,
+            options.announce,
+            options.executor,
+            options.until,
         )
-        earlier, wanted = (
-            previous_run.read_previous(self, folder, draws, stats_only, announce)
+        previous, remaining = (
+            previous_run.read_previous(self, folder, spec, stats_only, announce)
             if folder and resume
             else (PreviousRun(), numbers)
         )
-        left = wanted.count
+        n_left = remaining.count
         if announce:
             announce(
                 f"{self.name}: {self.file.title or 'no title'}; {numbers.count} cases, seed {seed}"
                 + (f", into {folder}" if folder else "")
             )
-        keep = orders.keep
+        keep = options.keep
         if folder and (not stats_only or (keep and ALL in keep.rules)):
-            over_time = self.has_histories and not stats_only
-            forecast(self, left, over_time, keep).check_disk(folder)
-        begun = time.perf_counter()
+            with_histories = self.has_histories and not stats_only
+            forecast(self, n_left, with_histories, keep).check_disk(folder)
+        start_s = time.perf_counter()
         flight = select_steps(
-            self, history=self.scene.run.history_step > 0.0 and not stats_only, announce=announce
+            self,
+            self.scene.run.history_step > 0.0 and not stats_only,
+            announce,
+            options.calibration,
         )
         timing = {
-            "compile": time.perf_counter() - begun,
+            "compile": time.perf_counter() - start_s,
             "sample": 0.0,
             "kernel": 0.0,
             "write": 0.0,
         }
-        if announce and earlier.n_stored:
-            announce(f"{folder}: {earlier.n_stored} cases are there, {left} are left to fly")
-        runner = Runner(self, flight, draws, timing, earlier, folder, orders)
+        if announce and previous.n_stored:
+            announce(f"{folder}: {previous.n_stored} cases are there, {n_left} are left to fly")
+        runner = Runner(self, flight, spec, timing, previous, folder, options)
         if folder:
             if self.file.input_table:
                 shards.write_input_table(folder, self.file.input_table, self.input_columns)
             runner.write_manifest(complete=False)
         try:
             with runner:
-                if orders.progress:
-                    orders.progress(0, left, 0)
+                if options.progress:
+                    options.progress(0, n_left, 0)
 
-                def tell() -> None:
-                    if orders.progress:
-                        orders.progress(runner.n_run, left, runner.failures)
+                def report() -> None:
+                    if options.progress:
+                        options.progress(runner.n_run, n_left, runner.failures)
 
-                if crew:
-                    runner.run_on(crew, wanted, tell)
-                parts = [numbers]
+                if executor:
+                    runner.run_on(executor, remaining, report)
+                stages = [numbers]
                 if stop:
-                    parts = list(numbers.doubling(stop.first(self.rare_values)))
-                for part in [] if crew else parts:
-                    for first, end in wanted.within(part).split(runner.size):
+                    stages = list(numbers.doubling(stop.first(self.rare_values)))
+                for stage in [] if executor else stages:
+                    for first, end in remaining.within(stage).split(runner.size):
                         if not runner.too_many_failed:
-                            runner.run(first, end, tell)
-                    if stop and runner.statistic_is_known(stop, part.end, len(parts)):
+                            runner.run(first, end, report)
+                    if stop and runner.statistic_is_known(stop, stage.end, len(stages)):
                         break
                 runner.finish()
         finally:
@@ -350,7 +371,7 @@ class Campaign(Definition):
                 runner.write_manifest(complete=runner.n_stored == runner.n_wanted)
         output = runner.output()
         statistics = run_statistics.write(folder, self, output.summary) if folder else None
-        notes = [*runner.notes, *thread_notes(orders.threads)]
+        notes = [*runner.notes, *thread_notes(options.threads)]
         _warn(notes, announce)
         return Result(
             self,
@@ -363,7 +384,7 @@ class Campaign(Definition):
             notes,
             flight,
             runner.accuracy,
-            resumed=earlier.n_stored,
+            resumed=previous.n_stored,
             stopped=runner.too_many_failed,
             written=statistics,
         )
@@ -397,54 +418,60 @@ class Campaign(Definition):
         progress: Progress | None = None,
         announce: Log | None = None,
     ) -> RareEventEstimate:
-        """How rarely a requirement is violated, where plain cases are too few to count: subset
-        simulation, see `sepmc.analysis.subset_simulation`.
+        """Estimate the probability of a requirement violation that is too rare to count, by subset
+        simulation.
+
+        See `sepmc.analysis.subset_simulation`.
 
         Parameters
         ----------
         requirement : str
-            Its name; on an outcome that is a number, or that there is no contact.
+            Name of a requirement on a numeric outcome or on contact.
         most : int
-            Flights allowed: 1e5 tell 1e-6 to a quarter of it (95 %).
-        seed, out, threads, overwrite, progress, announce : as for `run`
+            Maximum number of cases: 1e5 give a probability of 1e-6 within 25 % (95 % confidence).
+        seed, out, threads, overwrite, progress, announce
+            As for `run`.
         resume : bool
-            Go on with an estimate in ``out`` that was interrupted; asked for in the same way, it
-            ends in the same numbers.
+            Continue an interrupted estimate in ``out``; it ends in the same numbers.
+
+        Returns
+        -------
+        RareEventEstimate
 
         Raises
         ------
         StoreError, ValueError
-            If ``out`` cannot be used as asked, or the requirement cannot be sought.
+            If ``out`` cannot be used, or the requirement has no limit state.
         """
         check_threads(threads)
         limit_state(self, check_text("requirement", requirement, "a name"))
         if resume and out is None:
             raise InputError("resume: needs out, the folder of the estimate")
-        into = nullcontext() if out is None else folders.opened(as_path(out), overwrite, resume)
-        with using_threads(threads), into as folder:
-            found = estimate_rare_event(
+        context = nullcontext() if out is None else folders.opened(as_path(out), overwrite, resume)
+        with using_threads(threads), context as folder:
+            estimate = estimate_rare_event(
                 self, requirement, most, seed, threads, folder, progress, announce, resume
             )
-        found.notes.extend(thread_notes(threads))
-        _warn(found.notes, announce)
-        return found
+        estimate.notes.extend(thread_notes(threads))
+        _warn(estimate.notes, announce)
+        return estimate
 
-    def until(self, asked: str, numbers: CaseSelection) -> StoppingRule:
-        """When to stop. Raises InputError if that cannot be told of these cases."""
-        check_text("until", asked, "separation_speed_m_s:0.01")
-        found = parse_stopping_rule(asked, [column.name for column in self.outcome_columns])
+    def until(self, text: str, numbers: CaseSelection) -> StoppingRule:
+        """Parse a stopping rule. Raises InputError if it does not apply to these cases."""
+        check_text("until", text, "separation_speed_m_s:0.01")
+        rule = parse_stopping_rule(text, [column.name for column in self.outcome_columns])
         if not numbers.are_first or self.scene.run.sampler in SIZE_DEPENDENT:
-            what = "a sampler whose cases depend on how many there are"
-            what = what if numbers.are_first else "cases that are named"
-            raise InputError(f"until = {asked}: excludes {what}")
-        found.check(self.rare_values, numbers.count)
-        return found
+            reason = "a sampler whose cases depend on how many there are"
+            reason = reason if numbers.are_first else "cases that are named"
+            raise InputError(f"until = {text}: excludes {reason}")
+        rule.check(self.rare_values, numbers.count)
+        return rule
 
 
 def _check_executor(
     executor: Executor | None, out: Any, until: str | None, some_counted: bool
 ) -> None:
-    """Raise InputError if workers cannot fly what is asked for."""
+    """Raise InputError if workers cannot run these cases."""
     if executor is None:
         return
     if out is None:
@@ -456,6 +483,6 @@ def _check_executor(
 
 
 def _warn(notes: list[str], announce: Log | None) -> None:
-    """Give notes as warnings, where nothing is announced to anyone."""
+    """Issue notes as warnings if there is no log."""
     for note in notes if announce is None else ():
         warn(note, RunWarning)

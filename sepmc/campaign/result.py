@@ -1,4 +1,4 @@
-"""What a run gave: rows, statistics, verdicts, what drives outcomes."""
+"""Result of a run: rows, histories, statistics, verdicts, and input sensitivities."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -36,27 +36,48 @@ from sepmc.schema import Status, is_yes_or_no
 
 @dataclass(repr=False)
 class Result:
-    """What a campaign gave.
+    """Result of a run.
 
-    Rows of a run into a folder are read from there when they are asked for; a run without one keeps
-    them in memory. ``timing`` is in seconds by stage: compile, sample, kernel, write; the last goes
-    on while the kernel flies, so the sum can exceed the time taken. ``flight`` is how it was flown,
-    ``accuracy`` its numerical error, ``notes`` what deserves a look: an accuracy that is not met, a
-    nominal case that goes together instead of apart.
+    Attributes
+    ----------
+    campaign : Campaign
+    kept : RunOutput
+        Statistics, and rows in memory or read from the folder on demand.
+    timing : dict of str to float
+        Seconds of the stages compile, sample, kernel and write. Writing overlaps the kernel, so the
+        sum can exceed the elapsed time.
+    seed : int
+    numbers : CaseSelection
+        Cases of the run.
+    total : int
+        Number of cases of the sample.
+    folder : Path or None
+    notes : list of str
+        Notes for the user, such as an accuracy that is not met.
+    flight : Integration
+        Kernel and steps.
+    accuracy : AchievedAccuracy
+        Numerical error.
+    resumed : int
+        Cases of the run that was resumed.
+    stopped : bool
+        More cases failed than allowed.
+    written : RunStatistics or None
+        Statistics in the folder.
     """
 
     campaign: Any  # `sepmc.campaign.campaign.Campaign`
     kept: RunOutput
     timing: dict[str, float]
     seed: int
-    numbers: CaseSelection  # of the cases
-    total: int  # cases that these are drawn of
+    numbers: CaseSelection  # of the run
+    total: int  # number of cases of the sample
     folder: Path | None = None
     notes: list[str] = field(default_factory=list)
     flight: Integration | None = None
     accuracy: AchievedAccuracy | None = None
-    resumed: int = 0  # cases that the folder held already
-    stopped: bool = False  # as more cases failed than may
+    resumed: int = 0  # cases of the run that was resumed
+    stopped: bool = False  # more cases failed than allowed
     written: RunStatistics | None = None  # the statistics in the folder
 
     def __repr__(self) -> str:
@@ -69,7 +90,7 @@ class Result:
         )
 
     def _repr_html_(self) -> str:
-        """A notebook's view: what came of the cases, and the statistics."""
+        """Status counts and statistics, for notebooks."""
         from html import escape  # noqa: PLC0415
 
         columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
@@ -78,55 +99,85 @@ class Result:
 
     @property
     def table(self) -> dict[str, np.ndarray]:
-        """The case table by column, to be read: statistics are of the same arrays. Raises
-        ValueError if no rows were kept."""
+        """Case table by column, read-only. Raises ValueError if no rows were stored."""
         views = {name: column.view() for name, column in self._rows().items()}
         for view in views.values():
             view.flags.writeable = False
         return views
 
     def to_pandas(self) -> pd.DataFrame:
-        """One row per case: case, status, inputs (``in_...``), outcomes and audit columns.
+        """Case table, one row per case: case, status, inputs (``in_...``), outcomes and audit
+        columns.
 
         The index is the case number too, so that ``result.case(table[name].idxmin())`` is the case
-        with the smallest value. It has no name: pandas would not know whether ``"case"`` means the
-        index or the column.
+        with the smallest value. It has no name, as ``"case"`` would be ambiguous in pandas.
+
+        Returns
+        -------
+        DataFrame
 
         Raises
         ------
         ValueError
-            If only statistics were kept, ``stats_only=True``.
+            If only statistics were stored (``stats_only=True``).
         """
         return index_by_case(self.table)
 
     def histories(self) -> pd.DataFrame | None:
-        """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s``
-        is 0. Raises StoreError if the folder no longer holds what this run wrote."""
+        """Separations over time in long form.
+
+        Returns
+        -------
+        DataFrame or None
+            Columns case, time_s and separations; None if ``run.history_step_s`` is 0.
+
+        Raises
+        ------
+        StoreError
+            If the shards of the folder were changed.
+        """
         self._rows()
         if self.folder:
             return shards.read_histories(self.folder, stored=self.kept.history_shards)
         return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
 
     def statistics(self, *where: str) -> pd.DataFrame:
-        """Statistics of every outcome, see `sepmc.analysis.statistics.statistics`, with its
-        numerical ``error``, that in its unit, and whether it is ``constant``
-        (`sepmc.analysis.constant_outcomes`): of all cases, or of those for which all terms
-        of ``where`` hold, such as ``"joint.bolt.fails=1"``."""
+        """Statistics of every outcome.
+
+        Parameters
+        ----------
+        *where : str
+            Conditions that selected cases satisfy, such as ``"joint.bolt.fails=1"``; all cases
+            without any.
+
+        Returns
+        -------
+        DataFrame
+            A row per outcome, with the columns of `sepmc.analysis.statistics.statistics`, the
+            numerical ``error`` in the unit of the outcome, and whether it is ``constant``
+            (`sepmc.analysis.constant_outcomes`).
+        """
         if where:
             rows, outcomes = self._rows(), self.campaign.summary_inputs[0]
             for term in where:
                 check_text("where", term, "joint.bolt.fails=1")
-            held = matching(rows, filter_names(self.campaign.file.dispersions, list(rows)), where)
-            if not held.any():
-                warn(f"{describe_filter(where)}: holds in none of {len(held)} cases", RunWarning)
-            elif not ok_rows(rows)[held].any():
-                none = "none of them came to its end as asked, so there are no statistics"
+            is_selected = matching(
+                rows, filter_names(self.campaign.file.dispersions, list(rows)), where
+            )
+            if not is_selected.any():
                 warn(
-                    f"{describe_filter(where)}: {held.sum()} of {len(held)} cases; {none}",
+                    f"{describe_filter(where)}: holds in none of {len(is_selected)} cases",
                     RunWarning,
                 )
-            kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
-            return with_errors(self.campaign, self._errors, statistics(kept, outcomes))
+            elif not ok_rows(rows)[is_selected].any():
+                reason = "none of them came to its end as asked, so there are no statistics"
+                warn(
+                    f"{describe_filter(where)}: {is_selected.sum()} of {len(rows['case'])} cases; "
+                    + reason,
+                    RunWarning,
+                )
+            selected = {name: rows[name][is_selected] for name in ("case", "status", *outcomes)}
+            return with_errors(self.campaign, self._errors, statistics(selected, outcomes))
         table = self.kept.summary.statistics(self.campaign.reference)
         return with_errors(self.campaign, self._errors, table)
 
@@ -135,16 +186,36 @@ class Result:
         return self.accuracy.errors if self.accuracy else {}
 
     def requirements(self) -> pd.DataFrame:
-        """Verdicts on what the campaign requires, a row each; see
-        `sepmc.analysis.requirements.Verdict`."""
+        """Verdicts on the requirements.
+
+        Returns
+        -------
+        DataFrame
+            A row per requirement, with the fields of `sepmc.analysis.requirements.Verdict`.
+        """
         errors = with_scales(self.campaign, self._errors, self.kept.summary.statistics())
         sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()
         return requirements.verdict_table(self.kept.summary.verdicts(errors, audited, sampler))
 
     def sensitivity(self, outcome: str, indices: bool = True) -> pd.DataFrame:
-        """How much each input drives an outcome, a row each; see
-        `sepmc.analysis.sensitivity.input_sensitivities`, which raises ValueError if the outcome
-        does not vary by more than its numerical error."""
+        """Sensitivity of an outcome to each input.
+
+        Parameters
+        ----------
+        outcome : str
+        indices : bool
+            Compute variance-based indices.
+
+        Returns
+        -------
+        DataFrame
+            A row per input; see `sepmc.analysis.sensitivity.input_sensitivities`.
+
+        Raises
+        ------
+        ValueError
+            If the outcome varies by no more than its numerical error, or rows are not stored.
+        """
         if outcome not in self.outcomes:
             raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
         design, correlated = self.campaign.design, self.campaign.correlated
@@ -154,21 +225,41 @@ class Result:
         )
 
     def fit(self) -> pd.DataFrame:
-        """Shape of every outcome that is a number, and the law nearest to it, a row each; see
-        `sepmc.analysis.distributions.fit_distributions`."""
+        """Fit distributions to every numeric outcome.
+
+        Returns
+        -------
+        DataFrame
+            A row per outcome; see `sepmc.analysis.distributions.fit_distributions`.
+        """
         table = self.statistics()
         numbers = [name for name in self.outcomes if not is_yes_or_no(name)]
-        alike = [name for name in numbers if constant_outcomes.is_constant(table, name)]
-        return distributions.fit_distributions(self._rows(), numbers, alike)
+        constant = [name for name in numbers if constant_outcomes.is_constant(table, name)]
+        return distributions.fit_distributions(self._rows(), numbers, constant)
 
     def causes(self, name: str) -> list[failure_attribution.Attribution]:
-        """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have
-        a status; see `sepmc.analysis.failure_attribution.attribute_failures`."""
+        """Inputs, and pairs of inputs, that separate violating cases from the others.
+
+        Parameters
+        ----------
+        name : str
+            Requirement or status.
+
+        Returns
+        -------
+        list of Attribution
+            See `sepmc.analysis.failure_attribution.attribute_violations`.
+
+        Raises
+        ------
+        InputError
+            If there is no such requirement or status.
+        """
         rows, known = self._rows(), {item.name: item for item in self.campaign.file.requirements}
         statuses = [status.label for status in Status if status is not Status.OK]
         if name not in known and name not in statuses:
-            said = nearest(name, [*known, *statuses])
-            raise InputError(f"{name}: no such requirement or status; {said}")
+            hint = nearest(name, [*known, *statuses])
+            raise InputError(f"{name}: no such requirement or status; {hint}")
         item = known.get(name) or Requirement(name=name, metric=name)
         others, design = list(known.values()), self.campaign.design
         return failure_attribution.attribute_violations(item, rows, self._inputs, others, design)
@@ -178,23 +269,22 @@ class Result:
         return [column.name for column in self.campaign.input_columns]
 
     def case(self, number: int) -> Case:
-        """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
-        no such case."""
+        """Resolve case ``number`` of the run in SI. Raises ValueError if it is not in the run."""
         number, flown = check_int("case", number, 0, CASES - 1), self._flown
         if number not in flown:
             raise InputError(f"case = {number}: must be one of those flown, {flown}")
-        found = self.campaign.case(number, self.seed, self.total)
-        run = msgspec.structs.replace(found.scene.run, cases=self.total, seed=self.seed)
-        return replace(found, scene=msgspec.structs.replace(found.scene, run=run))
+        case = self.campaign.case(number, self.seed, self.total)
+        run = msgspec.structs.replace(case.scene.run, cases=self.total, seed=self.seed)
+        return replace(case, scene=msgspec.structs.replace(case.scene, run=run))
 
     @property
     def _flown(self) -> CaseSelection:
-        """Numbers of the cases that were flown: fewer than asked for if too many of them failed."""
+        """Cases run: fewer than asked if too many failed."""
         if not self.stopped:
             return self.numbers
         if self.kept.rows is not None:
             return CaseSelection.of(np.asarray(self.kept.rows["case"]))
-        return self.numbers.before(sum(self.status_counts.values()))  # counted in their order
+        return self.numbers.before(sum(self.status_counts.values()))  # in order of case
 
     @property
     def outcomes(self) -> list[str]:
@@ -208,7 +298,7 @@ class Result:
 
     @property
     def status_counts(self) -> dict[str, int]:
-        """Number of cases by status, of those that occur."""
+        """Number of cases by status, without zeros."""
         return {label: count for label, count in self.kept.summary.counts.items() if count}
 
     def _rows(self) -> Mapping[str, np.ndarray]:

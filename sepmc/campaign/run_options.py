@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sepmc.campaign.execution.calibration_cases import CalibrationSize
 from sepmc.campaign.execution.work_ranges import Executor
 from sepmc.scene.messages import Log
 
@@ -40,11 +41,14 @@ class RunOptions:
     float32 : bool
         Store the numbers of these rows in single precision.
     executor : Executor, optional
-        Worker processes that run the cases into ``out``, from `sepmc.cluster.crew`. Rows and
-        statistics are bit-identical to a run without workers on processors of one kind.
+        Worker processes that run the cases into ``out``, from `sepmc.cluster.dask_executor`. Rows
+        and statistics are bit-identical to a run without workers on processors of one kind.
     max_failures : int, optional
         Stop soon after more than this number of cases failed, cases of a resumed run included.
         Finished cases are stored, and the run can be resumed.
+    calibration : CalibrationSize, optional
+        Number of calibration cases from which steps are selected; 24 corners and 512 sampled cases
+        if None.
     progress : callable (done, total, failures), optional
         Called after each chunk of cases.
     announce : callable (text), optional
@@ -61,5 +65,6 @@ class RunOptions:
     float32: bool = False
     executor: Executor | None = None
     max_failures: int | None = None
+    calibration: CalibrationSize | None = None
     progress: Progress | None = None
     announce: Log | None = None

@@ -15,7 +15,7 @@ from sepmc.analysis.stored_statistics import histogram_table
 from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import with_errors, with_scales
-from sepmc.campaign.store import manifests, shards
+from sepmc.campaign.store import manifests, result_files, shards
 from sepmc.campaign.store.untrusted import StoreError
 
 
@@ -49,7 +49,7 @@ class RunStatistics:
 
     def as_json(self, units: dict[str, str], table: pd.DataFrame | None = None) -> dict[str, Any]:
         """Content of ``statistics.json``, or the same for some rows of the ``table`` only."""
-        return shards.statistics_as_json(
+        return result_files.statistics_as_json(
             self.table if table is None else table,
             self.summary.counts,
             units,
@@ -131,7 +131,7 @@ def write(
     units = {column.name: column.unit for column in campaign.outcome_columns}
     written = [folder / "statistics.csv", folder / "statistics.json"]
     try:
-        shards.write_statistics(folder, run.table, units, run.as_json(units))
+        result_files.write_statistics(folder, run.table, units, run.as_json(units))
         if run.manifest.get("stats_only"):
             names = map(str, run.table.index)
             bins = histogram_table(
@@ -140,7 +140,7 @@ def write(
                     for name in names
                 }
             )
-            written.append(shards.write_histograms(folder, bins))
+            written.append(result_files.write_histograms(folder, bins))
         manifests.record_derived(folder, written)
     except OSError as error:
         said = error.strerror or error

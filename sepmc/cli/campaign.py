@@ -168,7 +168,7 @@ def campaign(
                 loaded.until(options.until, loaded.select_cases(cases)[0])
                 click.echo(f"stops as soon as {options.until} is known, of at most:")
             counts = options.stats_only or bool(options.keep)
-            changed = [*settings, *([f"run.plan={samples}"] if samples else [])]
+            changed = [*settings, *([f"run.samples={samples}"] if samples else [])]
             command = ["sepmc", "compile", file, *(w for one in changed for w in ("--set", one))]
             command += ["--stats-only"] if counts else []
             show_forecast(loaded, cases, seed, folder, counts, command)
@@ -233,9 +233,9 @@ def _executor(
     from sepmc.scene.messages import InputError
 
     try:
-        from sepmc.cluster import crew
+        from sepmc.cluster import dask_executor
     except ImportError:
         raise InputError(
             f"--workers and --cluster need Dask, the extra cluster: {EXTRA.format('cluster')}"
         ) from None
-    return crew(workers, address, threads)
+    return dask_executor(workers, address, threads)

@@ -154,7 +154,7 @@ def load_campaign(
     if sampler:
         values["run.sampler"] = sampler
     if samples:
-        values["run.plan"] = str(samples.absolute())
+        values["run.samples"] = str(samples.absolute())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         from sepmc.campaign.campaign import load

@@ -31,11 +31,11 @@ def plot(folder: Path, every: bool, ending: str) -> None:
     """
     from sepmc.campaign import run_statistics
     from sepmc.campaign.label import of_case
-    from sepmc.campaign.store import manifests, shards
+    from sepmc.campaign.store import manifests, result_files
     from sepmc.report.history_figures import run_figures
     from sepmc.report.style import PRINTED, resolution
 
-    history, suffix = shards.read_history(folder), f".{ending}"
+    history, suffix = result_files.read_history(folder), f".{ending}"
     manifest = manifests.read_manifest(folder)
     with resolution(PRINTED):
         if history is not None:
@@ -63,7 +63,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                 separate=True,
             )
             if manifest.get("stats_only"):
-                written = draw(shards.read_stored_statistics(folder))
+                written = draw(result_files.read_stored_statistics(folder))
             else:
                 run = run_statistics.read_run(folder, campaign)
                 written = draw(run.summary, run.table, run.verdicts, converging=True)

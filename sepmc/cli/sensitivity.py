@@ -84,11 +84,11 @@ def _stored(folder: Path, columns: list[str]) -> "pd.DataFrame":
     import pandas as pd
 
     from sepmc.campaign.store import manifests
-    from sepmc.scene.limits import CAMPAIGN_BYTES, content
+    from sepmc.scene.limits import CAMPAIGN_BYTES, read_limited
 
     if manifests.is_recorded(folder, _TABLE):
         with suppress(ValueError):  # raised by pandas for a file that is no table, too
-            table = pd.read_csv(BytesIO(content(folder / _TABLE, CAMPAIGN_BYTES)))
+            table = pd.read_csv(BytesIO(read_limited(folder / _TABLE, CAMPAIGN_BYTES)))
             if list(table.columns) == columns:
                 return table
     return pd.DataFrame(columns=pd.Index(columns))

@@ -107,10 +107,10 @@ def _write(
 ) -> None:
     """Write the history of a case, its campaign file and its manifest."""
     from sepmc import schema
-    from sepmc.campaign.store import manifests, shards
+    from sepmc.campaign.store import manifests, result_files, shards
 
     meanings = {c.name: c.meaning for c in schema.history_columns(campaign.plan.contents)}
-    shards.write_history(folder, history, meanings)
+    result_files.write_history(folder, history, meanings)
     if campaign.file.input_table:
         shards.write_input_table(folder, campaign.file.input_table, campaign.input_columns)
     seed = campaign.scene.run.seed if single.seed is None else single.seed
@@ -174,7 +174,7 @@ def check_stored(
             return
         raise folders.StoreError(
             f"{path}: holds {folders.RARE}, whose cases are those of rare.parquet: add "
-            "--set run.plan=rare.parquet"
+            "--set run.samples=rare.parquet"
         )
     count, which = manifest.get("cases"), manifest.get("numbers")
     if which and number not in parse(which):

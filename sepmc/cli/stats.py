@@ -43,9 +43,9 @@ def stats(
       sepmc stats runs/windy --json | jq .outcomes.separation_speed_m_s.p99
     """
     from sepmc.campaign import run_statistics
-    from sepmc.campaign.store import folders, shards
+    from sepmc.campaign.store import folders, result_files
 
-    if shards.read_history(folder) is not None:
+    if result_files.read_history(folder) is not None:
         raise folders.StoreError(f"{folder}: is a single case, which has no statistics")
     manifest = check_rows(folder)
     campaign = load_run(folder)

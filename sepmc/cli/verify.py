@@ -49,7 +49,7 @@ def stress(brief: bool, quiet: bool) -> None:
     click.echo(
         "\nAn hour of torque-free motion in joints, by solver.drift:\n" + suite.hours_table()
     )
-    sys.exit(DONE if all(line.holds for line in lines) else FAILED)
+    sys.exit(DONE if all(line.passes for line in lines) else FAILED)
 
 
 def _run(

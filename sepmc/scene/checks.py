@@ -1,5 +1,5 @@
-"""What no single value can show: references between tables, inertias a solid body can have, laws in
-range."""
+"""Checks across values of a scene: references between tables, realizable inertias, ranges of
+distributions."""
 
 import math
 
@@ -27,13 +27,13 @@ from sepmc.scene.phase_checks import check_phases, holds_ground
 from sepmc.scene.redundancy import check_redundancy
 from sepmc.schema import outcome_columns
 
-ATMOSPHERE_TOP = 86_000.0
-MOST_ROWS = 100_000  # of history in a case
-MOST_STEPS = 100_000_000
+ATMOSPHERE_TOP = 86_000.0  # m
+MOST_ROWS = 100_000  # rows of history of a case
+MOST_STEPS = 100_000_000  # steps of a case
 
 
 def check_scene(scene: Scene, problems: Problems) -> None:
-    """Note every problem of a scene whose tables are each well formed."""
+    """Note every problem of a scene whose tables are valid by themselves."""
     if not scene.body:
         problems.add("body", "at least one body is needed: [body.NAME]")
     for name, body in scene.body.items():
@@ -55,8 +55,8 @@ def check_scene(scene: Scene, problems: Problems) -> None:
 
 
 def tensor(xx, yy, zz, xy, xz, yz) -> np.ndarray:
-    """Inertia tensor from moments and products, numbers or arrays (n,); shape (3, 3) or (3, 3,
-    n)."""
+    """Inertia tensor, shape (3, 3) or (3, 3, n), from moments and products, floats or arrays (n,);
+    products are the positive integrals of xy, xz, yz."""
     return np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])
 
 
@@ -66,13 +66,13 @@ def inertia_tensor(body: Body) -> np.ndarray:
 
 
 def breaks_triangle(principal: np.ndarray) -> np.ndarray:
-    """Whether principal moments (..., 3), rising, break A + B >= C, which every solid body obeys
-    (Goldstein, ch. 5)."""
+    """True where principal moments (..., 3), rising, violate A + B >= C, which holds for every
+    solid body (Goldstein, Classical Mechanics, ch. 5)."""
     return principal[..., 0] + principal[..., 1] < principal[..., 2] * (1.0 - 1e-9)
 
 
 def inertia_fault(tensor: np.ndarray) -> str | None:
-    """Why no solid body can have this inertia, or None."""
+    """Reason why no solid body has an inertia tensor (3, 3), kg m2; None if it is realizable."""
     principal = np.linalg.eigvalsh(tensor)
     if principal[0] <= 0.0:
         return (
@@ -87,8 +87,7 @@ def inertia_fault(tensor: np.ndarray) -> str | None:
 
 
 def _check_columns(scene: Scene, problems: Problems) -> None:
-    """Names that make two outcomes of one name: an event ``a`` of a body ``b_c``, and ``a_b`` of
-    ``c``."""
+    """Note outcomes of equal names: an event ``a`` of a body ``b_c``, and ``a_b`` of ``c``."""
     names = [column.name for column in outcome_columns(contents(scene))]
     for name in dict.fromkeys(name for name in names if names.count(name) > 1):
         event = next((e.name for e in scene.event if name.startswith(f"{e.name}_")), None)
@@ -97,19 +96,21 @@ def _check_columns(scene: Scene, problems: Problems) -> None:
 
 
 def _check_body(name: str, body: Body, problems: Problems) -> None:
+    """Check the inertia of a body."""
     fault = inertia_fault(inertia_tensor(body))
     if fault:
         problems.add(f"body.{name}.inertia_kg_m2", fault, list(body.inertia))
 
 
 def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
+    """Check the body and the thrust profile of a motor."""
     place = f"motor.{motor.name}"
     check_known(f"{place}.body", motor.body, scene.body, "body", problems)
     if motor.profile is not None:
         check_series(f"{place}.profile", "time_s", motor.profile.time, 2, problems)
         if motor.profile.time and motor.profile.time[0] < 0.0:
-            said = "must begin at 0 or later: times count from the ignition"
-            problems.add(f"{place}.profile.time_s", said, motor.profile.time[0])
+            reason = "must begin at 0 or later: times count from the ignition"
+            problems.add(f"{place}.profile.time_s", reason, motor.profile.time[0])
         check_lengths(
             f"{place}.profile",
             {"time_s": motor.profile.time, "fraction": motor.profile.fraction},
@@ -118,6 +119,7 @@ def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
 
 
 def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
+    """Check bodies, axes, kinds and guide of a joint."""
     place = f"joint.{name}"
     check_pair(f"{place}.bodies", joint.bodies, scene, problems)
     x, y = np.array(joint.x_axis), np.array(joint.y_axis)
@@ -135,7 +137,7 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
     if joint.fails not in (0.0, 1.0):
         problems.add(
             f"{place}.fails",
-            "must be 0 (lets go) or 1 (never does); disperse it with a discrete law",
+            "must be 0 (releases) or 1 (never does); disperse it with a discrete distribution",
             joint.fails,
         )
     if joint.guide is not None and joint.guide.pins > 1 and joint.guide.circle == 0.0:
@@ -145,22 +147,23 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
 
 
 def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
-    """Pins that no phase nor release lets slide would do nothing, and nothing would say so."""
+    """Note guide pins that do not slide in any phase or after any release: they have no effect."""
     kinds = [phase.joints.get(name, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == name]
     known = [kind for kind in kinds if kind in KINDS or kind in joint.kind]
     if not any(leaves_pins_sliding(rows_of(joint, kind)) for kind in known):
-        said = (
-            "does nothing: its pins act while the joint holds y, z and at least two rotations "
+        reason = (
+            "does nothing: its pins act while the joint constrains y, z and at least two rotations "
             "but not x (slider, cylindrical, or a kind "
         )
         problems.add(
             f"joint.{name}.guide",
-            f"{said}of its own); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases",
+            f"{reason}of its own); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases",
         )
 
 
 def _check_histories(scene: Scene, problems: Problems) -> None:
+    """Limit the rows of histories and the steps of a case."""
     step = scene.run.history_step
     if step > 0.0 and scene.run.end_time / step > MOST_ROWS:
         problems.add(
@@ -177,6 +180,7 @@ def _check_histories(scene: Scene, problems: Problems) -> None:
 
 
 def _check_initial(scene: Scene, problems: Problems) -> None:
+    """Check initial attitude, speed and altitude."""
     initial = scene.initial
     if abs(initial.yaw) > math.radians(89.0):
         problems.add(
@@ -187,7 +191,7 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
     if holds_ground(scene) and initial.speed != 0.0:
         problems.add(
             "initial.speed_m_s",
-            "must be 0 where a joint of the first phase holds the ground",
+            "must be 0 where a joint of the first phase connects to the ground",
             initial.speed,
         )
     if scene.environment.atmosphere == "us1976" and not 0.0 <= initial.altitude <= ATMOSPHERE_TOP:
@@ -199,18 +203,17 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
 
 
 def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
-    """A law whose support leaves what its parameter may be is an error before any case is drawn.
+    """Note a dispersion whose support leaves the bounds of its parameter.
 
-    The tails of an untruncated normal law are not: a case drawn there gets a status.
+    The tails of a normal distribution without truncation are no error: a case sampled there gets
+    the status invalid-input.
     """
     parameter = dispersion.parameter
-    place = f"dispersion.{parameter.key}"
+    place, numbers = f"dispersion.{parameter.key}", list(dispersion.numbers)
     tail = dispersion.distribution == "normal" and math.isinf(dispersion.numbers[2])
-    if not all(
-        math.isfinite(x * parameter.factor)
-        for x in dispersion.numbers[: 2 if dispersion.distribution == "normal" else None]
-    ):
-        problems.add(place, "the law and its nominal must be finite", list(dispersion.numbers))
+    finite = numbers[:2] if dispersion.distribution == "normal" else numbers
+    if not all(math.isfinite(x * parameter.factor) for x in finite):
+        problems.add(place, "the distribution and its nominal must be finite", numbers)
         return
     if tail:
         return
@@ -218,17 +221,17 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
     if not (
         math.isfinite(high - low) and math.isfinite(dispersion.support[1] - dispersion.support[0])
     ):
-        problems.add(place, "the range of the law must be finite", list(dispersion.numbers))
+        problems.add(place, "the range of the distribution must be finite", numbers)
         return
     if max(-low, high) > LARGEST:
-        problems.add(place, f"must stay within {LARGEST:g} in size", list(dispersion.numbers))
+        problems.add(place, f"must stay within {LARGEST:g} in size", numbers)
         return
     for bound, shown in dict.fromkeys(zip((low, high), dispersion.support, strict=True)):
         _, allowed = (
             convert(bound, parameter.field.type) if parameter.field is not None else (None, None)
         )
         if allowed:
-            problems.add(place, f"the law reaches {shown:g}, but the value {allowed}")
+            problems.add(place, f"the distribution reaches {shown:g}, but the value {allowed}")
     if (
         parameter.path == "initial.altitude"
         and scene.environment.atmosphere == "us1976"
@@ -239,10 +242,9 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
             f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m",
         )
     if parameter.path.endswith(".fails") and not (
-        dispersion.distribution in ("discrete", "constant")
-        and set(dispersion.numbers) <= {0.0, 1.0}
+        dispersion.distribution in ("discrete", "constant") and set(numbers) <= {0.0, 1.0}
     ):
-        problems.add(place, "must be discrete, of 0 (lets go) and 1 (never does)")
+        problems.add(place, "must be discrete, of 0 (releases) and 1 (never does)")
     if parameter.path.endswith(".friction") and parameter_value(scene, parameter.path) == 0.0:
         problems.add(
             place, "can vary only if its nominal is > 0: friction that is 0 is not computed"
@@ -253,7 +255,7 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
         and parts[4] == "offset"
         and scene.body[parts[1]].outline[int(parts[3])].stations is None
     ):
-        problems.add(place, "is that of a frustum's axis, and this part has points")
+        problems.add(place, "belongs to a frustum's axis, and this part has points")
     if parameter.path == "initial.yaw" and max(-low, high) > math.radians(89.0):
         problems.add(
             place,

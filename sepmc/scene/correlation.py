@@ -1,4 +1,4 @@
-"""Which dispersed parameters vary together: a Gaussian copula of their laws."""
+"""Correlated dispersions: Gaussian copulas of their distributions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,13 +8,20 @@ from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import Correlation, Scene
 from sepmc.scene.parameters import UnknownPath, find
 
-_NONE = 1e-12  # a pivot below this is zero: a parameter follows from those before it
+_NONE = 1e-12  # a pivot below this is zero: the parameter depends on those before it
 
 
 @dataclass(frozen=True)
 class Copula:
-    """Places of parameters among those that are dispersed, and the lower triangular factor of the
-    correlation of their normal scores, row by row."""
+    """A group of correlated dispersions.
+
+    Attributes
+    ----------
+    places : tuple of int
+        Indices of the dispersions.
+    factor : tuple of tuple of float
+        Lower triangular Cholesky factor of the correlation of their normal scores, row by row.
+    """
 
     places: tuple[int, ...]
     factor: tuple[tuple[float, ...], ...]
@@ -26,55 +33,71 @@ def resolve(
     dispersions: Sequence[Dispersion],
     problems: Problems,
 ) -> tuple[Copula, ...]:
-    """Resolve the correlations of a file against its dispersions, noting every problem."""
-    place_of = {d.parameter.path: i for i, d in enumerate(dispersions)}
-    found: list[Copula] = []
-    taken: dict[int, int] = {}
+    """Resolve the correlations of a file against its dispersions.
+
+    Parameters
+    ----------
+    correlations : sequence of Correlation
+    scene : Scene
+    dispersions : sequence of Dispersion
+    problems : Problems
+        Receives every problem; a correlation with one is left out of the result.
+
+    Returns
+    -------
+    copulas : tuple of Copula
+    """
+    index_of = {d.parameter.path: i for i, d in enumerate(dispersions)}
+    copulas: list[Copula] = []
+    group_of: dict[int, int] = {}
     for number, item in enumerate(correlations):
         where, count = f"correlation.{number}", len(problems)
-        places = [_place(key, scene, place_of, where, problems) for key in item.parameters]
+        places = [_index(key, scene, index_of, where, problems) for key in item.parameters]
         matrix = _matrix(item, where, problems)
         if len(problems) > count:
             continue
-        by_plan = [
+        from_samples = [
             key for key, k in zip(item.parameters, places, strict=True) if dispersions[k].column
         ]
-        if len(by_plan) == len(places):  # and vary together as they do there
+        if len(from_samples) == len(places):  # correlated as in the samples
             continue
         for key, place in zip(item.parameters, places, strict=True):
-            if key in by_plan:
+            if key in from_samples:
                 problems.add(
                     f"{where}.parameters", "is given by run.samples, unlike the others", key
                 )
-            if place in taken:
-                problems.add(f"{where}.parameters", f"correlated already, in {taken[place]}", key)
+            if place in group_of:
+                problems.add(
+                    f"{where}.parameters", f"correlated already, in {group_of[place]}", key
+                )
             elif dispersions[place].distribution == "constant":
                 problems.add(f"{where}.parameters", "is constant, so it varies with nothing", key)
-            taken[place] = number
+            group_of[place] = number
         factor = _factor(matrix)
         if factor is None:
             problems.add(
                 where,
-                "no parameters can be correlated so: the matrix must have no negative eigenvalue",
+                "is not positive semidefinite: the matrix must have no negative eigenvalue",
             )
         else:
-            found.append(Copula(tuple(places), factor))
-    return tuple(found)
+            copulas.append(Copula(tuple(places), factor))
+    return tuple(copulas)
 
 
-def _place(key: str, scene: Scene, place_of: dict[str, int], where: str, problems: Problems) -> int:
+def _index(key: str, scene: Scene, index_of: dict[str, int], where: str, problems: Problems) -> int:
+    """Index of the dispersion of a parameter; -1, with the problem noted, if there is none."""
     try:
         path = find(scene, key).path
     except UnknownPath as error:
         problems.add(f"{where}.parameters", str(error.args[0]), key)
         return -1
-    if path not in place_of:
-        problems.add(f"{where}.parameters", f"is not dispersed; {nearest(path, place_of)}", key)
-    return place_of.get(path, -1)
+    if path not in index_of:
+        problems.add(f"{where}.parameters", f"is not dispersed; {nearest(path, index_of)}", key)
+    return index_of.get(path, -1)
 
 
 def _matrix(item: Correlation, where: str, problems: Problems) -> list[list[float]]:
-    """The correlation matrix that a table gives."""
+    """Correlation matrix of a table; problems are noted."""
     n = len(item.parameters)
     if n < 2:
         problems.add(f"{where}.parameters", "name at least two parameters", list(item.parameters))
@@ -101,18 +124,19 @@ def _matrix(item: Correlation, where: str, problems: Problems) -> list[list[floa
 
 
 def _factor(matrix: list[list[float]]) -> tuple[tuple[float, ...], ...] | None:
-    """The lower triangular L with L L^T = ``matrix`` (Cholesky); None if there is none."""
+    """Lower triangular L with L L^T = ``matrix`` (Cholesky); None if it is not positive
+    semidefinite."""
     n = len(matrix)
     lower = [[0.0] * n for _ in range(n)]
     for i in range(n):
         for j in range(i + 1):
-            left = matrix[i][j] - sum(lower[i][k] * lower[j][k] for k in range(j))
+            rest = matrix[i][j] - sum(lower[i][k] * lower[j][k] for k in range(j))
             if i == j:
-                if left < -_NONE:
+                if rest < -_NONE:
                     return None
-                lower[i][i] = max(left, 0.0) ** 0.5 if left > _NONE else 0.0
+                lower[i][i] = max(rest, 0.0) ** 0.5 if rest > _NONE else 0.0
             elif lower[j][j] > 0.0:
-                lower[i][j] = left / lower[j][j]
-            elif abs(left) > 1e-9:
+                lower[i][j] = rest / lower[j][j]
+            elif abs(rest) > 1e-9:
                 return None
     return tuple(tuple(row) for row in lower)

@@ -188,8 +188,8 @@ def _from_column(
             problems.add(place, "give a column of run.samples, or a distribution")
             return None
         if table is None:
-            said = "needs run.samples, the table that has it"
-            problems.add(f"{place}.column", said, distribution.column)
+            reason = "needs run.samples, the table that has it"
+            problems.add(f"{place}.column", reason, distribution.column)
             return None
     assert table is not None
     name = distribution.column or parameter.column

@@ -1,5 +1,4 @@
-"""What the model's fields are: their quantity, the TOML keys they accept, and how one value is
-converted and checked."""
+"""Fields of the model: quantity, accepted TOML keys, conversion and checks of values."""
 
 import copyreg
 import dataclasses
@@ -18,36 +17,52 @@ from sepmc.scene.model import Quantity
 from sepmc.scene.units import UNITS
 
 
-def _constraint(given: dict[str, Any]) -> msgspec.Meta:
-    return msgspec.Meta(**given)
+def _make_constraint(arguments: dict[str, Any]) -> msgspec.Meta:
+    """Constraint from its arguments, for unpickling."""
+    return msgspec.Meta(**arguments)
 
 
 def _reduced(meta: msgspec.Meta) -> tuple[Any, tuple[dict[str, Any]]]:
-    given = {name: getattr(meta, name) for name in _CONSTRAINTS}
-    return _constraint, ({name: value for name, value in given.items() if value is not None},)
+    """Constructor and arguments of a constraint, for pickling."""
+    arguments = {name: getattr(meta, name) for name in _CONSTRAINTS}
+    set_ones = {name: value for name, value in arguments.items() if value is not None}
+    return _make_constraint, (set_ones,)
 
 
-# msgspec's constraints cannot be copied or pickled, and so could no campaign.
+# msgspec cannot copy or pickle its constraints, which campaigns contain.
 _CONSTRAINTS = tuple(inspect.signature(msgspec.Meta).parameters)
 copyreg.pickle(msgspec.Meta, _reduced)
 
 
 @dataclass(frozen=True)
 class Field:
-    """One field of a table of the model."""
+    """One field of a table of the model.
+
+    Attributes
+    ----------
+    name : str
+    type : type
+        As annotated, with constraints: msgspec checks values against it.
+    bare : type
+        Without ``| None`` and ``Annotated``.
+    quantity : Quantity
+    required : bool
+    default : any
+    instead : type or None
+        Table that may replace the number, under the field's name without a unit.
+    """
 
     name: str
-    type: Any  # as annotated, with constraints: what msgspec checks a value against
-    bare: Any  # without `| None` and `Annotated`
+    type: Any
+    bare: Any
     quantity: Quantity
     required: bool
     default: Any
-    # a table that may stand in place of the number, under the field's name without a unit
     instead: type[msgspec.Struct] | None = None
 
     @property
     def spellings(self) -> list["Field"]:
-        """The field, and as another field the table that may stand in its place."""
+        """The field and, as another field, the table that may replace it."""
         if self.instead is None:
             return [self]
         table = dataclasses.replace(
@@ -57,25 +72,25 @@ class Field:
 
     @property
     def units(self) -> dict[str, float]:
-        """Units of its quantity, with the factor of each to SI; none if it has no units."""
+        """Units of its quantity with their factors to SI; empty if dimensionless."""
         return UNITS.get(self.quantity.kind, {})
 
     @property
     def keys(self) -> dict[str, float]:
-        """TOML keys this field accepts, with the factor of each to SI."""
+        """Accepted TOML keys with their factors to SI."""
         if not self.units:
             return {self.name: 1.0}
         return {f"{self.name}_{unit}": factor for unit, factor in self.units.items()}
 
     def component(self, number: int) -> "Field | None":
-        """The same for one component of a vector, if it has bounds of its own."""
+        """Field of one component of a vector; None if it has no bounds of its own."""
         kinds = get_args(self.bare)
         kind = kinds[0] if ... in kinds else kinds[number]
         return dataclasses.replace(self, type=kind) if _bounds(kind) else None
 
     @property
     def table(self) -> type[msgspec.Struct] | None:
-        """The nested table, if the field is one."""
+        """Type of the nested table, if the field is one."""
         return (
             self.bare
             if isinstance(self.bare, type) and issubclass(self.bare, msgspec.Struct)
@@ -84,15 +99,16 @@ class Field:
 
     @property
     def table_of_tables(self) -> type[msgspec.Struct] | None:
-        """The table that each entry is, if the field is tables by name."""
+        """Type of the entries, if the field is a table of tables by name."""
         return self._container(dict)
 
     @property
     def array_of_tables(self) -> type[msgspec.Struct] | None:
-        """The table that each entry is, if the field is an array of tables."""
+        """Type of the entries, if the field is an array of tables."""
         return self._container(tuple)
 
     def _container(self, origin: type) -> type[msgspec.Struct] | None:
+        """Type of the entries of a dict or tuple of tables."""
         if get_origin(self.bare) is not origin:
             return None
         inner = get_args(self.bare)[1 if origin is dict else 0]
@@ -101,7 +117,7 @@ class Field:
 
 @functools.cache
 def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
-    """Fields of a table by name, in the order they are declared."""
+    """Fields of a table of the model by name, in the order of declaration."""
     hints = get_type_hints(kind, include_extras=True)
     result = {}
     for info in msgspec.structs.fields(kind):
@@ -120,7 +136,7 @@ def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
 
 
 def keys_of(fields: dict[str, Field]) -> dict[str, tuple[Field, float]]:
-    """Every TOML key that fields of a table accept: its field, and the factor of its unit to SI."""
+    """Field and factor to SI of every TOML key that fields accept."""
     return {
         key: (spelling, factor)
         for field in fields.values()
@@ -130,7 +146,7 @@ def keys_of(fields: dict[str, Field]) -> dict[str, tuple[Field, float]]:
 
 
 def _split(annotation: Any) -> tuple[Any, type[msgspec.Struct] | None]:
-    """A type without the table that may stand in its place, and that table."""
+    """A type without the table that may replace it, and that table."""
     options = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else ()
     tables = [a for a in options if isinstance(a, type) and issubclass(a, msgspec.Struct)]
     others = [a for a in options if a not in tables and a is not type(None)]
@@ -138,6 +154,7 @@ def _split(annotation: Any) -> tuple[Any, type[msgspec.Struct] | None]:
 
 
 def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:
+    """A type without ``| None`` and ``Annotated``, and its quantity."""
     if get_origin(annotation) in (Union, types.UnionType):
         options = [a for a in get_args(annotation) if a is not type(None)]
         if len(options) == 1:
@@ -152,8 +169,7 @@ def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:
 
 
 def allowed(kind: Any, values: np.ndarray) -> np.ndarray:
-    """Which of the values (n,) a field of a type may have: what `convert` says of each, from the
-    bounds alone."""
+    """Mask (n,) of the values (n,) within the bounds of a type; agrees with `convert`."""
     fits = np.isfinite(values)
     for bound in _bounds(kind):
         fits &= values > bound.gt if bound.gt is not None else True
@@ -164,8 +180,8 @@ def allowed(kind: Any, values: np.ndarray) -> np.ndarray:
 
 
 def _bounds(annotation: Any) -> list[msgspec.Meta]:
-    """All bounds of a type."""
-    found = (
+    """All bounds of a type, nested ones included."""
+    bounds = (
         [extra for extra in get_args(annotation)[1:] if isinstance(extra, msgspec.Meta)]
         if get_origin(annotation) is Annotated
         else []
@@ -175,12 +191,12 @@ def _bounds(annotation: Any) -> list[msgspec.Meta]:
         if get_origin(annotation) in (Union, types.UnionType)
         else get_args(annotation)[:1]
     )
-    return found + [bound for option in inner for bound in _bounds(option)]
+    return bounds + [bound for option in inner for bound in _bounds(option)]
 
 
 def to_si(value: Any, factor: float) -> Any:
-    """Scale a number or a list of numbers; anything else is left for the type check to name. What
-    overflows becomes infinite."""
+    """Scale a number or a nested list of numbers; other values stay, for the type check. Overflow
+    gives infinity."""
     if isinstance(value, bool):
         return value
     if isinstance(value, int | float):
@@ -194,7 +210,15 @@ def to_si(value: Any, factor: float) -> Any:
 
 
 def convert(value: Any, kind: Any) -> tuple[Any, str | None]:
-    """Convert one value to ``kind``; returns the value and, if it does not fit, what is allowed."""
+    """Convert one value to ``kind``.
+
+    Returns
+    -------
+    value : any
+        None if it does not fit.
+    allowed : str or None
+        What is allowed, if it does not fit.
+    """
     try:
         return msgspec.convert(value, kind), None
     except msgspec.ValidationError as error:
@@ -203,7 +227,7 @@ def convert(value: Any, kind: Any) -> tuple[Any, str | None]:
 
 
 def _options(kind: Any) -> list[str]:
-    """What a choice may be, for the message."""
+    """Options of a choice; empty for other types."""
     bare, _ = _unwrap(kind)
     return [str(option) for option in get_args(bare)] if get_origin(bare) is Literal else []
 
@@ -230,6 +254,7 @@ _TYPES = {
 
 
 def _plain(message: str) -> str:
+    """Message of msgspec in the words of this package."""
     text = message.split(" - at ", maxsplit=1)[0].replace("Expected ", "")
     for ours, plain in _WORDS.items():
         if text.startswith(ours):

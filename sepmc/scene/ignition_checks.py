@@ -1,5 +1,4 @@
-"""What motors must obey that light at an instant of the flight: it exists, and may come before
-they light."""
+"""Checks of motors that ignite at an event, a release or a joint: it exists and can occur."""
 
 from collections.abc import Iterator
 
@@ -8,18 +7,18 @@ from sepmc.scene.load_checks import check_known
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Condition, Ignition, Scene
 
-_INSTANTS = ("event", "release", "joint")
+_TRIGGERS = ("event", "release", "joint")
 
 
 def check_ignitions(scene: Scene, problems: Problems) -> None:
-    """Events, releases and joints that motors wait for."""
+    """Check the events, releases and joints that trigger motors."""
     for motor in scene.motor:
         if motor.trigger is not None:
-            _check_instant(f"motor.{motor.name}.ignition", motor.trigger, scene, problems)
+            _check_trigger(f"motor.{motor.name}.ignition", motor.trigger, scene, problems)
     if not problems:
-        lighting = _may_light(scene)
+        igniting = _motors_that_may_light(scene)
         for motor in scene.motor:
-            if motor.name not in lighting:
+            if motor.name not in igniting:
                 problems.add(
                     f"motor.{motor.name}.ignition",
                     "never comes: it waits for a burn-out, its own or that of another motor, that "
@@ -27,34 +26,36 @@ def check_ignitions(scene: Scene, problems: Problems) -> None:
                 )
 
 
-def _check_instant(place: str, trigger: Ignition, scene: Scene, problems: Problems) -> None:
-    given = [key for key in _INSTANTS if getattr(trigger, key) is not None]
-    if len(given) != 1:
-        said = f", not {' and '.join(given)}" if given else ""
-        problems.add(place, f"give one of {', '.join(_INSTANTS)}{said}")
+def _check_trigger(place: str, trigger: Ignition, scene: Scene, problems: Problems) -> None:
+    """Check that a trigger names one event, release or joint, and a joint that becomes free."""
+    keys = [key for key in _TRIGGERS if getattr(trigger, key) is not None]
+    if len(keys) != 1:
+        others = f", not {' and '.join(keys)}" if keys else ""
+        problems.add(place, f"give one of {', '.join(_TRIGGERS)}{others}")
         return
     known = {
         "event": [event.name for event in scene.event],
         "release": [release.name for release in scene.release],
         "joint": list(scene.joint),
     }
-    key, name = given[0], getattr(trigger, given[0])
+    key, name = keys[0], getattr(trigger, keys[0])
     check_known(f"{place}.{key}", name, known[key], key, problems)
     if trigger.joint not in scene.joint or problems:
         return
     if _is_free(scene, name, scene.phase[0].joints.get(name, "free")):
-        said = "is free from the start; a motor that lights at a given time has ignition_s"
-        problems.add(f"{place}.joint", said, name)
+        reason = "is free from the start; a motor that lights at a given time has ignition_s"
+        problems.add(f"{place}.joint", reason, name)
     elif not any(_is_free(scene, name, kind) for kind in _later_kinds(scene, name)):
         problems.add(f"{place}.joint", "is never free: no phase or [[release]] frees it", name)
 
 
 def _is_free(scene: Scene, joint: str, kind: str) -> bool:
+    """True if a kind of a joint has no constraint rows."""
     return not rows_of(scene.joint[joint], kind)
 
 
 def _later_kinds(scene: Scene, joint: str) -> Iterator[str]:
-    """Kinds that a joint may have after the first phase begins."""
+    """Kinds of a joint in later phases and after releases."""
     for phase in scene.phase[1:]:
         yield phase.joints.get(joint, "free")
     for release in scene.release:
@@ -62,40 +63,40 @@ def _later_kinds(scene: Scene, joint: str) -> Iterator[str]:
             yield release.to
 
 
-def _may_light(scene: Scene) -> set[str]:
-    """Motors that may light, those first that wait for no burn-out, then those that wait for what
-    they bring about."""
-    lighting = {motor.name for motor in scene.motor if motor.trigger is None}
+def _motors_that_may_light(scene: Scene) -> set[str]:
+    """Motors that can ignite: those without a trigger, then repeatedly those whose trigger can
+    occur once these burn."""
+    motors = {motor.name for motor in scene.motor if motor.trigger is None}
     while True:
-        comes = _may_come(scene, lighting)
-        more = lighting | {
+        triggers = _triggers_that_may_occur(scene, motors)
+        more = motors | {
             motor.name
             for motor in scene.motor
             if motor.trigger is not None
-            and any((key, getattr(motor.trigger, key)) in comes for key in _INSTANTS)
+            and any((key, getattr(motor.trigger, key)) in triggers for key in _TRIGGERS)
         }
-        if more == lighting:
-            return lighting
-        lighting = more
+        if more == motors:
+            return motors
+        motors = more
 
 
-def _may_come(scene: Scene, lighting: set[str]) -> set[tuple[str, str]]:
-    """Events and releases that may come, and joints that may become free, where only these motors
-    may light."""
-    found = {("event", one.name) for one in scene.event if _may_be_met(one.when, lighting)}
-    releases = [one for one in scene.release if _may_be_met(one.when, lighting)]
-    found |= {("release", one.name) for one in releases}
+def _triggers_that_may_occur(scene: Scene, motors: set[str]) -> set[tuple[str, str]]:
+    """Events and releases that can occur, and joints that can become free, if only these motors can
+    ignite."""
+    triggers = {("event", one.name) for one in scene.event if _may_be_met(one.when, motors)}
+    releases = [one for one in scene.release if _may_be_met(one.when, motors)]
+    triggers |= {("release", one.name) for one in releases}
     kinds = [(one.joint, one.to) for one in releases]
     for before, phase in zip(scene.phase, scene.phase[1:], strict=False):
-        if before.until is None or not _may_be_met(before.until, lighting):
+        if before.until is None or not _may_be_met(before.until, motors):
             break
         kinds += [(joint, phase.joints.get(joint, "free")) for joint in scene.joint]
-    return found | {("joint", joint) for joint, kind in kinds if _is_free(scene, joint, kind)}
+    return triggers | {("joint", joint) for joint, kind in kinds if _is_free(scene, joint, kind)}
 
 
-def _may_be_met(until: Condition, lighting: set[str]) -> bool:
-    """Whether a condition may be met where only these motors may light: all others but burn-outs
-    may."""
+def _may_be_met(until: Condition, motors: set[str]) -> bool:
+    """True if a condition can be met if only these motors can ignite: all but burn-outs of
+    others can."""
     keys = (
         "time",
         "spring",
@@ -109,7 +110,7 @@ def _may_be_met(until: Condition, lighting: set[str]) -> bool:
     )
     return (
         any(getattr(until, key) is not None for key in keys)
-        or until.burn_out in lighting
-        or any(_may_be_met(part, lighting) for part in until.any)
-        or (bool(until.all) and all(_may_be_met(part, lighting) for part in until.all))
+        or until.burn_out in motors
+        or any(_may_be_met(part, motors) for part in until.any)
+        or (bool(until.all) and all(_may_be_met(part, motors) for part in until.all))
     )

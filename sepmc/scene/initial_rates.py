@@ -1,4 +1,4 @@
-"""Joints across which one body already turns from the other at the start."""
+"""Initial relative angular rates across joints."""
 
 from collections.abc import Iterator
 
@@ -9,56 +9,65 @@ from sepmc.scene.kinds import KINDS, connected_bodies, joint_axes, rows_of
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import GROUND, Joint, Scene
 
-_ALONG = 1e-9  # of a rate: as much about an axis that is held is round-off
+_ALONG = 1e-9  # relative: a smaller rate about a constrained axis is round-off
 
 
 def initial_rates(
     scene: Scene, dispersed: frozenset[str] = frozenset()
 ) -> Iterator[tuple[str, set[str]]]:
-    """Joints with a rate across them at the start, in some case, and the bodies that it turns: all
-    that hang on the second body of the joint."""
+    """Yield joints with an initial relative rate, nominal or dispersed, and the bodies that it
+    rotates: all connected to the second body of the joint.
+
+    Parameters
+    ----------
+    scene : Scene
+    dispersed : frozenset of str
+        Paths of dispersed parameters.
+    """
     for name, joint in scene.joint.items():
         path = f"joint.{name}.omega."
         if any(joint.omega) or any(one.startswith(path) for one in dispersed):
-            yield name, _beyond(scene, name)
+            yield name, _rotated_bodies(scene, name)
 
 
-def _beyond(scene: Scene, joint: str) -> set[str]:
-    """What hangs together with the second body of a joint in the first phase, if the joint itself
-    is left out."""
+def _rotated_bodies(scene: Scene, joint: str) -> set[str]:
+    """Bodies connected to the second body of a joint in the first phase by other joints."""
     groups = connected_bodies(scene, scene.phase[0], without=joint)
     return next(group for group in groups if scene.joint[joint].bodies[1] in group)
 
 
 def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
-    """Rates across joints that a joint does not allow, or that do not say how bodies turn."""
-    for name, beyond in initial_rates(scene, dispersed):
+    """Note initial rates that a joint constrains, or that do not determine how bodies rotate."""
+    for name, rotated in initial_rates(scene, dispersed):
         joint, kind = scene.joint[name], scene.phase[0].joints.get(name, "free")
         place, first = f"joint.{name}.omega_deg_s", joint.bodies[0]
-        shown = [float(f"{x:.6g}") for x in np.degrees(joint.omega)]
-        if GROUND in beyond:
-            problems.add(place, "would turn the ground, on which the second body hangs", shown)
-        elif first in beyond:
+        rate = [float(f"{x:.6g}") for x in np.degrees(joint.omega)]
+        if GROUND in rotated:
+            problems.add(
+                place, "would turn the ground, to which the second body is connected", rate
+            )
+        elif first in rotated:
             problems.add(
                 place,
-                f"{first} hangs on the second body by other joints too: they cannot turn",
-                shown,
+                f"{first} is connected to the second body by other joints too: they cannot turn",
+                rate,
             )
         elif kind in KINDS or kind in joint.kind:
-            if any(joint.omega) and _is_held(joint, kind, np.array(joint.omega)):
-                said = f"has a part about an axis that {kind!r}, its kind in the first phase, holds"
-                problems.add(place, said, shown)
+            constrained_by = f"{kind!r}, its kind in the first phase, constrains"
+            if any(joint.omega) and _is_constrained(joint, kind, np.array(joint.omega)):
+                reason = f"has a part about an axis that {constrained_by}"
+                problems.add(place, reason, rate)
             varied = [k for k, x in enumerate("xyz") if f"joint.{name}.omega.{x}" in dispersed]
-            # several may go together, as rows of a plan do
-            if len(varied) == 1 and _is_held(joint, kind, np.eye(3)[varied[0]]):
+            # several together may be valid, as in rows of run.samples
+            if len(varied) == 1 and _is_constrained(joint, kind, np.eye(3)[varied[0]]):
                 problems.add(
                     f"dispersion.joint.{name}.omega_deg_s.{'xyz'[varied[0]]}",
-                    f"would vary about an axis that {kind!r}, its kind in the first phase, holds",
+                    f"would vary about an axis that {constrained_by}",
                 )
 
 
-def _is_held(joint: Joint, kind: str, rate: np.ndarray) -> bool:
-    """Whether a rate has a part about an axis that a kind of a joint holds."""
+def _is_constrained(joint: Joint, kind: str, rate: np.ndarray) -> bool:
+    """True if a rate has a part about an axis that a kind of a joint constrains."""
     axes = joint_axes(joint.x_axis, joint.y_axis).reshape(3, 3)
     for code in rows_of(joint, kind):
         if at.ROTATION <= code < at.ROD:

@@ -80,8 +80,8 @@ def check_column(table: InputTable, name: str, place: str, problems: Problems) -
         if name in table.words:
             problems.add(place, f"column {name} of {table.path.name}: {table.words[name]}")
             return False
-        said = nearest(name, table.columns)
-        problems.add(place, f"no such column of numbers in {table.path.name}; {said}", name)
+        reason = nearest(name, table.columns)
+        problems.add(place, f"no such column of numbers in {table.path.name}; {reason}", name)
         return False
     bad = ~np.isfinite(table.columns[name])
     if bad.any():

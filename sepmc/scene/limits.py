@@ -1,5 +1,5 @@
-"""How much a file may hold: what is more is refused, with its size, before anything is made of it.
-Files come from anyone."""
+"""Limits on the size of files, which may be untrusted: larger ones are rejected, with their size,
+before they are processed."""
 
 import re
 import stat
@@ -10,44 +10,44 @@ from sepmc.scene.messages import Problems, shorten
 
 # Bytes of a campaign file: reading TOML takes 0.7 s for each MB. Shipped ones have 20 kB.
 CAMPAIGN_BYTES = 4_000_000
-# Bytes of a table of inputs: it is read as a whole, and takes up to four times that as numbers.
+# Bytes of a table of samples: it is read as a whole, and takes up to four times that as numbers.
 PLAN_BYTES = 1_000_000_000
 # Cases of a campaign, and one more than the largest number of one.
 CASES = 10**9
-# Largest seed: what JSON and Parquet readers take as a whole number of 64 bits.
+# Largest seed: JSON and Parquet readers take integers of 64 bits.
 SEED = 2**63 - 1
-# Cases times parameters of a Latin hypercube or a Saltelli design, which are drawn as a whole: each
-# takes 8 bytes.
+# Cases times parameters of a Latin hypercube or a Saltelli design, which is sampled as a whole: 8
+# bytes each.
 DESIGN_NUMBERS = 300_000_000
-# Rows times columns of a table of inputs, 8 bytes each: a small file may unpack to any number.
+# Rows times columns of a table of samples, 8 bytes each: a small file may unpack to any number.
 PLAN_NUMBERS = 100_000_000
-# Bytes of a manifest: it tells of sessions and notes, not of cases.
+# Bytes of a manifest: it lists sessions and notes, not cases.
 MANIFEST_BYTES = 8_000_000
-# Bytes and lines of the list of the files of a run: a billion cases have 120,000 parts.
+# Bytes and lines of the list of the files of a run: a billion cases have 120,000 shards.
 LEDGER_BYTES = 128_000_000
 LEDGER_LINES = 500_000
-# Bytes of a part, which is read as a whole: a run writes at most some 64 MB into one.
+# Bytes of a shard, which is read as a whole: a run writes at most some 64 MB into one.
 PART_BYTES = 256_000_000
-# Numbers that a byte of a part can hold: 8 bytes each, of which Snappy makes 3 of 64 at best.
+# Numbers per byte of a shard: 8 bytes each, of which Snappy makes 3 of 64 at best.
 NUMBERS_A_BYTE = 4
-# Tables in tables: a condition has two for each `any` or `all`.
+# Nested tables: a condition has two for each `any` or `all`.
 DEPTH = 32
-# Parts of a dotted key: what reads them takes the square of their number.
+# Parts of a dotted key: reading takes time with the square of their number.
 KEY_PARTS = 100
-# Characters of a text, and of a name, which columns, figures and folders are named by.
+# Characters of a text, and of a name, which names columns, figures and folders.
 TEXT = 2000
 NAME = 64
-# A number that is larger has no square, or a cube, that can be computed with.
+# Squares and cubes of larger numbers may overflow.
 LARGEST = 1e60
-# A length that is smaller has no direction: its square is no number any more.
+# A shorter vector has no direction: the square of its length underflows.
 SMALLEST = 1e-60
 # Values of a list, such as the points of an outline.
 LIST = 20_000
-# Rows of a table along an axis: what fits a spline to them takes the cube of their number.
+# Rows of a table along an axis: fitting a spline takes time with the cube of their number.
 TABLE_ROWS = 1000
-# Rows of an aerodynamic table over two or three axes: each takes up to 64 numbers in flight.
+# Rows of an aerodynamic table over two or three axes: up to 64 coefficients each.
 TABLE_CELLS = 100_000
-# Entries of a table, by its name: kernels, their text and the time to compile grow with them.
+# Entries of a table, by its name: kernels and compile times grow with them.
 ITEMS = {
     "body": 64,
     "joint": 128,
@@ -72,22 +72,22 @@ _WHOLE = 2**63
 _BETWEEN_KEYS = re.compile(r"[={},\[\]\n]")
 
 
-def content(path: Path, most: int) -> bytes:
-    """What a file holds. Raises OSError if it cannot be read, ValueError if it is no file, or is
-    larger than so many bytes."""
+def read_limited(path: Path, most: int) -> bytes:
+    """Read the bytes of a file. Raises OSError if it cannot be read, ValueError if it is no regular
+    file or has more than ``most`` bytes."""
     state = path.stat()
     if not stat.S_ISREG(state.st_mode):
         raise ValueError("is no file")
     if state.st_size <= most:
         with path.open("rb") as file:
-            found = file.read(most + 1)
-        if len(found) <= most:
-            return found
+            read = file.read(most + 1)
+        if len(read) <= most:
+            return read
     raise ValueError(f"has {max(state.st_size, most + 1):,} bytes: must be at most {most:,}")
 
 
 def check_keys(text: str) -> str:
-    """What is wrong with the keys of a TOML text, before it is read; empty if nothing is."""
+    """Reason why a TOML text is rejected before it is parsed: too long keys; empty if it is not."""
     for piece in _BETWEEN_KEYS.split(text):
         if piece.count(".") > KEY_PARTS and not piece.lstrip().startswith("#"):
             return f"{shorten(piece.strip())}: a key must have at most {KEY_PARTS} parts"
@@ -95,11 +95,11 @@ def check_keys(text: str) -> str:
 
 
 def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
-    """Note what is too large or too deep in a tree of TOML or JSON, and texts that a screen cannot
-    show, or that are longer than so many characters."""
-    left: list[tuple[Any, str, str, int]] = [(tree, "", "", 0)]
-    while left:
-        value, place, key, depth = left.pop()
+    """Note values of a TOML or JSON tree that are too large or nested too deep, and texts with
+    control characters or more than ``text`` characters."""
+    stack: list[tuple[Any, str, str, int]] = [(tree, "", "", 0)]
+    while stack:
+        value, place, key, depth = stack.pop()
         if isinstance(value, dict | list):
             most = ITEMS.get(key, LIST)
             if len(value) > most:
@@ -109,23 +109,23 @@ def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
             elif depth > DEPTH:
                 problems.add(place[:TEXT], f"must be at most {DEPTH} tables deep")
             elif isinstance(value, list):
-                left += [(item, f"{place}.{k}", "", depth + 1) for k, item in enumerate(value)]
+                stack += [(item, f"{place}.{k}", "", depth + 1) for k, item in enumerate(value)]
             else:
                 for name, item in value.items():
                     if fault := text_fault(str(name), TEXT):
                         problems.add(f"{place}.{shorten(name)}".lstrip("."), fault)
                         continue
-                    left.append((item, f"{place}.{name}".lstrip("."), str(name), depth + 1))
+                    stack.append((item, f"{place}.{name}".lstrip("."), str(name), depth + 1))
         elif isinstance(value, str):
             if fault := text_fault(value.replace("\n", " ").replace("\t", " "), text):
                 problems.add(place, fault, value)
         elif isinstance(value, int) and not -_WHOLE <= value < _WHOLE:
-            said = f"is a whole number of {value.bit_length()} bits: must have at most 64"
-            problems.add(place, f"{said}; write a larger one with a point")
+            reason = f"is a whole number of {value.bit_length()} bits: must have at most 64"
+            problems.add(place, f"{reason}; write a larger one with a point")
 
 
 def text_fault(text: str, most: int) -> str:
-    """Why a text is none that can be shown; empty if it can."""
+    """Reason why a text is rejected: too long, or with control characters; empty if it is valid."""
     if len(text) > most:
         return f"has {len(text):,} characters: must be at most {most:,}"
     return "" if text.isprintable() else "must be text without control characters"

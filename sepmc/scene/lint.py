@@ -1,5 +1,4 @@
-"""What a scene says that is probably a slip: it can be flown, but no such vehicle or flight is
-known. Every sentence names place and value."""
+"""Lint of a scene: valid values that are probably mistakes, as sentences with place and value."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -11,30 +10,41 @@ from sepmc.scene.kinds import axial_offset, mass_centres
 from sepmc.scene.model import GROUND, Condition, Part, Scene
 from sepmc.scene.parameters import value
 
-_FAR = 8.0  # times the extent of all other points of the vehicle: a unit was mistaken
-_BESIDE = 2.0  # of the vehicle's length: how far off its axis things are at most
-_ROUNDED = 0.011  # that weights may be from 1, as thirds to two digits are
-_EXPECTED = 0.5  # cases that may be drawn where their parameter may not be
-_WIDE = 1.0  # half a law's range over its nominal
+_FAR = 8.0  # times the extent of all other points: a point farther away is in another unit
+_BESIDE = 2.0  # times the vehicle's length: largest distance from its axis
+_ROUNDED = 0.011  # largest difference of a sum of rounded probabilities from 1
+_EXPECTED = 0.5  # expected cases outside the bounds of a parameter that get a finding
+_WIDE = 1.0  # half range of a distribution relative to the nominal
 _FASTEST, _HIGHEST, _LOWEST = 13_000.0, 2e6, -500.0  # m/s, m, m
 _HARDEST = 5e6  # dynamic pressure, Pa: a hard missile reaches 2e6
 _SCALE_HEIGHT, _GROUND_DENSITY = 7_000.0, 1.225
-_PULL = 0.05  # of its force at the start: with what a pusher may pull at the end of its stroke
-_AGAINST = -0.5  # cosine: a spring that pushes its second body back toward the first
-# of the distance of two mass centres: along a joint's axis they are nearly level
+_PULL = 0.05  # of its initial force: pull of a pusher at the end of its stroke
+_AGAINST = -0.5  # cosine below which a spring pushes its second body toward the first
+# offset of two mass centres along a joint axis, relative to their distance, that is nearly zero
 _LEVEL = 0.02
 _ROUND = np.arange(24) * (2.0 * math.pi / 24)
-# kinds of number that no law takes beyond zero
+# parts of the paths of numbers that may have either sign
 _SIGNED = ("cg", "offset", "omega", "direction", "deflection", "products", "point", "axis", "clock",
            "pitch", "yaw", "roll", "alpha", "force_factor")  # fmt: skip
 
 
 def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
-    """Sentences on what is probably a slip."""
+    """Findings on a scene and its dispersions.
+
+    Parameters
+    ----------
+    scene : Scene
+    dispersions : sequence of Dispersion
+
+    Returns
+    -------
+    list of str
+        A sentence for each value that is probably a mistake.
+    """
     return [
         *_far_points(scene),
-        *_outside(scene),
-        *_wide_laws(scene, dispersions),
+        *_off_axis(scene),
+        *_wide_distributions(scene, dispersions),
         *_weights(dispersions),
         *_tails(dispersions, scene.run.cases),
         *_start(scene),
@@ -43,14 +53,14 @@ def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
         *_pulls(scene, dispersions),
         *_wind(scene, dispersions),
         *_late_thrust(scene, dispersions),
-        *_never(scene, dispersions),
-        *_level(scene),
+        *_never_occurring(scene, dispersions),
+        *_nearly_level(scene),
     ]
 
 
-def _level(scene: Scene) -> Iterator[str]:
-    """Joints whose bodies lie beside each other but for a little, so that it is by chance which
-    side is apart."""
+def _nearly_level(scene: Scene) -> Iterator[str]:
+    """Joints whose mass centres are nearly level along the axis, so that the sign of separation
+    depends on a small offset."""
     for name, joint in scene.joint.items():
         along = axial_offset(scene, joint)
         if joint.apart is None and abs(along) < _LEVEL * math.dist(*mass_centres(scene, joint)):
@@ -63,23 +73,23 @@ def _level(scene: Scene) -> Iterator[str]:
 
 
 def _points(scene: Scene) -> dict[str, tuple[float, float, float]]:
-    """Layout points of a scene by the path of their key."""
-    found = {f"body.{name}.cg": body.cg for name, body in scene.body.items()}
-    found |= {f"joint.{name}.point": joint.point for name, joint in scene.joint.items()}
-    found |= {f"spring.{spring.name}.point": spring.point for spring in scene.spring}
-    found |= {
+    """Layout points of a scene, m, by the path of their key."""
+    points = {f"body.{name}.cg": body.cg for name, body in scene.body.items()}
+    points |= {f"joint.{name}.point": joint.point for name, joint in scene.joint.items()}
+    points |= {f"spring.{spring.name}.point": spring.point for spring in scene.spring}
+    points |= {
         f"motor.{motor.name}.station": (motor.station, *motor.offset) for motor in scene.motor
     }
-    found |= {f"load.{load.name}.point": load.point for load in scene.load if load.point}
+    points |= {f"load.{load.name}.point": load.point for load in scene.load if load.point}
     for name, body in scene.body.items():
         for number, part in enumerate(body.outline):
             ends = [(s, *part.offset) for s in part.stations or ()] + list(part.points)
-            found |= {f"body.{name}.outline.{number} ({i})": end for i, end in enumerate(ends)}
-    return found
+            points |= {f"body.{name}.outline.{number} ({i})": end for i, end in enumerate(ends)}
+    return points
 
 
 def _far_points(scene: Scene) -> Iterator[str]:
-    """Points far from all others: millimetres taken for metres."""
+    """Points far from all others, as with millimetres given as metres."""
     points = _points(scene)
     if len(points) < 3:
         return
@@ -96,8 +106,8 @@ def _far_points(scene: Scene) -> Iterator[str]:
             )
 
 
-def _outside(scene: Scene) -> Iterator[str]:
-    """Centres of mass far beside the axis, or a vehicle's length beyond the body's own outline."""
+def _off_axis(scene: Scene) -> Iterator[str]:
+    """Centres of mass far from the axis of the vehicle."""
     stations = [point[0] for point in _points(scene).values()]
     length = max(max(stations) - min(stations), 1e-3)
     for name, body in scene.body.items():
@@ -109,50 +119,51 @@ def _outside(scene: Scene) -> Iterator[str]:
             )
 
 
-def _wide_laws(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Laws as wide as their nominal."""
-    for law in dispersions:
-        path = law.parameter.path
+def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
+    """Distributions as wide as their nominal."""
+    for each in dispersions:
+        path = each.parameter.path
         is_signed = path.startswith("load.") or any(part in path for part in _SIGNED)
-        if is_signed or law.distribution in ("discrete", "constant"):
+        if is_signed or each.distribution in ("discrete", "constant"):
             continue
-        nominal = value(scene, path) / law.parameter.factor
-        low, high = law.reach
+        nominal = value(scene, path) / each.parameter.factor
+        low, high = each.reach
         if nominal and math.isfinite(nominal) and high - low > 2.0 * _WIDE * abs(nominal):
             yield (
-                f"dispersion of {law.sentence}: reaches {low:.4g} to {high:.4g} about a nominal of "
-                f"{nominal:.4g}; a share of 5 % is 0.05 with relative = true"
+                f"dispersion of {each.sentence}: reaches {low:.4g} to {high:.4g} about a nominal "
+                f"of {nominal:.4g}; 5 % of the nominal is 0.05 with relative = true"
             )
 
 
 def _weights(dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Weights that look like probabilities and do not add up to 1."""
-    for law in dispersions:
-        whole = sum(law.weights)
-        if law.weights and max(law.weights) < 1.0 and abs(whole - 1.0) > _ROUNDED:
-            shares = ", ".join(f"{weight / whole:.3g}" for weight in law.weights)
+    """Weights below 1, which look like probabilities, that do not add up to 1."""
+    for each in dispersions:
+        total = sum(each.weights)
+        if each.weights and max(each.weights) < 1.0 and abs(total - 1.0) > _ROUNDED:
+            probabilities = ", ".join(f"{weight / total:.3g}" for weight in each.weights)
             yield (
-                f"dispersion of {law.sentence}: the weights add up to {whole:.4g}, so that the "
-                f"probabilities are {shares}; is that meant?"
+                f"dispersion of {each.sentence}: the weights add up to {total:.4g}, so the "
+                f"probabilities are {probabilities}; is that meant?"
             )
 
 
 def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
-    """Normal laws that are not cut, of which some of the cases have what may not be."""
-    for law in dispersions:
-        share, nearest = law.beyond() if law.has_tails else (0.0, math.inf)
-        if share * cases >= _EXPECTED:
-            count = share * cases
+    """Normal distributions without truncation that put some cases outside the bounds of the
+    parameter."""
+    for each in dispersions:
+        probability, nearest = each.beyond() if each.has_tails else (0.0, math.inf)
+        if probability * cases >= _EXPECTED:
+            count = probability * cases
             yield (
-                f"dispersion of {law.sentence}: about {count:{'.0f' if count >= 100.0 else '.2g'}} "
-                f"of {cases} cases have a value, {nearest:.3g} sigma or more off the mean, that "
-                "the key may not have, and are not flown (invalid-input): cut the law by "
-                "truncate_sigma"
+                f"dispersion of {each.sentence}: about {count:{'.0f' if count >= 100.0 else '.2g'}}"
+                f" of {cases} cases have a value, {nearest:.3g} sigma or more off the mean, that "
+                "the key may not have, and are not flown (invalid-input): truncate the "
+                "distribution by truncate_sigma"
             )
 
 
 def _start(scene: Scene) -> Iterator[str]:
-    """Speeds, heights and dynamic pressures of no such flight."""
+    """Initial speed, altitude and dynamic pressure beyond those of any vehicle."""
     start = scene.initial
     if start.speed > _FASTEST:
         yield f"initial.speed = {start.speed:.4g} m/s: is the unit right?"
@@ -169,7 +180,7 @@ def _start(scene: Scene) -> Iterator[str]:
 
 
 def _overlaps(scene: Scene) -> Iterator[str]:
-    """Outlines that lie in each other before anything moves."""
+    """Outlines that overlap at the start."""
     bodies = [(name, body.outline) for name, body in scene.body.items() if body.outline]
     for i, (one, parts) in enumerate(bodies):
         for two, others in bodies[i + 1 :]:
@@ -185,25 +196,26 @@ def _overlaps(scene: Scene) -> Iterator[str]:
 
 
 def _depth(part: Part, solid: Part) -> float:
-    """How deep rims or points of a part lie within a solid frustum, or beyond a hollow one's wall;
-    0 if they do not."""
+    """Largest depth, m, of the edge circles or points of a part inside a solid frustum, or beyond
+    the wall of a hollow one; 0 if there is none."""
     if solid.stations is None or solid.radii is None or part.hollow:
         return 0.0
-    at = np.array([*part.points, *_rims(part)])
+    at = np.array([*part.points, *_edge_points(part)])
     (front, aft), (first, second) = solid.stations, solid.radii
     if aft == front:
         return 0.0
-    share = (at[:, 0] - front) / (aft - front)
-    radius = first + share * (second - first)
+    fraction = (at[:, 0] - front) / (aft - front)
+    radius = first + fraction * (second - first)
     aside = np.hypot(at[:, 1] - solid.offset[0], at[:, 2] - solid.offset[1])
-    along = np.minimum(share, 1.0 - share) * abs(aft - front)
+    along = np.minimum(fraction, 1.0 - fraction) * abs(aft - front)
     if solid.hollow:
         through = aside - radius
         return float(np.where((along > 0.0) & (through < 0.1 * radius), through, 0.0).max())
     return float(np.minimum(along, radius - aside).max())
 
 
-def _rims(part: Part) -> Iterator[tuple[float, float, float]]:
+def _edge_points(part: Part) -> Iterator[tuple[float, float, float]]:
+    """Points on the edge circles of a frustum, 24 each."""
     for station, radius in zip(part.stations or (), part.radii or (), strict=True):
         for angle in _ROUND:
             y, z = part.offset
@@ -216,13 +228,13 @@ def _springs(scene: Scene) -> Iterator[str]:
         if spring.axis is None or GROUND in spring.bodies or spring.force == 0.0:
             continue
         joints = (j for j in scene.joint.values() if set(j.bodies) == set(spring.bodies))
-        if any(joint.apart is not None for joint in joints):  # the file says where they part to
+        if any(joint.apart is not None for joint in joints):  # given in the file
             continue
         first, second = (np.array(scene.body[name].cg) for name in spring.bodies)
-        apart = (second - first) * (-1.0, 1.0, 1.0)  # stations count aft, x points forward
+        offset = (second - first) * (-1.0, 1.0, 1.0)  # stations count aft, x points forward
         axis = np.array(spring.axis)
-        size = float(np.linalg.norm(apart) * np.linalg.norm(axis))
-        if size and np.sign(spring.force) * float(apart @ axis) < _AGAINST * size:
+        size = float(np.linalg.norm(offset) * np.linalg.norm(axis))
+        if size and np.sign(spring.force) * float(offset @ axis) < _AGAINST * size:
             what, does = f"axis = {_list(spring.axis)}", "pushes"
             if spring.force < 0.0:
                 what, does = f"force = {spring.force:g} N", "pulls"
@@ -233,19 +245,19 @@ def _springs(scene: Scene) -> Iterator[str]:
 
 
 def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Pushers that pull before their stroke is over, as they are or at the end of a law."""
-    laws = {d.parameter.path: d for d in dispersions}
+    """Pushers that pull before the end of their stroke, nominally or at an end of a dispersion."""
+    by_path = {d.parameter.path: d for d in dispersions}
     for spring in scene.spring:
         place = f"spring.{spring.name}"
         if spring.force <= 0.0 or math.isinf(spring.stroke):
             continue
-        usual = {"force": spring.force, "stiffness": spring.stiffness, "stroke": spring.stroke}
-        tries: list[tuple[str, dict[str, float]]] = [("", usual)]
+        nominal = {"force": spring.force, "stiffness": spring.stiffness, "stroke": spring.stroke}
+        tries: list[tuple[str, dict[str, float]]] = [("", nominal)]
         for key, end in (("force", 0), ("stiffness", 1), ("stroke", 1)):
-            law = laws.get(f"{place}.{key}")
-            if law is not None:
-                worst = law.reach[end] * law.parameter.factor
-                tries.append((f", at the end of its law for {key}", usual | {key: worst}))
+            dispersion = by_path.get(f"{place}.{key}")
+            if dispersion is not None:
+                worst = dispersion.reach[end] * dispersion.parameter.factor
+                tries.append((f", at an end of its distribution for {key}", nominal | {key: worst}))
         for where, of in tries:
             pull = of["stiffness"] * of["stroke"] - of["force"]
             if pull > _PULL * spring.force:
@@ -258,7 +270,7 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Wind that nothing feels."""
+    """Wind without effect."""
     wind = scene.environment.wind
     blows = wind.speed > 0.0 or wind.profile is not None
     blows = blows or any(d.parameter.path == "environment.wind.speed" for d in dispersions)
@@ -271,29 +283,28 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Thrust profiles whose first row comes after the ignition."""
+    """Thrust profiles that begin after the ignition."""
     varied = {d.parameter.path for d in dispersions}
     for motor in scene.motor:
         place, profile = f"motor.{motor.name}", motor.profile
         if profile is None or not profile.time[0] > 0.0:
             continue
-        first, share = profile.time[0], profile.fraction[0]
+        first, fraction = profile.time[0], profile.fraction[0]
         if motor.burn <= first and f"{place}.burn" not in varied:
             yield (
                 f"{place} does nothing: burn_s = {motor.burn:g}, but its profile begins {first:g} "
                 "s after the ignition"
             )
             continue
-        then = f", then {share:g} of thrust_N at once" if share else ""
+        then = f", then {fraction:g} of thrust_N at once" if fraction else ""
         yield (
             f"{place}.profile begins {first:g} s after the ignition: there is no thrust "
             f"before{then}"
         )
 
 
-def _never(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Outputs and clearances that wait for a joint that is never let go, conditions on a spring
-    that never ends."""
+def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
+    """Conditions that never occur, and outputs and clearances of joints that are never released."""
     varied = {d.parameter.path for d in dispersions}
     waiting = [(f"phase.{p.name}.until", p.until) for p in scene.phase if p.until is not None]
     waiting += [(f"release.{r.name}.when", r.when) for r in scene.release]
@@ -307,25 +318,27 @@ def _never(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
         if _is_past(condition, scene.run.end_time) and f"{place}.time" not in varied:
             yield f"{place}: comes after the end of the flight, {scene.run.end_time:g} s"
     last = scene.phase[-1].joints
-    let_go = {name for name in scene.joint if last.get(name, "free") == "free"}
-    let_go |= {release.joint for release in scene.release}
+    released = {name for name in scene.joint if last.get(name, "free") == "free"}
+    released |= {release.joint for release in scene.release}
     for joint in scene.output.tip_off:
-        if joint not in let_go:
-            yield f"output.tip_off: {joint} is never let go, so its rates then have no value"
+        if joint not in released:
+            yield f"output.tip_off: {joint} is never released, so those rates have no value"
     for clearance in scene.clearance:
-        if clearance.after is not None and clearance.after not in let_go:
+        if clearance.after is not None and clearance.after not in released:
             yield (
-                f"clearance.{clearance.name}.after: {clearance.after} is never let go, so the "
+                f"clearance.{clearance.name}.after: {clearance.after} is never released, so the "
                 "clearance has no value"
             )
-    held = {name for phase in scene.phase for name, kind in phase.joints.items() if kind != "free"}
+    constrained = {
+        name for phase in scene.phase for name, kind in phase.joints.items() if kind != "free"
+    }
     for joint in scene.output.loads:
-        if joint not in held:
-            yield f"output.loads: {joint} holds nothing in any phase, so it carries nothing"
+        if joint not in constrained:
+            yield f"output.loads: {joint} is free in all phases, so it carries no load"
 
 
 def _is_past(until: Condition, end: float) -> bool:
-    """Whether a condition can be met by nothing but a time after ``end``, s."""
+    """True if a condition can be met only by a time after ``end``, s."""
     if until.all:
         return any(_is_past(part, end) for part in until.all)
     if until.any:
@@ -334,6 +347,7 @@ def _is_past(until: Condition, end: float) -> bool:
 
 
 def _springs_of(until: Condition) -> Iterator[str]:
+    """Springs whose end of stroke a condition names."""
     if until.spring is not None:
         yield until.spring
     for part in (*until.any, *until.all):
@@ -341,4 +355,5 @@ def _springs_of(until: Condition) -> Iterator[str]:
 
 
 def _list(numbers: Sequence[float]) -> str:
+    """Numbers to four digits in brackets."""
     return "[" + ", ".join(f"{x:.4g}" for x in numbers) + "]"

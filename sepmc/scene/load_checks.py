@@ -1,5 +1,4 @@
-"""What tables, springs, loads and outputs must obey together: names that exist, lengths that agree,
-grids that rise."""
+"""Checks of tables, springs, loads and outputs: references, lengths of columns, rising grids."""
 
 import itertools
 import math
@@ -11,19 +10,19 @@ from sepmc.scene.limits import SMALLEST, TABLE_CELLS, TABLE_ROWS
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, AeroTable, Part, Scene, Spring
 
-# s: what acts for less than that falls between two instants that the engine can tell apart
+# s: the engine takes instants closer than this as one
 SHORTEST = 1e-12
 _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 
 def check_known(place: str, name: str, known, what: str, problems: Problems) -> None:
-    """A name must be one of those known."""
+    """Note a name that is not among the known ones of ``what``."""
     if name not in known:
         problems.add(place, f"no such {what}; {nearest(name, known)}", name)
 
 
 def check_pair(place: str, bodies: tuple[str, str], scene: Scene, problems: Problems) -> None:
-    """Two different bodies, of which one may be the ground."""
+    """Note a pair that is not two different bodies, of which one may be the ground."""
     for body in bodies:
         check_known(place, body, [*scene.body, GROUND], "body", problems)
     if bodies[0] == bodies[1]:
@@ -33,10 +32,10 @@ def check_pair(place: str, bodies: tuple[str, str], scene: Scene, problems: Prob
 def check_series(
     place: str, key: str, series: Sequence[float], least: int, problems: Problems
 ) -> None:
-    """The axis of a table must rise, and have so many rows."""
+    """Note an axis of a table that does not rise strictly, or has fewer than ``least`` values."""
     if len(series) > TABLE_ROWS:
-        said = f"has {len(series):,} values: must have at most {TABLE_ROWS:,}"
-        problems.add(f"{place}.{key}", said)
+        reason = f"has {len(series):,} values: must have at most {TABLE_ROWS:,}"
+        problems.add(f"{place}.{key}", reason)
     elif len(series) < least:
         problems.add(f"{place}.{key}", f"needs at least {least} values", list(series))
     elif not all(a < b for a, b in itertools.pairwise(series)):
@@ -44,7 +43,7 @@ def check_series(
 
 
 def check_lengths(place: str, columns: Mapping[str, Sequence[float]], problems: Problems) -> None:
-    """Columns of a table must have as many values as its first."""
+    """Note columns of a table that differ in length from its first."""
     (first, axis), *others = columns.items()
     for key, column in others:
         if len(column) != len(axis):
@@ -52,7 +51,8 @@ def check_lengths(place: str, columns: Mapping[str, Sequence[float]], problems: 
 
 
 def check_loads(scene: Scene, problems: Problems) -> None:
-    """Springs, constant loads, aerodynamic tables and proximity increments."""
+    """Check springs, burn times, constant loads, aerodynamic tables, outlines and proximity
+    increments."""
     for spring in scene.spring:
         _check_spring(spring, scene, problems)
     for motor in scene.motor:
@@ -82,13 +82,14 @@ def check_loads(scene: Scene, problems: Problems) -> None:
         check_known(f"{place}.body", entry.body, scene.body, "body", problems)
         check_known(f"{place}.joint", entry.joint, scene.joint, "joint", problems)
         check_series(place, "distance_m", entry.distance, 2, problems)
-        given = {key: getattr(entry, key) for key in _COEFFICIENTS if getattr(entry, key)}
-        check_lengths(place, {"distance_m": entry.distance, **given}, problems)
+        coefficients = {key: getattr(entry, key) for key in _COEFFICIENTS if getattr(entry, key)}
+        check_lengths(place, {"distance_m": entry.distance, **coefficients}, problems)
         if entry.body in scene.body and scene.body[entry.body].aerodynamics is None:
             problems.add(f"{place}.body", "has no aerodynamics to add to", entry.body)
 
 
 def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
+    """Check bodies and direction of a spring."""
     place = f"spring.{spring.name}"
     check_pair(f"{place}.bodies", spring.bodies, scene, problems)
     if spring.axis is not None and max(map(abs, spring.axis)) < SMALLEST:
@@ -103,6 +104,7 @@ def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
 
 
 def _check_part(place: str, part: Part, problems: Problems) -> None:
+    """Check that a part of an outline is a frustum or points."""
     if (part.stations is None) != (part.radii is None) or (part.stations is None) == (
         not part.points
     ):
@@ -112,19 +114,20 @@ def _check_part(place: str, part: Part, problems: Problems) -> None:
     if part.points and any(part.offset):
         problems.add(
             f"{place}.offset_m",
-            "is that of a frustum's axis; points_m give y and z themselves",
+            "belongs to a frustum's axis; points_m give y and z themselves",
             list(part.offset),
         )
 
 
 def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Problems) -> None:
+    """Check axes and shapes of aerodynamic tables."""
     axes = {"mach": table.mach, "alpha_deg": table.alpha, "beta_deg": table.beta}
-    given = {key: axis for key, axis in axes.items() if axis}
-    for key, axis in given.items():
+    axes_given = {key: axis for key, axis in axes.items() if axis}
+    for key, axis in axes_given.items():
         check_series(place, key, axis, 2, problems)
-    if not given:
+    if not axes_given:
         problems.add(place, "needs an axis: mach, alpha_deg or beta_deg")
-    shape = tuple(len(axis) for axis in given.values())
+    shape = tuple(len(axis) for axis in axes_given.values())
     if math.prod(shape) > TABLE_CELLS:
         problems.add(place, f"has {math.prod(shape):,} rows: must have at most {TABLE_CELLS:,}")
     for coefficient in _COEFFICIENTS:
@@ -132,17 +135,17 @@ def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Prob
         if not grid:
             continue
         try:
-            found = np.array(grid, dtype=float)
+            array = np.array(grid, dtype=float)
         except (ValueError, TypeError):
             problems.add(
                 f"{place}.{coefficient}", "must be nested lists of numbers, one level for each axis"
             )
             continue
-        if found.shape != shape:
-            wanted = " x ".join(f"{len(axis)} ({key})" for key, axis in given.items())
+        if array.shape != shape:
+            wanted = " x ".join(f"{len(axis)} ({key})" for key, axis in axes_given.items())
             problems.add(
                 f"{place}.{coefficient}",
-                f"is {' x '.join(map(str, found.shape))}, but the axes ask for {wanted}",
+                f"is {' x '.join(map(str, array.shape))}, but the axes ask for {wanted}",
             )
     if (
         table.mach
@@ -153,7 +156,7 @@ def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Prob
 
 
 def check_air(scene: Scene, problems: Problems) -> None:
-    """Tables of air and wind over height."""
+    """Check tables of air and wind over height."""
     air, profile = scene.environment.air, scene.environment.wind.profile
     if (scene.environment.atmosphere == "table") != (air is not None):
         problems.add("environment.air", 'belongs to atmosphere = "table", and that to it')
@@ -182,21 +185,21 @@ def check_air(scene: Scene, problems: Problems) -> None:
 
 
 def check_outputs(scene: Scene, problems: Problems) -> None:
-    """Outputs must name joints, bodies and outlines that exist."""
+    """Check that outputs and clearances name existing joints, bodies and outlines."""
     for body in scene.output.transverse:
         check_known("output.transverse", body, scene.body, "body", problems)
     if len(set(scene.output.transverse)) < len(scene.output.transverse):
         problems.add("output.transverse", "names a body twice", list(scene.output.transverse))
     for key in ("loads", "tip_off", "guide"):
-        asked = getattr(scene.output, key)
-        for joint in asked:
+        joints = getattr(scene.output, key)
+        for joint in joints:
             check_known(f"output.{key}", joint, scene.joint, "joint", problems)
             if key == "guide" and joint in scene.joint and scene.joint[joint].guide is None:
                 problems.add(
                     f"output.{key}", f"joint {joint!r} has no pins: give [joint.{joint}.guide]"
                 )
-        if len(set(asked)) < len(asked):
-            problems.add(f"output.{key}", "names a joint twice", list(asked))
+        if len(set(joints)) < len(joints):
+            problems.add(f"output.{key}", "names a joint twice", list(joints))
     for clearance in scene.clearance:
         place = f"clearance.{clearance.name}"
         check_pair(f"{place}.bodies", clearance.bodies, scene, problems)
@@ -215,7 +218,7 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
         ):
             problems.add(
                 f"{place}.bodies",
-                "have shells only, which are not held against each other: one needs a solid or "
+                "have shells only, between which there is no clearance: one needs a solid or "
                 "points",
             )
         if clearance.after is not None:

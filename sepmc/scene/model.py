@@ -1,5 +1,5 @@
-"""The immutable scene and campaign, in SI and radians. Field names carry no unit here; in TOML they
-do (``mass_kg``)."""
+"""Immutable scene and campaign in SI and radians. Fields have no unit in their names; TOML keys do
+(``mass_kg``)."""
 
 import math
 from typing import Annotated, Any, Literal, NamedTuple
@@ -10,8 +10,8 @@ from sepmc.scene.limits import CASES, NAME, SEED
 
 
 class Quantity(NamedTuple):
-    """What a field measures (a kind of `sepmc.scene.units.UNITS`) and the names of its components,
-    if a vector."""
+    """Kind of quantity of a field (of `sepmc.scene.units.UNITS`), and the component names of a
+    vector."""
 
     kind: str
     components: tuple[str, ...] = ()
@@ -21,7 +21,7 @@ XYZ = ("x", "y", "z")
 _ENDS = ("0", "1")  # of a frustum
 Positive = Meta(gt=0)
 NotNegative = Meta(ge=0)
-_SHARE = Meta(gt=0, lt=1)
+_FRACTION = Meta(gt=0, lt=1)
 Vector = tuple[float, float, float]
 Length = Annotated[float, Quantity("length")]
 Time = Annotated[float, NotNegative, Quantity("time")]
@@ -36,7 +36,7 @@ Polynomial = dict[str, float]
 Series = tuple[float, ...]
 Grid = list[Any]  # nested lists of numbers, one level per axis of the table
 Axis = Literal["x", "y", "z"]
-GROUND = "ground"  # the body that does not move: a joint may name it
+GROUND = "ground"  # the body at rest, which joints and springs may name
 
 
 class _Table(Struct, frozen=True):
@@ -44,8 +44,8 @@ class _Table(Struct, frozen=True):
 
 
 class WindProfile(_Table, frozen=True, kw_only=True):
-    """Wind over height, smooth between the rows; added to the steady wind. All speeds are
-    multiplied by ``factor``, all directions turned by ``turn``."""
+    """Wind over height, smooth between the rows, added to the steady wind. ``factor`` multiplies
+    all speeds, ``turn`` is added to all directions."""
 
     altitude: Annotated[Series, Quantity("length")]
     speed: Annotated[Series, Quantity("speed")]
@@ -55,6 +55,8 @@ class WindProfile(_Table, frozen=True, kw_only=True):
 
 
 class Wind(_Table, frozen=True, kw_only=True):
+    """Steady wind, horizontal, and a profile over height."""
+
     speed: Speed = 0.0
     direction: Angle = 0.0
     profile: WindProfile | None = None
@@ -69,6 +71,8 @@ class AirProfile(_Table, frozen=True, kw_only=True):
 
 
 class Environment(_Table, frozen=True, kw_only=True):
+    """Atmosphere, gravity and wind."""
+
     atmosphere: Literal["us1976", "table", "none"] = "us1976"
     air: AirProfile | None = None
     density_factor: Annotated[float, NotNegative] = 1.0
@@ -78,8 +82,8 @@ class Environment(_Table, frozen=True, kw_only=True):
 
 
 class AeroTable(_Table, frozen=True, kw_only=True):
-    """Coefficients on a grid of those axes that are given, in the order mach, alpha, beta; added to
-    the polynomials."""
+    """Coefficients on a grid over the given axes, in the order mach, alpha, beta, added to the
+    polynomials."""
 
     mach: Series = ()
     alpha: Annotated[Series, Quantity("angle")] = ()
@@ -93,6 +97,8 @@ class AeroTable(_Table, frozen=True, kw_only=True):
 
 
 class Aerodynamics(_Table, frozen=True, kw_only=True):
+    """Aerodynamic coefficients of a body: polynomials in alpha and beta, and a table."""
+
     reference_area: Annotated[float, Positive, Quantity("area")]
     reference_length: Annotated[float, Positive, Quantity("length")]
     axial: Polynomial = field(default_factory=dict)
@@ -111,18 +117,20 @@ class Part(_Table, frozen=True, kw_only=True):
     """A part of a body's outline: a cone frustum (two stations and radii; a cylinder if the radii
     are equal), or points.
 
-    A hollow frustum is the inside of a shell: points of the other body should stay within it.
+    A hollow frustum is the inner surface of a shell: clearance counts from the inside.
     """
 
     stations: Annotated[tuple[float, float], Quantity("length", _ENDS)] | None = None
     radii: Annotated[tuple[Radius, Radius], Quantity("length", _ENDS)] | None = None
-    # where the axis of revolution lies
+    # of the axis of revolution from the layout axis
     offset: Annotated[tuple[float, float], Quantity("length", ("y", "z"))] = (0.0, 0.0)
     points: Annotated[tuple[Vector, ...], Quantity("length")] = ()
     hollow: bool = False
 
 
 class Body(_Table, frozen=True, kw_only=True):
+    """A rigid body: mass, inertia about the centre of mass, aerodynamics and outline."""
+
     mass: Annotated[float, Positive, Quantity("mass")]
     inertia: Annotated[Vector, Quantity("inertia", ("xx", "yy", "zz"))]
     inertia_products: Annotated[Vector, Quantity("inertia", ("xy", "xz", "yz"))] = (0.0, 0.0, 0.0)
@@ -141,8 +149,8 @@ class Profile(_Table, frozen=True, kw_only=True):
 
 
 class Ignition(_Table, frozen=True, kw_only=True):
-    """The instant from which a motor's clock counts: an event, a release (when its condition is
-    met), or a joint that becomes free; ``delay`` after it the motor lights."""
+    """Trigger of a motor: an event, a release (its condition is met) or a joint (it becomes free).
+    The motor ignites ``delay`` after it."""
 
     event: str | None = None
     release: str | None = None
@@ -151,11 +159,13 @@ class Ignition(_Table, frozen=True, kw_only=True):
 
 
 class Motor(_Table, frozen=True, kw_only=True):
+    """A motor or engine on a body; see CONVENTIONS.md for its axes and thrust."""
+
     name: Name
     body: str
     thrust: Annotated[float, Quantity("force")]
     build_up: Time = 0.0
-    # s from the start of the flight, or from an instant that the flight itself tells
+    # s from the start of the flight, or a trigger
     ignition: Time | Ignition = 0.0
     delay: Time = 0.0
     burn: Annotated[float, Positive, Quantity("time")] = math.inf
@@ -171,12 +181,12 @@ class Motor(_Table, frozen=True, kw_only=True):
 
     @property
     def trigger(self) -> Ignition | None:
-        """The instant it waits for; None if it lights at a time that is given."""
+        """Its trigger; None if it ignites at a given time."""
         return self.ignition if isinstance(self.ignition, Ignition) else None
 
     @property
     def direction(self) -> tuple[float, float, float]:
-        """Of its force without deflection, body axes: x_f of CONVENTIONS.md."""
+        """Unit vector of its force without deflection, body axes: x_f of CONVENTIONS.md."""
         sine = math.sin(self.cant)
         return math.cos(self.cant), -math.sin(self.clock) * sine, math.cos(self.clock) * sine
 
@@ -185,9 +195,10 @@ class Spring(_Table, frozen=True, kw_only=True):
     """A spring, pusher or piston between two points: force on the second body, and its opposite on
     the first.
 
-    With ``axis`` (of the first body) it pushes along that axis, otherwise along the line between
-    its points. The force is ``force - stiffness x - damping x'`` at an extension x from the start,
-    times ``factor``, 0 of a spring that fails; beyond ``stroke`` it is gone for good.
+    With ``axis`` (fixed in the first body) it acts along that axis, otherwise along the line
+    between its points. The force is ``factor (force - stiffness x - damping x')`` at extension x
+    from the start; ``factor`` is 0 for a failed spring. Beyond ``stroke`` the force is zero for
+    the rest of the flight.
     """
 
     name: Name
@@ -234,55 +245,58 @@ class Proximity(_Table, frozen=True, kw_only=True):
 
 
 class Guide(_Table, frozen=True, kw_only=True):
-    """Pins of a slider: how many, where, how far they engage when closed, and their Coulomb
-    friction."""
+    """Guide pins of a slider: number, circle, engaged length when closed, and Coulomb friction."""
 
     pins: Annotated[int, Meta(ge=1, le=24)]
-    # radius of the circle the pins stand on
+    # radius of the circle of pins
     circle: Annotated[float, NotNegative, Quantity("length")] = 0.0
     clock: Angle = 0.0  # of the first pin, from y toward z
     engaged: Annotated[float, Positive, Quantity("length")]
     friction: Annotated[float, NotNegative] = 0.0
-    # sliding speed at which friction is fully developed
+    # sliding speed that regularizes friction: v / sqrt(v^2 + slip_speed^2)
     slip_speed: Annotated[float, Positive, Quantity("speed")] = 0.01
 
 
 class Custom(_Table, frozen=True, kw_only=True):
-    """A joint kind of one's own: the joint axes along which, and about which, it holds."""
+    """A user-defined joint kind: the joint axes of its constrained translations and rotations."""
 
     translations: tuple[Axis, ...] = ()
     rotations: tuple[Axis, ...] = ()
 
 
 class Joint(_Table, frozen=True, kw_only=True):
+    """A joint between two bodies, with axes fixed in the first; its kind depends on the phase."""
+
     bodies: tuple[str, str]
     point: Point
     second_point: Point | None = None  # the second body's end of a rod
     x_axis: Direction = (1.0, 0.0, 0.0)
     y_axis: Direction = (0.0, 1.0, 0.0)
     apart: Literal[1, -1] | None = (
-        # sign of r_B - r_A along x_axis that counts as apart; None: toward the second nominal
-        # centre of mass
+        # sign of r_B - r_A along x_axis that is positive separation; None: that of the second
+        # nominal centre of mass
         None
     )
     kind: dict[Name, Custom] = field(default_factory=dict)
-    # rate of the second body, and what hangs on it, from the first at the start, about the point
+    # initial rate of the second body, and those connected to it, relative to the first, about point
     omega: Annotated[Vector, Quantity("angular rate", XYZ)] = (0.0, 0.0, 0.0)
-    delay: Time = 0.0  # from the event that lets go to letting go
-    fails: Annotated[float, Meta(ge=0, le=1)] = 0.0  # 1: it never lets go
+    delay: Time = 0.0  # from the condition to the release
+    fails: Annotated[float, Meta(ge=0, le=1)] = 0.0  # 1: it never releases
     guide: Guide | None = None
 
 
 class Condition(_Table, frozen=True, kw_only=True):
-    """A condition. Of several keys, whichever is met first counts; what was met once stays met.
+    """A condition on time, motion or loads. Of several keys the first that is met counts; a
+    condition that was met stays met.
 
-    With a ``direction`` the quantity of the table must cross its threshold that way; without one a
-    height or a vertical speed counts crossed either way, any other quantity at or beyond it.
+    With a ``direction`` the quantity must cross its threshold in that direction. Without one an
+    altitude or a vertical speed must cross it in either direction; any other quantity meets it at
+    or beyond the threshold.
     """
 
     time: Annotated[float, NotNegative, Quantity("time")] | None = None
     burn_out: str | None = None  # of a motor
-    spring: str | None = None  # that has come to the end of its stroke
+    spring: str | None = None  # at the end of its stroke
     joint: str | None = None
     stroke: Annotated[float, NotNegative, Quantity("length")] | None = None
     distance: Annotated[float, Positive, Quantity("length")] | None = None
@@ -298,14 +312,16 @@ class Condition(_Table, frozen=True, kw_only=True):
 
 
 class Phase(_Table, frozen=True, kw_only=True):
+    """An interval with fixed joint kinds, until a condition; joints not named are free."""
+
     name: Name
     joints: dict[str, str] = field(default_factory=dict)
     until: Condition | None = None
 
 
 class Release(_Table, frozen=True, kw_only=True):
-    """A change of one joint, whatever the phase. A case whose condition does not come, though the
-    joint holds what it would let go, is never-released unless the release is ``optional``."""
+    """Release of one joint to another kind, in any phase. A case in which its condition does not
+    occur while the joint is still constrained is never-released, unless it is ``optional``."""
 
     name: Name
     joint: str
@@ -315,22 +331,23 @@ class Release(_Table, frozen=True, kw_only=True):
 
 
 class Event(_Table, frozen=True, kw_only=True):
-    """An instant at which rates, attitudes, separations and clearances are told."""
+    """An instant at which rates, attitudes, separations and clearances are recorded."""
 
     name: Name
     when: Condition
 
 
 class Clearance(_Table, frozen=True, kw_only=True):
-    """The least distance between the outlines of two bodies over the flight."""
+    """Minimum distance between the outlines of two bodies over the flight."""
 
     name: Name
     bodies: tuple[str, str]
-    after: str | None = None  # a joint: count from its release on
+    after: str | None = None  # joint: counts from its release on
 
 
 class Output(_Table, frozen=True, kw_only=True):
-    """What else to compute: names of joints, and of bodies."""
+    """Optional outputs: joints with loads, rates at release and guide loads; bodies with transverse
+    rates."""
 
     loads: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
@@ -339,6 +356,8 @@ class Output(_Table, frozen=True, kw_only=True):
 
 
 class Initial(_Table, frozen=True, kw_only=True):
+    """Initial state of the mated vehicle; see CONVENTIONS.md."""
+
     altitude: Length
     speed: Annotated[float, NotNegative, Quantity("speed")]
     omega: Annotated[Vector, Quantity("angular rate", XYZ)] = (0.0, 0.0, 0.0)
@@ -351,30 +370,34 @@ class Initial(_Table, frozen=True, kw_only=True):
 
 
 SALTELLI = "saltelli"
-REPLICATES = 8  # sequences of a Saltelli design, each scrambled for itself
+REPLICATES = 8  # independently scrambled sequences of a Saltelli design
 
 
 class Run(_Table, frozen=True, kw_only=True):
+    """End of the flight, number and sampling of cases, histories."""
+
     end_time: Annotated[float, Positive, Quantity("time")]
     cases: Annotated[int, Meta(ge=1, le=CASES)] = 1000
     seed: Annotated[int, Meta(ge=0, le=SEED)] = 0
     sampler: Literal["random", "lhs", "sobol", "saltelli"] = "random"
-    samples: str | None = None  # a table of inputs, a row for each case
+    samples: str | None = None  # table of sampled inputs, a row for each case
     history_step: Time = 0.0  # 0: no histories
     chunk: Annotated[int, Meta(ge=1)] = 16384
 
 
 class Solver(_Table, frozen=True, kw_only=True):
+    """Formulation, integration method and accuracy."""
+
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["auto", "sharp9", "dop853", "tp7", "dopri5", "rk4"] = "auto"
-    # of outcomes, as a share of size or spread; steps follow
+    # relative to the size or standard deviation of outcomes; determines the steps
     accuracy: Annotated[float, Meta(ge=1e-12, le=0.1)] = 1e-9
-    step: Annotated[float, Positive, Quantity("time")] | None = None  # instead: no step is longer
+    step: Annotated[float, Positive, Quantity("time")] | None = None  # largest step
     drift: Literal["projection", "baumgarte", "none"] = "projection"
 
 
 class Scene(_Table, frozen=True, kw_only=True):
-    """What flies and how it is integrated."""
+    """Vehicle, environment, sequence of phases, run and solver settings."""
 
     environment: Environment = field(default_factory=Environment)
     body: dict[Name, Body]
@@ -394,8 +417,8 @@ class Scene(_Table, frozen=True, kw_only=True):
 
 
 class Distribution(_Table, frozen=True, kw_only=True):
-    """How one parameter varies. Exactly one law, or a column of ``run.samples``; numbers in the
-    unit of the parameter's key."""
+    """Distribution of one parameter: exactly one kind, or a column of ``run.samples``. Numbers are
+    in the unit of the parameter's key."""
 
     uniform: float | tuple[float, float] | None = None
     normal: float | tuple[float, float] | None = None
@@ -409,8 +432,8 @@ class Distribution(_Table, frozen=True, kw_only=True):
 
 
 class Correlation(_Table, frozen=True, kw_only=True):
-    """Dispersed parameters that vary together, by a Gaussian copula: either the correlation of all
-    pairs of their normal scores, or a matrix of these."""
+    """Correlated dispersions, by a Gaussian copula: one correlation coefficient of the normal
+    scores of all pairs, or a matrix of them."""
 
     parameters: tuple[str, ...]
     coefficient: Annotated[float, Meta(ge=-1.0, le=1.0)] | None = None
@@ -418,6 +441,8 @@ class Correlation(_Table, frozen=True, kw_only=True):
 
 
 class Expected(_Table, frozen=True, kw_only=True):
+    """Published statistics of an outcome."""
+
     mean: float | None = None
     sigma: Annotated[float, Positive] | None = None
     min: float | None = None
@@ -428,18 +453,19 @@ VIOLATION = "violation"  # of any other requirement
 
 
 class Requirement(_Table, frozen=True, kw_only=True):
-    """What must hold in a share of all cases, and with what confidence that is to be shown."""
+    """A bound on an outcome, or a status to avoid, for a fraction ``probability`` of all cases, to
+    be shown with a ``confidence``."""
 
     name: Name
     metric: str  # an outcome, a status that must not occur, or VIOLATION
     at_least: float | None = None  # in the unit that the outcome's name ends with
     at_most: float | None = None
-    probability: Annotated[float, _SHARE] = 0.9973
-    confidence: Annotated[float, _SHARE] = 0.9
+    probability: Annotated[float, _FRACTION] = 0.9973
+    confidence: Annotated[float, _FRACTION] = 0.9
 
 
 class Reference(_Table, frozen=True, kw_only=True):
-    """Statistics printed elsewhere, to stand beside the campaign's own."""
+    """Published statistics to compare with."""
 
     source: str
     outcome: dict[str, Expected] = field(default_factory=dict)

@@ -1,5 +1,4 @@
-"""What phases, releases and their conditions must obey: joints that exist and only let go, phases
-that end."""
+"""Checks of phases, releases and conditions: joints exist and only release, phases end."""
 
 import math
 
@@ -21,18 +20,18 @@ _OF_BODY = {"altitude": "altitude_m", "vertical_speed": "vertical_speed_m_s"}
 
 
 def holds_ground(scene: Scene) -> bool:
-    """Whether a joint holds the ground in the first phase."""
+    """True if a joint connects to the ground in the first phase."""
     if not scene.phase:
         return False
-    held = scene.phase[0].joints
+    kinds = scene.phase[0].joints
     return any(
-        GROUND in joint.bodies and held.get(name, "free") != "free"
+        GROUND in joint.bodies and kinds.get(name, "free") != "free"
         for name, joint in scene.joint.items()
     )
 
 
 def check_phases(scene: Scene, problems: Problems) -> None:
-    """Phases, releases, events, their conditions and what they let go."""
+    """Check phases, releases and events, their conditions and the kinds of their joints."""
     if not scene.phase:
         problems.add("phase", "at least one [[phase]] is needed")
     last_time = 0.0
@@ -62,11 +61,11 @@ def check_phases(scene: Scene, problems: Problems) -> None:
                     until.time,
                 )
             if until.time >= scene.run.end_time and not is_last:
-                said = (
+                reason = (
                     f"must be < run.end_time_s = {scene.run.end_time:g}, or the next phase "
                     "never begins"
                 )
-                problems.add(f"{place}.until.time_s", said, until.time)
+                problems.add(f"{place}.until.time_s", reason, until.time)
             last_time = max(last_time, until.time)
     for release in scene.release:
         _check_kind(f"release.{release.name}", release.joint, release.to, scene, problems)
@@ -74,25 +73,24 @@ def check_phases(scene: Scene, problems: Problems) -> None:
     for event in scene.event:
         _check_condition(f"event.{event.name}.when", event.when, scene, problems)
     if not problems:
-        _check_letting_go(scene, problems)
+        _check_only_releases(scene, problems)
         _check_rods(scene, problems)
 
 
 def _check_can_move(
     place: str, until: Condition, kinds: dict[str, str], scene: Scene, problems: Problems
 ) -> None:
-    """A joint that holds along x has no stroke, one that holds all rotations no angle: such a
-    condition is never met."""
+    """Note conditions on a motion that the joint constrains in the phase: never met."""
     joint, kind = until.joint, kinds.get(until.joint or "", "free")
     if joint in scene.joint and _known(joint, kind, scene):
         rows = rows_of(scene.joint[joint], kind)
-        held = {
+        is_constrained = {
             "stroke": 0 in rows,
             "distance": {0, 1, 2} <= set(rows),
             "angle": sum(at.ROTATION <= row < at.ROD for row in rows) == 3,
         }
-        for key, never in held.items():
-            if getattr(until, key) is not None and never:
+        for key, constrained in is_constrained.items():
+            if getattr(until, key) is not None and constrained:
                 problems.add(
                     f"{place}.joint", f"is {kind!r} in this phase, which has no {key}", joint
                 )
@@ -102,10 +100,12 @@ def _check_can_move(
 
 
 def _known(joint: str, kind: str, scene: Scene) -> bool:
+    """True if a joint has a kind of this name."""
     return joint in scene.joint and (kind in KINDS or kind in scene.joint[joint].kind)
 
 
 def _check_kind(place: str, joint: str, kind: str, scene: Scene, problems: Problems) -> None:
+    """Note an unknown joint, or a kind that it does not have."""
     check_known(place, joint, scene.joint, "joint", problems)
     if joint in scene.joint and not _known(joint, kind, scene):
         kinds = [*KINDS, *scene.joint[joint].kind]
@@ -113,7 +113,7 @@ def _check_kind(place: str, joint: str, kind: str, scene: Scene, problems: Probl
 
 
 def _check_condition(place: str, until: Condition, scene: Scene, problems: Problems) -> None:
-    """A condition must compare something, and name what it compares."""
+    """Check that a condition has a quantity, and that the joint, body, motor or spring exists."""
     on_joint = [key for key in _OF_JOINT if getattr(until, key) is not None]
     of_body = [key for key in _OF_BODY if getattr(until, key) is not None]
     if (
@@ -171,22 +171,24 @@ def _check_condition(place: str, until: Condition, scene: Scene, problems: Probl
             _check_condition(f"{place}.{key}.{number}", item, scene, problems)
 
 
-def _refuse_direction(place: str, until: Condition, given: list[str], problems: Problems) -> None:
-    """A direction is that of the one quantity in its table that crosses a threshold."""
+def _refuse_direction(
+    place: str, until: Condition, quantities: list[str], problems: Problems
+) -> None:
+    """Note a direction in a table that has not exactly one quantity with a threshold."""
     keys = _OF_JOINT | _OF_BODY
-    said = (
-        "is of one quantity: give each its own table, in any = [...]; here are "
-        + " and ".join(keys[key] for key in given)
-        if given
-        else f"is of what crosses a threshold: give it beside one of {', '.join(keys.values())}; "
+    reason = (
+        "belongs to one quantity: give each its own table, in any = [...]; here are "
+        + " and ".join(keys[key] for key in quantities)
+        if quantities
+        else f"belongs to a quantity with a threshold: one of {', '.join(keys.values())}; "
         "a time, a burn-out and the end of a spring come once"
     )
-    problems.add(f"{place}.direction", said, until.direction)
+    problems.add(f"{place}.direction", reason, until.direction)
 
 
-def _check_letting_go(scene: Scene, problems: Problems) -> None:
-    """A joint may let go from phase to phase, never take hold again: contact and capture are not
-    modelled."""
+def _check_only_releases(scene: Scene, problems: Problems) -> None:
+    """Note joints that gain constraints from phase to phase, and releases that release nothing:
+    contact and capture are not modelled."""
     for name, joint in scene.joint.items():
         kinds = [phase.joints.get(name, "free") for phase in scene.phase]
         for before, after, first, then in zip(
@@ -194,55 +196,58 @@ def _check_letting_go(scene: Scene, problems: Problems) -> None:
         ):
             if not is_subset(rows_of(joint, then), rows_of(joint, first)):
                 unnamed = "" if name in before.joints else " (a joint not named in a phase is free)"
-                said = (
-                    f"in phase {before.name!r} it is {first!r}{unnamed}; a joint cannot take "
-                    "hold again"
+                reason = (
+                    f"in phase {before.name!r} it is {first!r}{unnamed}; a joint cannot gain "
+                    "constraints"
                 )
-                problems.add(f"phase.{after.name}.joints.{name}", said, then)
+                problems.add(f"phase.{after.name}.joints.{name}", reason, then)
         for release in scene.release:
             if release.joint == name and not any(
                 is_subset(rows_of(joint, release.to), rows_of(joint, kind))
                 and rows_of(joint, release.to) != rows_of(joint, kind)
                 for kind in kinds
             ):
-                said = f"lets nothing go: {name} is {', '.join(dict.fromkeys(kinds))} in the phases"
-                problems.add(f"release.{release.name}.to", said, release.to)
+                reason = (
+                    f"releases nothing: {name} is {', '.join(dict.fromkeys(kinds))} in the phases"
+                )
+                problems.add(f"release.{release.name}.to", reason, release.to)
         if not problems:
             _check_comparable(name, kinds, scene, problems)
 
 
 def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Problems) -> None:
-    """A release may come in any phase, and after any other release: of its kind and each that the
-    joint may have by then, one must hold part of what the other holds."""
-    joint, may = scene.joint[name], dict.fromkeys(kinds)
+    """Note releases to a kind that is not comparable with one that the joint can have by then: a
+    release may come in any phase and after any other release, so of the two kinds one must be a
+    subset of the other."""
+    joint, possible = scene.joint[name], dict.fromkeys(kinds)
     for release in scene.release:
         if release.joint != name:
             continue
-        for kind in may:
+        for kind in possible:
             pair = rows_of(joint, release.to), rows_of(joint, kind)
             if not is_subset(*pair) and not is_subset(pair[1], pair[0]):
-                said = (
-                    f"{name} may be {kind!r} by then, which does not hold all that "
-                    f"{release.to!r} holds; a joint cannot take hold again"
+                reason = (
+                    f"{name} may be {kind!r} by then, which does not constrain all that "
+                    f"{release.to!r} does; a joint cannot gain constraints"
                 )
-                problems.add(f"release.{release.name}.to", said, release.to)
+                problems.add(f"release.{release.name}.to", reason, release.to)
                 break
-        may[release.to] = None
+        possible[release.to] = None
 
 
 def _check_rods(scene: Scene, problems: Problems) -> None:
-    """A rod needs two points; every other kind needs one."""
+    """Check that a rod has two points, and every other kind one."""
     for name, joint in scene.joint.items():
         kinds = [phase.joints[name] for phase in scene.phase if name in phase.joints]
         second = joint.second_point
-        apart = second is not None and math.dist(joint.point, second) > SMALLEST
-        if "rod" in kinds and not apart:
+        has_length = second is not None and math.dist(joint.point, second) > SMALLEST
+        if "rod" in kinds and not has_length:
             problems.add(
                 f"joint.{name}.second_point_m",
                 "is needed by a rod: its end on the second body, away from point_m",
             )
         for kind in kinds:
-            if apart and kind not in ("rod", "free"):
+            if has_length and kind not in ("rod", "free"):
                 problems.add(
                     f"joint.{name}.second_point_m",
                     f"must not differ from point_m where the joint is {kind!r}",

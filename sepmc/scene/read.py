@@ -1,4 +1,4 @@
-"""A campaign file in TOML to a validated `CampaignFile`, and back to TOML text."""
+"""Reading of campaign files: TOML to a validated `CampaignFile`, and back to TOML text."""
 
 import copy
 import re
@@ -20,7 +20,7 @@ from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
 from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.input_table import CASE, InputTable, Reader
-from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, content
+from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, read_limited
 from sepmc.scene.messages import (
     Problems,
     SceneError,
@@ -55,9 +55,28 @@ _OWN_TABLES = ("name", "title", "dispersion", "correlation", "requirement", "ref
 
 @dataclass(frozen=True)
 class CampaignFile:
-    """A campaign as read: the scene, what varies, and what of that together, what is required, what
-    to compare with, the TOML tree it came from, sentences on values that were set to no effect on
-    its cases, the table that gives some inputs, and the folder that paths start from."""
+    """A validated campaign.
+
+    Attributes
+    ----------
+    name, title : str
+    scene : Scene
+        Nominal, SI.
+    dispersions : tuple of Dispersion
+    copulas : tuple of Copula
+        Correlated groups of dispersions.
+    requirements : tuple of Requirement
+    reference : Reference or None
+        Statistics to compare with.
+    tree : dict
+        The TOML tree, with the settings applied.
+    no_effect : tuple of str
+        Sentences on settings of parameters whose cases a distribution determines.
+    input_table : InputTable or None
+        The table of ``run.samples``.
+    folder : Path
+        Folder that relative paths start from.
+    """
 
     name: str
     title: str
@@ -78,7 +97,7 @@ class CampaignFile:
 
 
 def shipped_campaigns() -> dict[str, Path]:
-    """Campaign files that come with sepmc, by file name."""
+    """Campaign files shipped with sepmc, by file name."""
     package = Path(__file__).resolve().parent.parent
     for folder in (package / "campaigns", package.parent / "campaigns"):
         if folder.is_dir():
@@ -87,11 +106,13 @@ def shipped_campaigns() -> dict[str, Path]:
 
 
 def find_file(file: str | Path) -> Path:
-    """The path of a campaign: a file, a run folder's ``campaign.toml``, or the bare name of a
-    shipped campaign."""
+    """Path of a campaign: a file, a run folder's ``campaign.toml``, or the name of a shipped
+    campaign. Raises SceneError if there is none."""
     if isinstance(file, dict):
-        said = "must be the name of a file or run folder; what is in a file is changed by settings"
-        raise SceneError([f"campaign = {shorten(file)}: {said}"])
+        reason = (
+            "must be the name of a file or run folder; values of a file are changed by settings"
+        )
+        raise SceneError([f"campaign = {shorten(file)}: {reason}"])
     try:
         path = as_path(file)
     except PathError as error:
@@ -101,7 +122,7 @@ def find_file(file: str | Path) -> Path:
             return path / "campaign.toml"
         if path.is_file():
             return path
-    except (OSError, ValueError):  # a name no file can have
+    except (OSError, ValueError):  # no valid file name
         raise SceneError([f"{shorten(str(file))}: no such file, nor a shipped campaign"]) from None
     shipped = shipped_campaigns()
     for name in (path.name, path.name + ".toml"):
@@ -110,7 +131,7 @@ def find_file(file: str | Path) -> Path:
     if file and path.is_dir():
         raise SceneError([f"{file}: is a folder, and not that of a run; give a file, or a run"])
     hint = "shipped campaigns: " + ", ".join(shipped)
-    if len(path.parts) == 1:  # without the ending, by which all names are alike
+    if len(path.parts) == 1:  # without the suffix, in which all names agree
         hint = nearest(path.stem, [Path(name).stem for name in shipped])
     raise SceneError([f"{file}: no such file, nor a shipped campaign; {hint}"])
 
@@ -124,9 +145,13 @@ def read_campaign(
     ----------
     file : path, run folder, or name of a shipped campaign
     settings : dict, optional
-        Values to put in place first, by TOML path: ``{"body.upper.mass_kg": 460.0}``.
+        Values by TOML path that replace those of the file: ``{"body.upper.mass_kg": 460.0}``.
     reader : callable, optional
         Reads the table that ``run.samples`` names.
+
+    Returns
+    -------
+    CampaignFile
 
     Raises
     ------
@@ -135,7 +160,7 @@ def read_campaign(
     """
     path = find_file(file)
     try:
-        written = content(path, CAMPAIGN_BYTES)
+        written = read_limited(path, CAMPAIGN_BYTES)
     except ValueError as error:
         raise SceneError([f"{path}: {error}"]) from None
     except OSError as error:
@@ -146,7 +171,7 @@ def read_campaign(
 
 
 def read_text(written: bytes, source: str) -> dict[str, Any]:
-    """The TOML tree of what a file holds. Raises SceneError if it is not TOML."""
+    """Parse the bytes of a TOML file. Raises SceneError if it is not TOML."""
     try:
         text = written.decode("utf-8-sig")
         if fault := check_keys(text):
@@ -158,7 +183,8 @@ def read_text(written: bytes, source: str) -> dict[str, Any]:
 
 
 def _check_sample_path(tree: dict[str, Any], path: Path) -> None:
-    """A file names a table of inputs beside it only: a stranger's file reads no other ones."""
+    """Reject a table of samples outside the folder of the campaign file, which may be untrusted.
+    Raises SceneError."""
     run = tree.get("run")
     plan = run.get("samples") if isinstance(run, dict) else None
     if not isinstance(plan, str) or not plan.isprintable():
@@ -166,12 +192,12 @@ def _check_sample_path(tree: dict[str, Any], path: Path) -> None:
     try:
         folder = path.parent.resolve()
         is_beside = (folder / plan).resolve().is_relative_to(folder)
-    except (OSError, ValueError, RuntimeError):  # a loop of links, a name no file can have
+    except (OSError, ValueError, RuntimeError):  # a loop of links, no valid file name
         is_beside = False
     if not is_beside:
-        said = "must lie beside the campaign, or in a folder there"
+        reason = "must lie beside the campaign, or in a folder there"
         any_other = f"{setting('run.samples', 'PATH')} takes any"
-        raise SceneError([f"{path.name}: run.samples = {shorten(plan)}: {said}; {any_other}"])
+        raise SceneError([f"{path.name}: run.samples = {shorten(plan)}: {reason}; {any_other}"])
 
 
 def parse_campaign(
@@ -182,7 +208,19 @@ def parse_campaign(
     folder: Path = Path(),
     reader: Reader | None = None,
 ) -> CampaignFile:
-    """Validate a TOML tree, whose paths start from a folder; see `read_campaign`."""
+    """Validate a TOML tree; see `read_campaign`.
+
+    Parameters
+    ----------
+    tree : dict
+    source : str
+        Name of the source in messages.
+    settings, reader : see `read_campaign`
+    default_name : str
+        Name of a campaign without one.
+    folder : Path
+        Folder that relative paths start from.
+    """
     if settings is not None and not isinstance(settings, dict):
         example = '{"run.cases": 100}'
         raise SceneError(
@@ -205,13 +243,14 @@ def _parse(
     reader: Reader | None,
     problems: Problems,
 ) -> CampaignFile:
+    """Validate a TOML tree; see `parse_campaign`. Problems are noted until one stage has any."""
     check_tree(tree, problems)
     problems.raise_if_any(source)
     tree = copy.deepcopy(tree)
     check_settings(settings, problems)
     problems.raise_if_any(source)
-    for key, given in settings.items():
-        _put(tree, parts(key), _builtin(given), problems, key)
+    for key, setting_value in settings.items():
+        _put(tree, parts(key), _builtin(setting_value), problems, key)
     if settings:
         check_tree(tree, problems)
         problems.raise_if_any(source)
@@ -232,7 +271,7 @@ def _parse(
     scene = read_table(
         Scene, {k: v for k, v in tree.items() if k not in _OWN_TABLES and k in known}, "", problems
     )
-    laws = _read_laws(tree.get("dispersion", {}), problems)
+    distributions = _read_distributions(tree.get("dispersion", {}), problems)
     reference = (
         read_table(Reference, tree["reference"], "reference", problems)
         if "reference" in tree
@@ -249,9 +288,9 @@ def _parse(
         else:
             table = reader(folder / scene.run.samples, problems)
         problems.raise_if_any(source)
-    dispersions = resolve(scene, laws, problems, table)
+    dispersions = resolve(scene, distributions, problems, table)
     if table is not None:
-        if not problems:  # a column that cannot be read is no dispersion
+        if not problems:  # an unreadable column gives no dispersion
             _check_input_table(table, dispersions, problems)
         run = msgspec.structs.replace(scene.run, cases=int(table.numbers[-1]) + 1)
         scene = msgspec.structs.replace(scene, run=run)
@@ -260,7 +299,7 @@ def _parse(
     if not problems:
         check_shapes(dispersions, scene, problems)
         check_initial_rates(scene, frozenset(d.parameter.path for d in dispersions), problems)
-    if len(dispersions) == len(laws):
+    if len(dispersions) == len(distributions):
         copulas = resolve_correlations(correlations, scene, dispersions, problems)
         if copulas and scene.run.sampler == SALTELLI:
             problems.add(
@@ -274,7 +313,7 @@ def _parse(
         _check_requirement(requirement, requirements, scene, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
-    no_effect = tuple(_of_no_effect(scene, settings, dispersions, laws))
+    no_effect = tuple(_no_effect_notes(scene, settings, dispersions, distributions))
     return CampaignFile(
         str(name),
         tree.get("title", ""),
@@ -293,30 +332,30 @@ def _parse(
 def _check_input_table(
     table: InputTable, dispersions: Sequence[Dispersion], problems: Problems
 ) -> None:
-    """A plan gives what the campaign disperses, and nothing else by a name of its case tables."""
+    """Note columns of the samples that look like an input but are no dispersed parameter."""
     used = {dispersion.column for dispersion in dispersions}
     known = [dispersion.parameter.column for dispersion in dispersions]
-    of_letters = {_letters(name): name for name in (CASE, *known)}
+    spellings = {_letters(name): name for name in (CASE, *known)}
     for name in (*table.columns, *table.words):
-        meant = of_letters.get(_letters(name))
+        meant = spellings.get(_letters(name))
         if meant and name not in used and name not in known:
             problems.add(
                 f"run.samples, column {name}", f"no such column; it must be called {meant}"
             )
         elif name.startswith("in_") and name not in used and name not in known:
-            said = f"{nearest(name, known)}; a plan gives what [dispersion] lists"
-            problems.add(f"run.samples, column {name}", f"no such input here: {said}")
+            reason = f"{nearest(name, known)}; samples give parameters of [dispersion]"
+            problems.add(f"run.samples, column {name}", f"no such input here: {reason}")
     if not used - {""} and not problems:
         problems.add("run.samples", f"gives no input; {nearest('', known)}", table.path.name)
 
 
 def _letters(name: str) -> str:
-    """A name of a column without what spellings differ in: case, punctuation and the first in_."""
+    """Name of a column without case, punctuation and a leading ``in_``."""
     return re.sub(r"\W", "_", name).lower().removeprefix("in_")
 
 
 def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> None:
-    """A reference can only stand beside an outcome that this scene has."""
+    """Note outcomes of a reference that the scene does not have."""
     known = [column.name for column in outcome_columns(contents(scene))]
     for name in reference.outcome:
         if name not in known:
@@ -324,10 +363,10 @@ def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> 
 
 
 def _check_requirement(
-    requirement: Requirement, all_of: Sequence[Requirement], scene: Scene, problems: Problems
+    requirement: Requirement, requirements: Sequence[Requirement], scene: Scene, problems: Problems
 ) -> None:
-    """A requirement bounds an outcome that this scene has, or names a status, or the violation of
-    ``all_of`` the others."""
+    """Check that a requirement bounds an outcome of the scene, or names a status or the violation
+    of the others in ``all_of``."""
     place, low, high = (
         f"requirement.{requirement.name}",
         requirement.at_least,
@@ -339,7 +378,7 @@ def _check_requirement(
     if requirement.metric == VIOLATION:
         if low is not None or high is not None:
             problems.add(place, f"{VIOLATION!r} of the other requirements has no bound")
-        if all(other.metric == VIOLATION for other in all_of):
+        if all(other.metric == VIOLATION for other in requirements):
             problems.add(place, f"{VIOLATION!r} needs other requirements that may be violated")
     elif requirement.metric in statuses:
         if low is not None or high is not None:
@@ -355,34 +394,35 @@ def _check_requirement(
     elif is_yes_or_no(requirement.metric) and (
         (low or 0.0) <= 0.0 and (1.0 if high is None else high) >= 1.0
     ):
-        problems.add(place, "holds in every case: this outcome is 0 or 1; at_most = 0 allows no 1")
+        problems.add(place, "is always satisfied: this outcome is 0 or 1; at_most = 0 allows no 1")
     elif low is not None and high is not None and low > high:
         problems.add(f"{place}.at_most", f"must be at least at_least = {low:g}", high)
 
 
-def _read_laws(tree: Any, problems: Problems) -> dict[str, Distribution]:
+def _read_distributions(tree: Any, problems: Problems) -> dict[str, Distribution]:
+    """Convert [dispersion], by key."""
     if not isinstance(tree, dict):
         problems.add("dispersion", "must be a table", tree)
         return {}
-    laws = {}
-    for key, law in tree.items():
-        if isinstance(law, dict) and law and all(isinstance(v, dict) for v in law.values()):
+    distributions = {}
+    for key, spec in tree.items():
+        if isinstance(spec, dict) and spec and all(isinstance(v, dict) for v in spec.values()):
             problems.add(
                 f"dispersion.{key}",
                 'put the path in quotes: "body.upper.mass_kg" = { uniform = 20.0 }',
             )
             continue
-        if not isinstance(law, dict):
-            problems.add(f"dispersion.{key}", "must be a table, such as { uniform = 20.0 }", law)
+        if not isinstance(spec, dict):
+            problems.add(f"dispersion.{key}", "must be a table, such as { uniform = 20.0 }", spec)
             continue
-        read = read_table(Distribution, law, f"dispersion.{key}", problems)
+        read = read_table(Distribution, spec, f"dispersion.{key}", problems)
         if read is not None:
-            laws[key] = read
-    return laws
+            distributions[key] = read
+    return distributions
 
 
 def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], source: str) -> None:
-    """Warn if independent ranges of a body's inertias can reach a tensor that no solid body has."""
+    """Warn if independent ranges of a body's moments of inertia include an impossible tensor."""
     by_path = {d.parameter.path: d for d in dispersions}
     for name in scene.body:
         axes = [by_path.get(f"body.{name}.inertia.{axis}") for axis in ("xx", "yy", "zz")]
@@ -398,62 +438,69 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
                 inertia_fault(inertia_tensor(replace(scene, corner).body[name])) if corner else None
             )
             if fault:
-                said = f"dispersion of body.{name}.inertia can give a case that {fault}"
-                warn(f"{source}: {said}", SceneWarning)
+                reason = f"dispersion of body.{name}.inertia can give a case that {fault}"
+                warn(f"{source}: {reason}", SceneWarning)
                 break
 
 
-def _of_no_effect(
+def _no_effect_notes(
     scene: Scene,
     settings: dict[str, Any],
     dispersions: tuple[Dispersion, ...],
-    laws: dict[str, Distribution],
+    distributions: dict[str, Distribution],
 ) -> Iterator[str]:
-    """A sentence for each value that is set and that only the nominal case has, because a law gives
-    all others theirs whatever it is."""
-    if "dispersion" in settings:  # laws that are set too are known
+    """Sentence on each setting that only the nominal case uses, because a distribution determines
+    the value of all others independently of it."""
+    if "dispersion" in settings:  # the user has set the distributions too
         return
     absolute = {
         d.parameter.path: d
-        for d, (key, law) in zip(dispersions, laws.items(), strict=True)
-        if (d.column or (not law.relative and _has_ends(law)))
+        for d, (key, spec) in zip(dispersions, distributions.items(), strict=True)
+        if (d.column or (not spec.relative and _is_absolute(spec)))
         and f"dispersion.{key}" not in settings
     }
-    for key, given in settings.items():
+    for key, setting_value in settings.items():
         try:
             dispersion = absolute.get(find(scene, key).path)
-        except UnknownPath:  # a table, or a number that no law can be about
+        except UnknownPath:  # a table, or a number that cannot be dispersed
             continue
         if dispersion is not None:
-            law, number = (
-                dispersion.parameter,
-                value(scene, dispersion.parameter.path) / dispersion.parameter.factor,
-            )
-            remedy = f"put dispersion.{law.key} = {{ constant = {number:g} }}"
+            parameter = dispersion.parameter
+            number = value(scene, parameter.path) / parameter.factor
+            remedy = f"put dispersion.{parameter.key} = {{ constant = {number:g} }}"
             if dispersion.column:
-                remedy = "take the column out of the plan"
+                remedy = "remove the column from the samples"
             yield (
-                f"{key} = {given} is what the nominal case flies with, and all others draw "
+                f"{key} = {setting_value} applies to the nominal case only; all others sample "
                 f"{dispersion.sentence}: to set it in all, {remedy}"
             )
 
 
-def _has_ends(law: Distribution) -> bool:
-    """Whether a law says where its values lie, not how far from the nominal."""
+def _is_absolute(spec: Distribution) -> bool:
+    """True if a distribution gives values, not widths about the nominal."""
     return (
-        law.discrete is not None
-        or law.constant is not None
-        or any(isinstance(x, tuple) for x in (law.uniform, law.normal, law.triangular))
+        spec.discrete is not None
+        or spec.constant is not None
+        or any(isinstance(x, tuple) for x in (spec.uniform, spec.normal, spec.triangular))
     )
 
 
 def _put(
     node: Any, keys: list[str], value: Any, problems: Problems, key: str, table: str = ""
 ) -> None:
-    """Put a value at a TOML path, replacing the same parameter if it was given in another unit.
+    """Put a value at a TOML path, replacing the same parameter in another unit.
 
-    ``table``: what ``node`` is called. Bodies and joints have names of their own, so that one can
-        be changed but not made.
+    Parameters
+    ----------
+    node : dict or list
+    keys : list of str
+        Rest of the path.
+    value : any
+    problems : Problems
+    key : str
+        The whole path, for messages.
+    table : str
+        Key of ``node``. Bodies and joints are named by the user: they are changed, not created.
     """
     head, rest = keys[0], keys[1:]
     if isinstance(node, list):
@@ -513,24 +560,24 @@ def _put(
 
 def _vector_components(kind: type[msgspec.Struct]) -> dict[str, tuple[str, ...]]:
     """Components of every vector of the model, by the name of its field."""
-    found: dict[str, tuple[str, ...]] = {}
+    components: dict[str, tuple[str, ...]] = {}
     for field in fields_of(kind).values():
         inner = field.table or field.table_of_tables or field.array_of_tables
         if inner is kind:
             continue
         if inner is not None:
-            found |= _vector_components(inner)
+            components |= _vector_components(inner)
         elif field.quantity.components:
-            found[field.name] = field.quantity.components
-    return found
+            components[field.name] = field.quantity.components
+    return components
 
 
 _COMPONENTS = _vector_components(Scene)
 
 
 def _builtin(value: Any) -> Any:
-    """A setting given from Python as TOML would give it: numbers of numpy and tuples become plain
-    numbers and lists."""
+    """Setting from Python with the types of TOML: numpy numbers and tuples become numbers and
+    lists."""
     if isinstance(value, dict):
         return {str(k): _builtin(v) for k, v in value.items()}
     if hasattr(value, "tolist"):
@@ -539,7 +586,8 @@ def _builtin(value: Any) -> Any:
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
-    """``path=value`` of the command line; the value is TOML, or text if it is not."""
+    """Path and value of a command-line setting ``path=value``, whose value is TOML or else text.
+    Raises SceneError."""
     key, separator, raw = text.partition("=")
     try:
         text.encode()

@@ -1,5 +1,4 @@
-"""Constraints that follow from others: which joints, in which phase. Their forces are then those of
-least sum of squares."""
+"""Redundant constraint rows of each phase, whose multipliers are those of minimum norm."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,16 +10,26 @@ from sepmc.scene.kinds import joint_axes, rows_of
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import GROUND, Joint, Scene
 
-# Singular values of the rows as shares of the largest: below the first a direction is held twice,
-# between the two it is held so weakly that round-off decides whether it is.
-_TWICE, _WEAKLY = 1e-14, 1e-6
-_INDEPENDENT = 1e-9  # of a row that is left when what others hold is taken off
+# Singular values of the rows relative to the largest: below the first, rows are redundant; between
+# the two they are nearly so, and round-off would decide.
+_REDUNDANT, _NEARLY_REDUNDANT = 1e-14, 1e-6
+_INDEPENDENT = 1e-9  # norm of an independent row's part normal to the others
 
 
 @dataclass(frozen=True)
 class Redundancy:
-    """In a phase, how many of its rows follow from the others, and the joints among which that is
-    so."""
+    """Redundant rows of a phase.
+
+    Attributes
+    ----------
+    phase : str
+    rows : int
+        Constraint rows of the phase.
+    redundant : int
+        Rows that follow from the others.
+    joints : list of str
+        Joints with rows in a dependent set.
+    """
 
     phase: str
     rows: int
@@ -29,7 +38,7 @@ class Redundancy:
 
     @property
     def sentence(self) -> str:
-        """What is redundant, and what joint forces then are, in words."""
+        """The redundancy and its consequence for joint forces, as a sentence."""
         return (
             f"phase {self.phase}: {self.redundant} of {self.rows} constraint rows are redundant, "
             f"among {', '.join(self.joints)}: the "
@@ -40,95 +49,120 @@ class Redundancy:
 
 
 def redundancies(scene: Scene) -> list[Redundancy]:
-    """Redundant joints of every phase as the scene starts, all bodies parallel."""
-    found = []
-    for phase, owners, left, shares in _directions(scene):
-        rank = int(np.count_nonzero(shares > _TWICE))
+    """Redundant rows of every phase in the initial configuration."""
+    redundant_phases = []
+    for phase, owners, left, ratios in _decompositions(scene):
+        rank = int(np.count_nonzero(ratios > _REDUNDANT))
         if rank < len(owners):
-            found.append(
-                Redundancy(phase, len(owners), len(owners) - rank, _among(left[:, rank:], owners))
+            redundant_phases.append(
+                Redundancy(
+                    phase, len(owners), len(owners) - rank, _joints_of(left[:, rank:], owners)
+                )
             )
-    return found
+    return redundant_phases
 
 
 def check_redundancy(scene: Scene, problems: Problems) -> None:
-    """Joints that hold nearly the same direction: neither one joint nor two, so nothing a motion
-    could be computed for."""
-    for phase, owners, left, shares in _directions(scene):
-        weak = (shares > _TWICE) & (shares < _WEAKLY)
+    """Note joints whose rows are nearly redundant, so that the motion is ill-conditioned."""
+    for phase, owners, left, ratios in _decompositions(scene):
+        weak = (ratios > _REDUNDANT) & (ratios < _NEARLY_REDUNDANT)
         if weak.any():
-            joints = _among(left[:, : len(shares)][:, weak], owners)
-            share = shares[weak].min()
-            said = (
-                f"{', '.join(joints)} hold nearly the same (to {share:.1e}): make their points "
-                "and axes agree, or differ clearly"
+            joints = _joints_of(left[:, : len(ratios)][:, weak], owners)
+            ratio = ratios[weak].min()
+            reason = (
+                f"{', '.join(joints)} constrain nearly the same (to {ratio:.1e}): make their "
+                "points and axes agree, or differ clearly"
             )
-            problems.add(f"phase.{phase}.joints", said)
+            problems.add(f"phase.{phase}.joints", reason)
 
 
-def _directions(scene: Scene) -> Iterator[tuple[str, list[str], np.ndarray, np.ndarray]]:
-    """Of every phase that holds something: its name, the joint of each row, and the rows' left
-    singular vectors with their singular values as shares of the largest."""
+def _decompositions(scene: Scene) -> Iterator[tuple[str, list[str], np.ndarray, np.ndarray]]:
+    """Singular value decomposition of the rows of each phase: its name, the joint of each row, the
+    left singular vectors (rows, rows) and the singular values relative to the largest."""
     for phase in scene.phase:
         with np.errstate(over="ignore", invalid="ignore"):
-            held = [
+            coded = [
                 (name, code)
                 for name, kind in phase.joints.items()
                 for code in rows_of(scene.joint[name], kind)
             ]
             rows, owners = (
-                _rows(scene, held).reshape(len(held), 6 * len(scene.body)),
-                [name for name, _ in held],
+                _rows(scene, coded).reshape(len(coded), 6 * len(scene.body)),
+                [name for name, _ in coded],
             )
         if len(rows) and np.isfinite(rows).all():
             left, sizes, _ = np.linalg.svd(rows)
             yield phase.name, owners, left, sizes / sizes[0]
 
 
-def _among(vectors: np.ndarray, owners: list[str]) -> list[str]:
-    """Joints whose rows have a part in any of the vectors (rows, n)."""
+def _joints_of(vectors: np.ndarray, owners: list[str]) -> list[str]:
+    """Joints whose rows have a component in any of the vectors (rows, n)."""
     involved = np.linalg.norm(vectors, axis=1) > 1e-3
     return list(
         dict.fromkeys(owner for owner, is_in in zip(owners, involved, strict=True) if is_in)
     )
 
 
-def _rows(scene: Scene, held: list[tuple[str, int]]) -> np.ndarray:
-    """Constraint rows (rows, bodies, 6) on velocities and rates of the moving bodies at the start,
-    given by joint and code.
+def _rows(scene: Scene, coded: list[tuple[str, int]]) -> np.ndarray:
+    """Constraint rows on velocities and angular rates of the moving bodies at the start.
 
-    Rates count as speeds at the end of the longest arm, and rows have unit length, so that no
-    choice of units makes one weak.
+    Rates are scaled by the longest arm and rows to unit length, so that units do not matter.
+
+    Parameters
+    ----------
+    scene : Scene
+    coded : list of (joint, code)
+
+    Returns
+    -------
+    ndarray, shape (rows, bodies, 6)
     """
     bodies = list(scene.body)
     # the last body is the ground, which does not move
-    found = np.zeros((len(held), len(bodies) + 1, 6))
-    for row, (name, code) in zip(found, held, strict=True):
+    rows_of_bodies = np.zeros((len(coded), len(bodies) + 1, 6))
+    for row, (name, code) in zip(rows_of_bodies, coded, strict=True):
         joint = scene.joint[name]
-        for place, (body, share) in enumerate(
-            zip(joint.bodies, _shares(joint, code, scene), strict=True)
+        for side, (body, coefficients) in enumerate(
+            zip(joint.bodies, _coefficients(joint, code, scene), strict=True)
         ):
-            row[bodies.index(body) if body != GROUND else -1] += share * (
-                -1.0 if place == 0 else 1.0
+            row[bodies.index(body) if body != GROUND else -1] += coefficients * (
+                -1.0 if side == 0 else 1.0
             )
-    found = found[:, :-1]
-    arms = [float(np.linalg.norm(row[:, 3:], axis=1).max()) for row in found if row[:, :3].any()]
-    found[:, :, 3:] /= max([1.0, *arms])
-    return _of_unit_length(found)
+    rows_of_bodies = rows_of_bodies[:, :-1]
+    arms = [
+        float(np.linalg.norm(row[:, 3:], axis=1).max())
+        for row in rows_of_bodies
+        if row[:, :3].any()
+    ]
+    rows_of_bodies[:, :, 3:] /= max([1.0, *arms])
+    return _of_unit_length(rows_of_bodies)
 
 
 def _of_unit_length(rows: np.ndarray) -> np.ndarray:
+    """Rows (rows, bodies, 6) scaled to unit length; zero rows stay zero."""
     sizes = np.sqrt((rows**2).sum(axis=(1, 2), keepdims=True))
     return np.asarray(rows / np.where(sizes > 0.0, sizes, 1.0))
 
 
 def dependent_rows(
-    scene: Scene, held: list[tuple[str, int]], groups: list[tuple[str, ...]]
+    scene: Scene, coded: list[tuple[str, int]], groups: list[tuple[str, ...]]
 ) -> list[int]:
-    """Which of the rows, given by joint and code, follow at the start from those before them;
-    bodies of a group turn as one."""
+    """Indices of the rows that depend linearly on those before them at the start.
+
+    Parameters
+    ----------
+    scene : Scene
+    coded : list of (joint, code)
+        The rows.
+    groups : list of tuple of str
+        Bodies that rotate as one rigid group.
+
+    Returns
+    -------
+    list of int
+    """
     with np.errstate(over="ignore", invalid="ignore"):
-        rows = _rows(scene, held)
+        rows = _rows(scene, coded)
     bodies = list(scene.body)
     for group in groups:
         first, *others = (bodies.index(body) for body in group if body != GROUND)
@@ -137,26 +171,26 @@ def dependent_rows(
             rows[:, other, 3:] = 0.0
         if GROUND in group:
             rows[:, first, 3:] = 0.0
-    found, kept = [], np.zeros((0, 6 * len(bodies)))
-    for number, row in enumerate(_of_unit_length(rows).reshape(len(held), 6 * len(bodies))):
-        left = row
-        for _ in range(2):  # the second time takes off what round-off left of the first
-            left = left - kept.T @ (kept @ left)
-        if np.linalg.norm(left) > _INDEPENDENT:
-            kept = np.vstack([kept, left / np.linalg.norm(left)])
+    dependent, basis = [], np.zeros((0, 6 * len(bodies)))
+    for number, row in enumerate(_of_unit_length(rows).reshape(len(coded), 6 * len(bodies))):
+        rest = row
+        for _ in range(2):  # Gram-Schmidt, repeated against round-off
+            rest = rest - basis.T @ (basis @ rest)
+        if np.linalg.norm(rest) > _INDEPENDENT:
+            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
         else:
-            found.append(number)
-    return found
+            dependent.append(number)
+    return dependent
 
 
-def _shares(joint: Joint, code: int, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """What a row takes of velocity and rate of the first and of the second body, both counted
-    apart."""
+def _coefficients(joint: Joint, code: int, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients (6,) of a row on velocity and angular rate of the first and of the second body,
+    both with positive sign."""
     axes = joint_axes(joint.x_axis, joint.y_axis).reshape(3, 3)
     if at.ROTATION <= code < at.ROD:
         normal = np.cross(axes[(code - at.ROTATION) // 3], axes[(code - at.ROTATION) % 3])
-        share = np.concatenate([np.zeros(3), normal])
-        return share, share
+        rotation = np.concatenate([np.zeros(3), normal])
+        return rotation, rotation
     points = [np.array(joint.point), np.array(joint.second_point or joint.point)]
     if code == at.ROD:
         direction = _to_axes(points[1] - points[0])
@@ -172,5 +206,5 @@ def _shares(joint: Joint, code: int, scene: Scene) -> tuple[np.ndarray, np.ndarr
 
 
 def _to_axes(layout: np.ndarray) -> np.ndarray:
-    """A layout vector in body axes: stations run aft."""
+    """Layout vector in body axes: stations count aft."""
     return np.array([-1.0, 1.0, 1.0]) * layout

@@ -1,4 +1,4 @@
-"""What laws may do together to the axes of joints and springs, and to outlines."""
+"""Checks of dispersed joint and spring axes and of dispersed outlines."""
 
 from collections.abc import Sequence
 
@@ -11,8 +11,8 @@ Box = list[tuple[float, float]]
 
 
 def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Problems) -> None:
-    """Laws by which an axis may have no direction, or a shell no length. Of a normal law that is
-    not cut, three sigma count."""
+    """Note dispersions that can make an axis zero or a shell of no length. Of a normal distribution
+    without truncation 3 sigma count."""
     ranges: Ranges = {}
     for one in dispersions:
         low, high = (bound * one.parameter.factor for bound in one.reach)
@@ -54,26 +54,27 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
 
 
 def _box(path: str, axis: Sequence[float], ranges: Ranges) -> Box:
-    """Between what the components of an axis may lie."""
+    """Ranges of the components of an axis."""
     return [
         ranges.get(f"{path}.{key}", (value, value)) for key, value in zip(XYZ, axis, strict=True)
     ]
 
 
 def _may_vanish(box: Box) -> bool:
-    """Whether zero lies in a box."""
+    """True if the box contains zero."""
     return all(low <= 0.0 <= high for low, high in box)
 
 
 def _cross(x: Box, y: Box) -> Box:
-    """A box in which the cross products of vectors of two boxes lie."""
-    found = []
+    """Box that bounds the cross products of vectors in two boxes."""
+    box = []
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         one, other = _products(x[j], y[k]), _products(x[k], y[j])
-        found.append((min(one) - max(other), max(one) - min(other)))
-    return found
+        box.append((min(one) - max(other), max(one) - min(other)))
+    return box
 
 
 def _products(a: tuple[float, float], b: tuple[float, float]) -> list[float]:
+    """Products of the ends of two ranges."""
     return [p * q for p in a for q in b]

@@ -1,5 +1,4 @@
-"""A TOML tree to a table of the model: keys with units in, SI out, every problem named with its
-place."""
+"""Conversion of TOML trees to tables of the model: keys with units to SI, problems by place."""
 
 import difflib
 import math
@@ -20,7 +19,22 @@ _RENAMED = {"plan": "samples"}  # keys of earlier versions
 
 
 def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems) -> Any:
-    """Read one table into ``kind``; None, with the problems noted, if that is not possible."""
+    """Convert a TOML table.
+
+    Parameters
+    ----------
+    kind : type
+        Table of the model.
+    tree : dict
+        Other types are noted as a problem.
+    place : str
+        TOML path of the table.
+    problems : Problems
+
+    Returns
+    -------
+    Struct of type ``kind``, SI; None if there were problems
+    """
     if not isinstance(tree, dict):
         problems.add(place, "must be a table", tree)
         return None
@@ -32,9 +46,9 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
     count = len(problems)
     for key, value in tree.items():
         if key not in accepted:
-            meant, said = _unknown_key(key, fields)
-            problems.add(_join(place, key), said)
-            seen.setdefault(meant, key)  # named once already: not "missing" as well
+            meant, reason = _unknown_key(key, fields)
+            problems.add(_join(place, key), reason)
+            seen.setdefault(meant, key)  # already noted: not "missing" as well
             misspelt.add(meant)
             continue
         field, factor = accepted[key]
@@ -44,8 +58,10 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
         seen[field.name] = key
         units = fields[field.name].units
         if units and field.table and not isinstance(value, dict):
-            said = f"the unit is missing; allowed: {', '.join(fields[field.name].keys)}, or a table"
-            problems.add(_join(place, key), said, value)
+            reason = (
+                f"the unit is missing; allowed: {', '.join(fields[field.name].keys)}, or a table"
+            )
+            problems.add(_join(place, key), reason, value)
             continue
         values[field.name] = _read_value(field, value, factor, _join(place, key), problems)
     for field in fields.values():
@@ -57,6 +73,7 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
 
 
 def _read_value(field: Field, value: Any, factor: float, place: str, problems: Problems) -> Any:
+    """Convert the value of one key; ``factor`` is that of its unit to SI."""
     if field.table:
         return read_table(field.table, value, place, problems)
     if field.table_of_tables:
@@ -81,7 +98,7 @@ def _read_value(field: Field, value: Any, factor: float, place: str, problems: P
 def _read_items(
     field: Field, tree: dict[str, Any], place: str, problems: Problems
 ) -> dict[str, Any]:
-    """A table whose keys are free: the terms of a polynomial, or the joints of a phase."""
+    """Convert a table of free keys: the terms of a polynomial, or the joints of a phase."""
     kind = get_args(field.bare)[1]
     result = {}
     for key, value in tree.items():
@@ -103,7 +120,7 @@ def _read_items(
 def _components(
     field: Field, value: dict[str, Any], factor: float, place: str, problems: Problems
 ) -> list[Any]:
-    """A vector written as ``{ y = 1.0 }``: the components left out keep their default."""
+    """Convert a vector written as ``{ y = 1.0 }``; omitted components keep their default."""
     names = field.quantity.components
     for key in value:
         if key not in names:
@@ -115,6 +132,7 @@ def _components(
 def _read_named(
     kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems
 ) -> dict[str, Any]:
+    """Convert a table of tables by name."""
     if not isinstance(tree, dict):
         problems.add(place, "must be a table of tables", tree)
         return {}
@@ -129,7 +147,7 @@ def _read_named(
 def read_array(
     kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems
 ) -> tuple[Any, ...]:
-    """Read an array of tables into ``kind``; places name each by its name or number."""
+    """Convert an array of tables; places name each by its name or number. See `read_table`."""
     if not isinstance(tree, list):
         problems.add(place, f"must be an array of tables: [[{place}]]", tree)
         return ()
@@ -145,7 +163,7 @@ def read_array(
 
 
 def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
-    """The field that was probably meant, and what to say of a key that is none."""
+    """Name of the field that was probably meant by an unknown key, and the message."""
     if (renamed := _RENAMED.get(key, "")) in fields:
         return renamed, f"unknown key; it is now called {renamed!r}"
     stem, unit = split_unit(key)
@@ -158,10 +176,10 @@ def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
             near = difflib.get_close_matches(key, meant.keys, n=1)
             hint = f"did you mean {near[0]!r}? " if near else ""
             units = ", ".join(meant.keys)
-            said = f"{ending!r} is not a unit of {meant.quantity.kind}; {hint}allowed: {units}"
-            return meant.name, f"unknown key; {said}"
-        # the nearest name that has this unit, so that following the hint does not change the
-        # value's meaning
+            reason = f"{ending!r} is not a unit of {meant.quantity.kind}; {hint}allowed: {units}"
+            return meant.name, f"unknown key; {reason}"
+        # first the nearest name with this unit, so that following the hint keeps the value's
+        # meaning
         same_unit = {f"{name}_{unit}": name for name, f in fields.items() if unit in f.units}
         others = {next(iter(f.keys)): name for name, f in fields.items()}
         for known in (same_unit, others):
@@ -176,6 +194,7 @@ def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
 
 
 def _missing(field: Field) -> str:
+    """Text of a missing key or table."""
     if field.table or field.table_of_tables:
         return f"table [{field.name}]"
     if field.array_of_tables:
@@ -184,7 +203,7 @@ def _missing(field: Field) -> str:
 
 
 def _size_fault(value: Any) -> str:
-    """Why numbers, in SI, are none that can be computed with; empty if they can."""
+    """Reason why numbers, in SI, are rejected: too large, or not finite; empty if valid."""
     if isinstance(value, float):
         if abs(value) <= LARGEST:
             return ""
@@ -197,4 +216,5 @@ def _size_fault(value: Any) -> str:
 
 
 def _join(place: str, key: str) -> str:
+    """TOML path of a key of a table."""
     return f"{place}.{key}" if place else key

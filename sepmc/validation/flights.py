@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution import step_selection
+from sepmc.campaign.execution.calibration_cases import CalibrationSize
 from sepmc.campaign.result import Result
 from sepmc.engine.dispatch import interpreted
 from sepmc.scene.messages import no_log
@@ -19,7 +19,7 @@ Array = np.ndarray
 SCENES = Path(__file__).parent / "scenes"
 # Scale by unit of scenes with lengths of about 1 m and rates of about 1 rad/s.
 SIZES = {"m": 1.0, "mm": 1e3, "m/s": 1.0, "m/s2": 1.0, "deg": 57.3, "deg/s": 57.3, "s": 1.0}
-_CORNERS, _SAMPLE = 3, 24  # calibration cases of interpreted runs
+_CALIBRATION = CalibrationSize(corners=3, sample=24)  # of interpreted runs
 
 
 class Track(NamedTuple):
@@ -92,13 +92,8 @@ class NominalRun:
 def run_interpreted(source: Campaign, cases: int) -> Result:
     """Run a campaign interpreted, with few calibration cases, each of which takes as long as a
     case."""
-    original = step_selection.CORNERS, step_selection.SAMPLE
-    step_selection.CORNERS, step_selection.SAMPLE = _CORNERS, _SAMPLE
-    try:
-        with interpreted():
-            return source.run(cases=cases, announce=no_log)
-    finally:
-        step_selection.CORNERS, step_selection.SAMPLE = original
+    with interpreted():
+        return source.run(cases=cases, announce=no_log, calibration=_CALIBRATION)
 
 
 def to_ground(r: Array, vectors: Array) -> Array:

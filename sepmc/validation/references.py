@@ -1,7 +1,7 @@
-"""Closed forms of motions that a separation is made of: the references of `sepmc verify`.
+"""Closed forms of motions that occur in separations: references of `sepmc verify`.
 
-Pure numpy and scipy, SI and radians; nothing here knows the engine. Frames and signs are those of
-CONVENTIONS.md. Elliptic functions take m1 = 1 - k^2, so that no digit is lost near a separatrix.
+Pure numpy and scipy, SI and radians, independent of the engine. Frames and signs are those of
+CONVENTIONS.md. Elliptic functions take m1 = 1 - k^2, so that no digits are lost near a separatrix.
 """
 
 import math
@@ -11,13 +11,15 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
-from scipy.special import ellipkm1, elliprf, elliprj
+from scipy.special import ellipkm1
+
+from sepmc.validation.elliptic import jacobi_amplitude, legendre_first, legendre_third
 
 Array = np.ndarray
 
 
 def turn(axis: int, angle: ArrayLike) -> Array:
-    """Rotation matrices about a coordinate axis, one per angle (rad): shape (..., 3, 3)."""
+    """Rotation matrices (..., 3, 3) about a coordinate axis, one per angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
     found = np.zeros((*np.shape(angle), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -26,29 +28,32 @@ def turn(axis: int, angle: ArrayLike) -> Array:
     return found
 
 
-# --- a rigid body left alone
+# --- free rigid body
 # --------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Composite:
-    """Two or more bodies as one: mass (kg), mass centre (m) and inertia tensor about it (kg m2), in
-    their common axes."""
+    """Several bodies as one: mass, kg, mass centre, m, and inertia tensor about it, kg m2, in their
+    common axes."""
 
     mass: float
     centre: Array
     inertia: Array
 
 
-def composite(masses: ArrayLike, inertias: ArrayLike, places: ArrayLike) -> Composite:
-    """Rigid bodies welded together: the parallel-axis theorem.
+def composite(masses: ArrayLike, inertias: ArrayLike, positions: ArrayLike) -> Composite:
+    """Welded rigid bodies as one, by the parallel-axis theorem.
 
     Parameters
     ----------
-    masses : (n,), inertias : (n, 3, 3) about each mass centre, places : (n, 3) of the mass centres;
-        all in one set of axes.
+    masses : array_like, shape (n,)
+    inertias : array_like, shape (n, 3, 3)
+        About each mass centre.
+    positions : array_like, shape (n, 3)
+        Of the mass centres; all in one set of axes.
     """
-    m, x = np.asarray(masses, float), np.asarray(places, float)
+    m, x = np.asarray(masses, float), np.asarray(positions, float)
     centre = m @ x / m.sum()
     arms = x - centre
     shift = np.einsum("n,ni,ni->", m, arms, arms) * np.eye(3) - np.einsum(
@@ -58,29 +63,34 @@ def composite(masses: ArrayLike, inertias: ArrayLike, places: ArrayLike) -> Comp
 
 
 def weld_wrench(
-    whole: Composite, mass: float, inertia: Array, place: Array, point: Array, omega: Array
+    combined: Composite, mass: float, inertia: Array, position: Array, point: Array, omega: Array
 ) -> tuple[Array, Array]:
-    """Force and moment that hold one body to a torque-free composite: F = m a, M = J w' + w x J w -
-    (point - place) x F.
+    """Force and moment on one body of a torque-free composite: F = m a, M = J w' + w x J w - (point
+    - position) x F (Newton and Euler).
 
     Parameters
     ----------
-    mass, inertia, place : of the body held (kg, kg m2, m); point : where the moment is taken (m)
-    omega : (n, 3)
-        Rates of the composite (rad/s). All in the axes of the composite.
+    combined : Composite
+    mass, inertia, position : float, ndarray, ndarray
+        Of the body, kg, kg m2, m.
+    point : ndarray, shape (3,)
+        Reference of the moment, m.
+    omega : ndarray, shape (n, 3)
+        Rates of the composite, rad/s. All in the axes of the composite.
 
     Returns
     -------
-    force, moment : (n, 3) on the body held, N and N m. Newton and Euler's laws.
+    force, moment : ndarray, shape (n, 3)
+        On the body, N and N m.
     """
     w = np.atleast_2d(omega)
-    w_rate = np.linalg.solve(whole.inertia, np.cross(w @ whole.inertia, w).T).T
-    arm = np.asarray(place, float) - whole.centre
+    w_rate = np.linalg.solve(combined.inertia, np.cross(w @ combined.inertia, w).T).T
+    arm = np.asarray(position, float) - combined.centre
     force = mass * (np.cross(w_rate, arm) + np.cross(w, np.cross(w, arm)))
     moment = (
         w_rate @ inertia
         + np.cross(w, w @ inertia)
-        - np.cross(np.asarray(point, float) - place, force)
+        - np.cross(np.asarray(point, float) - position, force)
     )
     return force, moment
 
@@ -96,14 +106,21 @@ def asymmetric_top(
 
     Parameters
     ----------
-    t : (n,) times, s
-    inertia : (3, 3) tensor about the mass centre, kg m2
-    omega : (3,) rates at t = 0 in body axes, rad/s
-    attitude : (3, 3) body to ground at t = 0; the identity if None
+    t : array_like, shape (n,)
+        Times, s.
+    inertia : ndarray, shape (3, 3)
+        Tensor about the mass centre, kg m2.
+    omega : array_like, shape (3,)
+        Rates at t = 0 in body axes, rad/s.
+    attitude : array_like, shape (3, 3), optional
+        Body to ground at t = 0; the identity by default.
 
     Returns
     -------
-    omega : (n, 3) rates in body axes; attitude : (n, 3, 3) body to ground
+    omega : ndarray, shape (n, 3)
+        Rates in body axes, rad/s.
+    attitude : ndarray, shape (n, 3, 3)
+        Body to ground.
 
     Notes
     -----
@@ -112,7 +129,8 @@ def asymmetric_top(
     3 change. The body turns about the fixed L at L/I3 + L (1/I1 - 1/I3) / (1 - n sn^2), n = -I3 (I2
     - I1) / (I1 (I3 - I2)), whose integral is Legendre's of the third kind. Differences such as 2 E
     I3 - L^2 are formed without cancellation. Checked against DOP853 in
-    tests/validation/test_references.py."""
+    tests/validation/test_references.py.
+    """
     times, start = (
         np.atleast_1d(np.asarray(t, float)),
         np.eye(3) if attitude is None else np.asarray(attitude, float),
@@ -121,13 +139,13 @@ def asymmetric_top(
     # rows: principal axes, right-handed; ascending moments
     axes = axes.T * np.sign(np.linalg.det(axes))
     w = axes @ np.asarray(omega, float)
-    w[np.abs(w) <= 4e-16 * np.max(np.abs(w))] = 0.0  # round-off of the turn into principal axes
+    w[np.abs(w) <= 4e-16 * np.max(np.abs(w))] = 0.0  # round-off of the rotation into principal axes
     # L^2 - 2 E I2
     toward = (
         moments[0] * (moments[0] - moments[1]) * w[0] ** 2
         + moments[2] * (moments[2] - moments[1]) * w[2] ** 2
     )
-    if toward < 0.0:  # count from the greatest moment down; a row changes sign to stay right-handed
+    if toward < 0.0:  # descending moments; right-handed
         moments, axes, w = (
             moments[::-1],
             axes[::-1] * [[-1.0], [1.0], [1.0]],
@@ -135,15 +153,15 @@ def asymmetric_top(
         )
     if w[2] < 0.0:  # half a turn about the first axis, so that w3 > 0
         axes, w = axes * [[1.0], [-1.0], [-1.0]], w * (1.0, -1.0, -1.0)
-    if w[0] < 0.0:  # and about the third, so that w1 >= 0
+    if w[0] < 0.0:  # half a turn about the third axis, so that w1 >= 0
         axes, w = axes * [[-1.0], [-1.0], [1.0]], w * (-1.0, -1.0, 1.0)
     rates, turned = _principal_top(times, moments, w)
     return rates @ axes, start @ axes.T @ turned @ axes
 
 
 def _principal_top(t: Array, moments: Array, w: Array) -> tuple[Array, Array]:
-    """Rates (n, 3) in principal axes, and attitudes (n, 3, 3) from the start; L^2 on the side of
-    I3, w1 and w3 >= 0."""
+    """Rates (n, 3) in principal axes, and attitudes (n, 3, 3) relative to the start; L^2 on the
+    side of I3, w1 and w3 >= 0."""
     i1, i2, i3 = moments
     toward = i1 * (i1 - i2) * w[0] ** 2 + i3 * (i3 - i2) * w[2] ** 2
     momentum = moments * w
@@ -187,59 +205,9 @@ def _principal_top(t: Array, moments: Array, w: Array) -> tuple[Array, Array]:
     )
 
 
-def jacobi_amplitude(u: ArrayLike, m1: float) -> Array:
-    """Jacobi's amplitude am(u), continuous over all periods; sn = sin am, cn = cos am.
-
-    By the arithmetic-geometric mean (Abramowitz and Stegun 16.4) from m1 = 1 - k^2, which near k =
-    1 holds digits that k^2 has lost.
-    """
-    u = np.asarray(u, float)
-    if m1 <= 0.0:
-        return 2.0 * np.arctan(np.tanh(0.5 * u))
-    a, b = 1.0, math.sqrt(m1)
-    ratios: list[float] = []
-    while (a - b) > 4e-16 * a or not ratios:
-        a, b, c = 0.5 * (a + b), math.sqrt(a * b), 0.5 * (a - b)
-        ratios.append(c / a)
-    angle = 2.0 ** len(ratios) * a * u
-    for ratio in reversed(ratios):
-        angle = 0.5 * (angle + np.arcsin(ratio * np.sin(angle)))
-    return angle
-
-
-def legendre_first(angle: ArrayLike, m1: float) -> Array:
-    """Legendre's incomplete integral of the first kind, within a quarter turn: F of an angle, with
-    m1 = 1 - k^2. DLMF 19.25.5."""
-    s, c = np.sin(angle), np.cos(angle)
-    return s * elliprf(c * c, c * c + m1 * s * s, 1.0)
-
-
-def legendre_third(n: float, angle: ArrayLike, m1: float) -> Array:
-    """Legendre's incomplete integral of the third kind: of 1 / ((1 - n sin^2) sqrt(1 - k^2 sin^2))
-    from 0 to an angle.
-
-    n <= 0 and m1 = 1 - k^2; angles of any size, within a quarter turn if m1 = 0. DLMF 19.25.14, by
-    Carlson's R_F and R_J.
-    """
-    angles = np.asarray(angle, float)
-    whole = np.round(angles / math.pi)
-
-    def within(angle: Array) -> Array:
-        s2, c2 = np.sin(angle) ** 2, np.cos(angle) ** 2
-        first, third = (
-            elliprf(c2, c2 + m1 * s2, 1.0),
-            elliprj(c2, c2 + m1 * s2, 1.0, c2 + (1.0 - n) * s2),
-        )
-        return np.sin(angle) * (first + n / 3.0 * s2 * third)
-
-    return 2.0 * whole * (within(np.array(0.5 * math.pi)) if np.any(whole) else 0.0) + within(
-        angles - whole * math.pi
-    )
-
-
 def rotation(axis: ArrayLike, angle: ArrayLike) -> Array:
-    """Rotation matrices about a unit axis (3,), one per angle (rad): Rodrigues' formula, shape (n,
-    3, 3)."""
+    """Rotation matrices (n, 3, 3) about a unit axis (3,), one per angle, rad: Rodrigues'
+    formula."""
     x, y, z = np.asarray(axis, float)
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     angles = np.atleast_1d(angle)[:, None, None]
@@ -251,25 +219,28 @@ def rotation(axis: ArrayLike, angle: ArrayLike) -> Array:
 
 
 def reduced_mass(first: float, second: float) -> float:
-    """Mass that a force between two free bodies accelerates: m1 m2 / (m1 + m2), kg."""
+    """Reduced mass of two free bodies, m1 m2 / (m1 + m2), kg."""
     return first * second / (first + second)
 
 
 def spring_extension(
     t: ArrayLike, mass: float, force: float, stiffness: float, damping: float = 0.0
 ) -> tuple[Array, Array]:
-    """Extension x (m) and its rate (m/s) of m x'' = force - stiffness x - damping x' from rest at x
+    """Extension x, m, and its rate, m/s, of m x'' = force - stiffness x - damping x' from rest at x
     = 0.
 
     Parameters
     ----------
-    mass : kg, the reduced mass of two free bodies; force : N; stiffness : N/m; damping : N s/m,
-        below critical
+    t : array_like
+        Times, s.
+    mass : float
+        Reduced mass of two free bodies, kg.
+    force, stiffness, damping : float
+        N, N/m, N s/m; below critical damping.
 
     Notes
     -----
-    The response of an oscillator to a step, as in any text on vibrations; for stiffness = damping =
-    0, force t^2 / (2 m).
+    Step response of an oscillator; for stiffness = damping = 0, force t^2 / (2 m).
     """
     t = np.asarray(t, float)
     if stiffness == 0.0 and damping == 0.0:
@@ -284,12 +255,11 @@ def spring_extension(
 def spring_release(
     mass: float, force: float, stiffness: float, stroke: float, damping: float = 0.0
 ) -> tuple[float, float]:
-    """Time (s) at which a spring has pushed over its stroke (m), and the speed apart it leaves
-    (m/s).
+    """Time, s, at which a spring has pushed over its stroke, m, and the separation speed, m/s.
 
-    Without damping the speed follows from energy alone, m v^2 / 2 = force stroke - stiffness
-    stroke^2 / 2, and the time is acos(1 - stiffness stroke / force) / frequency, here by its sine
-    so that a short stroke loses no digits.
+    Without damping the speed follows from energy, m v^2 / 2 = force stroke - stiffness stroke^2 /
+    2, and the time is acos(1 - stiffness stroke / force) / frequency, computed from its sine so
+    that a short stroke loses no digits.
     """
     if damping == 0.0:
         speed = math.sqrt((2.0 * force - stiffness * stroke) * stroke / mass)
@@ -310,18 +280,22 @@ def spring_release(
 
 
 def thrust_gap(t: ArrayLike, acceleration: float, build_up: float = 0.0) -> tuple[Array, Array]:
-    """Gap (m) and its rate (m/s) of two bodies that accelerate apart along a slider, aligned with
+    """Gap, m, and its rate, m/s, of two bodies that accelerate apart along a slider, aligned with
     it.
 
     Parameters
     ----------
-    acceleration : m/s2, thrust / mass summed over both bodies
-    build_up : s; the thrust is F (1 - exp(-t / build_up))
+    t : array_like
+        Times, s.
+    acceleration : float
+        Thrust / mass summed over both bodies, m/s2.
+    build_up : float
+        Time constant, s; the thrust is F (1 - exp(-t / build_up)).
 
     Notes
     -----
     With s = t / build_up: gap = a build_up^2 (s^2 / 2 - s + 1 - e^-s), rate = a build_up (s - 1 +
-    e^-s); a t^2 / 2 and a t without.
+    e^-s); a t^2 / 2 and a t without build-up.
     """
     t = np.asarray(t, float)
     if build_up == 0.0:
@@ -334,8 +308,8 @@ def thrust_gap(t: ArrayLike, acceleration: float, build_up: float = 0.0) -> tupl
 def burn_gap(
     t: ArrayLike, acceleration: float, burn: float, tail_off: float
 ) -> tuple[Array, Array]:
-    """Gap (m) and rate (m/s) as `thrust_gap` without build-up, of a thrust that after ``burn`` (s)
-    falls as exp(-(t - burn) / tail_off)."""
+    """Gap, m, and rate, m/s, as `thrust_gap` without build-up, of a thrust that falls as exp(-(t -
+    burn) / tail_off) after ``burn``, s."""
     t = np.asarray(t, float)
     on, after = np.minimum(t, burn), np.maximum(t - burn, 0.0)
     gained = -np.expm1(-after / tail_off) * tail_off  # integral of the falling exponential
@@ -343,21 +317,24 @@ def burn_gap(
     return acceleration * gap, acceleration * (on + gained)
 
 
-# --- on a hinge or a ball
+# --- hinge and ball joint
 # --------------------------------------------------------------------------------------------------
 
 
 def pendulum(
     t: ArrayLike, frequency: float, angle: float, rate: float = 0.0
 ) -> tuple[Array, Array]:
-    """Angle (rad) and rate (rad/s) of angle'' = -frequency^2 sin(angle) from any start: swinging,
+    """Angle, rad, and rate, rad/s, of angle'' = -frequency^2 sin(angle) from any start: swinging,
     circling or on the separatrix.
 
     Parameters
     ----------
-    frequency : rad/s of small swings: sqrt(m g h / J), J about the hinge; sqrt(g / L) for a mass on
-        a rod
-    angle, rate : at t = 0, from the rest position, within half a turn
+    t : array_like
+        Times, s.
+    frequency : float
+        Of small swings, rad/s: sqrt(m g h / J), J about the hinge; sqrt(g / L) for a mass on a rod.
+    angle, rate : float
+        At t = 0, from the rest position, within half a turn.
 
     Notes
     -----
@@ -387,13 +364,20 @@ def pendulum_period(frequency: float, amplitude: float) -> float:
 def hinge_wrench(
     mass: float, inertia: Array, arm: ArrayLike, rate: float, rate_rate: float, weight: ArrayLike
 ) -> tuple[Array, Array]:
-    """Force (N) and moment (N m) of a fixed hinge along z on the body it carries, moment about the
-    hinge point, body axes.
+    """Force, N, and moment, N m, of a fixed hinge along z on its body, moment about the hinge
+    point, body axes.
 
     Parameters
     ----------
-    inertia : (3, 3) about the mass centre, kg m2; arm : from the hinge to the mass centre, m
-    rate, rate_rate : about the hinge, rad/s and rad/s2; weight : force of gravity in body axes, N
+    mass : float
+    inertia : ndarray, shape (3, 3)
+        About the mass centre, kg m2.
+    arm : array_like, shape (3,)
+        From the hinge to the mass centre, m.
+    rate, rate_rate : float
+        About the hinge, rad/s and rad/s2.
+    weight : array_like, shape (3,)
+        Force of gravity in body axes, N.
 
     Notes
     -----
@@ -416,18 +400,25 @@ def heavy_top(
     spin: float,
     precession: float,
 ) -> Array:
-    """Cosine of the tilt of a symmetric top on a fixed ball joint, that starts where its tilt is
+    """Cosine of the tilt of a symmetric top on a fixed ball joint, started where its tilt is
     stationary; cos(tilt) > 0 is upright.
 
     A spherical pendulum is the top without spin. Its period in tilt is `nutation_period`.
 
     Parameters
     ----------
-    axial, transverse : moments of inertia about the ball, kg m2
-    torque : m g l, N m
-    tilt : at t = 0, between the axis (from the ball to the mass centre) and the vertical, rad
-    spin : rate about the axis, constant, rad/s
-    precession : rate of the axis about the upward vertical at t = 0, rad/s
+    t : array_like
+        Times, s.
+    axial, transverse : float
+        Moments of inertia about the ball, kg m2.
+    torque : float
+        m g l, N m.
+    tilt : float
+        At t = 0, between the axis (from the ball to the mass centre) and the vertical, rad.
+    spin : float
+        Constant rate about the axis, rad/s.
+    precession : float
+        Rate of the axis about the upward vertical at t = 0, rad/s.
 
     Notes
     -----
@@ -445,7 +436,7 @@ def heavy_top(
 def nutation_period(
     axial: float, transverse: float, torque: float, tilt: float, spin: float, precession: float
 ) -> float:
-    """Period (s) of the tilt of `heavy_top`."""
+    """Period, s, of the tilt of `heavy_top`."""
     _, _, rate, m1 = _nutation(axial, transverse, torque, tilt, spin, precession)
     return 2.0 * float(ellipkm1(m1)) / rate
 
@@ -453,8 +444,8 @@ def nutation_period(
 def _nutation(
     axial: float, transverse: float, torque: float, tilt: float, spin: float, precession: float
 ) -> tuple[float, float, float, float]:
-    """The start and the other end of cos(tilt), and rate and 1 - k^2 of the elliptic functions
-    between them."""
+    """Both extremes of cos(tilt), and the rate and 1 - k^2 of the elliptic functions between
+    them."""
     u0, s2 = math.cos(tilt), math.sin(tilt) ** 2
     a, beta = axial * spin / transverse, 2.0 * torque / transverse
     # f(u) = (alpha - beta u)(1 - u^2) - (b - a u)^2 with alpha = beta u0 + precession^2 s2 and b =
@@ -470,7 +461,8 @@ def _nutation(
 def steady_precession(
     axial: float, transverse: float, torque: float, tilt: float, spin: float
 ) -> tuple[float, float]:
-    """Both rates (rad/s) at which the top of `heavy_top` turns at a constant tilt: slow, fast.
+    """Both rates, slow and fast, rad/s, at which the top of `heavy_top` precesses at a constant
+    tilt.
 
     Roots of transverse cos(tilt) w^2 - axial spin w + torque = 0. Without spin and hanging,
     +-sqrt(torque / (transverse |cos|)): the conical pendulum.
@@ -484,7 +476,7 @@ def steady_precession(
 
 
 def conical_rate(length: float, gravity: float, tilt: float) -> float:
-    """Rate (rad/s) at which a mass on a rod of a length (m) circles at a constant tilt from the
+    """Rate, rad/s, at which a mass on a rod of a length, m, circles at a constant tilt from the
     vertical: sqrt(g / (L cos(tilt)))."""
     return math.sqrt(gravity / (length * math.cos(tilt)))
 
@@ -492,8 +484,9 @@ def conical_rate(length: float, gravity: float, tilt: float) -> float:
 def hooke_angle(angle: ArrayLike, bend: float) -> Array:
     """Angle of the driven shaft of a universal joint: tan(driven) = tan(angle) cos(bend).
 
-    Angles (rad) are from where the driving fork's pin stands across the plane of the shafts, with
-    the same sense. Text-book kinematics of Hooke's joint; the ratio of rates is `hooke_ratio`.
+    Angles, rad, count from the position of the driving fork's pin normal to the plane of the
+    shafts, in the same sense. Textbook kinematics of Hooke's joint; the ratio of rates is
+    `hooke_ratio`.
     """
     s, c, k = np.sin(angle), np.cos(angle), math.cos(bend)
     return np.asarray(angle, float) + np.arctan2((k - 1.0) * s * c, c * c + k * s * s)
@@ -505,14 +498,14 @@ def hooke_ratio(angle: ArrayLike, bend: float) -> Array:
     return math.cos(bend) / (1.0 - (math.sin(bend) * np.sin(angle)) ** 2)
 
 
-# --- off a rail
+# --- rail
 # --------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class TipOff:
-    """How a body leaves its rail: time since its front shoe left (s), angle (rad) and rate (rad/s)
-    about z when the rear one does."""
+    """Tip-off from a rail: time from release of the front shoe to release of the rear one, s;
+    angle, rad, and rate, rad/s, about z then."""
 
     time: float
     angle: float
@@ -529,24 +522,29 @@ def tip_off(
     speed: float,
     travel: float,
 ) -> TipOff:
-    """Tip-off of a coasting body that turns about its rear shoe once the front one has left a
+    """Tip-off of a coasting body that turns about its rear shoe after the front one has left a
     straight rail.
 
     Parameters
     ----------
-    mass, inertia : kg, kg m2 about z through the mass centre
-    ahead, above : of the mass centre, from the rear shoe along and across the rail, m
-    gravity : m/s2; elevation : of the rail, rad
-    speed : along the rail when the front shoe leaves, m/s; travel : of the rear shoe from then to
-        the end of the rail, m
+    mass, inertia : float
+        kg, and kg m2 about z through the mass centre.
+    ahead, above : float
+        Mass centre from the rear shoe, along and across the rail, m.
+    gravity, elevation : float
+        m/s2; of the rail, rad.
+    speed : float
+        Along the rail when the front shoe leaves, m/s.
+    travel : float
+        Of the rear shoe from then to the end of the rail, m.
 
     Notes
     -----
-    The rail pushes across itself only. So along it the mass centre moves as thrown, speed t - g
-    sin(elevation) t^2 / 2, and across it energy is kept: (J + m c^2) w^2 / 2 = -m g cos(elevation)
-    h, with h = ahead sin(a) + above (cos(a) - 1) the rise of the mass centre and c = dh/da. The
-    rate is a function of the angle, in closed form; the time is a quadrature over the angle a =
-    -q^2, whose integrand is smooth.
+    The rail pushes across itself only. So the mass centre moves along it as thrown, speed t - g
+    sin(elevation) t^2 / 2, and across it energy is conserved: (J + m c^2) w^2 / 2 = -m g
+    cos(elevation) h, with h = ahead sin(a) + above (cos(a) - 1) the rise of the mass centre and c =
+    dh/da. The rate is a function of the angle, in closed form; the time is a quadrature over the
+    angle a = -q^2, whose integrand is smooth.
     """
     pull = mass * gravity * math.cos(elevation)
 
@@ -575,12 +573,11 @@ def tip_off(
             )
         )
 
-    def left(q: float) -> float:
-        """Travel of the rear shoe still to go: that of the mass centre, less how far the shoe
-        trails it."""
+    def remaining_travel(q: float) -> float:
+        """Remaining travel of the rear shoe: that of the mass centre, minus the lag of the shoe."""
         t, a = time(q), -q * q
         shift = ahead * (1.0 - math.cos(a)) + above * math.sin(a)
         return travel - (speed * t - 0.5 * gravity * math.sin(elevation) * t * t + shift)
 
-    q = brentq(left, 0.0, math.sqrt(0.5), xtol=1e-16, rtol=1e-15)
+    q = brentq(remaining_travel, 0.0, math.sqrt(0.5), xtol=1e-16, rtol=1e-15)
     return TipOff(time(q), -q * q, rate(-q * q))

@@ -1,7 +1,7 @@
-"""`sepmc stress`: numerical stability on hard inputs made for it, in one table.
+"""`sepmc stress`: numerical stability on hard inputs, in one table.
 
-A line is an input, the error of a quantity, the bound set for it beforehand and why, and whether
-status or audit told of an error.
+A line is an input, the error of a quantity, its bound with a reason, set beforehand, and whether
+status or audit reported an error.
 """
 
 from collections.abc import Callable, Iterable
@@ -26,8 +26,8 @@ __all__ = [
 ]  # fmt: skip
 
 STRESSES: dict[str, Callable[[], list[Stress]]] = {
-    given.__name__: given
-    for given in (
+    group.__name__: group
+    for group in (
         ratios.masses,
         ratios.light_link,
         ratios.inertias,
@@ -73,11 +73,12 @@ STRESSES: dict[str, Callable[[], list[Stress]]] = {
 
 
 def stress(names: Iterable[str] | None = None) -> list[Stress]:
-    """Run the stresses and return their lines.
+    """Run stresses and return their lines.
 
     Parameters
     ----------
-    names : of `STRESSES`; all if None
+    names : iterable of str, optional
+        Keys of `STRESSES`; all by default.
     """
     lines = []
     for name in STRESSES if names is None else names:

@@ -1,5 +1,5 @@
-"""Other engines fly the campaign of Table 2: their outcomes are ours, each within what it can reach
-with its setting."""
+"""Outcomes of other engines on the campaign of Table 2 agree with the engine's, within the accuracy
+of each."""
 
 import importlib
 
@@ -106,7 +106,7 @@ def test_other_scenes_are_refused(name):
         race(sepmc.load(name), 1, lambda _: None)
 
 
-def test_what_cannot_vary_is_told():
+def test_fixed_properties_are_named():
     campaign = sepmc.load(
         "table2.toml", {"dispersion": {"motor.retro.build_up_s": {"uniform": 0.01}}}
     )

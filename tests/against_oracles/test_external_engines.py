@@ -1,5 +1,5 @@
-"""Other engines fly our cases: `oracles.external_engines`. Each test is skipped where its engine is
-not installed."""
+"""Cases by other engines: `oracles.external_engines`. Each test is skipped if its engine is not
+installed."""
 
 import math
 
@@ -32,7 +32,7 @@ def apart(data, one, two, times):
 
 
 @pytest.mark.parametrize("name", compare.ENGINES)
-def test_our_flight_beside_theirs(name):
+def test_engine_against_external_engines(name):
     """Table 2: fixed, slider, free; air, wind, gravity and a motor."""
     found = compare.compare(sepmc.load("table2.toml"), [0], 0.05, engines(name))
     assert set(found["quantity"]) == set(compare.FLOORS)
@@ -75,7 +75,7 @@ def test_exudyn_is_of_second_order():
     assert 3.5 < coarse / fine < 4.5
 
 
-def test_what_a_peer_does_not_fly_is_told():
+def test_unsupported_features_are_refused():
     data = sepmc.load("table2.toml").case(0).to_dict()
     data["environment"]["atmosphere"] = "table"
     data["parachute"] = []
@@ -85,7 +85,8 @@ def test_what_a_peer_does_not_fly_is_told():
 
 @pytest.mark.parametrize(("time", "expected"), [(0.05, 0.0), (0.15, 0.0), (0.25, 1.2), (0.35, 0.0)])
 def test_thrust_of_a_profile_that_begins_late(time, expected):
-    """Lit at 0.1 s; rows at 0.2 s (half of 2 N) and 0.3 s (0.7 of it): nothing before and after."""
+    """Ignition at 0.1 s; rows at 0.2 s (half of 2 N) and 0.3 s (0.7 of it): zero before and
+    after."""
     profile = {"time": [0.1, 0.2], "fraction": [0.5, 0.7]}
     motor = {"thrust": 2.0, "ignition": 0.1, "burn": 0.2, "profile": profile}
     found = loads.thrust(motor, loads.motor_piece(motor, time), time, math)

@@ -1,4 +1,4 @@
-"""The independent flight against closed forms, single runs, and what it must refuse."""
+"""The independent simulation against closed forms and single runs, and its refusals."""
 
 import copy
 import math
@@ -60,7 +60,8 @@ def test_columns_are_the_public_ones(table2):
 
 
 def test_table2_against_minimal_coordinates(table2):
-    """One body's six degrees of freedom and the joint's: another formulation, written apart."""
+    """One body's six degrees of freedom and the joint's: another formulation, written
+    separately."""
     case = table2.case(5).to_dict()
     other, found = lagrange.simulate(case), simulate(case)
     for name, value in found.outcomes.items():
@@ -93,8 +94,8 @@ def test_stroke_of_a_pushed_body(pair):
 
 
 def test_late_joint(pair):
-    """The phase ends at 0.1 s and the joint lets go 0.05 s later; the next phase's stroke of 10 mm
-    is awaited meanwhile."""
+    """The phase ends at 0.1 s and the joint is released 0.05 s later; the next phase waits for its
+    stroke of 10 mm meanwhile."""
     settings = {"motor": [RETRO], "joint.pins.delay_s": 0.05}
     steps = (
         ("slider", {"time_s": 0.1}),
@@ -108,7 +109,7 @@ def test_late_joint(pair):
 
 
 def test_conditions_already_met(pair):
-    """A stroke of nothing and a time gone by end their phases as they begin."""
+    """A stroke of zero and a time in the past end their phases at once."""
     steps = (
         ("fixed", {"time_s": 0.2}),
         ("slider", {"time_s": 0.1}),
@@ -264,7 +265,7 @@ def test_beyond_the_atmosphere(table2):
     assert simulate(case).status == "outside-atmosphere"
 
 
-def test_what_is_not_known_is_refused(pair):
+def test_unknown_keys_are_refused(pair):
     case = pair().nominal().to_dict()
     for place, table in (
         ("scene", case),
@@ -280,7 +281,7 @@ def test_what_is_not_known_is_refused(pair):
         simulate(case)
 
 
-def test_a_joint_only_lets_go():
+def test_joints_only_release():
     assert constrains_less(rows_of("slider", {}), rows_of("fixed", {}))
     assert constrains_less(rows_of("universal", {}), rows_of("fixed", {}))
     assert not constrains_less(rows_of("point-on-plane", {}), rows_of("point-on-line", {}))
@@ -384,7 +385,7 @@ end_time_s = 1.0
 
 
 def test_roots_between_samples():
-    """A touch between two looks is found, a miss is not, and the first of several counts."""
+    """A touch between two samples is found, a miss is not, and the first of several counts."""
     assert_allclose(
         first_root(lambda t: 1e-6 - (t - 0.4321) ** 2, 0.0, 1.0), 0.4311, rtol=0, atol=1e-9
     )

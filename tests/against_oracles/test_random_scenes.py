@@ -1,5 +1,5 @@
-"""The gate of random scenes: it passes what flies right, finds what does not, makes it small, and
-every scene it once found is flown."""
+"""Random scenes: correct runs pass, planted faults are found and reduced, and every scene that
+failed once is run."""
 
 import copy
 import os
@@ -30,16 +30,15 @@ from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.read import parse_campaign
 
 COMPILED = (10, 47)  # seeds of kernels that compile in seconds
-# Scenes that a slow machine flies in seconds each, between them of every kind: the fewest of many.
+# Scenes that run in seconds each and together have every feature: a minimal set of many.
 SEEDS = (1006, 1014, 1016, 1026, 1030, 1051, 1101, 1395, 1398, 420003, 420009, 420021, 420038)
-# Quick scenes of named kinds: motors that wait, directions, releases that may not come, and thrust
-# that begins late.
+# Quick scenes of named kinds: triggered motors, directions, optional releases, late thrust.
 NAMED = ("release", "ignition", "optional", "direction", "late profile")
 NAMED_SEEDS = (3000, 3051, 3061, 3085, 3088, 3137)
 ENTRY_POINT_SEEDS = (1006, 1014, 1016)
 FOUND_SCENES = sorted((Path(__file__).parents[1] / "scenes").glob("*.toml"))
 
-# Two bodies, one spring between them: what is planted must be found in something small.
+# Two bodies with a spring between them: planted faults must be found in a small scene.
 SMALL = {
     "environment": {"atmosphere": "none", "gravity": "none"},
     "body": {
@@ -76,7 +75,7 @@ def test_a_seed_gives_one_scene():
     assert scene(5) == scene(5) != scene(6)
 
 
-def test_scenes_are_rarely_refused_and_hold_everything():
+def test_scenes_are_rarely_refused_and_have_every_feature():
     """Of 120 scenes without later kinds hardly one is refused; all joint kinds, ends and most kinds
     of number occur."""
     refused, kinds, ends, dispersed, all_paths = 0, set(), set(), set(), set()
@@ -121,7 +120,7 @@ def test_scenes_are_rarely_refused_and_hold_everything():
 
 def test_later_kinds_occur_and_are_read():
     """Of 30 scenes with all later kinds hardly one is refused; all kinds occur, and the columns of
-    every other spelling are known."""
+    equivalent scenes are known."""
     refused, found = 0, set()
     for seed in range(30):
         tree = scene(seed, LATE)
@@ -167,21 +166,21 @@ def test_later_kinds_occur_and_are_read():
 
 
 def test_later_kinds_leave_the_rest_of_a_seed():
-    """Whether a scene has later kinds is drawn apart, and most have none."""
+    """Later kinds come from a random stream of their own, and most scenes have none."""
     same = [seed for seed in range(40) if scene(seed) == scene(seed, ())]
     assert 20 <= len(same) < 40
 
 
 @pytest.mark.parametrize("variant", EQUIVALENTS)
-def test_other_spellings_are_read(variant):
-    """Every other spelling of a scene is one the parser takes."""
+def test_equivalent_scenes_are_accepted(variant):
+    """The parser accepts every equivalent scene."""
     tree = {key: value for key, value in copy.deepcopy(SMALL).items() if key != "dispersion"}
     parse_campaign(EQUIVALENTS[variant](tree, RandomStream(1)), variant)
 
 
-def test_faults_are_told_apart():
-    """What rows are called beside a reference that is right, off by 1e-3, of another status, does
-    not know the scene, or breaks."""
+def test_faults_are_distinguished():
+    """Verdicts beside a reference that is right, off by 1e-3, of another status, does not know the
+    scene, or fails."""
 
     def reference(status, share):
         return lambda case, rtol=1e-12: SimpleNamespace(
@@ -211,9 +210,8 @@ def test_faults_are_told_apart():
         assert "KeyError" in compare.judge(SMALL, "broken", 2, broken(KeyError("y"))).crash
 
 
-def test_a_flat_peak_may_be_told_anywhere_on_it():
-    """Times of peaks count from the nearest at which the peak was as good as reached; a missing
-    number stays one."""
+def test_the_time_of_a_flat_peak_may_be_any_on_it():
+    """Times of peaks count from the nearest time at which the peak is reached; NaN stays NaN."""
     flown = SimpleNamespace(reached={"pins_peak_force_time_s": (0.1, 0.2)})
     columns = [
         SimpleNamespace(name="pins_peak_force_time_s"),
@@ -237,8 +235,8 @@ def _times(outcomes, share):
     ],
 )
 def test_a_planted_fault_is_found(planted, monkeypatch):
-    """A sign turned in the text of a kernel: rows that passed are silent faults, and the scene gets
-    smaller while they stay so."""
+    """A sign changed in the text of a kernel: rows that passed are silent faults, and the scene is
+    reduced with the fault."""
     text = step_selection.kernel_text
 
     def wrong(*given, **named):
@@ -255,8 +253,8 @@ def test_a_planted_fault_is_found(planted, monkeypatch):
 
 @pytest.mark.slow
 def test_random_scenes():
-    """Random scenes fly as the independent flight does, interpreted; some through the other
-    doors too. What a hundred scenes have, these have."""
+    """Random scenes, interpreted, agree with the independent simulation; some are compared by their
+    entry points too. These scenes have all features of a hundred."""
     kinds = {seed: set(compare.features(scene(seed))) for seed in (*SEEDS, *range(1000, 1100))}
     flown = [kinds[seed] for seed in SEEDS]
     flown += [set(compare.features(scene(seed, kinds=NAMED))) for seed in NAMED_SEEDS]
@@ -268,7 +266,7 @@ def test_random_scenes():
 
 @pytest.mark.slow
 def test_random_scenes_of_named_kinds():
-    """Every scene has them, wherever it has what they belong to; some releases never come."""
+    """Every scene has the named kinds where they apply; some releases never occur."""
     trees = [scene(seed, kinds=NAMED) for seed in NAMED_SEEDS]
     assert all("release" in tree for tree in trees)
     assert {
@@ -285,13 +283,13 @@ def test_random_scenes_of_named_kinds():
     assert {"ok", "never-released"} == set().union(*(v["statuses"] for v in found))
 
 
-def test_a_kind_of_scenes_that_there_is_not():
+def test_an_unknown_kind_is_refused():
     with pytest.raises(InputError, match=r"optionl.*optional"):
         run.judge_scenes(1, kinds=["optionl"])
 
 
-def test_a_joint_turned_round_leaves_the_spring_that_pushes_along_it():
-    """They may hold one list of bodies: one scene spelt otherwise flies the same."""
+def test_a_swapped_joint_leaves_the_spring_along_it():
+    """Joint and spring may share one list of bodies: the equivalent scene runs the same."""
     tree = copy.deepcopy(SMALL)
     tree["spring"][0]["bodies"] = tree["joint"]["pins"]["bodies"]
     tree["phase"][1]["until"] = {"time_s": 0.1}
@@ -304,7 +302,7 @@ def test_a_joint_turned_round_leaves_the_spring_that_pushes_along_it():
 
 @pytest.mark.slow
 def test_compiled_scenes():
-    """So do kernels that are compiled."""
+    """Compiled kernels agree as well."""
     found = list(judge_all([{"seed": seed, "compiled": True} for seed in COMPILED]))
     assert not [v for v in found if run.fails(v) or v.get("not_flown")], run.table(found)
     assert all(v["compiled"] for v in found)
@@ -312,16 +310,16 @@ def test_compiled_scenes():
 
 @pytest.mark.parametrize("path", FOUND_SCENES, ids=lambda path: path.stem)
 def test_a_scene_that_failed_once(path):
-    """A scene that the gate found and shrank, flown as the gate flies it."""
+    """A scene that failed before, reduced, run as random scenes are."""
     with run_interpreted(cases=2):
         verdict = compare.judge(tomllib.loads(path.read_text(encoding="utf-8")), path.stem, 2)
     assert not verdict.not_flown
     assert not verdict.fails, "\n".join([verdict.crash, *verdict.said])
 
 
-def test_a_scene_that_takes_too_long_is_told_and_no_fault():
-    """A scene without a verdict in time is counted and named, by its seed, and no row of it is said
-    to be the same."""
+def test_a_scene_that_takes_too_long_is_reported_and_no_fault():
+    """A scene without a verdict in time is counted and listed by its seed, and none of its rows
+    counts as same."""
     found = list(judge_all([{"seed": 5, "cases": 2}], processes=1, limit_s=0.05))
     assert [v["not_flown"] for v in found] == ["no verdict within 0.05 s"]
     assert not any(map(run.fails, found))
@@ -333,11 +331,11 @@ def test_a_scene_that_takes_too_long_is_told_and_no_fault():
 @pytest.mark.parametrize(
     ("decided", "rows"),
     [({"rows": {"same": 2}, "crash": ""}, {"same": 2}), (None, {"silent": 1})],
-    ids=["as users fly it", "too late"],
+    ids=["with user's steps", "too late"],
 )
-def test_what_the_limit_ends_is_no_fault_lost(monkeypatch, decided, rows):
-    """A fault of few trial cases is flown again as users fly it, however long the limit of a scene
-    is; where that does not end either, it stays a fault."""
+def test_a_fault_beyond_the_time_limit_stays_a_fault(monkeypatch, decided, rows):
+    """A fault with few calibration cases is repeated with the step selection of users, with a
+    longer limit; without a verdict it stays a fault."""
     asked = []
 
     class Worker:
@@ -361,8 +359,8 @@ def test_what_the_limit_ends_is_no_fault_lost(monkeypatch, decided, rows):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no copies of processes")
-def test_a_copy_ends_with_the_process_that_asked():
-    """One that flies for long does not fly on alone."""
+def test_a_fork_ends_with_its_parent():
+    """A fork in a long run ends with its parent."""
     asks = (
         "import time\nfrom oracles.random_scenes import worker\n"
         "def work(job):\n    print(1, flush=True)\n    time.sleep(60.0)\n"

@@ -16,7 +16,7 @@ from sepmc.analysis.statistics_text import render_summary
 from sepmc.analysis.stopping import StoppingRule
 from sepmc.campaign import run_statistics
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.store import shards
+from sepmc.campaign.store import result_files
 from sepmc.cli import app
 from sepmc.cli.figures import draw_figures
 from sepmc.cli.options import load_campaign
@@ -315,7 +315,7 @@ def test_counted_statistics_say_constant(tmp_path):
             "campaign", tmp_path / "sliding.toml", "--out", tmp_path / "run", "--stats-only"
         )
     assert f"{GAP}: constant 0 mm" in called.output
-    result = shards.read_stored_statistics(tmp_path / "run")
+    result = result_files.read_stored_statistics(tmp_path / "run")
     assert constant_outcomes.is_constant(result.table, GAP)
     assert (
         constant_outcomes.collapse_constant(result.histogram(GAP), result.table, GAP).edges.size

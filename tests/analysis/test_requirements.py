@@ -219,7 +219,7 @@ BAD = [
     ),
     ({"at_least": 2.0, "confidence": 0.0}, "requirement.a.confidence = 0.0: must be > 0"),
     ({"at_least": 2.0, "risk": 0.1}, "unknown key"),
-    ({"metric": "gap_recontact", "at_most": 1.0}, "holds in every case"),
+    ({"metric": "gap_recontact", "at_most": 1.0}, "is always satisfied"),
 ]
 
 

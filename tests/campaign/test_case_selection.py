@@ -138,6 +138,14 @@ def test_a_hypercube_has_no_other_cases(file):
         campaign.run("10:14")
 
 
+def test_a_part_of_a_hypercube_is_told_from_a_smaller_one(file):
+    """A range takes cases of the file's design; a number of cases makes a design of its own."""
+    campaign = sepmc.load(file, {"run.sampler": "lhs"})
+    said = "cases 0:4 are a part of a design of 12 cases"
+    assert any(said in note for note in campaign.run("0:4").notes)
+    assert not any("a part of a design" in note for note in campaign.run(4).notes)
+
+
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_a_plan_is_flown_exactly(file, tmp_path, ending):
     """A table that ``sample`` writes gives all inputs to the last bit, whatever the laws of the
@@ -203,7 +211,7 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
 @pytest.mark.parametrize(
     ("table", "law", "said"),
     [
-        ({"V": [1.0, -1.0]}, "V", "the law reaches -1, but the value must be >= 0"),
+        ({"V": [1.0, -1.0]}, "V", "the distribution reaches -1, but the value must be >= 0"),
         ({"V": [1.0, np.nan]}, "V", "column V of plan.csv is no number in case 1"),
         ({"V": ["fast", "slow"]}, "V", "'fast' in case 0 is no number"),
         ({"V": [1.0, 2.0], "in_body_fore_mass_kg": [3.0, "x"]}, "V", "'x' in case 1 is no number"),

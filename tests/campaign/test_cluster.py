@@ -20,7 +20,7 @@ from sepmc.campaign.execution import runner
 from sepmc.campaign.execution.work_ranges import StaleWorkerError
 from sepmc.campaign.store import manifests, shards
 from sepmc.cli import app
-from sepmc.cluster import ClusterError, DaskExecutor, crew
+from sepmc.cluster import ClusterError, DaskExecutor, dask_executor
 from sepmc.scene.messages import InputError
 
 SETTINGS = {"run.chunk": 300, "run.history_step_s": 0.1, "run.end_time_s": 0.26}
@@ -40,7 +40,7 @@ def alone(campaign, tmp_path_factory):
 
 @pytest.fixture
 def workers():
-    with crew(2, threads=1) as found:
+    with dask_executor(2, threads=1) as found:
         yield found
 
 
@@ -140,7 +140,7 @@ def test_a_scheduler_that_is_started_again(campaign, alone, tmp_path):
             held.append(LocalCluster(**options, scheduler_port=port))
 
     try:
-        with crew(address=first.scheduler_address) as workers:
+        with dask_executor(address=first.scheduler_address) as workers:
             campaign.run(cases=CASES, out=tmp_path / "run", executor=workers, progress=progress)
     finally:
         for cluster in held:
@@ -157,7 +157,10 @@ def test_a_worker_that_sees_another_folder(campaign, tmp_path):
             (Path(job.folder) / "campaign.toml").write_text("other = 1")
             return super().map(job, function, ranges)
 
-    with crew(1) as own, pytest.raises(StaleWorkerError, match="sees another campaign there"):
+    with (
+        dask_executor(1) as own,
+        pytest.raises(StaleWorkerError, match="sees another campaign there"),
+    ):
         campaign.run(cases=CASES, out=tmp_path / "run", executor=Elsewhere(own.client, None, 1, 1))
 
 
@@ -179,7 +182,7 @@ def test_what_workers_do_not_fly(campaign, tmp_path, monkeypatch, given, said):
 def test_no_scheduler(tmp_path):
     with (
         pytest.raises(ClusterError, match="no Dask scheduler with a worker there"),
-        crew(address="tcp://127.0.0.1:9"),
+        dask_executor(address="tcp://127.0.0.1:9"),
     ):
         pass
 
@@ -202,7 +205,7 @@ def test_command_line(alone, tmp_path):
 def test_too_many_failures_among_the_first_cases(tmp_path, orders):
     """Those that lay out the grids: nobody else flies any more, and what was flown is told."""
     loaded = sepmc.load("table2", {**SETTINGS, "run.end_time_s": 0.26})
-    with crew(2, threads=1) as workers:
+    with dask_executor(2, threads=1) as workers:
         found = loaded.run(
             cases=100_000, out=tmp_path / "run", executor=workers, max_failures=50, **orders
         )
@@ -227,14 +230,14 @@ def test_workers_that_are_gone_are_not_waited_for(monkeypatch):
             return {"a": 1} if len(looks) <= 2 else {}
 
     monkeypatch.setattr(cluster, "wait", wait)
-    monkeypatch.setattr(cluster, "_PATIENCE_S", 0.0)
+    monkeypatch.setattr(cluster, "_TIMEOUT_S", 0.0)
     with pytest.raises(ClusterError, match="all workers are gone for 0 s; what is flown is kept"):
-        DaskExecutor(Client(), None, 1, 1)._done({"future": 0})
+        DaskExecutor(Client(), None, 1, 1)._completed({"future": 0})
     assert len(looks) == 3
     assert all(timeout <= 10.0 for timeout in looks)
 
 
 def test_what_restarts_a_worker_is_not_closed():
     """A worker that is down long after an earlier one was lost is still started again."""
-    with crew(1):
+    with dask_executor(1):
         assert dask.config.get("distributed.deploy.lost-worker-timeout") == "30 days"

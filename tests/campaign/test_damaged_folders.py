@@ -13,9 +13,9 @@ from support.damaged_runs import (
     contents,
     damage,
     files,
-    fly,
     is_repaired,
     is_reported,
+    make_run,
     rows,
 )
 
@@ -28,7 +28,7 @@ from sepmc.cli import app
 def wholes(tmp_path_factory):
     """A run that keeps all rows, and one that counts its cases and keeps some."""
     folder = tmp_path_factory.mktemp("damage")
-    return [fly(folder / name, *words) for name, words in RUNS.items()]
+    return [make_run(folder / name, *words) for name, words in RUNS.items()]
 
 
 @pytest.fixture(scope="module")

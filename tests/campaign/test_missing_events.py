@@ -262,6 +262,6 @@ def test_a_release_that_must_come_says_what_may_be_done(file):
         told = call(
             "campaign", file.parent / "must.toml", "--out", file.parent / "must", "--no-plots"
         )
-    assert "never-released: a phase was still on" in told.output
+    assert "never-released: a phase had not ended" in told.output
     # what comes in all cases that are left is not told of
     assert "joint.bolt" not in read_manifest(file.parent / "must")["missing"]

@@ -13,7 +13,7 @@ from moto.server import ThreadedMotoServer
 import sepmc
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.cli import app
-from sepmc.cluster import crew
+from sepmc.cluster import dask_executor
 from sepmc.paths import as_path
 
 SETTINGS = {"run.chunk": 300, "run.history_step_s": 0.1, "run.end_time_s": 0.26}
@@ -79,7 +79,7 @@ def test_the_same_rows(campaign, alone):
 
 
 def test_workers_write_it(campaign, alone):
-    with crew(2, threads=1) as workers:
+    with dask_executor(2, threads=1) as workers:
         found = campaign.run(cases=CASES, out=as_path("s3://bucket/workers"), executor=workers)
     same(found.folder, alone.folder)
     assert found.statistics().equals(alone.statistics())

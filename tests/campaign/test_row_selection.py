@@ -299,5 +299,5 @@ def test_a_count_that_is_none_is_refused(bad):
     (state,) = one.state()
     two.restore(iter([state]))
     assert two.row() == one.row()
-    with pytest.raises(ValueError, match="is not a count"):
+    with pytest.raises(ValueError, match="count"):
         two.restore(iter([np.where(state == 3.0, bad, state)]))

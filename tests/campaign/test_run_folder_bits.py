@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import sepmc
 from sepmc.analysis import row_statistics
 from sepmc.campaign.execution import forecast, runner
-from sepmc.campaign.store import ledger, manifests, shards
+from sepmc.campaign.store import ledger, manifests, result_files, shards
 from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
 
@@ -207,7 +207,7 @@ def test_histograms_of_statistics_only(campaign, tmp_path):
     options = ["--cases", 300, "--set", "run.end_time_s=0.26", "--quiet", "--out", folder]
     assert call("campaign", "table2", *options, "--stats-only").exit_code == 0
     counted = campaign.run(cases=300, stats_only=True).kept.summary
-    told, names = shards.read_stored_statistics(folder), campaign.outcome_columns
+    told, names = result_files.read_stored_statistics(folder), campaign.outcome_columns
     for name in (column.name for column in names):
         one, other = told.histogram(name), counted.histogram(name)
         assert (one is None) == (other is None)

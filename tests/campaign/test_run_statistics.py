@@ -60,9 +60,9 @@ def test_a_resumed_run_has_statistics_of_all_its_cases(campaign, tmp_path):
 
 @pytest.mark.slow
 def test_workers_leave_statistics_too(campaign, tmp_path):
-    from sepmc.cluster import crew
+    from sepmc.cluster import dask_executor
 
-    with crew(2, None, 1) as workers:
+    with dask_executor(2, None, 1) as workers:
         campaign.run(60, out=tmp_path / "many", executor=workers, announce=lambda text: None)
     campaign.run(60, out=tmp_path / "one", announce=lambda text: None)
     assert texts(tmp_path / "many") == texts(tmp_path / "one")

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 import sepmc
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.execution.replay import compare_row, earlier_integration
-from sepmc.campaign.store import folders, ledger, manifests, shards
+from sepmc.campaign.store import folders, ledger, manifests, result_files, shards
 from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
 from sepmc.schema import Column
@@ -279,8 +279,8 @@ def test_statistics_files(tmp_path):
         index=pd.Index(["speed_m_s", "release_time_s"], name="outcome"),
     )
     units = {"speed_m_s": "m/s", "release_time_s": "s"}
-    told = shards.statistics_as_json(table, {"ok": 2}, units, pd.DataFrame())
-    shards.write_statistics(tmp_path, table, units, told)
+    told = result_files.statistics_as_json(table, {"ok": 2}, units, pd.DataFrame())
+    result_files.write_statistics(tmp_path, table, units, told)
     csv = (tmp_path / "statistics.csv").read_text(encoding="utf-8")
     assert csv.splitlines() == [
         "outcome,unit,n,mean",

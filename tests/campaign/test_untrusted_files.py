@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from fuzz import campaigns, flights, mutate, run_folders, tables
 from fuzz.watch import spread
-from support.damaged_runs import call, fly
+from support.damaged_runs import call, make_run
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
@@ -208,7 +208,7 @@ def test_a_file_names_a_table_beside_it_only(tmp_path, plan):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    return fly(tmp_path_factory.mktemp("strangers") / "whole")
+    return make_run(tmp_path_factory.mktemp("strangers") / "whole")
 
 
 @pytest.fixture

@@ -109,7 +109,7 @@ def test_a_case_whose_work_is_spent_says_so(pair, monkeypatch):
     assert found.attrs["status"] == "ok"
     assert any("its flights take up to about" in text for text in heard)
     note = found.attrs["notes"][0]
-    assert re.search(r"work of this case was spent at \d+ steps a phase, before it settled", note)
+    assert re.search(r"work of this case was spent at \d+ steps a phase, before it converged", note)
 
 
 def test_a_case_that_no_steps_suffice_is_unresolved(pair, monkeypatch):
@@ -172,7 +172,7 @@ def test_a_search_of_steps_that_is_spent_makes_do(monkeypatch):
     def found():
         spent.clear()
         search = Search(flown, np.zeros((3, 0)), np.ones(1), 1e-8, np.array([True]), [[4]] * 3)
-        steps = search.fewest(np.full(3, 2))
+        steps = search.fewest_steps(np.full(3, 2))
         return steps, search.error(steps), sum(spent)
 
     steps, error, whole = found()

@@ -1,1 +1,1 @@
-"""Strangers' files by the million: `python tests/measure/fuzz.py`."""
+"""Random changes of untrusted files: `python tests/measure/fuzz.py`."""

@@ -1,4 +1,4 @@
-"""Campaign files: read, validated, written down and read again; the kernel that is written for
+"""Campaign files: parsed, validated, written and parsed again; and the kernels generated for
 them."""
 
 import ast
@@ -20,14 +20,15 @@ _TABLES = ("body", "joint", "motor", "spring", "load", "phase", "release", "even
 
 
 def parse(tree):
-    """A campaign of a tree, with all that follows from its numbers."""
+    """Campaign of a tree, with all properties that follow from its numbers."""
     campaign = Campaign(parse_campaign(tree, "fuzz.toml", reader=read_input_table))
     _ = campaign.plan, campaign.columns, campaign.slots, campaign.digest
     return campaign
 
 
 def trees(rng, count, until, tried):
-    """Structure: keys and values deleted, doubled, renamed, exchanged, taken from elsewhere."""
+    """Structural changes: keys and values deleted, duplicated, renamed, exchanged, copied from
+    elsewhere."""
     made = mutate.Trees()
     for _ in turns(count, until, tried):
         tree = made.changed(rng)
@@ -39,7 +40,7 @@ def trees(rng, count, until, tried):
 
 
 def texts(rng, count, until, tried):
-    """Texts: bytes flipped, cut out, doubled, taken from another file."""
+    """Text changes: bytes flipped, removed, duplicated, copied from another file."""
     made = mutate.Trees()
     for _ in turns(count, until, tried):
         text = made.text(rng)
@@ -47,7 +48,7 @@ def texts(rng, count, until, tried):
 
 
 def sizes(rng, count, until, tried):
-    """Sizes: many bodies, rows, values of a law; deep trees; long words."""
+    """Large inputs: many bodies, rows, values of a distribution; deep trees; long words."""
     for _ in turns(count, until, tried):
         what, tree = mutate.huge(rng)
         campaign = tried.look(what, lambda tree=tree: parse(tree))
@@ -57,7 +58,7 @@ def sizes(rng, count, until, tried):
 
 
 def kernels(rng, count, until, tried):
-    """Kernels written for files whose names are made to be known again."""
+    """Kernels generated for files with recognisable names."""
     made = mutate.Trees()
     for number in turns(count, until, tried):
         tree = made.any(rng) if number % 2 else made.changed(rng)
@@ -71,7 +72,7 @@ def kernels(rng, count, until, tried):
 
 
 def again(campaign):
-    """What is written down of a campaign is the same campaign."""
+    """Check that a written campaign is the same when read again."""
     text = campaign.file.toml
     tree = tomllib.loads(text)
     other = Campaign(parse_campaign(tree, "again.toml", reader=read_input_table))
@@ -87,7 +88,7 @@ def again(campaign):
 
 
 def drawn(campaign):
-    """Its cases can be drawn, the first ones, unless there are too many to be drawn as asked."""
+    """Sample the first cases of a campaign, unless more are requested than allowed."""
     campaign.select_cases()
     table = campaign.in_si(campaign.sample(0, min(64, campaign.scene.run.cases)))
     if table.shape[1] != len(campaign.file.dispersions):
@@ -95,7 +96,7 @@ def drawn(campaign):
 
 
 def checked(campaign):
-    """What ``sepmc check`` tells without a flight."""
+    """Run the checks of ``sepmc check`` without a simulation."""
     drawn(campaign)
     numbers, total = campaign.select_cases()
     describe.lines(campaign.plan)
@@ -106,7 +107,7 @@ def checked(campaign):
 
 
 def rename(tree, rng):
-    """A tree whose items are called by names that occur nowhere else, and these names."""
+    """Tree with names that occur nowhere else, and these names."""
     names, text = {}, json.dumps(tree, default=str)
     for table in _TABLES:
         items = tree.get(table, {})
@@ -127,7 +128,7 @@ _words = set()
 
 
 def mutate_words():
-    """Words of the format: a name like one of them cannot be told apart from it."""
+    """Words of the format: names equal to one of them cannot be recognised."""
     if not _words:
         for path in sorted((mutate.ROOT / "sepmc" / "scene").glob("*.py")):
             _words.update(re.findall(r"\w+", path.read_text(encoding="utf-8")))
@@ -135,7 +136,7 @@ def mutate_words():
 
 
 def written(campaign, names):
-    """The kernel of a campaign holds nothing that its file calls its items."""
+    """Check that the kernel of a campaign contains no name of its file."""
     text = step_selection.kernel_text(campaign, history=campaign.has_histories)
     ast.parse(text)
     body = text.split('"""', 2)[2]

@@ -1,5 +1,5 @@
-"""Flights of numbers that nobody meant, by kernels that are compiled: each row is ok, with numbers,
-or has a status, and none; and what is ok is what the independent flight finds."""
+"""Compiled kernels with extreme numbers: a row is ok with numbers, or has another status and none;
+ok rows agree with the independent simulation."""
 
 import math
 import pickle
@@ -18,7 +18,7 @@ from sepmc.scene.messages import SceneError, no_log
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
 
-# campaigns whose kernels are compiled for it, once
+# campaigns whose kernels are compiled once
 SCENES = ("campaigns/table2.toml", "campaigns/spring-pushers.toml", "tests/scenes/gust.toml")
 _KEPT = ("run", "solver", "name", "title", "requirement", "reference", "output", "event")
 _ODD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e-30, 1e10, 1e30, 1e60, 1e200, -1e60)
@@ -36,7 +36,7 @@ def _campaign(tree):
 
 
 def rows(rng, count, until, tried):
-    """Rows of inputs, in blocks of 64, some of them far from what laws give."""
+    """Rows of inputs in blocks of 64, some of them far outside of the distributions."""
     flights = []
     for tree in _trees().values():
         campaign = _campaign(tree)
@@ -65,7 +65,7 @@ def _rows(campaign, flight, draws):
 
 
 def numbers(rng, count, until, tried):
-    """Campaigns with other numbers, by the kernels that are there."""
+    """Campaigns with other numbers, by the compiled kernels."""
     trees = _trees()
     for tree in trees.values():
         step_selection.select_steps(_campaign(tree), announce=no_log)
@@ -117,8 +117,8 @@ def _flown(campaign, tried):
 
 
 def honest(campaign, statuses, told, bad):
-    """Rows that are ok have numbers, but for those that may be NaN; others have none; rows that
-    were given no numbers are not ok."""
+    """Check that ok rows have numbers (but for columns that may be NaN), that other rows have none,
+    and that rows without inputs are not ok."""
     status = np.array(statuses)
     meaning = {c.name: c.meaning for c in campaign.outcome_columns}
     events = tuple(f"{event.name}_" for event in campaign.scene.event)

@@ -1,4 +1,4 @@
-"""Inputs that nobody meant: trees of TOML and texts, changed at random."""
+"""Random changes of TOML trees and texts."""
 
 import datetime
 import math
@@ -28,7 +28,7 @@ OTHERS = (
 
 
 def bases():
-    """Texts of campaigns to start from, by their path."""
+    """Texts of campaigns to start from, by path."""
     found = {}
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).glob("*.toml")):
@@ -39,13 +39,13 @@ def bases():
 
 
 class Trees:
-    """Trees to start from, and what they are made of."""
+    """Trees to start from, and the keys and values that they are made of."""
 
     def __init__(self):
         self.texts = list(bases().values())
         trees = [tomllib.loads(text) for text in self.texts]
         self.kept = [pickle.dumps(tree) for tree in trees]
-        # small ones more often: what goes wrong goes wrong there too, ten times as fast
+        # small ones more often: faults appear there too, ten times as fast
         self.weights = [1.0 / (200 + len(text)) for text in self.texts]
         self.words, self.values = {}, {}
         for tree in trees:
@@ -58,7 +58,7 @@ class Trees:
         self.words = list(self.words)
 
     def any(self, rng):
-        """A tree as it stands."""
+        """A tree without changes."""
         return pickle.loads(rng.choices(self.kept, self.weights)[0])
 
     def changed(self, rng):
@@ -69,7 +69,7 @@ class Trees:
         return tree
 
     def change(self, tree, rng):
-        """A tree with one change more."""
+        """The tree with one more change."""
         places = slots(tree)
         if not places:
             return tree
@@ -97,7 +97,7 @@ class Trees:
             other, there = rng.choice(places)
             one = pickle.dumps(node[key])
             node[key], other[there] = pickle.loads(pickle.dumps(other[there])), pickle.loads(one)
-        elif way < 0.97:  # a key that belongs somewhere, with what it has there
+        elif way < 0.97:  # a key valid elsewhere, with its value
             word = rng.choice(list(self.values))
             value = pickle.loads(rng.choice(self.values[word]))
             (node if isinstance(node, dict) else tree)[word] = value
@@ -106,7 +106,7 @@ class Trees:
         return tree
 
     def value(self, rng, was):
-        """Something else."""
+        """Another value instead of ``was``."""
         way = rng.random()
         if way < 0.5 and isinstance(was, int | float):
             return rng.choice(NUMBERS)
@@ -119,7 +119,7 @@ class Trees:
         return rng.choice(([], {}, [[]], [0.0, 1.0, 2.0], [1.0] * 7, [rng.choice(NUMBERS)] * 3, ""))
 
     def text(self, rng):
-        """A text with bytes flipped, cut out, doubled, or taken from another."""
+        """Text with bytes flipped, removed, duplicated, or copied from another."""
         said = bytearray(rng.choices(self.texts, self.weights)[0].encode())
         for _ in range(rng.choice((1, 1, 2, 4, 16))):
             place, way = rng.randrange(len(said) + 1), rng.random()
@@ -140,7 +140,7 @@ class Trees:
 
 
 def slots(tree):
-    """Every place (container, key) in a tree."""
+    """All places (container, key) in a tree."""
     found, left = [], [tree]
     while left:
         node = left.pop()
@@ -153,7 +153,7 @@ def slots(tree):
 
 
 def scaled(value, rng):
-    """A number somewhat, or very, different; lists likewise."""
+    """A number slightly or strongly changed; lists likewise."""
     if isinstance(value, list):
         return [scaled(item, rng) if rng.random() < 0.5 else item for item in value]
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -165,7 +165,7 @@ def scaled(value, rng):
 
 
 def huge(rng):
-    """A tree of a size that nobody flies: (what it is, the tree)."""
+    """A very large tree: (its kind, the tree)."""
     size = rng.choice((30, 300, 3000, 30_000))
     tree = tomllib.loads(SMALL)
     what = rng.choice(list(HUGE))

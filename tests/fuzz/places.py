@@ -1,4 +1,4 @@
-"""Where files are tried."""
+"""Temporary folders of trials."""
 
 import contextlib
 import tempfile
@@ -7,6 +7,6 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def scratch():
-    """A folder of its own, gone afterwards."""
+    """Context of a temporary folder."""
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         yield Path(folder)

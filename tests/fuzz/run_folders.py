@@ -1,5 +1,5 @@
-"""Run folders: damaged, forged with the right checksums, full of links, pipes and vast files; the
-commands that read them, and what lies beside them."""
+"""Run folders: damaged, forged with valid checksums, with links, pipes and huge files; the commands
+that read them, and the files beside them."""
 
 import json
 import math
@@ -28,11 +28,11 @@ _NEW = (
     "separation.png",
     "cases", "histories",
 )  # fmt: skip
-_LONG = ("replay", "campaign", "run", "compare", "plot", "report")  # they fly or draw
+_LONG = ("replay", "campaign", "run", "compare", "plot", "report")  # these commands run or plot
 
 
 def run_folders(rng, count, until, tried):
-    """Run folders, changed, and a command for each."""
+    """Changed run folders, each read by a command."""
     with scratch() as place:
         whole = _whole(place)
         for number in turns(count, until, tried):
@@ -52,7 +52,7 @@ def run_folders(rng, count, until, tried):
 
 
 def call(words):
-    """Run a command; InputError if it refused, whatever else is wrong as it is."""
+    """Run a command; raises InputError if it refuses, other errors as they are."""
     done = CliRunner().invoke(app.main, words)
     if done.exception and not isinstance(done.exception, SystemExit):
         raise done.exception
@@ -63,7 +63,7 @@ def call(words):
 
 
 def _whole(place):
-    """Runs of every kind, as they should be."""
+    """Intact runs of every kind."""
     whole = place / "whole"
     found = {kind: whole / kind for kind in ("cases", "single", "plan", "stats")}
     fly = ["campaign", "table2.toml", "--cases", "14", "--quiet", "--no-plots", *_SETTINGS]
@@ -83,7 +83,7 @@ def _whole(place):
 
 
 def _outside(at):
-    """What lies beside a run, and must stay as it is."""
+    """Create files beside a run, which must not change."""
     outside = at / "outside"
     (outside / "cases").mkdir(parents=True)
     (outside / "file").write_text("precious\n")
@@ -93,7 +93,7 @@ def _outside(at):
 
 
 def _listing(at, folder):
-    """All that lies beside a run: names, sizes, contents."""
+    """Names, sizes and contents of all files beside a run."""
     return [
         (str(path), path.read_bytes() if path.is_file() else b"")
         for path in sorted(at.rglob("*"))
@@ -150,7 +150,7 @@ def _change(folder, outside, rng):
         ValueError,
         RecursionError,
         folders.StoreError,
-    ) as error:  # what was changed already
+    ) as error:  # changed before
         said = f"not done: {error}"
     return f"{way.__name__[1:]} {said}"
 
@@ -186,7 +186,8 @@ def _link(folder, outside, rng):
 
 
 def _odd(folder, outside, rng):
-    """A pipe, a folder, or nothing, where a file was; a file where a folder was; a second name."""
+    """Replace a file by a pipe or a folder, remove it, or add a second name; replace a folder by a
+    file."""
     path = rng.choice([*sorted(folder.rglob("*")), *(folder / name for name in _NEW)])
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
@@ -221,7 +222,7 @@ def _manifest(folder, _, rng):
 
 
 class _Values(mutate.Trees):
-    """Changes of a tree, of its own values and others."""
+    """Changes of the values of a tree."""
 
     def __init__(self):
         self.words = ["cases", "digest", "case", "numbers", "of", "seed", "until", "sha256", "x"]
@@ -237,14 +238,14 @@ def _is_own(path):
 
 
 def _own(path):
-    """A file that may be read and written here: no link, which leads elsewhere."""
+    """True for a file that may be read and written: not a link out of the folder."""
     if not _is_own(path):
         raise OSError("changed already")
     return path
 
 
 def _entries(folder):
-    """What the list of files of a run tells of, by their path."""
+    """Entries of the list of files of a run, by path."""
     found = {}
     for line in _own(folder / ledger.LEDGER).read_bytes().splitlines():
         try:
@@ -256,7 +257,7 @@ def _entries(folder):
 
 
 def _seal(folder, manifest):
-    """Write a manifest with the checksums that belong to the files, as anyone can."""
+    """Write a manifest with valid checksums."""
     campaign = ledger.checksum(_own(folder / folders.CAMPAIGN).read_bytes())
     files = _entries(folder).values()
     sealed = manifest | {"files": len(files), "files_sha256": ledger.digest(files)}
@@ -270,7 +271,7 @@ def _seal(folder, manifest):
 
 
 def _reseal(folder, entries=None):
-    """Checksums of all files as they are now, or of these entries."""
+    """Write valid checksums of all files, or of some entries."""
     if entries is None:
         entries = []
         for one in _entries(folder).values():
@@ -319,7 +320,7 @@ def _damaged(folder, _, rng):
 
 
 def _table(folder, _, rng):
-    """Another table with the right checksum."""
+    """Another table with a valid checksum."""
     path = _any(folder, rng, "*.parquet")
     table = pq.read_table(path)
     names, way = (

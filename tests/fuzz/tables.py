@@ -1,4 +1,4 @@
-"""Tables of inputs, CSV and Parquet: numbers and names that are none, types, sizes, damage."""
+"""Input tables, CSV and Parquet: invalid numbers and names, types, sizes, damage."""
 
 import datetime
 import decimal
@@ -33,7 +33,7 @@ _METADATA = (
 
 
 def tables(rng, count, until, tried):
-    """Tables for a campaign of two dispersed masses."""
+    """Tables for a campaign with two dispersed masses."""
     tree = tomllib.loads(SCENE)
     with scratch() as folder:
         for number in turns(count, until, tried):
@@ -57,7 +57,7 @@ def _told(path):
 
 
 def _flown_as_given(plan, folder, path):
-    """What is accepted of a table are the numbers that it has, to the last bit."""
+    """Check that the accepted inputs are the numbers of the table, to the last bit."""
     campaign = Campaign(parse_campaign(plan, "plan.toml", folder=folder, reader=read_input_table))
     numbers, _ = campaign.select_cases()
     first = numbers.ranges[0][0]
@@ -82,7 +82,7 @@ def _flown_as_given(plan, folder, path):
 
 
 def _csv(rng, rows):
-    """A table as text, and damaged."""
+    """A table as text, damaged in some."""
     names = list(rng.choice((INPUTS, ("case", *INPUTS), ("case", *INPUTS, "x"))))
     if rng.random() < 0.2:
         names[rng.randrange(len(names))] = rng.choice((*mutate.NAMES, *INPUTS, "in_x", " case "))
@@ -143,7 +143,7 @@ def _value(rng, kind):
 
 
 def _parquet(rng, rows, path):
-    """A table in Parquet with types of any kind, and damaged."""
+    """A Parquet table with columns of any type, damaged in some."""
     names = list(rng.choice((INPUTS, ("case", *INPUTS), ("case", *INPUTS, "x"))))
     if rng.random() < 0.2:
         names[rng.randrange(len(names))] = rng.choice((*mutate.NAMES, *INPUTS, "in_x", " case "))
@@ -173,7 +173,7 @@ def _parquet(rng, rows, path):
 
 
 def damage(rng, path):
-    """Flip bits of a file, mostly of its footer, or cut it."""
+    """Flip bits of a file, mostly of its footer, or truncate it."""
     said = bytearray(path.read_bytes())
     if not said:
         return

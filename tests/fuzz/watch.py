@@ -1,4 +1,4 @@
-"""What counts as a finding, and the processes that look for some."""
+"""Detection of findings, and the processes that search for them."""
 
 import contextlib
 import faulthandler
@@ -18,21 +18,21 @@ from sepmc.campaign.store.untrusted import StoreError
 from sepmc.scene.messages import InputError, SceneWarning
 
 LONGEST_S = 5.0
-MEMORY = 4 << 30  # bytes that a process may have
+MEMORY = 4 << 30  # memory limit of a process, bytes
 _OURS = ("/sepmc/", "/tests/")
 
 
 class Hang(BaseException):
-    """Something took too long."""
+    """Raised if something takes too long."""
 
 
 class Wrong(AssertionError):
-    """What was accepted, or written, is not what it should be."""
+    """Raised if an accepted or written value is wrong."""
 
 
 @contextlib.contextmanager
 def in_time(seconds=LONGEST_S):
-    """Raise Hang where something takes longer."""
+    """Context that raises Hang after a time."""
 
     def stop(*_):
         raise Hang
@@ -47,7 +47,7 @@ def in_time(seconds=LONGEST_S):
 
 
 def where(error):
-    """Kind of an error and the lines of ours that it went through last."""
+    """Kind of an error and the last lines of the package in its traceback."""
     frames = traceback.extract_tb(error.__traceback__)
     ours = [f for f in frames if any(part in f.filename for part in _OURS)] or frames
     lines = " < ".join(f"{os.path.basename(f.filename)}:{f.lineno}" for f in ours[:-4:-1])
@@ -56,7 +56,7 @@ def where(error):
 
 
 def shown(what):
-    """An input as text, whatever is in it."""
+    """An input as printable text."""
     try:
         return repr(what)
     except (ValueError, RecursionError) as error:
@@ -64,7 +64,7 @@ def shown(what):
 
 
 def turns(count, until, tried):
-    """Numbers of inputs, until there is no time left."""
+    """Numbers of inputs, until no time is left."""
     for number in range(count):
         if time.monotonic() > until:
             return
@@ -73,15 +73,14 @@ def turns(count, until, tried):
 
 
 class Tried:
-    """Inputs counted by what came of them, and findings by their kind, each with its first
-    inputs."""
+    """Inputs counted by result, and findings by kind, each with its first inputs."""
 
     def __init__(self):
         self.counts, self.findings, self.longest = Counter(), {}, (0.0, "")
 
     def look(self, what, act, seconds=LONGEST_S, works=False):
-        """Try one input; returns what it gave, or None. What ``works``, as a flight in very many
-        steps, may take longer."""
+        """Try one input; returns its result, or None. With ``works``, as for a simulation in many
+        steps, it may take longer."""
         begun = time.perf_counter()
         try:
             # what runs in C is not interrupted: the process ends, with the lines it was at
@@ -107,7 +106,7 @@ class Tried:
         return None
 
     def found(self, kind, what):
-        """Note a finding."""
+        """Add a finding."""
         self.counts["findings"] += 1
         seen = self.findings.setdefault(kind, [0, []])
         seen[0] += 1
@@ -115,7 +114,7 @@ class Tried:
             seen[1].append(shown(what))
 
     def add(self, other):
-        """Add what another process tried."""
+        """Add the results of another process."""
         self.counts += other.counts
         self.longest = max(self.longest, other.longest)
         for kind, (count, inputs) in other.findings.items():
@@ -125,7 +124,7 @@ class Tried:
 
 
 def limited():
-    """Bound the memory of this process, and make every warning that is not ours an error."""
+    """Limit the memory of this process, and turn all warnings of other packages into errors."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     warnings.simplefilter("error")
     warnings.simplefilter("ignore", SceneWarning)
@@ -140,7 +139,7 @@ def _work(job):
 
 
 def spread(part, count, seconds, seed, processes):
-    """Try so many inputs of a part in several processes, no longer than so many seconds."""
+    """Try inputs of a part in several processes, within a time."""
     jobs = [(part, seed, k, -(-count // processes), seconds) for k in range(processes)]
     tried = Tried()
     if processes == 1:

@@ -1,4 +1,4 @@
-"""Joints that let go before or after any event, against the independent flight."""
+"""Joints that are released before or after any event, against the independent simulation."""
 
 import json
 
@@ -48,7 +48,8 @@ def cut(joint, when, **more):
 
 
 def by_load(threshold):
-    """The second phase ends by a load of the joint that is left, while the first may be late."""
+    """The second phase ends by a load of the remaining joint, while the first release may be
+    delayed."""
     phases = [
         {"name": "held", "joints": FIXED, "until": {"time_s": 0.1}},
         {
@@ -202,8 +203,8 @@ def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
 
 
 def test_a_stage_is_flown_by_the_functions_of_the_next_where_that_holds_the_same(pair, monkeypatch):
-    """Before two joints are late, nothing differs but that neither may let go: what flies it is
-    written once, and flies as what is written for itself."""
+    """Before two delayed releases the rows are equal: the functions of both segments are written
+    once, with the results of separate ones."""
     balls = {"pins": "spherical", "other": "spherical"}
     phase = [{"name": "held", "joints": balls, "until": {"time_s": 0.1}}, {"name": "free"}]
     table = {"alpha_deg": [-180.0, -20.0, 20.0, 180.0], "normal": [-0.5, -0.5, 0.5, 0.5]}

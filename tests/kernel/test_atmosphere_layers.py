@@ -1,4 +1,4 @@
-"""Borders between the layers of the standard atmosphere: steps end there, and nowhere else."""
+"""Borders between the layers of the standard atmosphere: steps end there and nowhere else."""
 
 import math
 
@@ -32,8 +32,8 @@ def outcomes(campaign, step_s=0.05):
 
 @pytest.mark.parametrize("pitch", [30.0, -30.0])
 def test_a_border_is_passed_in_long_steps_as_in_short_ones(pair, pitch):
-    """Both bodies pass at 300 m/s, free and at different times, in the middle of a step: 1e-11,
-    where it was 1e-6."""
+    """Both bodies cross at 300 m/s, free and at different times, in the middle of a step: error
+    1e-11, without border events 1e-6."""
     side = math.copysign(1.0, pitch)
     campaign = pair(CLIMBING).with_settings(
         {"initial.altitude_m": BORDER - side * 101.0, "initial.pitch_deg": pitch}
@@ -50,8 +50,8 @@ def test_a_border_is_passed_in_long_steps_as_in_short_ones(pair, pitch):
 
 
 def test_a_top_just_beyond_a_border(pair):
-    """A lob that comes some 4 m into the next layer and falls back, all within one step of 1 s:
-    both borders cut it."""
+    """A trajectory that rises 4 m into the next layer and falls back, all within a step of 1 s: the
+    step ends at both borders."""
     climb = 40.0 * math.sin(math.radians(80.0))
     lob = {
         "altitude_m": BORDER + 6.0 - climb**2 / (2.0 * 9.773),
@@ -75,7 +75,8 @@ def test_a_top_just_beyond_a_border(pair):
 
 
 def test_a_start_on_a_border(pair):
-    """A body that starts there flies in the layer that it goes to: nothing is cut, up or down."""
+    """A body that starts on a border belongs to the layer that it moves into: no step ends there,
+    up or down."""
     one = {name: value for name, value in CLIMBING.items() if name != "body.aft.aerodynamics"}
     for pitch in (30.0, -30.0):
         ahead = 0.5 * math.sin(math.radians(pitch))  # of the mass centre
@@ -89,7 +90,7 @@ def test_a_start_on_a_border(pair):
 
 
 def test_layers_are_nothing_to_bodies_without_aerodynamics(pair):
-    """They pass a border of the default air as if there were none."""
+    """They cross a border of the default atmosphere without an event."""
     bare = {name: value for name, value in CLIMBING.items() if not name.endswith("aerodynamics")}
     found = outcomes(pair(bare))
     empty = outcomes(

@@ -1,4 +1,4 @@
-"""Pitch and roll go on through turns: close to the vertical, where a step alone does not tell on
+"""Pitch and roll with full turns, close to the vertical, where a step alone does not determine on
 which side of it the x axis passed."""
 
 import numpy as np
@@ -28,8 +28,8 @@ TUMBLING = {
 
 
 def followed(omega, count=20_001):
-    """Pitch and roll, deg, of a round body after all, and the sine of the least angle from the
-    vertical: it turns evenly about an axis that is fixed in it and in space."""
+    """Pitch and roll, deg, of a round body, and the sine of the minimum angle from the vertical: it
+    rotates evenly about an axis fixed in body and space."""
     turns = Rotation.from_euler("ZYX", [0.0, np.radians(60.0), 0.0]) * Rotation.from_rotvec(
         np.outer(np.linspace(0.0, END, count), omega)
     )
@@ -43,8 +43,8 @@ def followed(omega, count=20_001):
 
 @pytest.mark.slow
 def test_pitch_and_roll_are_followed_past_the_vertical(pair):
-    """Bodies that turn evenly, some within a tenth of a degree of it: pitch and roll as of 20,000
-    instants."""
+    """Bodies that rotate evenly, some within 0.1 deg of the vertical: pitch and roll as those of
+    20,000 samples."""
     campaign = pair(TUMBLING)
     table = campaign.run(cases=CASES, seed=3).to_pandas()
     omegas = table[[f"in_initial_omega_{axis}_rad_s" for axis in "xyz"]].to_numpy()

@@ -32,8 +32,7 @@ def flown(nozzle):
 
 
 def test_a_nozzle_leaving_an_interstage_meets_the_accuracy(flown):
-    """Its least clearance is where the distance ends; the pilot finds a step all the same, and says
-    how good it is."""
+    """The minimum clearance is at the end of the motion; a step is still found, with its error."""
     assert (flown.to_pandas()["status"] == "ok").all()
     assert flown.accuracy.errors["gap_clearance_mm"] <= 1e-9
 
@@ -79,7 +78,7 @@ def shapes(seed, count=40):
 
 
 def test_the_geometry_agrees_on_solids():
-    """And is proved: a slab as wide lies between them."""
+    """A gap as wide as the distance lies between them, which proves it."""
     for parts in shapes(3):
         distance, unproved = geometry.solid_distance(
             *((p[0][None], p[1][None], *p[2:]) for p in parts)

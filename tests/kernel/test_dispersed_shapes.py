@@ -1,5 +1,5 @@
-"""Axes, outlines and winds that differ from case to case: every row as the independent flight has
-it."""
+"""Axes, outlines and winds that differ from case to case: every row agrees with the independent
+simulation."""
 
 import re
 
@@ -253,7 +253,11 @@ def test_outlines_are_set(pair):
 @pytest.mark.parametrize(
     ("path", "law", "says"),
     [
-        ("body.aft.outline.0.radii_m.0", {"uniform": [-0.1, 0.2]}, "the law reaches -0.1, but"),
+        (
+            "body.aft.outline.0.radii_m.0",
+            {"uniform": [-0.1, 0.2]},
+            "the distribution reaches -0.1, but",
+        ),
         ("body.aft.outline.0.radii_m.2", {"uniform": 0.1}, "'2' is no component; allowed: 0, 1"),
         ("body.aft.outline.1.points_m", {"uniform": 0.1}, "is an array; name one of its items: .0"),
         ("body.aft.outline.1.points_m.0", {"uniform": 0.1}, "is a vector; name one component: .x"),

@@ -1,5 +1,5 @@
-"""Conditions that must be crossed in a direction, and what stands at its threshold as a condition
-is armed."""
+"""Conditions with a crossing direction, and quantities at their threshold at the start of a
+phase."""
 
 import math
 
@@ -35,7 +35,7 @@ RATE = math.sqrt(20.0 / 0.75)
 
 
 def at_height(height, sign):
-    """When the vehicle of `UP` passes a height, m: rising (-1) or falling (+1)."""
+    """Time at which the vehicle of `UP` passes a height, m, rising (-1) or falling (+1)."""
     return (10.0 + sign * math.sqrt(100.0 - 2.0 * G * (height - 1000.0))) / G
 
 
@@ -49,7 +49,7 @@ def phases(*untils, kind="fixed"):
 
 
 def ends(campaign, step_s=0.1):
-    """When phases end, s: by the kernel, and by the independent flight."""
+    """End times of phases, s, by the kernel and by the independent simulation."""
     history = campaign.simulate(step_s=step_s)
     time, phase = history["time_s"].to_numpy(), history["phase"].to_numpy()
     found = [time[i] for i in np.flatnonzero(phase[1:] != phase[:-1])]
@@ -77,7 +77,8 @@ RISING, FALLING, EITHER = ({"direction": way} for way in ("rising", "falling", "
     ],
 )
 def test_the_same_height_twice(pair, first, second, step):
-    """What the first phase ended at is not what ends the second: that is on the way down."""
+    """The crossing that ends the first phase does not end the second, which ends on the way
+    down."""
     settings = UP | {"phase": phases(first, second), "solver.step_s": step}
     found, _ = ends(pair(settings))
     assert_allclose(found, [at_height(1003.0, -1.0), at_height(1003.0, 1.0)], rtol=0, atol=EXACT)
@@ -152,7 +153,7 @@ def test_a_direction_counts(crossed):
 
 
 def test_standing_at_the_threshold_is_no_crossing(crossed):
-    """The first phase ends as the threshold is crossed: the second waits for the next crossing."""
+    """The first phase ends at the threshold; the second waits for the next crossing."""
     make, condition, up, down = crossed
     for then in (FALLING, EITHER):
         found = ends(make(condition | RISING, condition | then))[0]
@@ -160,7 +161,8 @@ def test_standing_at_the_threshold_is_no_crossing(crossed):
 
 
 def test_on_the_other_side_as_it_is_armed(crossed):
-    """Beyond the threshold when the phase begins: a rise must still come, a fall does."""
+    """Beyond the threshold when the phase begins: a rising crossing must still come, a falling one
+    does."""
     make, condition, up, down = crossed
     middle = {"time_s": 0.5 * (up + down)}
     assert_allclose(ends(make(middle, condition | FALLING))[0][1], down, rtol=0, atol=EXACT)
@@ -174,8 +176,8 @@ def test_on_the_other_side_as_it_is_armed(crossed):
 
 
 def test_a_limit_is_met_beyond_it_and_at_it(crossed):
-    """Without a direction what is at the threshold or beyond as it is armed meets it at once; a
-    height, which is crossed, does not."""
+    """Without a direction, a quantity at or beyond the threshold meets it at once; a height, which
+    must be crossed, does not."""
     make, condition, up, down = crossed
     middle = 0.5 * (up + down)
     at_once = "altitude_m" not in condition
@@ -206,15 +208,15 @@ def test_a_vertical_speed_up_is_positive(pair, speed):
 
 
 def test_no_apex_of_what_only_falls(pair):
-    """Dropped from rest: the vertical speed stands at 0 as it is armed, and leaves it downward."""
+    """Dropped from rest: the vertical speed is 0 at the start and decreases."""
     for way in ({}, FALLING, RISING):
         _, told = ends(pair(FALL | {"phase": phases(APEX | way)}))
         assert told["status"] == "never-released"
 
 
 def test_apex_after_a_rise_from_rest(pair):
-    """From rest, 3 G up for 0.2 s: a vertical speed that stands at 0 at the start is not met by
-    that, nor by leaving it, but when it comes back to 0."""
+    """From rest, 3 g up for 0.2 s: a vertical speed of 0 at the start meets no condition, nor does
+    leaving 0; returning to 0 does."""
     push = {
         "name": "push",
         "body": "fore",
@@ -229,8 +231,8 @@ def test_apex_after_a_rise_from_rest(pair):
 
 
 def test_what_stood_long_at_its_threshold(pair):
-    """Held to the ground at a height for 0.3 s, then dropped: it has not crossed that height; one
-    0.1 m below it, it has."""
+    """Fixed to the ground at a height for 0.3 s, then dropped: it has not crossed that height; it
+    crosses one 0.1 m below."""
     settings = {
         "environment.gravity": "constant",
         "initial.pitch_deg": 90.0,

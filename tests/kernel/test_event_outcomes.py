@@ -1,5 +1,5 @@
-"""Rates, attitudes and separations at an event: closed forms, flights that end there, and what the
-conditions of events may be."""
+"""Rates, attitudes and separations at an event: closed forms, runs that end there, and conditions
+of events."""
 
 import math
 import re
@@ -31,8 +31,8 @@ LET_GO = {
 }
 
 
-def told(campaign, event, case=None):
-    """What is told at an event, by the rest of the name."""
+def event_values(campaign, event, case=None):
+    """Outcomes at an event, by the rest of the column name."""
     outcomes = campaign.simulate(case, step_s=0.05).attrs["outcomes"]
     start = f"{event}_"
     return {name.removeprefix(start): v for name, v in outcomes.items() if name.startswith(start)}
@@ -42,7 +42,7 @@ def test_the_end_of_a_spring(pair):
     """12 N over 0.1 m on 0.75 kg: at rest first, 16 m/s2, so after sqrt(0.2 / 16) s, at sqrt(3.2)
     m/s."""
     event = {"name": "pushed", "when": {"spring": "push"}}
-    found = told(
+    found = event_values(
         pair(FREE | {"spring": [PUSH], "event": [event], "initial.omega_deg_s": [0, 0, 0]}),
         "pushed",
     )
@@ -68,11 +68,11 @@ CONDITIONS = {
 @pytest.mark.parametrize("phases", [{}, LET_GO], ids=["free", "let go"])
 @pytest.mark.parametrize("when", CONDITIONS.values(), ids=CONDITIONS)
 def test_a_flight_that_ends_there_gives_the_same(pair, phases, when):
-    """What is told at an event is what a flight that ends then gives as its outcomes; and what the
-    independent flight gives."""
+    """Event outcomes equal the final outcomes of a run that ends then, and those of the independent
+    simulation."""
     scene = FREE | phases | {"spring": [PUSH, ASIDE], "event": [{"name": "now", "when": when}]}
     campaign = pair(scene)
-    found = told(campaign, "now")
+    found = event_values(campaign, "now")
     shorter = pair({**scene, "event": [], "run.end_time_s": found["time_s"]})
     ended = shorter.simulate().attrs["outcomes"]
     apart = simulate(campaign.case(0).to_dict()).outcomes
@@ -117,8 +117,8 @@ BREAKS = [{"name": "break", "joint": "pins", "to": "free", "when": AT_8_N}]
 @pytest.mark.parametrize("phases", [{}, BROKEN, {"release": BREAKS}], ids=["on", "ends", "breaks"])
 @pytest.mark.parametrize("when", LOADS.values(), ids=LOADS)
 def test_attitudes_where_a_load_is_reached(pair, when, phases):
-    """A step is cut short where a load is reached: attitudes are those of that instant, here and
-    from then on."""
+    """A step is cut short where a load is reached: attitudes are those of that time, then and
+    afterwards."""
     campaign = pair(FREE | HELD | phases | {"event": [{"name": "now", "when": when}]})
     flown = campaign.simulate(step_s=0.05).attrs["outcomes"]
     apart = simulate(campaign.case(0).to_dict()).outcomes
@@ -147,10 +147,11 @@ GAPS = [
     ids=["before", "at the release", "after"],
 )
 def test_clearances_at_an_event(pair, when, counts):
-    """The distance then, of those that count by then: as the independent flight has it."""
+    """Distances at the event, of the clearances measured by then, as in the independent
+    simulation."""
     scene = FREE | LET_GO | OUTLINES | {"spring": [PUSH, ASIDE], "clearance": GAPS}
     campaign = pair(scene | {"event": [{"name": "now", "when": when}]})
-    found, apart = told(campaign, "now"), simulate(campaign.case(0).to_dict()).outcomes
+    found, apart = event_values(campaign, "now"), simulate(campaign.case(0).to_dict()).outcomes
     names = ("gap_clearance_mm", "freed_clearance_mm")
     assert_allclose(
         [found[name] for name in names], [apart[f"now_{name}"] for name in names], atol=1e-7
@@ -159,8 +160,8 @@ def test_clearances_at_an_event(pair, when, counts):
     assert math.isfinite(found["freed_clearance_mm"]) == counts
 
 
-def test_tip_off_is_what_is_told_at_a_release(pair):
-    """Rates when a joint becomes free, by both ways to ask for them."""
+def test_tip_off_equals_the_outcomes_at_a_release(pair):
+    """Rates when a joint becomes free, by both outputs."""
     event = {"name": "freed", "when": {"time_s": 0.05}}
     campaign = pair(
         FREE | LET_GO | {"spring": [ASIDE], "event": [event], "output.tip_off": ["pins"]}
@@ -178,11 +179,11 @@ def test_turns_are_counted_on(pair):
     """A roll of 720 deg/s about the axis: 360 deg after half a second, not 0."""
     event = {"name": "turned", "when": {"time_s": 0.5}}
     campaign = pair(FREE | {"event": [event], "initial.omega_deg_s": [720.0, 0.0, 0.0]})
-    assert_allclose(told(campaign, "turned")["aft_roll_deg"], 360.0, rtol=1e-10)
+    assert_allclose(event_values(campaign, "turned")["aft_roll_deg"], 360.0, rtol=1e-10)
 
 
 def test_what_never_comes_has_no_value_and_ends_no_case(pair):
-    """NaN, and the case is ok."""
+    """NaN outcomes, and the case is ok."""
     event = {"name": "far", "when": {"joint": "pins", "distance_m": 1e3}}
     history = pair(FREE | {"spring": [PUSH], "event": [event]}).simulate()
     assert history.attrs["status"] == "ok"
@@ -194,9 +195,9 @@ def test_what_never_comes_has_no_value_and_ends_no_case(pair):
 
 
 def test_an_event_at_the_start(pair):
-    """What is met at the start is told of the start."""
+    """A condition met at the start has the outcomes of the start."""
     event = {"name": "first", "when": {"time_s": 0.0}}
-    found = told(pair(FREE | {"spring": [PUSH], "event": [event]}), "first")
+    found = event_values(pair(FREE | {"spring": [PUSH], "event": [event]}), "first")
     assert found["time_s"] == 0.0
     assert_allclose(found["aft_omega_x_deg_s"], 20.0, rtol=1e-14)
 
@@ -215,7 +216,7 @@ def test_a_phase_ends_with_a_spring(pair):
 
 
 def test_a_threshold_may_vary(pair, plainly):
-    """Each case is told at its own time, and alone as in the campaign."""
+    """Each case has its own event time, alone as in the campaign."""
     event = {"name": "now", "when": {"time_s": 0.2}}
     campaign = pair(
         FREE
@@ -229,7 +230,7 @@ def test_a_threshold_may_vary(pair, plainly):
     (drawn,) = (name for name in rows if name.startswith("in_"))
     assert_allclose(rows["now_time_s"], rows[drawn], rtol=1e-15)
     assert np.ptp(rows["now_separation_distance_mm"]) > 1.0
-    for name, value in told(campaign, "now", 2).items():
+    for name, value in event_values(campaign, "now", 2).items():
         assert_allclose(value, rows[f"now_{name}"][2], rtol=1e-8, atol=1e-8)
 
 
@@ -264,13 +265,13 @@ def test_a_threshold_may_vary(pair, plainly):
     ],
 )
 def test_what_is_refused(pair, settings, said):
-    """With its place, and what would be right."""
+    """The message has the place and the allowed values."""
     with pytest.raises(SceneError, match=re.escape(said)):
         pair(FREE | {"spring": [PUSH]} | settings)
 
 
 def test_a_spring_without_an_end_is_a_slip(pair):
-    """It pushes on, so the event never comes; unless its stroke varies."""
+    """It never ends, so the event never occurs, unless its stroke is dispersed."""
     event = {"name": "pushed", "when": {"any": [{"spring": "push"}]}}
     campaign = pair(FREE | {"spring": [ENDLESS], "event": [event]})
     assert any("spring push has no stroke_m" in said for said in lint_scene(campaign.scene, ()))

@@ -1,5 +1,5 @@
-"""When phases end and joints let go: every kind of condition against a closed form, order,
-combinations, late and failed releases."""
+"""Ends of phases and releases: every kind of condition against a closed form, order, combinations,
+delayed and failed releases."""
 
 import math
 from pathlib import Path
@@ -33,7 +33,7 @@ def phases(*steps):
 
 
 def flown(campaign, step_s=0.05):
-    """History, and its outcomes, of a case that must end well."""
+    """History and outcomes of a case that must end ok."""
     history = campaign.simulate(step_s=step_s)
     assert history.attrs["status"] == "ok"
     assert history.attrs["outcomes"]["event_residual_s"] <= EXACT
@@ -41,7 +41,7 @@ def flown(campaign, step_s=0.05):
 
 
 def changes(history):
-    """Times at which something changed (two rows each), and the phases before and after."""
+    """Times with two rows each, and the phases before and after."""
     time, phase = history["time_s"].to_numpy(), history["phase"].to_numpy()
     twice = np.flatnonzero(np.diff(time) == 0.0)
     assert np.all(np.diff(time) >= 0.0)
@@ -49,7 +49,7 @@ def changes(history):
 
 
 def ends(pair, until, joints, settings, after=None):
-    """When the first of two phases ends."""
+    """End time of the first of two phases, s."""
     history, _ = flown(pair(settings | {"phase": phases((joints, until), (after or {}, None))}))
     ((time, before, then),) = changes(history)
     assert (before, then) == ("p0", "p1")
@@ -200,8 +200,8 @@ def test_load_that_jumps(pair):
 
 
 def test_load_that_rises_and_falls_within_a_step(pair):
-    """1.5 N for 40 ms, in profile a triangle: breaks at 1.2 N on its way up, though a step of 0.5 s
-    begins and ends without it."""
+    """1.5 N for 40 ms, a triangular profile: breaks at 1.2 N on its way up, although a step of 0.5
+    s begins and ends without load."""
     profile = {"time_s": [0.0, 0.02, 0.04], "fraction": [0.0, 1.0, 0.0]}
     settings = {"motor": [RETRO | {"ignition_s": 0.2, "profile": profile}], "solver.step_s": 0.5}
     assert_allclose(
@@ -305,8 +305,8 @@ def test_any_and_all(pair, until, expected):
 
 
 def test_what_was_met_stays_met(pair):
-    """Above 1005 m from 0.86 s to 1.18 s: at 1.5 s, all of it is met, though the vehicle has come
-    down again."""
+    """Above 1005 m from 0.86 s to 1.18 s: at 1.5 s all conditions are met, although the vehicle has
+    come down again."""
     until = {"all": [{"body": "fore", "altitude_m": 1005.0}, {"time_s": 1.5}]}
     assert ends(pair, until, FIXED, UP | {"run.end_time_s": 2.0}) == 1.5
 
@@ -334,7 +334,7 @@ def test_several_in_one_step(pair, step):
 
 
 def test_met_when_the_phase_begins(pair):
-    """The second phase ends at a stroke that lies behind: it takes no time."""
+    """The second phase ends at a stroke that is already exceeded: its duration is zero."""
     steps = [
         (SLIDER, {"joint": "pins", "stroke_mm": 10.0}),
         (SLIDER, {"joint": "pins", "stroke_mm": 5.0}),
@@ -352,7 +352,7 @@ def test_met_when_the_phase_begins(pair):
     [{"time_s": 0.0}, {"joint": "pins", "stroke_mm": 0.0}],
 )
 def test_met_at_the_start(pair, until):
-    """Free from the first instant."""
+    """Free from the start."""
     history, outcomes = flown(
         pair({"motor": [RETRO], "phase": phases((SLIDER, until), (FREE, None))})
     )
@@ -368,7 +368,7 @@ PODS = ("left", "right")
 @pytest.fixture
 def pods(pair):
     """Maker of campaigns of a core and two pods beside it, each on a slider and pushed aft by 2 N:
-    s = t^2 while the core is held."""
+    s = t^2 while the core is fixed."""
 
     def make(settings):
         scene = {
@@ -405,8 +405,8 @@ def pods(pair):
 @pytest.mark.parametrize("step", [0.5, 0.05])
 @pytest.mark.parametrize("order", [1, -1])
 def test_releases_in_one_step(pods, order, step):
-    """Each when its own slider has run so far, whatever stands first in the file: two rows at each,
-    and the phase goes on."""
+    """Each at its own stroke, whatever comes first in the file: two rows at each, and the phase
+    continues."""
     release = [
         {"name": "second", "joint": "left", "when": {"joint": "left", "stroke_mm": 40.0}},
         {"name": "first", "joint": "right", "when": {"joint": "right", "stroke_mm": 39.0}},
@@ -426,8 +426,8 @@ def test_releases_in_one_step(pods, order, step):
 
 
 def test_release_upon_the_stroke_of_another(pods):
-    """The left slider's 10 mm lets go the right; at the same instant the phase ends, and with it
-    the left: one change."""
+    """The left slider's 10 mm release the right one; at the same time the phase ends and releases
+    the left one: one change."""
     release = [{"name": "other", "joint": "right", "when": {"joint": "left", "stroke_mm": 10.0}}]
     steps = [
         (
@@ -443,8 +443,8 @@ def test_release_upon_the_stroke_of_another(pods):
 
 @pytest.mark.parametrize("when", [0.05, 0.15, 0.25])
 def test_release_in_any_phase(pods, when):
-    """Phases end at 0.1 s and 0.2 s, and change nothing for the left pod, which goes when its own
-    event comes."""
+    """Phases end at 0.1 s and 0.2 s and do not change the left pod, which is released by its own
+    event."""
     joints = {"hold": "fixed", "left": "slider", "right": "slider"}
     release = [{"name": "go", "joint": "left", "when": {"time_s": when}}]
     history, outcomes = flown(
@@ -466,8 +466,8 @@ def test_release_in_any_phase(pods, when):
 
 
 def test_many_changes_fit_in_a_history(pods):
-    """A row every 0.25 s, and two at each of seven changes that are no phase's end: the last row is
-    that of the end."""
+    """A row every 0.25 s, and two at each of seven changes within a phase; the last row is that of
+    the end."""
     release = [{"name": "core", "joint": "hold", "when": {"time_s": 0.31}}]
     for i, pod in enumerate(PODS):
         for k, kind in enumerate(("cylindrical", "point-on-line", "free")):
@@ -485,8 +485,8 @@ def test_many_changes_fit_in_a_history(pods):
 
 
 def test_a_joint_changes_twice(pods):
-    """Locked, then guided, then free, each by an event of its own; free is when it lets go for
-    good."""
+    """Locked, guided, free, each by an event of its own; the release time is that of becoming
+    free."""
     joints = {"hold": "fixed", "left": "fixed", "right": "fixed"}
     release = [
         {"name": "unlock", "joint": "left", "to": "slider", "when": {"time_s": 0.1}},
@@ -504,7 +504,7 @@ def test_a_joint_changes_twice(pods):
 
 
 def test_late(pair):
-    """The phase ends at 0.1 s, the joint lets go 0.05 s later: two rows at each."""
+    """The phase ends at 0.1 s, the joint is released 0.05 s later: two rows at each."""
     history, outcomes = flown(
         pair(
             {
@@ -536,8 +536,7 @@ def test_late_by_nothing_changes_nothing(pair):
 
 
 def test_late_beyond_the_end(pair):
-    """It would let go after the end of the flight: never released, by status; what the bodies do is
-    told all the same."""
+    """The release would be after the end: status never released; the other outcomes are valid."""
     found = (
         pair({"phase": phases((FIXED, {"time_s": 0.1}), (FREE, None)), "joint.pins.delay_s": 0.5})
         .simulate()
@@ -550,8 +549,8 @@ def test_late_beyond_the_end(pair):
 
 
 def test_fails(pods):
-    """The left pod's slider does not let go, the right one's does: a status, a release time that is
-    NaN, and all other outcomes, but for the flow past a core at rest."""
+    """The left pod's slider fails to release, the right one's does not: a status, a NaN release
+    time; all other outcomes are finite, but for the flow past a core at rest."""
     until = {"joint": "left", "stroke_mm": 10.0}
     steps = [
         ({"hold": "fixed", "left": "slider", "right": "slider"}, until),
@@ -574,7 +573,7 @@ def test_fails(pods):
 
 @pytest.mark.parametrize("optional", [False, True])
 def test_a_release_that_does_not_come(pods, optional):
-    """A joint that would break at a load it never sees: a failure, unless that may be."""
+    """A joint whose break load is never reached: an error, unless the release is optional."""
     release = {"name": "break", "joint": "left", "when": {"joint": "left", "force_N": 1e3}}
     found = pods({"release": [release | {"optional": optional}]}).simulate().attrs
     assert found["status"] == ("ok" if optional else "never-released")
@@ -582,8 +581,8 @@ def test_a_release_that_does_not_come(pods, optional):
 
 
 def test_dispersed(pair, plainly):
-    """Strokes inside any and all, delays, and failures, drawn for each case: each release where its
-    own numbers put it."""
+    """Strokes within any and all, delays and failures, sampled per case: each release at the time
+    of its own parameters."""
     until = {
         "any": [
             {"joint": "pins", "stroke_mm": 10.0},
@@ -618,8 +617,8 @@ def test_dispersed(pair, plainly):
 
 
 def test_told_to_guide_after_being_told_to_go(pair):
-    """Free at 0.2 s by its own event, 0.1 s late; the phase that begins in between, in which it is
-    guided, does not take that back."""
+    """Free at 0.2 s by its own event, 0.1 s delayed; a phase in which it is guided begins in
+    between and does not cancel that."""
     release = [{"name": "go", "joint": "pins", "when": {"time_s": 0.2}}]
     steps = phases((FIXED, {"time_s": 0.25}), (SLIDER, None))
     _, outcomes = flown(
@@ -629,8 +628,8 @@ def test_told_to_guide_after_being_told_to_go(pair):
 
 
 def test_two_late_changes_on_the_way_at_once(pair):
-    """Guided 0.1 s after 0.1 s, free 0.1 s after 0.15 s: each as late as the joint is, the second
-    does not undo the first."""
+    """Guided 0.1 s after 0.1 s, free 0.1 s after 0.15 s: both delayed, the second does not cancel
+    the first."""
     steps = phases((FIXED, {"time_s": 0.1}), (SLIDER, {"time_s": 0.15}), (FREE, None))
     _, outcomes = flown(pair({"motor": [RETRO], "phase": steps, "joint.pins.delay_s": 0.1}))
     assert_allclose(outcomes["release_time_s"], 0.25, rtol=0, atol=EXACT)
@@ -638,7 +637,7 @@ def test_two_late_changes_on_the_way_at_once(pair):
 
 
 def test_a_release_that_would_hold_again_is_refused(pair):
-    """In the second phase the joint may be a ball joint, or, released before that, slide."""
+    """In the second phase the joint may be a ball joint or, released before that, a slider."""
     release = [{"name": "slide", "joint": "pins", "to": "cylindrical", "when": {"time_s": 0.1}}]
     steps = phases(({"pins": "fixed"}, {"time_s": 0.2}), ({"pins": "spherical"}, None))
     with pytest.raises(
@@ -657,8 +656,8 @@ def test_a_release_that_would_hold_again_is_refused(pair):
 
 
 def test_no_release_time_after_an_inconsistent_start(pair):
-    """A slider on the ground, and a vehicle that turns: no outcome, the release time among them, is
-    a number."""
+    """A slider on the ground, and a vehicle that rotates: all outcomes, including the release time,
+    are NaN."""
     case = pair(
         {
             "joint.pins.bodies": ["ground", "aft"],
@@ -682,8 +681,8 @@ def test_no_release_time_after_an_inconsistent_start(pair):
 
 
 def test_a_load_that_comes_while_another_joint_is_late():
-    """A pulse of 3,000 N at 1.05 s on a body of 50 kg that a steady load decelerates breaks the
-    joint then, as its hand-made sum says, though the joint ahead of it lets go only at 1.12 s or
+    """A pulse of 3,000 N at 1.05 s on a body of 50 kg under a steady deceleration breaks the joint
+    at the time of a hand calculation, although the joint ahead of it is released at 1.12 s or
     later."""
     campaign = sepmc.load(Path(__file__).parents[1] / "scenes" / "awaited_load.toml")
     with run_interpreted():
@@ -716,7 +715,7 @@ def swinging(stroke_m, force):
 
 @pytest.mark.parametrize("stroke", [0.0195, 0.019998, 0.01999999, 0.0203])
 def test_a_stroke_near_the_turning_point(pair, stroke):
-    """2 f / k = 20 mm: just reached, though it was foretold for much earlier; never."""
+    """2 f / k = 20 mm: just reached, although it was predicted much earlier; or never."""
     found = pair(swinging(stroke, 6.75)).simulate(step_s=0.5).attrs
     if stroke > 0.02:
         assert found["status"] == "never-released"
@@ -730,8 +729,8 @@ def test_a_stroke_near_the_turning_point(pair, stroke):
 
 
 def test_strokes_near_the_turning_point(pair):
-    """Cases that reach it and cases that do not, all with the status and the time of the closed
-    form; none is lost."""
+    """Cases that reach it and cases that do not, all with the status and time of the closed form;
+    none is rejected."""
     laws = {"spring.s.force_N": {"uniform": [6.4, 6.8]}}
     campaign = pair(swinging(0.0195, 6.6) | {"dispersion": laws, "solver.accuracy": 1e-6})
     with run_interpreted():

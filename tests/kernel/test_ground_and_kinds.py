@@ -1,5 +1,5 @@
-"""The ground as a body, kinds of joints, common and of one's own, joints that hold twice: hand
-formulas, and what any joint must obey."""
+"""The ground as a body, common and custom joint kinds, redundant joints: hand formulas, and
+properties of any joint."""
 
 import itertools
 import math
@@ -175,8 +175,7 @@ def test_conical_pendulum():
 )
 @pytest.mark.parametrize("formulation", ["reduced", "full"])
 def test_energy_on_the_ground(kind, joint, formulation):
-    """Spun and let go, tilted: what a joint to the ground does to its body takes and gives no
-    energy."""
+    """Spun and released, tilted: a joint to the ground does no work on its body."""
     campaign = bob(
         kind,
         joint,
@@ -274,8 +273,8 @@ def test_rail_let_go(pair):
 
 
 def test_speed_where_the_ground_is_not_held(pair):
-    """A joint to the ground that is free from the start: the vehicle may fly, and the gap to where
-    it started grows with it."""
+    """A joint to the ground that is free from the start: the gap grows with the speed of the
+    vehicle."""
     settings = {
         "joint.mark": {"bodies": ["ground", "fore"], "point_m": [0.0, 0.0, 0.0], "apart": 1},
         "initial.speed_m_s": 7.0,
@@ -335,8 +334,8 @@ def axes_of(joint):
 
 
 def check_held(history, held, joint):
-    """Gaps and turns that are held stay; forces and moments where nothing is held are nil; action
-    is reaction."""
+    """Constrained gaps and rotations stay; loads along free directions are zero; action is
+    reaction."""
     translations, rotations = held
     axes = axes_of(joint)
     gap = vector(history, "pins_gap", "m") @ axes.T
@@ -401,8 +400,8 @@ def same_motion(found, expected, bound=1e-11):
 )
 @pytest.mark.parametrize("kind", HELD)
 def test_every_kind_over_a_second(pair, kind, joint):
-    """Tumbling and pushed: what is held stays held, nothing leaks into what is free; full is
-    reduced, and the audit is clean."""
+    """Tumbling and pushed: constraints stay satisfied, free directions carry no load; the full
+    formulation equals the reduced one, and the audit is clean."""
     campaign = pair(TUMBLE | joint | only(kind))
     history = flown(campaign)
     check_held(history, HELD[kind], joint)
@@ -421,7 +420,7 @@ def test_every_kind_over_a_second(pair, kind, joint):
 
 @pytest.mark.parametrize("formulation", ["reduced", "full"])
 def test_rod_over_a_second(pair, formulation):
-    """Two points stay as far apart as they were; the force runs along the rod, there is no moment;
+    """The distance of two points is constant; the force acts along the rod, without a moment;
     action is reaction."""
     campaign = pair(
         TUMBLE
@@ -441,8 +440,8 @@ def test_rod_over_a_second(pair, formulation):
 
 @pytest.mark.parametrize("rotations", SUBSETS)
 def test_every_custom_kind(pair, rotations):
-    """All sets of translations with a set of rotations, each by its own name: they hold what they
-    say, and full is reduced."""
+    """All sets of translations with a set of rotations: they constrain their components, and the
+    full formulation equals the reduced one."""
     for translations in SUBSETS:
         if not translations + rotations:
             continue
@@ -459,7 +458,7 @@ def test_every_custom_kind(pair, rotations):
 
 @pytest.mark.parametrize("kind", HELD)
 def test_custom_kinds_that_are_common(pair, kind):
-    """A kind of one's own that holds what a common one holds moves the same to the last bit."""
+    """A custom kind with the rows of a common one has the same bits."""
     own = {
         "joint.pins.kind": {
             "own": {"translations": list(HELD[kind][0]), "rotations": list(HELD[kind][1])}
@@ -471,7 +470,7 @@ def test_custom_kinds_that_are_common(pair, kind):
 
 @pytest.mark.parametrize("kind", [*HELD, "rod"])
 def test_ground_or_a_great_mass(pair, kind):
-    """The aft body on a fore body of 1e9 kg at rest moves as on the ground: to 1e-7, the share of
+    """The aft body on a fore body of 1e9 kg at rest moves as on the ground, to 1e-7, the ratio of
     the masses over a second."""
     second = {"second_point_m": [2.3, 0.2, -0.1]} if kind == "rod" else {}
     heavy = {
@@ -516,7 +515,7 @@ def test_ground_or_a_great_mass(pair, kind):
 @pytest.mark.parametrize("formulation", ["reduced", "full"])
 def test_two_fixed_joints_share(pair, formulation):
     """Symmetric about the axis: the motion of one joint; each carries half the force, six rows of
-    twelve follow from the others."""
+    twelve are redundant."""
     push = {
         "motor": [
             {"name": "retro", "body": "aft", "thrust_N": 2.0, "station_m": 3.0, "cant_deg": 180.0}

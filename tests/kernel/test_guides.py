@@ -1,5 +1,5 @@
-"""Pins and their friction in written kernels: against the independent flight, and the balance of
-friction against closed forms."""
+"""Guide pins and their friction against the independent simulation, and the balance of friction
+against closed forms."""
 
 import math
 
@@ -104,7 +104,7 @@ SCENES = {
 
 @pytest.mark.parametrize("name", SCENES)
 def test_as_the_independent_flight(pair, name):
-    """All outcomes, pin loads, time in the guide and the friction that would jam among them."""
+    """All outcomes, with pin loads, sliding time and the jamming friction coefficient."""
     campaign = pair(TURNING | {"joint.pins.guide": PINS} | SCENES[name])
     outcomes = agrees(campaign)
     assert all(outcomes[f"{joint}_time_in_guide_s"] > 0.01 for joint in campaign.scene.output.guide)
@@ -146,8 +146,8 @@ def settled(w, ends, out):
 
 
 def balance(guide_ends, shares, forces):
-    """Friction of guides by `friction.balance`; ``forces`` of each end are rows: y, z alone and by
-    each guide's newton."""
+    """Friction of guides by `friction.balance`; rows of ``forces`` of each end: y, z without
+    friction and per newton of each guide's friction."""
     numbers = []
     for share, ends in zip(shares, forces, strict=True):
         numbers += [share, *np.ravel(ends)]
@@ -182,8 +182,8 @@ def test_balance_of_two_guides():
 
 @pytest.mark.parametrize("growth", [5.0, 5.5, 100.0])
 def test_friction_that_feeds_itself_jams(growth):
-    """Every newton of friction presses the pins by ``growth`` more, of which a fifth rubs: none is
-    in balance from five on."""
+    """Every newton of friction increases the pin load by ``growth``, of which a fifth is friction:
+    from 5 on there is no balance."""
     assert not balance((1,), [-0.2], [[[10.0, 0.0, -growth, 0.0]]])[0]
     assert balance((1,), [-0.2], [[[10.0, 0.0, -4.0, 0.0]]])[0]
 

@@ -1,4 +1,4 @@
-"""Motors that light at an event, a release or when a joint becomes free."""
+"""Motors that ignite at an event, a release or when a joint becomes free."""
 
 import math
 
@@ -36,7 +36,7 @@ def _flown(pair, **keys):
     ],
 )
 def test_speed_of_a_motor_that_lights_late(pair, ignition, lights):
-    """v = F / m (t - t0), from a burn that goes on, and F / m times the burn of one that ends."""
+    """v = F / m (t - t0) for a burn that continues, F / m times the burn time for one that ends."""
     flown = _flown(pair, ignition=ignition)
     assert flown["retro_ignition_time_s"] == pytest.approx(lights, abs=1e-12)
     assert flown["separation_speed_m_s"] == pytest.approx(2.0 * (0.5 - lights), rel=1e-9)
@@ -59,7 +59,7 @@ def test_the_clock_of_a_motor_starts_when_it_lights(pair):
 
 
 def test_a_motor_whose_event_does_not_come_does_not_light(pair):
-    """Its ignition time is NaN, and it pushes nothing."""
+    """Its ignition time is NaN, and its thrust is zero."""
     late = {**_FREED, "event": [{"name": "cue", "when": {"time_s": 0.9}}]}
     campaign = pair({**late, "motor": [_motor(ignition={"event": "cue"})]})
     flown = campaign.simulate(step_s=0.1).attrs["outcomes"]
@@ -113,11 +113,11 @@ def _waits(**ignition):
          "'ignition' is not set in this scene, which has 'ignition_s' instead"),
         (_lit(dispersion={"motor.retro.ignition.event": _VARIED}), "is not a number"),
         (_lit(dispersion={"motor.retro.ignition.delay_s": {"uniform": [-0.1, 0.1]}}),
-         "the law reaches -0.1, but the value must be >= 0"),
+         "the distribution reaches -0.1, but the value must be >= 0"),
     ],
 )  # fmt: skip
 def test_an_ignition_that_cannot_be(pair, settings, said):
-    """What a motor waits for is refused with its place, its value and what is allowed."""
+    """The message has the place, the value and the allowed values."""
     with pytest.raises(SceneError) as refused:
         pair(_FREED | settings)
     line = next(line for line in str(refused.value).splitlines() if said in line)
@@ -125,7 +125,7 @@ def test_an_ignition_that_cannot_be(pair, settings, said):
 
 
 def test_an_event_called_as_an_ignition_is_told(pair):
-    """Both have a time, of one name."""
+    """Both have a time column of one name."""
     events = [{"name": "retro_ignition", "when": {"time_s": 0.1}}]
     waits = {"ignition": {"event": "retro_ignition"}}
     with pytest.raises(SceneError, match=r"event\.retro_ignition .* two outcomes called retro_ig"):
@@ -133,7 +133,7 @@ def test_an_event_called_as_an_ignition_is_told(pair):
 
 
 def test_a_compiled_campaign_lights_as_a_single_run_does(pair):
-    """Rows of a campaign have the outcomes of single runs, with a delay that varies."""
+    """Rows of a campaign have the outcomes of single runs, with a dispersed delay."""
     path = "motor.retro.ignition.delay_s"
     campaign = pair(
         {

@@ -1,4 +1,4 @@
-"""Bodies that already turn from each other at the start, about the joint between them."""
+"""Initial angular rates across a joint."""
 
 import numpy as np
 import pytest
@@ -58,8 +58,8 @@ def test_as_the_independent_flight(pair, name):
 
 
 def test_a_stage_on_a_hinge_turns_about_its_point(pair):
-    """Nothing acts but the hinge: the second body, 1 kg, 1 m behind it, goes round it at 90 deg/s;
-    a first body of 1e9 kg does not feel that."""
+    """Only the hinge acts: the second body, 1 kg, 1 m behind it, rotates about it at 90 deg/s; a
+    first body of 1e9 kg does not move."""
     history = pair(
         {
             "body.fore.mass_kg": 1e9,
@@ -81,7 +81,7 @@ def test_a_stage_on_a_hinge_turns_about_its_point(pair):
 
 @pytest.mark.usefixtures("plainly")
 def test_it_varies_from_case_to_case(pair):
-    """None nominally; about what is no longer the axis of a hinge, it is no consistent start."""
+    """Zero nominally; a rate about another axis than that of the hinge is an inconsistent start."""
     laws = {"joint.pins.omega_deg_s.x": {"normal": 20.0}}
     campaign = pair(
         without_steps(TURNING)
@@ -119,7 +119,7 @@ def test_it_varies_from_case_to_case(pair):
                 "joint.again": {"bodies": ["fore", "aft"], "point_m": [2.0, 0.5, 0.0]},
                 "phase": held(pins="spherical", again="spherical"),
             },
-            "fore hangs on the second body by other joints too",
+            "fore is connected to the second body by other joints too",
         ),
         (
             {
@@ -137,7 +137,7 @@ def test_what_joints_do_not_allow_is_refused(pair, scene, says):
 
 
 def test_a_rate_about_an_oblique_hinge_varies_by_its_components_together(pair):
-    """As rows of a plan do: what is along the hinge flies, what is not is no consistent start."""
+    """Sampled together, rates along the hinge are valid, others are an inconsistent start."""
     laws = {f"joint.pins.omega_deg_s.{x}": {"discrete": [10.0, 20.0]} for x in "xy"}
     campaign = pair(
         TURNING

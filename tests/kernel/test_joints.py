@@ -1,5 +1,5 @@
-"""Joint rows against second differences of the constraints themselves; what a joint may do to its
-bodies; the dense solvers."""
+"""Joint rows against second differences of the constraints; power and reaction of joint loads;
+dense solvers."""
 
 import numpy as np
 import pytest
@@ -239,7 +239,7 @@ def test_the_wrench_moves_the_body_without_a_motor(flight, phase):
 
 
 def test_constraints_hold_and_freedoms_carry_nothing(flight):
-    """Locked: no gap. Guided: a gap along x only, no force along x. Free: no wrench at all."""
+    """Locked: no gap. Guided: a gap along x only, no force along x. Free: no wrench."""
     phases, fore, aft = flight
     locked, guided, free = (phases == name for name in ("locked", "guided", "free"))
     gap, force = fore.r.inv().apply(aft.gap), np.abs(fore.r.inv().apply(aft.force))
@@ -252,8 +252,8 @@ def test_constraints_hold_and_freedoms_carry_nothing(flight):
 
 @pytest.mark.parametrize("formulation", ["reduced", "full"])
 def test_redundant_joints_are_reported(pair, formulation):
-    """Two fixed joints between the same bodies leave the reactions undetermined, not the motion:
-    the row says so."""
+    """Two fixed joints between the same bodies: the motion is unique, the reactions are not; the
+    row reports that."""
     turning = {"initial.omega_deg_s": [10.0, 20.0, 30.0], "solver.formulation": formulation}
     twice = turning | {"joint.again": {"bodies": ["fore", "aft"], "point_m": [2.1, 0.2, 0.0]}}
     twice["phase"] = [{"name": "locked", "joints": {"pins": "fixed", "again": "fixed"}}]

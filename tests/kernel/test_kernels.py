@@ -1,5 +1,5 @@
-"""Kernels written for one scene: they fly what the independent flight flies, to the accuracy asked
-for, and say so where they cannot."""
+"""Written kernels against the independent simulation, to the requested accuracy; rejected cases;
+same bits in any lane."""
 
 import dataclasses
 import json
@@ -59,7 +59,7 @@ def shipped(name, settings=None):
 
 
 def draws(campaign, count=COUNT, seed=None):
-    """Draws in SI, (count, d)."""
+    """Samples in SI units, shape (count, d)."""
     return (
         cases.sample(
             campaign.file.dispersions, campaign.scene.run.seed if seed is None else seed, 0, count
@@ -73,7 +73,7 @@ def outcomes(campaign, block, sound=slice(None)):
 
 
 def special(campaign, flight, drawn, steps=None):
-    """A block of the kernel alone, status -1 where it cannot vouch for a case."""
+    """A block by the kernel alone; rejected cases have a negative status."""
     return integrate_cases(
         flight.kernel,
         campaign.plan,
@@ -85,10 +85,10 @@ def special(campaign, flight, drawn, steps=None):
 
 
 def difference(campaign, found, expected):
-    """Largest relative difference; of one that is zero but for round-off (a joint that holds), over
-    the largest of that unit. Times and places of extremes are left out: they are as uncertain as
-    the extreme is flat. Impulses are quadratures, good to 1e-9: their differences count a
-    hundredth."""
+    """Largest relative difference; for an outcome that is zero to round-off (a constrained joint)
+    relative to the largest of its unit. Times and positions of extremes are left out, they are
+    uncertain where the extreme is flat. Impulses are quadratures, accurate to 1e-9: their
+    differences count a hundredth."""
     decides, loads = (
         decisive(campaign.outcome_columns),
         [column.unit in LOADS for column in campaign.outcome_columns],
@@ -107,8 +107,8 @@ def difference(campaign, found, expected):
 
 
 def agree(campaign, most=1e-9):
-    """At four times the steps, and by independent flights; returns how many cases the kernel does
-    not vouch for."""
+    """At four times the steps, and by independent simulations; returns the number of rejected
+    cases."""
     flight = step_selection.select_steps(campaign, history=campaign.scene.run.history_step > 0.0)
     assert flight.achieved.met
     drawn = draws(campaign)
@@ -145,9 +145,8 @@ def flight(quiet):
     ],
 )
 def test_campaigns_with_a_step_of_their_own_agree(name, steps, most):
-    """One case by the kernel written for each, interpreted, against an independent flight: phases
-    that a load ends, joints that are late one by one, tables over Mach number and angles,
-    increments over a distance, clearances."""
+    """One case of each, interpreted, against an independent simulation: load events, delayed
+    releases, tables over Mach number and angles, increments over a distance, clearances."""
     campaign = shipped(name, {"clearance": [], "run.end_time_s": 0.5} if name == "srb" else {})
     drawn = draws(campaign, 1)
     (status,), expected = by_independent_flights(campaign, 1)
@@ -177,7 +176,7 @@ def test_a_small_scene_agrees_compiled():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PLAIN)
 def test_small_scenes_agree(name):
-    """The others of them as plain Python, at many steps."""
+    """The other scenes as plain Python, with many steps."""
     campaign = with_all_loads(scene(name))
     drawn = draws(campaign, 2)
     statuses, expected = by_independent_flights(campaign, 2)
@@ -194,7 +193,7 @@ def test_small_scenes_agree(name):
 
 @pytest.mark.slow
 def test_a_small_scene_is_flown_whole():
-    """Through `run`: what the kernel left is there too, and the audit is small."""
+    """Through `run`: rejected cases have outcomes too, and the audit is small."""
     campaign = with_all_loads(scene(COMPILED)).with_settings(QUIET)  # by the kernel that agrees
     table = campaign.run(cases=COUNT, seed=campaign.scene.run.seed).to_pandas()
     assert set(table["status"]) <= {"ok", "never-released"}
@@ -214,7 +213,7 @@ def test_a_small_scene_is_flown_whole():
     [("dop853", (1e-3, 1e-6, 1e-9, 1e-11)), ("dopri5", (1e-3, 1e-6)), ("rk4", (1e-3, 1e-6))],
 )
 def test_accuracy_is_kept(quiet, flight, name, accuracies):
-    """500 cases, none of them the pilot's, against many steps of the method of order 8; coarser
+    """500 cases, none of the calibration, against many steps of the method of order 8; coarser
     accuracy takes fewer steps."""
     drawn = draws(quiet, 500, seed=77)
     fine = special(quiet, flight, drawn, np.array([4, 24, 16]))
@@ -246,8 +245,8 @@ def test_accuracy_is_kept(quiet, flight, name, accuracies):
     ],
 )
 def test_order_of_the_lanes(quiet, flight, name, counts, less):
-    """A whole flight of table 2, twenty times faster turning, in so many steps a phase: the slope
-    is the method's order, less 0.4, or a little more."""
+    """A whole run of table 2 at twenty times the rotation, with a number of steps per phase: the
+    slope is the method's order, less 0.4, or a little more."""
     assert set(METHODS) == {"rk4", "dopri5", "tp7", "dop853", "sharp9"}
     campaign = quiet.with_settings({"solver.method": name, "solver.accuracy": 1e-3})
     kernel = step_selection.select_steps(campaign).kernel
@@ -301,7 +300,7 @@ def test_same_bits_however_the_work_is_split(quiet, sample, threads, chunk):
 
 
 def test_same_bits_without_histories(quiet, sample):
-    """Another text, which keeps nothing of a step: the same outcomes."""
+    """Another kernel, which stores nothing of a step: the same outcomes."""
     found = quiet.run(cases=300)
     for name, values in sample.table.items():
         assert_array_equal(found.table[name], values, err_msg=name)
@@ -325,8 +324,8 @@ def test_same_bits_in_any_lane(quiet, flight):
 
 @pytest.mark.slow
 def test_same_bits_where_lanes_are_through_at_different_times():
-    """A scene with switches, strokes and late joints within its phases, alone, in reverse and
-    shuffled."""
+    """A scene with switches, strokes and delayed releases within its phases: cases alone, in
+    reverse and shuffled."""
     campaign = with_all_loads(scene(COMPILED))
     flight, drawn = step_selection.select_steps(campaign), draws(campaign, 5 * LANES)
     assert (
@@ -349,7 +348,7 @@ def test_same_bits_where_lanes_are_through_at_different_times():
 
 @pytest.mark.slow
 def test_same_bits_where_a_load_is_there_as_its_phase_begins():
-    """The least step of a case is a share of the time it has left itself."""
+    """The minimum step of a case is a fraction of its own remaining time."""
     campaign = sepmc.load(Path(__file__).parents[1] / "scenes" / "load-there-at-another-time.toml")
     flight, drawn = step_selection.select_steps(campaign), draws(campaign, 1000)
     base = special(campaign, flight, drawn)
@@ -357,7 +356,7 @@ def test_same_bits_where_a_load_is_there_as_its_phase_begins():
 
 
 def test_same_bits_beside_a_lost_case(quiet, flight):
-    """What is NaN, infinite or out of the air in one lane reaches no other."""
+    """NaN, inf or a case outside the atmosphere in one lane affects no other lane."""
     drawn = draws(quiet, 64)
     base = special(quiet, flight, drawn)
     hurt = drawn.copy()
@@ -384,8 +383,8 @@ def test_same_bits_beside_a_lost_case(quiet, flight):
 
 
 def flown_independently(campaign, drawn, numbers):
-    """Statuses (n,) and outcomes (n, o), SI, of some of the draws (n, d), SI, each by an
-    independent flight."""
+    """Statuses (n,) and outcomes (n, o), SI units, of some samples (n, d), each by an independent
+    simulation."""
     laws = campaign.file.dispersions
     flown = []
     for number in numbers:
@@ -404,7 +403,7 @@ def flown_independently(campaign, drawn, numbers):
 
 
 def compare_statuses(campaign, drawn, numbers, most=3e-9):
-    """`fly` gives statuses and outcomes of some of the draws as independent flights do; returns the
+    """Compare statuses and outcomes of some samples with independent simulations; returns the
     statuses of all."""
     found = step_selection.integrate(campaign, step_selection.select_steps(campaign), drawn)
     numbers = np.array(numbers)
@@ -417,7 +416,7 @@ def compare_statuses(campaign, drawn, numbers, most=3e-9):
 
 
 def test_invalid_masses(quiet):
-    """A normal law with a tail below zero, through `run`."""
+    """A normal distribution with a tail below zero, through `run`."""
     campaign = quiet.with_settings({"dispersion.body.upper.mass_kg": {"normal": 200.0}})
     table = campaign.run(cases=300).table
     impossible = table["in_body_upper_mass_kg"] <= 0.0
@@ -448,7 +447,7 @@ def test_beyond_the_atmosphere(quiet):
 
 
 def test_across_an_edge_of_the_air(quiet):
-    """Flights from one layer of the standard into the next end a step there."""
+    """Steps end where a body moves into the next atmosphere layer."""
     edge = 6_356_766.0 * 71e3 / (6_356_766.0 - 71e3)
     steep = quiet.with_settings(
         {
@@ -475,7 +474,7 @@ def test_across_an_edge_of_the_air(quiet):
 
 
 def test_never_released(quiet):
-    """An end time before the stroke is through in some cases."""
+    """The end time is before the stroke end in some cases."""
     campaign = quiet.with_settings({"run.end_time_s": 0.285})
     status = compare_statuses(campaign, draws(campaign, 100), range(8))
     assert 0 < np.count_nonzero(status == Status.NEVER_RELEASED) < 50
@@ -484,7 +483,7 @@ def test_never_released(quiet):
 
 
 def test_never_released_in_most_cases(quiet):
-    """The run has its columns, and its rows numbers."""
+    """The run has all columns, and its rows have values."""
     campaign = quiet.with_settings({"run.end_time_s": 0.25})
     result = campaign.run(cases=30)
     assert_array_equal(result.table["status"][:FEW], by_independent_flights(campaign, FEW)[0])
@@ -494,8 +493,7 @@ def test_never_released_in_most_cases(quiet):
 
 
 def test_a_stroke_of_nothing(quiet):
-    """Released as the guided phase begins, not when it would have ended otherwise: an event that is
-    met before it can be foretold."""
+    """Released as the guided phase begins: an event that is met before it can be predicted."""
     campaign = quiet.with_settings({"phase.guided.until.stroke_mm": 0.0})
     table = campaign.run(cases=100).table
     assert set(table["status"]) == {"ok"}
@@ -505,8 +503,8 @@ def test_a_stroke_of_nothing(quiet):
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [500.0, 30.0, 41.0])
 def test_an_event_that_is_over_as_its_phase_begins(distance, plainly):
-    """The upper joint, released at 40 mm of stroke, some 45 mm away by then: a phase until less of
-    it is over at once, never earlier."""
+    """The upper joint, released at 40 mm of stroke, is some 45 mm away by then: a phase until a
+    smaller stroke ends at once, never earlier."""
     phases = [dict(phase) for phase in scene("stack").file.tree["phase"]]
     phases[2]["until"] = {"joint": "upper", "distance_mm": distance}
     campaign = scene(
@@ -523,12 +521,9 @@ def test_an_event_that_is_over_as_its_phase_begins(distance, plainly):
 
 @pytest.mark.slow
 def test_a_stroke_just_missed(pair, monkeypatch):
-    """A spring that would be spent 1 to 10 um beyond where it turns back: x = (1 - cos(w t)) / 2,
-    to the end.
-
-    The stroke is foretold until the springs turn; the way that is then left to the end is no short
-    one.
-    """
+    """A spring with its stroke end 1 to 10 um beyond its turning point: x = (1 - cos(w t)) / 2. The
+    event is predicted until the motion reverses; the remaining time to the end is then not a short
+    step."""
     spring = {
         "name": "s",
         "bodies": ["aft", "fore"],
@@ -567,8 +562,8 @@ def test_a_stroke_just_missed(pair, monkeypatch):
 
 
 def test_an_event_touched_but_not_crossed(quiet):
-    """Strokes of all lengths under a weak motor: most phases last far longer than the trial cases
-    say. Released where the independent flight says."""
+    """Strokes of all lengths under a weak motor: most phases last far longer than in calibration
+    cases. Release times as in the independent simulation."""
     campaign = shipped(
         "table2", {"motor.retro.thrust_N": 150.0, "phase.guided.until.stroke_mm": 5.0}
     )
@@ -585,9 +580,9 @@ def test_an_event_touched_but_not_crossed(quiet):
     [(4.26, 0.8521001, False), (4.26478, 0.8766800, True), (4.2652, 2.8127990, True)],
 )
 def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
-    """A slide that turns back 4.264980 m out and is pushed on later. Long steps may jump over a
-    stroke just short of that: such a case, and one whose stroke is just beyond, is on its own,
-    however it ends; short steps find it."""
+    """A slide that reverses at 4.264980 m and is pushed on later. Long steps may miss a stroke just
+    short of that: such a case, and one with a stroke just beyond, is refined by itself; short steps
+    find it."""
     campaign = sepmc.load(Path(__file__).parents[1] / "data" / "grazed.toml")
     with interpreted():
         kernel = load_kernel(step_selection.kernel_text(campaign))
@@ -607,8 +602,8 @@ def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
 
 @pytest.mark.slow
 def test_histories_agree(quiet):
-    """Separations every 10 ms, by polynomials of the steps, against single runs, which settle by
-    themselves: 1e-8 of the largest."""
+    """Separations every 10 ms, by polynomials of the steps, against converged single runs: 1e-8 of
+    the largest."""
     campaign = quiet.with_settings({"run.history_step_s": 0.01})
     result = campaign.run(cases=5)
     histories = result.histories()
@@ -628,7 +623,7 @@ def test_histories_agree(quiet):
 
 
 def test_histories_of_cases_that_are_never_released(quiet):
-    """They go on to the end."""
+    """They continue to the end."""
     result = quiet.with_settings({"run.history_step_s": 0.01, "run.end_time_s": 0.285}).run(
         cases=60
     )
@@ -679,7 +674,7 @@ STRUCTURE = [
 
 @pytest.mark.parametrize("settings", NUMBERS, ids=str)
 def test_numbers_do_not_stand_in_a_kernel(quiet, settings):
-    """Scenes of the same shape share it, so that a study compiles once."""
+    """Scenes of equal structure share it, so that a study compiles once."""
     assert step_selection.kernel_text(quiet.with_settings(settings)) == step_selection.kernel_text(
         quiet
     )
@@ -722,7 +717,7 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
     ids=["histories", "a given step", "another method", "rates at release"],
 )
 def test_only_what_differs_is_compiled(quiet, settings, history, apart):
-    """Of the pieces of table 2, those that another flight of it does not share."""
+    """Compile units of table 2 that another kernel of it does not share."""
     other = {
         piece.text
         for piece in split(
@@ -748,11 +743,11 @@ def test_a_dispersed_delay_has_a_kernel_of_its_own():
 
 @pytest.mark.parametrize("name", [*SHIPPED, *SCENES])
 def test_a_text_is_a_module_that_says_what_it_does(name):
-    """It parses, has a docstring, no line too long to read, and the same words each time."""
+    """It parses, has a docstring and no long line, and is reproducible."""
     campaign = shipped(name) if name in SHIPPED else scene(name)
     text = step_selection.kernel_text(campaign, history=True)
     compile(text, name, "exec")
-    assert text.startswith('"""Flight of ')
+    assert text.startswith('"""Kernel of ')
     assert text == step_selection.kernel_text(campaign, history=True)
     for number in range(1, len(campaign.scene.phase) + 1):
         assert f"def rates_phase{number}(w):" in text
@@ -796,8 +791,8 @@ print(json.dumps(found))
 
 @pytest.mark.slow
 def test_machine_code_is_straight_and_wide(tmp_path):
-    """The derivative of every phase: packed arithmetic of four or eight cases outnumbers scalar 20
-    to 1, and nothing is called."""
+    """Derivative of every phase: packed arithmetic of four or eight cases outnumbers scalar
+    arithmetic 20 to 1, without calls."""
     flags = Path("/proc/cpuinfo")
     if not flags.is_file() or " avx2 " not in flags.read_text(encoding="utf-8").replace(
         "\n", " \n"
@@ -835,8 +830,8 @@ print(json.dumps({"table": table, "steps": result.flight.steps.tolist()}))
 
 @pytest.mark.slow
 def test_python_and_compiled_agree(monkeypatch):
-    """With the JIT off the written module is plain Python too, pilot and histories included; trial
-    cases are few there."""
+    """With the JIT off the written module is plain Python, with calibration and histories;
+    calibration cases are few there."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_JIT],

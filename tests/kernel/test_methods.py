@@ -1,4 +1,4 @@
-"""Every Runge-Kutta method proves its order, through the engine and over a whole flight with its
+"""Every Runge-Kutta method proves its order: by its conditions, and over a whole run with a
 release."""
 
 import dataclasses
@@ -52,8 +52,7 @@ def halved(largest):
 
 
 def order(steps, errors):
-    """Slope of a straight line through log error over log step; errors near round-off say nothing
-    of it."""
+    """Slope of the line through log error over log step; errors near round-off are left out."""
     steps, errors = np.array(steps), np.array(errors)
     above = errors > ROUND_OFF
     assert np.count_nonzero(above) >= 2
@@ -77,8 +76,8 @@ def rapid(table2):
 
 @pytest.fixture(scope="module")
 def reference(rapid):
-    """The same flight with steps of 2 ms; with 4 ms it differs by less than 1e-12, so its error is
-    below all that is measured."""
+    """The same run with steps of 2 ms; it differs from one with 4 ms by less than 1e-12, so its
+    error is below all measured ones."""
     fine, coarser = rapid("dop853", 0.002), rapid("dop853", 0.004)
     assert_allclose(list(coarser.values()), list(fine.values()), rtol=1e-12, atol=1e-12)
     return fine
@@ -104,8 +103,8 @@ def trees(nodes):
 
 
 def order_conditions(rk, nodes):
-    """What the weights leave of every condition of an order: one for each rooted tree (Hairer,
-    Norsett, Wanner, Solving ODE I, II.2, theorem 2.13)."""
+    """Residuals of all conditions of an order, one for each rooted tree (Hairer, Norsett, Wanner,
+    Solving ODE I, II.2, theorem 2.13)."""
     a = rk.a[: rk.stages, : rk.stages]
 
     def size(tree):
@@ -122,7 +121,7 @@ def order_conditions(rk, nodes):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_every_order_condition_holds(name):
-    """All of them up to the method's order to round-off, and not all of the next."""
+    """All conditions up to the method's order hold to round-off, and not all of the next."""
     rk = method(name)
     assert [len(trees(n)) for n in range(1, 11)] == [1, 1, 2, 4, 9, 20, 48, 115, 286, 719]
     for nodes in range(1, rk.order + 1):
@@ -132,8 +131,8 @@ def test_every_order_condition_holds(name):
 
 @pytest.mark.parametrize("name", EXTENDED)
 def test_order_over_a_whole_flight(rapid, reference, name):
-    """Largest error of all outcomes, relative to the outcome, and the error of the release time,
-    over five steps halved."""
+    """Largest relative error of all outcomes, and the error of the release time, over five halvings
+    of the step."""
     largest, least = STUDIES[name]
     steps = halved(largest)
     flown = [rapid(name, step) for step in steps]
@@ -172,8 +171,7 @@ def test_order_of_the_continuous_extension(table2, name):
 
 
 def test_dop853_is_scipys():
-    """Coefficients of an independent source, to the last digit but one (some are printed there with
-    one digit more)."""
+    """Coefficients of an independent source, to the last digit but one."""
     found = method("dop853")
     stages = len(found.b)
     assert_allclose(found.a[:stages, :stages], DOP853.A[:stages, :stages], rtol=4e-16, atol=0)
@@ -184,8 +182,8 @@ def test_dop853_is_scipys():
 
 
 def test_dop853_extension_is_scipys():
-    """The polynomial per stage against scipy's nested form, F of its D, on stage derivatives drawn
-    at random (round-off of some tens)."""
+    """The polynomial per stage against scipy's nested form, on random stage derivatives (some tens
+    of round-off)."""
     found = method("dop853")
     k = np.random.default_rng(1).normal(size=16)
     delta = k[:12] @ found.b
@@ -208,7 +206,7 @@ def test_dop853_extension_is_scipys():
     ],
 )
 def test_a_wrong_coefficient_is_refused(name, part):
-    """A method checks itself: 1e-8 on one entry is enough."""
+    """A method checks itself: an error of 1e-8 in one entry is found."""
     good = method(name)
     wrong = getattr(good, part).copy()
     # in the last stage's row

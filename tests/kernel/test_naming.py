@@ -64,18 +64,17 @@ def test_no_name_of_a_file_is_in_a_kernel(name):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_no_name_of_a_kernel_hides_an_imported_one(name):
-    """A function, constant or variable named like an imported routine would replace it."""
-    module = ast.parse(step_selection.kernel_text(scene(name)))
+def test_no_name_of_a_kernel_hides_another(name):
+    """A function or variable named like an imported routine or a function would replace it."""
+    module = ast.parse(step_selection.kernel_text(scene(name), history=True))
     imports = [node for node in module.body if isinstance(node, ast.Import | ast.ImportFrom)]
     imported = {alias.asname or alias.name for node in imports for alias in node.names}
-    defined = {node.name for node in module.body if isinstance(node, ast.FunctionDef)}
-    defined |= {
-        node.id
-        for node in ast.walk(module)
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-    }
-    assert not imported & defined
+    functions = {node.name for node in module.body if isinstance(node, ast.FunctionDef)}
+    names = [node for node in ast.walk(module) if isinstance(node, ast.Name)]
+    variables = {node.id for node in names if isinstance(node.ctx, ast.Store)}
+    assert functions
+    assert not imported & functions
+    assert not variables & (imported | functions)
 
 
 @pytest.mark.parametrize("name", ["if", "l", "w", "LANES", "spin_a"])
@@ -86,21 +85,6 @@ def test_a_body_may_be_called_anything(pair, name):
     ast.parse(step_selection.kernel_text(campaign))
     assert keyword.iskeyword("if")
     assert f"body1 {name}" in make_kernel_spec(campaign.plan, campaign.dispersed).names.legend[0]
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_no_function_of_a_kernel_shadows_an_import(name):
-    """A function of a kernel that shadows a routine would call itself in its place."""
-    body = ast.parse(step_selection.kernel_text(scene(name), history=True)).body
-    imported = {
-        alias.asname or alias.name
-        for node in body
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        for alias in node.names
-    }
-    defined = {node.name for node in body if isinstance(node, ast.FunctionDef)}
-    assert defined
-    assert not defined & imported
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -1,5 +1,5 @@
-"""Joint loads, pins and their friction, clearance, rates at release: each against a hand formula or
-a dense history."""
+"""Joint loads, pins and their friction, clearances, rates at release: each against a hand formula
+or a dense history."""
 
 import itertools
 import math
@@ -125,7 +125,7 @@ def test_loads_of_a_constant_push(pair):
 
 
 def test_nothing_held_no_load(pair):
-    """Free from the start: no force, and no time of one."""
+    """Free from the start: no force, and no time of a peak."""
     _, outcomes = flown(pair({"phase": phases((FREE, None)), "output.loads": ["pins"]}))
     assert outcomes["pins_peak_force_N"] == 0.0
     assert outcomes["pins_force_impulse_N_s"] == 0.0
@@ -133,7 +133,7 @@ def test_nothing_held_no_load(pair):
 
 
 def test_watching_changes_nothing(pair):
-    """The motion with all outputs is that without, to the last bit."""
+    """The motion with all outputs has the bits of that without."""
     watched = {
         "output": {"loads": ["pins"], "tip_off": ["pins"], "guide": ["pins"]},
         "joint.pins.guide": {"pins": 3, "circle_m": 0.2, "engaged_m": 0.1},
@@ -150,8 +150,7 @@ def test_watching_changes_nothing(pair):
 
 
 def test_tip_off(pair):
-    """Rates of both bodies in the history where the joint lets go; columns of the ground there are
-    none."""
+    """Rates of both bodies in the history at the release; the ground has no columns."""
     settings = TUMBLE | {
         "phase": GUIDED,
         "motor": [RETRO],
@@ -169,8 +168,8 @@ def test_tip_off(pair):
 
 
 def test_transverse_rates(pair):
-    """Yaw and pitch rate together, of the body that is asked for, at the end, at a release and at
-    an event; none of the other body."""
+    """Combined yaw and pitch rate of the requested body, at the end, at a release and at an
+    event."""
     settings = TUMBLE | {
         "phase": GUIDED,
         "motor": [RETRO],
@@ -203,8 +202,8 @@ def test_transverse_rates_of_no_body(pair, bodies, said):
 
 
 def test_tip_off_from_the_ground(pair):
-    """Two joints, one to the ground: each its own moment, asked for in an order of one's own; one
-    that does not let go has none."""
+    """Two joints, one to the ground: each at its own time, in the requested order; one that is not
+    released has none."""
     joints = {"hold": "revolute", "pins": "fixed"}
     settings = LOPSIDED | {
         "joint.hold": {
@@ -317,8 +316,8 @@ def test_pin_loads(pair):
 
 
 def test_pin_loads_over_time(pair):
-    """The same at all times of a history, at mouth and tip: the greater is the load of the pin; and
-    none while the pins do not slide."""
+    """The same at all times of a history, at hole entry and tip: the larger one is the load of the
+    pin; none while the pins do not slide."""
     history, _ = flown(pair(cart(load=[LATERAL])), 0.01)
     force, moment = lateral_wrench()
     for time, row in zip(history["time_s"], history.to_dict("records"), strict=True):
@@ -354,8 +353,8 @@ def test_jam_of_a_couple(pair):
 
 
 def test_pins_out_of_their_holes(pair):
-    """Past 99 % of the engaged length a pin counts as 1 % of it, no shorter: loads stay finite, the
-    guide ends where the phase does."""
+    """Past 99 % of the engaged length a pin counts as 1 % of it: loads stay finite, the guide ends
+    with the phase."""
     guide = {"pins": 2, "circle_m": 0.5, "engaged_m": 0.01}
     load = LATERAL | {
         "point_m": [3.0, 0.0, 0.0],
@@ -781,7 +780,7 @@ def test_a_side_on_the_lip_of_a_shell(pair, order):
 
 
 def test_recontact(pair):
-    """Driven back into each other: not positive, and told."""
+    """Driven back into each other: a negative clearance."""
     load = [{"name": "back", "body": "aft", "force_N": [6.0, 0.0, 0.0]}]
     _, outcomes = flown(
         pair(
@@ -793,8 +792,7 @@ def test_recontact(pair):
 
 
 def test_clearance_after_a_joint(pair):
-    """Touching while joined, of course; counted from the release on, when it is the stroke; and
-    never, if that does not come."""
+    """Measured from the release on, when it is the stroke; never without a release."""
     bodies = {"fore": [cylinder(0.0, 2.0, 0.2)], "aft": [cylinder(2.0, 4.0, 0.2)]}
     clearance = [
         {"name": "gap", "bodies": ["fore", "aft"], "after": "pins"},
@@ -812,8 +810,8 @@ def test_clearance_after_a_joint(pair):
 
 
 def test_clearance_over_time(pair):
-    """Every row of a history has the distance of that instant; the outcome is the least of them.
-    None before the joint is free."""
+    """Every row of a history has the distance at its time; the outcome is the minimum. None before
+    the joint is free."""
     fore, aft = [cylinder(2.3, 2.6, 0.4)], [{"points_m": [[1.5, 0.97, 0.0]]}]
     history, outcomes = flown(
         pair(tubes({"fore": fore, "aft": aft}, load=[PAST], run__end_time_s=1.2)), 0.01
@@ -864,8 +862,8 @@ def test_clearance_between_turning_bodies(pair):
 
 @pytest.mark.parametrize("parts", ["cones", "shell"])
 def test_least_distance_does_not_depend_on_the_step(pair, parts, monkeypatch):
-    """Cones of many slopes that pass each other, tumbling, one or two steps long or twenty: 100
-    cases, least distance to 1 um."""
+    """Cones of many slopes that pass each other, tumbling, in one, two or twenty steps: 100 cases,
+    minimum distance to 1 um."""
     monkeypatch.setattr(step_selection, "SAMPLE", 8)  # the step is given
     fore = [
         {"stations_m": [0.0, 2.0], "radii_m": [0.05, 0.4]},
@@ -904,9 +902,8 @@ def test_least_distance_does_not_depend_on_the_step(pair, parts, monkeypatch):
 
 
 def test_an_impulse_over_a_sudden_change_of_load():
-    """A missile on a rail in a tail wind: as it outruns the wind the air turns around it within a
-    part of a step. Steps that miss that gave 8e-6; those that have settled are as good as was
-    asked."""
+    """A missile on a rail in a tail wind: as it outruns the wind the flow reverses within a part of
+    a step. Steps that miss that have errors of 8e-6; converged ones meet the accuracy."""
     campaign, impulses = sepmc.load("missile-rail.toml"), []
     for settings in ({}, {"solver.step_s": 0.000625}):
         history = campaign.with_settings(settings).simulate(campaign.case(995), step_s=0.1)

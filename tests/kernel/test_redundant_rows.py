@@ -1,5 +1,4 @@
-"""Rows that follow from others, in written kernels: left out of the motion, and what joints carry
-shared by least squares."""
+"""Redundant constraint rows: left out of the motion, joint loads by the minimum-norm solution."""
 
 import numpy as np
 import pytest
@@ -123,8 +122,7 @@ SCENES = {
 
 @pytest.mark.parametrize("name", SCENES)
 def test_as_the_independent_flight(pair, name):
-    """Motion, release and what each joint carries; the audit says how many rows follow from
-    others."""
+    """Motion, release and joint loads; the audit has the number of redundant rows."""
     settings, redundant = SCENES[name]
     campaign = pair(TURNING | settings)
     at_rest = ("alpha_deg", "beta_deg") if campaign.scene.initial.speed == 0.0 else ()
@@ -133,9 +131,9 @@ def test_as_the_independent_flight(pair, name):
 
 
 def test_rows_that_follow_only_at_the_start(pair):
-    """Two rods in one line, from one point to two of the other body, hold the same direction; to
-    first order they let that body turn, and as it does they no longer hold the same: no multipliers
-    are a motion of that, and no number is told."""
+    """Two collinear rods, from one point to two points of the other body, constrain the same
+    direction: to first order they allow rotation, but no motion satisfies them, and no outcome is
+    reported."""
     rod = {"bodies": BOTH, "point_m": [1.5, 0.0, 0.0], "second_point_m": [2.5, 0.0, 0.0]}
     settings = {
         "joint": {"one": rod, "other": rod | {"second_point_m": [2.0, 0.0, 0.0]}},
@@ -152,8 +150,7 @@ def test_rows_that_follow_only_at_the_start(pair):
 
 
 def test_dependent_rows_are_those_that_come_later(pair):
-    """Of two joints that hold the same the first counts; bodies that turn as one leave nothing for
-    rows of rotation."""
+    """Of two joints with equal rows the first counts; a rigid group has no rotation rows."""
     scene = pair({"joint.again": {"bodies": BOTH, "point_m": [2.1, 0.2, 0.0]}}).scene
     rows = [(joint, code) for joint in ("pins", "again") for code in (0, 1, 2)]
     # two points fix all but a turn about the line through them

@@ -1,4 +1,4 @@
-"""Releases apart from phases in written kernels, against the independent flight."""
+"""Releases independent of phases, against the independent simulation."""
 
 import math
 
@@ -43,7 +43,7 @@ PUSHER = {
 
 
 def until(condition, kind="fixed"):
-    """Held until a condition, then free."""
+    """Fixed until a condition, then free."""
     return {
         "phase": [{"name": "held", "joints": {"pins": kind}, "until": condition}, {"name": "free"}],
         "output": {"loads": ["pins"]},
@@ -174,7 +174,7 @@ def test_as_the_independent_flight(pair, name):
 
 
 def test_a_joint_that_was_told_and_holds_at_the_end(pair):
-    """Its delay ends after the flight."""
+    """Its delay ends after the run."""
     campaign = pair(
         TURNING | ONE | {"joint.pins.delay_s": 0.5, "release": [cut("pins", {"time_s": 0.2})]}
     )
@@ -265,7 +265,8 @@ UNMET = {
 
 @pytest.mark.parametrize("name", UNMET)
 def test_a_release_that_does_not_come(pair, name):
-    """A joint that holds on though it should have let go; alone and as the independent flight."""
+    """A joint that is still constrained although it should have been released; alone and as the
+    independent simulation."""
     settings, releases, expected = UNMET[name]
     campaign = pair(TURNING | settings | {"release": releases})
     other = independent.simulate(campaign.nominal().to_dict())

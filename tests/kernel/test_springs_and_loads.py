@@ -1,5 +1,5 @@
-"""Springs, motors and constant loads against closed forms, and against equations of motion that
-scipy integrates."""
+"""Springs, motors and constant loads against closed forms, and against equations of motion
+integrated by scipy."""
 
 import math
 
@@ -28,7 +28,7 @@ MOTOR = {"name": "push", "body": "fore", "thrust_N": 6.0, "station_m": 1.0, "can
 
 
 def state(history, body):
-    """Place, velocity, attitude (rotation), rates in body axes of every row."""
+    """Position, velocity, attitude (rotation) and body rates of every row."""
     x, v = (
         history[[f"{body}_{p}{a}_{u}" for a in "xyz"]].to_numpy()
         for p, u in (("", "m"), ("v", "m_s"))
@@ -89,8 +89,8 @@ def spring(**keys):
 
 
 def test_weak_and_failed(pair):
-    """A factor is on the whole force: as of a spring so much weaker in each of its three numbers;
-    the end of the stroke of one that fails is where the other pushes the bodies so far apart."""
+    """A factor scales the whole force, as a spring with its three coefficients scaled; a failed
+    spring ends its stroke where the other one pushes the bodies."""
     numbers = {"force_N": 12.0, "stiffness_N_per_m": 40.0, "damping_N_s_per_m": 3.0}
 
     def shown(*springs):
@@ -169,8 +169,8 @@ def test_damped(pair, damping):
 
 
 def test_spent_for_good(pair):
-    """Pushed apart over 0.1 m; then a load drives the aft body back through where the spring
-    pushed: it pushes no more."""
+    """Pushed over 0.1 m; then a load drives the aft body back through that range: the spring does
+    not push again."""
     load = {"name": "back", "body": "aft", "force_N": [8.0, 0.0, 0.0], "start_s": 0.5, "end_s": 1.0}
     history = flown(
         pair(STILL | {"spring": [spring(stroke_m=0.1)], "load": [load], "run.end_time_s": 2.0})
@@ -607,7 +607,7 @@ def test_dispersed_loads(pair, plainly):
 
 
 def test_loads_that_do_nothing_are_said(pair):
-    """A load, spring or motor of no force that no law gives one; a tail-off without burn-out."""
+    """A load, spring or motor without force in any case; a tail-off without burn-out."""
     spring = PUSH | {"force_N": 0.0}
     load = {"name": "gust", "body": "fore"}
     motors = [MOTOR | {"thrust_N": 0.0}, MOTOR | {"name": "slow", "tail_off_s": 0.5}]

@@ -1,5 +1,5 @@
-"""Tables of air, wind and aerodynamic coefficients, and proximity increments: against polynomials,
-and against splines by scipy."""
+"""Tables of air, wind and aerodynamic coefficients, and proximity increments, against polynomials
+and scipy splines."""
 
 import math
 
@@ -47,8 +47,8 @@ def value(polynomial, alpha, beta):
 
 
 def tables(campaign, axes, share=1.0):
-    """Settings that put tables in the place of a share of every polynomial of a campaign's bodies;
-    axes in degrees by key."""
+    """Settings that replace a fraction of every polynomial of the bodies by tables; axes in degrees
+    by key."""
     settings = {}
     shape = [len(axis) for axis in axes.values()]
     alpha, beta = (np.radians(axes.get(f"{name}_deg", [0.0])) for name in ("alpha", "beta"))
@@ -163,7 +163,7 @@ def test_order_of_the_axes(pair):
     [(9.999, "ok"), (10.0, "ok"), (10.001, "outside-table"), (-10.001, "outside-table")],
 )
 def test_outside_a_table(pair, key, angle, given, status):
-    """An edge is inside; beyond it there is no number, and the status says so."""
+    """An edge is inside; beyond it the outcome is NaN with a status."""
     table = {
         "body.aft.aerodynamics.table": {key: [-10.0, 10.0], "roll": [0.1, 0.1]},
         "run.end_time_s": 1e-6,
@@ -178,7 +178,7 @@ def test_outside_a_table(pair, key, angle, given, status):
 
 
 def test_leaving_a_table_in_flight(pair):
-    """It turns out of the table after 0.1 s; until then its history is told."""
+    """It rotates out of the table after 0.1 s; its history ends there."""
     table = {
         "body.aft.aerodynamics.table": {"alpha_deg": [-5.0, 5.0], "roll": [0.0, 0.0]},
         "initial.omega_deg_s": [0.0, 0.0, 50.0],
@@ -190,7 +190,7 @@ def test_leaving_a_table_in_flight(pair):
 
 
 def test_slower_than_a_table(pair):
-    """Mach below its first row: outside, too."""
+    """A Mach number below the first row is outside."""
     air = AIR | {"speed_of_sound_m_s": [300.0, 300.0]}
     table = {"mach": [0.5, 1.0], "axial": [0.1, 0.1]}
     found = (
@@ -258,7 +258,7 @@ def test_outside_the_table_of_air(pair, pitch):
 
 
 def test_density_factor(pair, plainly):
-    """Twice the density, twice the drag; none, none. Each case its own."""
+    """Twice the density gives twice the drag, none gives none, each case its own."""
     drag = TUNNEL | {"body.aft.aerodynamics.axial": {"const": 0.001}, "run.end_time_s": 1.0}
     double = drag | {"environment.air": AIR | {"density_kg_per_m3": [4.0, 4.0]}}
     found, expected = (
@@ -369,7 +369,7 @@ def test_proximity(pair):
 
 
 def test_proximity_is_held_beyond_its_ends(pair):
-    """From 5 mm to 10 mm by table: 0.004 before, 0.001 ever after, so the drag is steady at both
+    """From 5 mm to 10 mm by table: 0.004 before, 0.001 after, so the drag is constant at both
     ends."""
     near = {
         "name": "near",
@@ -424,8 +424,8 @@ def test_two_proximity_entries_add_and_vary(pair, plainly):
 
 
 def test_a_wind_profile_that_overshoots_is_said():
-    """Through 0, 80 and 0 m/s at uneven heights a smooth curve goes far beyond them; through even
-    rows of a gust it does not."""
+    """Through 0, 80 and 0 m/s at uneven heights a smooth curve overshoots; through even rows of a
+    gust it does not."""
     uneven = wind([0.0, 1000.0, 1030.0, 1060.0, 5000.0], [0.0, 0.0, 80.0, 0.0, 0.0])
     (said,) = overshooting(sepmc.load("table2.toml", {"environment.wind.profile": uneven}).scene)
     assert "environment.wind.profile" in said
@@ -443,8 +443,8 @@ def test_a_wind_profile_that_overshoots_is_said():
 
 
 def test_a_table_that_overshoots_is_said(pair):
-    """Two rows of Mach 1e-6 apart whose values differ make the function between all others wild;
-    even rows do not."""
+    """Two rows 1e-6 apart in Mach number with different values make the spline oscillate; even rows
+    do not."""
     drag = {"reference_area_m2": 1.0, "reference_length_m": 0.5}
 
     def said(mach, axial):

@@ -1,5 +1,5 @@
-"""The tracer of kernels: what is written, once, in which order; what is computed before a flight;
-and that it means what was wired."""
+"""Tracer of kernels: every call is written once and in order, values of the case are computed
+before integration, and the text computes the traced expressions."""
 
 import math
 
@@ -28,7 +28,7 @@ def scope():
 
 
 def test_the_same_call_is_written_once(scope):
-    """And what nothing asks for is not written."""
+    """A node that no output depends on is not written."""
     x = scope.load("X", 3)
     one, again = vec3.dot(x, x), vec3.dot(x, x)
     vec3.cross(x, x)
@@ -41,8 +41,8 @@ def test_the_same_call_is_written_once(scope):
 
 
 def test_what_depends_on_the_case_alone_is_computed_before_the_flight(scope):
-    """A parameter is read where it stands; what follows from parameters is kept in a field; what
-    nobody uses is not."""
+    """Parameters are read directly; derived values are stored in fields; unused values are not
+    stored."""
     mass = scope.case.parameter(7)
     inverse = (1.0 / mass).called("inverse_mass")
     vec3.scale(mass, (1.0, 2.0, 3.0))
@@ -57,7 +57,7 @@ def test_what_depends_on_the_case_alone_is_computed_before_the_flight(scope):
     assert scope.workspace.counts == {"INVERSE_MASS_1": 1}
 
 
-def test_a_symmetric_matrix_is_kept_as_six_numbers(scope):
+def test_a_symmetric_matrix_is_stored_as_six_numbers(scope):
     tensor = vehicle.inertia_tensor(
         1.0, *(tuple(scope.case.parameter(start + i) for i in range(3)) for start in (0, 3))
     )
@@ -71,8 +71,7 @@ def test_a_symmetric_matrix_is_kept_as_six_numbers(scope):
 
 
 def test_what_was_stored_is_what_is_read(scope):
-    """Only what stands at a place in the end is written, and a value read before that is read
-    before it is written over."""
+    """Only the last value at a path is written; a value read before is read before the write."""
     before = scope.load("T")
     scope.store("T", before + 1.0)
     scope.store("T", scope.load("T") * 2.0)
@@ -81,7 +80,7 @@ def test_what_was_stored_is_what_is_read(scope):
 
 
 def test_choices_are_between_values_that_are_there(scope):
-    """Both are computed first, so that lanes do not component."""
+    """Both operands are computed first, so that lanes do not diverge."""
     x = scope.load("X")
     scope.store("OUT", where((x > 0.0) & (x < math.inf), 1.0 / x, 0.0))
     assert scope.lines() == [
@@ -108,8 +107,8 @@ def test_parentheses_are_those_that_are_needed(scope):
 
 
 def test_a_name_means_one_kind_of_thing_in_a_function():
-    """A variable of compiled code has one type: of two loops over lanes, and of what is written by
-    hand, another shape has another name; the next function begins anew."""
+    """A compiled variable has one type: another shape gets another name, in loops over lanes and
+    hand-written lines of one function."""
     workspace, text = Workspace(), Text()
     for signature in ("one(w)", "two(w)"):
         lines = text.function(signature, "Says.")
@@ -130,8 +129,8 @@ def test_a_name_means_one_kind_of_thing_in_a_function():
 
 
 def test_what_counts_a_loop_stands_for_nothing_else():
-    """A value called as the counter of a loop that comes later has another name; two things by one
-    name are refused."""
+    """A value named like a later loop counter gets another name; two uses of one name are an
+    error."""
     workspace, text = Workspace(), Text()
     lines, scope = text.function("one(w)", "Says."), Scope(workspace, Scope(workspace))
     x = scope.load("X", 3)
@@ -145,8 +144,8 @@ def test_what_counts_a_loop_stands_for_nothing_else():
 
 
 def test_what_a_later_loop_needs_is_kept_or_read_again(scope):
-    """A parameter is read again, a value that another function needs is kept once, any other in a
-    field of its own; every loop reads only what it uses."""
+    """Parameters are read again; values that another function needs are stored once, others in
+    fields of their own; every loop reads only what it uses."""
     case = scope.case
     mass = case.parameter(7)
     root, inverse = (mass * 3.0).called("root"), (1.0 / mass).called("inverse")
@@ -174,7 +173,7 @@ def test_what_a_later_loop_needs_is_kept_or_read_again(scope):
 
 
 def test_the_items_of_a_tuple_that_a_later_loop_needs_are_kept(scope):
-    """One behind the other, and read as they were."""
+    """They are stored one after the other and read as they were."""
     case = scope.case
     around = guides.around_circle(case.parameter(1), case.parameter(2)).called("around")
     ends = vec3.add((case.parameter(3), 0.0, 0.0), (around[0], 1.0, 2.0)).called("end")
@@ -195,7 +194,7 @@ def test_a_name_never_meets_that_of_a_formula(scope):
 
 
 def test_what_lanes_share_is_read_before_their_loop(scope):
-    """A loop that reads a number that all lanes share is not vectorised."""
+    """A loop that reads a shared number is not vectorised."""
     text = Text()
     scope.store("OUT", scope.case.shared(9) * vec3.dot(scope.case.shared(0, 3), scope.load("X", 3)))
     scope.write(text)
@@ -256,8 +255,7 @@ def _expected(shape):
 
 @pytest.mark.parametrize(("module", "name"), ALL, ids=[name for _, name in ALL])
 def test_formulas_give_what_the_tracer_expects(plain, module, name):
-    """Shapes are told by hand in `sepmc.kernel.tracer.formulas`: each against what the formula
-    gives."""
+    """Shapes in `sepmc.kernel.tracer.formulas` agree with the results of the formulas."""
     last = name.rpartition(".")[2]
     real = next(
         getattr(getattr(plain, home), last)
@@ -293,6 +291,6 @@ _ARGUMENTS = {
 }  # fmt: skip
 
 
-def test_an_unknown_formula_is_told():
+def test_an_unknown_formula_is_an_error():
     with pytest.raises(AttributeError):
         vec3.divergence(ZERO)

@@ -1,9 +1,8 @@
-"""Print how far the clearances of campaign rows are from exact geometry: ``python
-tests/measure/clearance.py [CASES [CAMPAIGN ...]]``.
+"""Difference of campaign clearances from exact geometry: ``python tests/measure/clearance.py [CASES
+[CAMPAIGN ...]]``.
 
-Every row is held against a fine flight of the same case, whose outlines are compared by
-`sepmc.validation.geometry`. The fine flights are compiled,
-which a single run only does beyond `single_case._MAX_PLAIN_STEPS` steps.
+Every row is compared with a fine simulation of the same case, whose outlines are compared by
+`sepmc.validation.geometry`. The fine simulations are compiled.
 """
 
 import sys
@@ -24,13 +23,13 @@ CAMPAIGNS = (
     "residual-thrust.toml",
     str(Path(__file__).parents[1] / "data" / "nozzle.toml"),
 )
-# of the fine flight, by a method of order eight, and of its rows: where a clearance is further off
-# than is told, they are as much denser
+# steps of the fine simulation, by a method of order eight; factor on its rows where a difference
+# exceeds the reported error
 STEP_S, DENSER = 0.01, 4
 
 
 def measure(name, cases):
-    """Worst difference of a campaign, m, with what the campaign says of its error."""
+    """Print the largest difference of a campaign, m, with its reported error."""
     begun = time.perf_counter()
     result = sepmc.load(name).run(cases=cases)
     fine = sepmc.load(name, {"solver.step_s": STEP_S})
@@ -63,9 +62,7 @@ def measure(name, cases):
 
 
 if __name__ == "__main__":
-    single_case._MAX_PLAIN_STEPS = (
-        1  # steps of a stage beyond which a single run compiles its kernel
-    )
+    single_case._MAX_PLAIN_STEPS = 1  # a single run compiles its kernel beyond so many steps
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     for each in sys.argv[2:] or CAMPAIGNS:
         measure(each, count)

@@ -1,11 +1,10 @@
 """Runs by workers of a Dask scheduler: ``python tests/measure/cluster.py [--times 50] [--cases 1e7]
 [--seed 1]``.
 
-So many times, two workers on this machine fly a run of rows and histories, and one of them is
-killed (SIGKILL) at a random moment; its rows, histories and statistics must be those of one process
-that was left alone, to the last bit, each case once. Then the throughput of two workers of one
-thread is held against that of one process of two threads, in turn, three times. Exit code 1 if a
-run differs.
+Two workers on this machine run cases with histories, and one of them is killed (SIGKILL) at a
+random moment; rows, histories and statistics must be bit-identical to those of one undisturbed
+process, each case once. Then the throughput of two workers of one thread is compared with that of
+one process of two threads, alternating, three times. Exit code 1 if a run differs.
 """
 
 import argparse
@@ -26,15 +25,15 @@ from support.runs import same, statistics_of
 
 import sepmc
 from sepmc.campaign.store import manifests
-from sepmc.cluster import crew
+from sepmc.cluster import dask_executor
 
 OFTEN = {"run.chunk": 2048, "run.history_step_s": 0.1}
 CASES = 60_000
 
 
 def one_killed(campaign, folder, after, which):
-    """A run by two workers, one of which is killed after some seconds; its result."""
-    with crew(2, threads=1) as workers:
+    """Result of a run by two workers, one of which is killed after some seconds."""
+    with dask_executor(2, threads=1) as workers:
         pids = list(workers.client.run(os.getpid).values())
         timer = threading.Timer(after, os.kill, (pids[which], signal.SIGKILL))
         timer.start()
@@ -45,7 +44,7 @@ def one_killed(campaign, folder, after, which):
 
 
 def damage(times, seed):
-    """How many runs differ, of so many in which a worker was killed."""
+    """Number of runs that differ, of those in which a worker was killed."""
     rng, wrong, campaign = np.random.default_rng(seed), 0, sepmc.load("table2", OFTEN)
     with tempfile.TemporaryDirectory() as temporary:
         whole = Path(temporary) / "whole"
@@ -63,10 +62,10 @@ def damage(times, seed):
 
 
 def throughput(cases):
-    """Seconds of one process of two threads, and of two workers of one thread, in turn."""
+    """Median seconds of one process of two threads, and of two workers of one thread."""
     campaign = sepmc.load("table2", {"run.history_step_s": 0.0})
     seconds = {"process": [], "workers": []}
-    with tempfile.TemporaryDirectory() as temporary, crew(2, threads=1) as workers:
+    with tempfile.TemporaryDirectory() as temporary, dask_executor(2, threads=1) as workers:
         folder = Path(temporary) / "run"
         told = set()
         for _ in range(4):

@@ -1,10 +1,10 @@
-"""Damage a run folder in every way and see that it is told: ``python tests/measure/damage.py
-[--count 10000] [--mended 200] [--seed 1]``.
+"""Random damage to run folders, which must be reported: ``python tests/measure/damage.py [--count
+10000] [--mended 200] [--seed 1]``.
 
-Files are deleted, cut short, flipped in some bits, swapped, edited or added to, one or several at
-once; of a run that keeps all rows, and of one that counts them and keeps some, in turn. Of each
-damage it is asked: does `sepmc doctor` tell it; do rows and histories that can still be read have
-the bits they had; and of some, does ``--repair`` bring all bits back? Exit code 1 if not.
+Files are deleted, truncated, changed in some bits, swapped, edited or extended, one or several at
+once; alternately of a run that stores all rows, and of one that counts cases and stores some rows.
+Checked are: `sepmc doctor` reports the damage; rows and histories that can still be read have their
+former bits; and, for some, ``--repair`` restores all bits. Exit code 1 if not.
 """
 
 import argparse
@@ -18,7 +18,16 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
-from support.damaged_runs import RUNS, contents, damage, files, fly, is_repaired, is_reported, rows
+from support.damaged_runs import (
+    RUNS,
+    contents,
+    damage,
+    files,
+    is_repaired,
+    is_reported,
+    make_run,
+    rows,
+)
 
 
 def main():
@@ -32,7 +41,7 @@ def main():
     with tempfile.TemporaryDirectory() as temporary:
         folder, wholes = Path(temporary) / "damaged", []
         for name, words in RUNS.items():
-            whole = fly(Path(temporary) / name, *words)
+            whole = make_run(Path(temporary) / name, *words)
             before = {name: (whole / name).read_bytes() for name in files(whole)}
             wholes.append((whole, before, rows(whole), contents(whole)))
         for number in range(asked.count):

@@ -1,11 +1,11 @@
-"""Hold the error that campaigns report against their true one: ``python tests/measure/error.py
-[FILE ...] [--set PATH=VALUE]``.
+"""Reported errors of campaigns compared with true ones: ``python tests/measure/error.py [FILE ...]
+[--set PATH=VALUE]``.
 
-Flies the cases of each campaign as a run does, and again at eight times the resolution and a
-hundredth of the accuracy; without FILE all shipped campaigns and variants that are hard on the
-pilot. Of the column ``error`` it tells what true errors are of it: in 1 % of cases at most, in the
-median, in 99 %, and at most. Exit code 1 if an error, of the whole or of a row, is told below a
-third of the true one, or as met when it is not.
+Runs the cases of each campaign as usual, and again at eight times the resolution and a hundredth of
+the accuracy; without FILE all shipped campaigns and variants that are hard for step selection. For
+the column ``error`` it prints quantiles of true over reported error: 1 %, median, 99 % and maximum.
+Exit code 1 if an error, of the run or of a row, is reported below a third of the true one, or as
+met when it is not.
 """
 
 import argparse
@@ -85,7 +85,7 @@ VARIANTS = {
 
 
 def measure(name, campaign, count, seconds):
-    """One row: what is told, what is true."""
+    """Print the reported and the true errors of a campaign; returns False if they disagree."""
     start = time.perf_counter()
     trial = step_selection.select_steps(campaign)
     planned = time.perf_counter() - start
@@ -116,7 +116,7 @@ def measure(name, campaign, count, seconds):
     table = changes(
         own.outcomes[:, :n], own.status, reference.outcomes[:, :n], reference.status, size, decides
     )
-    table[own.status != 0] = 0.0  # their rows are not ok
+    table[own.status != 0] = 0.0  # rows that are not ok
     true = table.max(axis=0)
     worst = int(np.where(decides, true, 0.0).argmax())
     ratio = told.worst[1] / true[worst] if true[worst] else np.inf

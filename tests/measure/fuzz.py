@@ -1,11 +1,11 @@
-"""Try strangers' files by the million: ``python tests/measure/fuzz.py [--count 1000000] [--seed 1]
+"""Random changes of untrusted files: ``python tests/measure/fuzz.py [--count 1000000] [--seed 1]
 [--seconds 3600] [--part NAME]``.
 
-Campaign files, plans and run folders are changed at random and given to the doors that a user has.
-A finding is what is not refused by a sentence: a traceback, more than five seconds, more memory
-than 4 GB, something written outside of the run folder, a wrong number. Exit code 1 if there is one.
-Changes know the format (`fuzz.mutate`), so neither atheris nor another guided fuzzer is needed.
-Flights may take their time: what takes more than a minute is counted as slow.
+Campaign files, input tables and run folders are changed at random and given to the entry points of
+a user. A finding is an input that is not refused by a sentence: a traceback, more than five
+seconds, more than 4 GB of memory, a file written outside of the run folder, a wrong number. Exit
+code 1 if there is one. Changes know the format (`fuzz.mutate`), so neither atheris nor another
+guided fuzzer is needed. Simulations may take their time: more than a minute is counted as slow.
 """
 
 import argparse
@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from fuzz import campaigns, flights, run_folders, tables
 from fuzz.watch import spread
 
-# what is tried, and what share of --count and of --seconds it takes
+# parts, and their fractions of --count and of --seconds
 PARTS = {
     "trees": (campaigns.trees, 0.6, 0.45),
     "texts": (campaigns.texts, 0.2, 0.15),

@@ -1,12 +1,12 @@
-"""Kill a run at random moments and resume it: ``python tests/measure/kills.py [--kills 500]
-[--seed 1] [--disk DIR]``.
+"""Runs killed at random moments and resumed: ``python tests/measure/kills.py [--kills 500] [--seed
+1] [--disk DIR]``.
 
-Runs keep all rows, or count cases, or count them and keep some, in turn. Each is killed (SIGKILL,
-or SIGINT) after a random part of the time it takes, resumed, killed again, and so on until it comes
-to its end; then its rows, histories and statistics must be those of a run that was left alone, to
-the last bit, each case once. Exit code 1 if not. With ``--disk``, the folder of a small file system
-(``mount -t tmpfs -o size=64m tmpfs DIR``), runs lie there, and every fourth time the disk is filled
-instead, and made free before the run goes on.
+Runs store all rows, or count cases, or count them and store some rows, in turn. Each is killed
+(SIGKILL or SIGINT) after a random part of its time, resumed, killed again, and so on until it ends;
+then its rows, histories and statistics must be bit-identical to those of an undisturbed run, each
+case once. Exit code 1 if not. With ``--disk``, the folder of a small file system (``mount -t tmpfs
+-o size=64m tmpfs DIR``), runs are written there, and every fourth time the disk is filled instead,
+and freed before the run is resumed.
 """
 
 import argparse
@@ -30,15 +30,16 @@ from sepmc.campaign.store import folders, manifests
 
 OPTIONS = ["table2.toml", "--cases", "60000", "--set", "run.chunk=4096", "--no-plots", "--quiet"]
 OPTIONS += ["--set", "run.history_step_s=0.1"]
-FULL = 0.25  # share of times in which a small disk is filled
+FULL = 0.25  # fraction of times in which a small disk is filled
 MANNERS = [], ["--stats-only"], ["--keep", "failed,every:7"]
-# what is counted is written far more often than every ten seconds
+# counts are saved far more often than every ten seconds
 PROGRAM = (
     "from sepmc.campaign.execution import runner; runner._SAVE_S = 0.05; import sepmc.__main__"
 )
 
 
 def command(folder, *more):
+    """Command line of a run."""
     own = [] if "--resume" in more else MANNERS[int(folder.name.rpartition("-")[2]) % len(MANNERS)]
     words = ["campaign", *OPTIONS, "--out", str(folder), *own, *more]
     return [sys.executable, "-c", PROGRAM, *words]
@@ -54,7 +55,8 @@ def fill(disk):
 
 
 def killed(folder, rng, longest, disk):
-    """Start or resume a run and kill it; returns how, or nothing if it came to its end before."""
+    """Start or resume a run and kill it; returns the signal or event, or "" if the run ended
+    before."""
     there = folders.is_run(folder)
     run = subprocess.Popen(
         command(folder, *(["--resume"] if there else [])),

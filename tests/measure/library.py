@@ -12,7 +12,7 @@ from support.host_processes import LAYERS, MISSING, WAYS, measure
 
 
 def main() -> int:
-    """Measure the ways asked for, a line each."""
+    """Measure the requested ways, a line each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=100)
     parser.add_argument("--ways", default=",".join(WAYS))

@@ -1,10 +1,9 @@
-"""Print how good estimates of rare events are: ``python tests/measure/rare.py [REPEATS]`` on
-problems of known probability 1e-6, ``python tests/measure/rare.py plain [CASES]`` beside plain
-cases of shipped campaigns.
+"""Quality of rare-event estimates: ``python tests/measure/rare.py [REPEATS]`` on problems of known
+probability 1e-6, ``python tests/measure/rare.py plain [CASES]`` beside plain cases of shipped
+campaigns.
 
-Coverage: how often the 95 % interval holds the probability; of 100 repeats, 90 to 99 are what
-chance leaves of 95 (central 97 %). Bias and scatter are of the estimates, as shares of the
-probability.
+Coverage: fraction of 95 % intervals that contain the probability; of 100 repeats, 90 to 99 are
+within chance (central 97 %). Bias and scatter are relative to the probability.
 """
 
 import resource
@@ -28,44 +27,44 @@ from sepmc.campaign.cases import generator
 from sepmc.scene.read import parse_campaign
 
 P, FLIGHTS = 1e-6, 100_000
-_TOLD = 50_000_000  # plain cases between two words on them
+_TOLD = 50_000_000  # plain cases between two progress messages
 
 
 def linear(d):
-    """A plane, in d dimensions, none of them alone decisive."""
+    """Half space in d dimensions, with equal weights."""
     bound = stats.norm.isf(P)
     return d, lambda u: bound - u.sum(axis=1) / np.sqrt(d)
 
 
 def slab(d, ways):
-    """Beyond a bound on either side along each of so many axes: 2 ways each."""
-    beyond = -np.expm1(np.log1p(-P) / ways)  # in one axis, by itself
+    """Beyond a bound on either side along each of ``ways`` axes."""
+    beyond = -np.expm1(np.log1p(-P) / ways)  # of one axis
     bound = stats.norm.isf(beyond / 2.0)
     return d, lambda u: bound - np.abs(u[:, :ways]).max(axis=1)
 
 
 def sphere(d):
-    """Far from the middle, whatever the direction."""
+    """Outside of a sphere."""
     bound = stats.chi2.isf(P, d)
     return d, lambda u: bound - (u**2).sum(axis=1)
 
 
 def exponentials(d):
-    """A sum of exponential variables."""
+    """Sum of exponential variables."""
     bound = stats.gamma.isf(P, d)
     return d, lambda u: bound + stats.norm.logsf(u).sum(axis=1)
 
 
 def corner(d):
-    """A sum of variables uniform in 0 to 1, near its upper end: d! P = (d - bound)^d."""
+    """Sum of variables uniform in 0 to 1, near its upper end: d! P = (d - bound)^d."""
     left = np.exp((np.log(P) + np.log(np.arange(1, d + 1)).sum()) / d)
     assert left <= 1.0
     return d, lambda u: stats.norm.sf(u).sum(axis=1) - left
 
 
 def rare_way(d):
-    """Two ways that have the probability in equal shares: one is gentle and one so steep that only
-    a case beyond 3 sigma sees it at all."""
+    """Two failure regions of equal probability: one with a gentle margin, and one with a margin so
+    steep that only cases beyond 3 sigma see it."""
     bound = stats.norm.isf(P / 2.0)
 
     def margin(u):
@@ -76,7 +75,7 @@ def rare_way(d):
 
 
 def steps(d):
-    """A plane whose margin has few values, as an outcome that is counted."""
+    """Half space whose margin has few values, as a counted outcome."""
     bound = stats.norm.isf(P)
     return d, lambda u: np.ceil(2.0 * (bound - u.sum(axis=1) / np.sqrt(d))) - 0.5
 
@@ -93,7 +92,7 @@ PROBLEMS = {
     "few values, d = 10": steps(10),
     "a way seen late, d = 5": rare_way(5),
 }
-# requirements whose probability is some 1e-6 to 1e-5
+# requirements with probabilities of about 1e-6 to 1e-5
 PLAIN = {
     "table2": {
         "slow": {"metric": "separation_speed_m_s", "at_least": 0.378},
@@ -114,8 +113,8 @@ PLAIN = {
 
 
 def known(repeats):
-    """Coverage on problems of known probability, and on a campaign whose outcomes have known laws:
-    bodies that turn for ever as they begin to."""
+    """Print coverage on problems of known probability, and on a campaign with outcomes of known
+    distributions: bodies that rotate steadily."""
     print(f"{'problem':28s} cover  bias  scatter  told  flights  doubted")
     for name, (d, margin) in PROBLEMS.items():
 
@@ -141,7 +140,7 @@ def known(repeats):
 
 
 def tell(name, repeat, repeats):
-    """Repeat an estimate, and print how good it is."""
+    """Repeat an estimate, and print its quality."""
     found, inside, flights, told, doubted = [], 0, 0, [], 0
     for seed in range(repeats):
         each, (low, high), flown, doubts = repeat(seed)
@@ -157,12 +156,12 @@ def tell(name, repeat, repeats):
 
 
 def spinning(coefficient):
-    """Two bodies whose rates across the axis are normal, with a correlation, and whose roll rate is
+    """Two bodies whose transverse rates are normal and correlated, and whose roll rate is
     uniform."""
     angles = (np.arange(4096) + 0.5) * np.pi / 2048
     across = np.cos(angles) ** 2 / (1 + coefficient) + np.sin(angles) ** 2 / (1 - coefficient)
 
-    def beyond(square):  # of the sum of squares, integrated over the direction
+    def beyond(square):  # probability of the sum of squares, integrated over the direction
         density = np.exp(-0.5 * square * across) / across
         return np.mean(density) / np.sqrt(1 - coefficient**2) - P
 
@@ -186,7 +185,7 @@ def spinning(coefficient):
 
 
 def plain(name, cases, repeats=10):
-    """Estimates beside as many plain cases of a shipped campaign, flown for statistics alone."""
+    """Print estimates beside plain cases of a shipped campaign, run for statistics only."""
     about = [{"name": key, **item} for key, item in PLAIN[name].items()]
     campaign = sepmc.load(name, {"requirement": about, "run.history_step_s": 0.0})
 

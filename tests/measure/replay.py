@@ -1,5 +1,4 @@
-"""Replays of 100 cases of every shipped campaign, chosen at random from 2,000: whose rows come out
-again to the last bit?
+"""Replays of 100 random cases of every shipped campaign, of 2,000: number of bit-identical rows.
 
 ``python tests/measure/replay.py [NAME ...]``
 """
@@ -18,7 +17,7 @@ CASES, REPLAYED = 2000, 100
 
 
 def main(names: list[str]) -> None:
-    """Fly, choose, fly again, and count."""
+    """Run, choose, run again, and count."""
     for name in names or shipped_campaigns():
         with tempfile.TemporaryDirectory() as folder:
             run = Path(folder) / "run"

@@ -1,9 +1,9 @@
-"""Print how many fewer cases a Latin hypercube and a Sobol sequence need than random ones for the
-same error of means: ``python tests/measure/sampling.py [CASES [CAMPAIGN]]``.
+"""Reduction of cases by a Latin hypercube and a Sobol sequence for the same error of means:
+``python tests/measure/sampling.py [CASES [CAMPAIGN]]``.
 
-The error of a mean is the root of the mean square of its difference, over repeats with other seeds,
-from the mean of many Sobol cases. That of random cases falls with the root of their number, so the
-square of a ratio of errors is a ratio of cases.
+The error of a mean is the root mean square difference, over repeats with other seeds, from the mean
+of many Sobol cases. With random cases it falls with the root of their number, so the square of a
+ratio of errors is a ratio of cases.
 """
 
 import sys
@@ -16,7 +16,7 @@ REPEATS, BEST = 24, 2**17
 
 
 def means(campaign, cases, seed):
-    """Means of the outcomes that the campaign's reference names, or of all."""
+    """Means of the outcomes named in the campaign's reference, or of all."""
     table = campaign.run(cases=cases, seed=seed).statistics()
     return table["mean"][list(campaign.reference or table.index)].to_numpy()
 

@@ -1,9 +1,9 @@
-"""Print how often the 95 % intervals of sensitivity indices hold what is known:
-``python tests/measure/sensitivity.py [REPEATS [CASES]]``.
+"""Coverage of the 95 % intervals of sensitivity indices: ``python tests/measure/sensitivity.py
+[REPEATS [CASES]]``.
 
 A line for each sampler and function; first-order indices of each input, and total ones of a
-Saltelli design. An interval holds an index of exactly 0 or 1 if it is within 0.002 of it. Intervals
-may be refused: in which share of repeats stands behind the line.
+Saltelli design. An interval covers an index of exactly 0 or 1 if it is within 0.002 of it.
+Intervals may be refused: the fraction of such repeats is at the end of the line.
 """
 
 import sys
@@ -18,7 +18,7 @@ NEAR = 0.002
 
 
 def shares(*variances):
-    """First-order indices of a sum of independent terms of such variances."""
+    """First-order indices of a sum of independent terms with given variances."""
     return [v / sum(variances) for v in variances]
 
 
@@ -34,7 +34,7 @@ def product(u):
 
 
 def same(u):
-    """Inputs as they are drawn."""
+    """Inputs as sampled."""
     return u
 
 
@@ -45,7 +45,7 @@ def discrete(u):
 
 
 def gaussian(u):
-    """Normal inputs; the first two correlate by 0.6."""
+    """Normal inputs; the first two with correlation 0.6."""
     z = ndtri(u)
     return np.array([z[0], 0.6 * z[0] + 0.8 * z[1], z[2], z[3]])
 
@@ -62,7 +62,7 @@ def normal(u):
 
 
 def failing(share):
-    """Normal inputs, the second of which is 1 in such a share of cases, else 0."""
+    """Normal inputs, the second of which is 1 in a fraction of cases, else 0."""
 
     def inputs(u):
         return np.array([ndtri(u[0]), (u[1] < share).astype(float), ndtri(u[2]), ndtri(u[3])])
@@ -81,7 +81,7 @@ def g_function(u):
 
 
 def lognormal(sigma):
-    """An outcome exp(sigma (0.8 z0 + 0.6 z1)), its first-order and total indices."""
+    """Outcome exp(sigma (0.8 z0 + 0.6 z1)), with its first-order and total indices."""
     part, both = np.array([0.64, 0.36, 0.0, 0.0]) * sigma**2, np.expm1(sigma**2)
     total = np.exp(sigma**2 - part) * np.expm1(part) / both
     return normal, lambda x: np.exp(sigma * (0.8 * x[0] + 0.6 * x[1])), np.expm1(part) / both, total
@@ -112,7 +112,7 @@ PROBLEMS = {
         gaussian, lambda x: x[0] + x[1] + x[2],
         [2.56 / 4.2, 2.56 / 4.2, 1.0 / 4.2, 0.0], None,
     ),
-    # on these no estimator was tuned
+    # not used in the choice of estimators
     "g-function": (
         same, g_function, _G / (_G_ALL - 1.0), _G * _G_ALL / (1.0 + _G) / (_G_ALL - 1.0),
     ),
@@ -131,7 +131,7 @@ PROBLEMS = {
         same, lambda x: ((x[0] > 0.8) & (x[1] > 0.5)).astype(float),
         [4.0 / 9.0, 1.0 / 9.0, 0.0, 0.0], [8.0 / 9.0, 5.0 / 9.0, 0.0, 0.0],
     ),
-    "rare flag": (  # of 1 % of cases
+    "rare flag": (  # in 1 % of cases
         same, lambda x: ((x[0] > 0.98) & (x[1] > 0.5)).astype(float),
         [0.25 * 0.0196 / 0.0099, 0.0004 * 0.25 / 0.0099, 0.0, 0.0],
         [0.5 * 0.0196 / 0.0099, 0.02 * 0.25 / 0.0099, 0.0, 0.0],
@@ -152,15 +152,16 @@ SAMPLERS = ("random", "lhs", "sobol", "saltelli", "plan")
 
 
 def drawn(sampler, seed, cases):
-    """Uniform numbers (4, n) of a sampler; a plan has random rows, sorted by its last column."""
+    """Uniform numbers (4, n) of a sampler; an input table has random rows, sorted by its last
+    column."""
     sampling = Sampling("random" if sampler == "plan" else sampler, cases)
     u = probabilities([f"x{k}" for k in range(4)], seed, 0, cases, sampling)
     return u[:, np.argsort(u[3])] if sampler == "plan" else u
 
 
 def coverage(sampler, problem, repeats, cases):
-    """How often (4,) intervals that are given hold the first-order and the total indices, NaN if
-    none is given; and in which share of repeats they are given."""
+    """Fractions (4,) of intervals that contain the first-order and the total indices, NaN if none
+    is given; and the fraction of repeats with intervals."""
     inputs, outcome, *known = PROBLEMS[problem]
     cases -= cases % 6 if sampler == "saltelli" else 0
     held = np.full((2, repeats, 4), np.nan)
@@ -191,7 +192,7 @@ def main():
     )
     for sampler in SAMPLERS:
         for problem in PROBLEMS:
-            if sampler == "saltelli" and problem == "correlated":  # refused as the file is read
+            if sampler == "saltelli" and problem == "correlated":  # refused when the file is read
                 continue
             (first, total), given = coverage(sampler, problem, repeats, cases)
             told = "refused" if np.isnan(first).all() else np.array2string(first, precision=3)

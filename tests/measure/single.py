@@ -1,8 +1,8 @@
-"""Print how long the nominal case of every shipped campaign takes, and that of hard scenes, each by
-`sepmc run` and `sepmc check` in a process of its own: ``python tests/measure/single.py [NAME]``.
+"""Time of the nominal case of every shipped campaign, and of hard scenes, each by `sepmc run` and
+`sepmc check` in its own process: ``python tests/measure/single.py [NAME]``.
 
-Cold is with an empty cache of compiled code and of kernels, warm is the same again. Beside seconds
-stands what was said of long flights before they began.
+Cold is with an empty cache of compiled code and of kernels, warm is the same again. The last column
+is the message on long simulations before they begin.
 """
 
 import os
@@ -84,7 +84,7 @@ def scenes(folder):
 
 
 def timed(command, cache):
-    """Seconds of a command, its exit code, and what it said of how long it takes."""
+    """Seconds of a command, its exit code, and its message on its duration."""
     begun = time.perf_counter()
     environment = os.environ | {"SEPMC_CACHE_DIR": str(cache)}
     try:
@@ -104,7 +104,7 @@ def timed(command, cache):
 
 
 def main():
-    """Print the table; exit code 1 if a scene takes longer than it may and says nothing of it."""
+    """Print the table; exit code 1 if a scene takes longer than allowed without a message."""
     late = 0
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)

@@ -1,9 +1,9 @@
-"""Print what users wait for: ``python tests/measure/speed.py [--before FOLDER] [PART ...]``. All
-takes about a quarter of an hour on a machine that does nothing else.
+"""Times that users experience: ``python tests/measure/speed.py [--before FOLDER] [PART ...]``. All
+parts take about a quarter of an hour on an idle machine.
 
-Parts: ``commands`` with an empty cache and warm; ``campaigns``, each shipped one; ``features``,
-what clearances and joint loads cost; ``big``, 1e8 cases of `table2`, twice (eight minutes);
-``before``, its kernel against that of a checkout of another commit, in turn.
+Parts: ``commands`` with an empty cache and warm; ``campaigns``, each shipped one; ``features``, the
+cost of clearances and joint loads; ``big``, 1e8 cases of `table2`, twice (eight minutes);
+``before``, its kernel beside that of a checkout of another commit, alternating.
 """
 
 import argparse
@@ -57,13 +57,14 @@ def command(*words, out, cache):
 
 
 def imports():
+    """Wall time of the imports of large libraries, s."""
     begun = time.perf_counter()
     subprocess.run(IMPORTS, check=True)
     return time.perf_counter() - begun
 
 
 def commands(folder):
-    """Whole processes: with an empty cache, again with one output more, and warm."""
+    """Whole processes: with an empty cache, again with one more output, and warm."""
     one_more = ["campaign", "table2.toml", "--set", 'output.tip_off=["pins"]']
     for cache in (folder / "cold-1", folder / "cold-2"):
         cold = command("campaign", "table2.toml", out=folder / "run", cache=cache)
@@ -103,7 +104,7 @@ def campaigns(folder, files):
 
 
 def without(campaign, loads, clearances):
-    """A campaign without its joint loads, its clearances, or both, and what is required of them."""
+    """Campaign without its joint loads, its clearances, or both, and without their requirements."""
     tree = copy.deepcopy(campaign.file.tree)
     gone = []
     if loads:
@@ -127,7 +128,7 @@ def without(campaign, loads, clearances):
 
 
 def features(file, cases=2000):
-    """What clearances and loads cost, in the same steps and each as the pilot flies it; one
+    """Cost of clearances and loads, in the same steps and in the selected steps of each; one
     thread."""
     campaign = load(file, BARE)
     use_threads(1)
@@ -163,8 +164,8 @@ def features(file, cases=2000):
 
 
 def against(before):
-    """The kernel of `table2` beside that of another checkout: by itself, and with estimates and
-    cases flown again."""
+    """Kernel of `table2` beside that of another checkout: by itself, and with error estimates and
+    refined cases."""
     ratios = []
     for _ in range(PAIRS):
         times = []
@@ -187,7 +188,7 @@ def against(before):
 
 
 def big(folder):
-    """1e5 and 1e8 cases of `table2`: for statistics alone, and with columns of all rows kept."""
+    """1e5 and 1e8 cases of `table2`: for statistics only, and with columns of all rows stored."""
     keep = ["--keep", "all", "--keep-columns", "separation_*,upper_*", "--float32"]
     for what, more in (("statistics alone", ["--stats-only"]), ("rows kept", keep)):
         for cases in (1e5, 1e8):

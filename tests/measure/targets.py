@@ -1,5 +1,5 @@
-"""Print the numbers sepmc is judged by, each beside its target (about four minutes):
-``python tests/measure/targets.py``."""
+"""Numbers that the tests require, each beside its target (about four minutes): ``python
+tests/measure/targets.py``."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Slips planted in shipped campaigns are named by `sepmc check`, with value and place; the shipped
+"""Lint of scenes: mistakes planted in shipped campaigns are found, with place and value; shipped
 ones have none."""
 
 import warnings
@@ -65,12 +65,12 @@ PLANTED = [
     ("spring-pushers", {"event": [{"name": "late", "when": {"time_s": 9e9}}]},
      "event.late.when", "after the end of the flight"),
     ("spring-pushers", {"phase": [{"name": "clamped", "joints": {"clamp": "fixed"}}]},
-     "output.tip_off: clamp", "never let go"),
+     "output.tip_off: clamp", "never released"),
     ("residual-thrust", {"phase": [{"name": "locked", "joints": {"rods": "fixed"}}],
                          "dispersion.phase.locked.until.time_s": None},
-     "output.tip_off: rods", "never let go"),
+     "output.tip_off: rods", "never released"),
     ("spring-pushers", {"phase": [{"name": "free"}], "output": {"loads": ["clamp"]}},
-     "output.loads: clamp", "holds nothing"),
+     "output.loads: clamp", "is free in all phases"),
 ]  # fmt: skip
 
 
@@ -86,9 +86,9 @@ def loaded(name, settings):
 
 @pytest.mark.parametrize(("name", "settings", "place", "said"), PLANTED)
 def test_planted(name, settings, place, said):
-    """Named by place and value; one slip is one sentence, or one of each of its consequences."""
+    """A finding has place and value; one mistake gives one sentence, or one per consequence."""
     found = file_notes(loaded(name, settings))
-    found = [one for one in found if "is what the nominal case flies with" not in one]
+    found = [one for one in found if "applies to the nominal case only" not in one]
     if place is None:
         assert found == []
         return
@@ -110,7 +110,7 @@ LATE = {"time_s": [0.02, 0.3], "fraction": [0.5, 1.0]}
     ],
 )
 def test_a_profile_that_begins_late(profile, burn, said):
-    """That it brings no thrust before its first row is told, with the time."""
+    """A late profile is found, with the time of its first row."""
     settings = {f"motor.retro.{key}": value for key, value in ({"profile": profile} | burn).items()}
     found = [one for one in file_notes(loaded("table2", settings)) if one.startswith("motor.retro")]
     assert len(found) == (said is not None)
@@ -128,11 +128,11 @@ def test_shipped_campaigns_have_none(name):
 
 @pytest.mark.parametrize(
     ("weights", "said"),
-    [([0.97, 0.3], "add up to 1.27, so that the probabilities are 0.764, 0.236"),
+    [([0.97, 0.3], "add up to 1.27, so the probabilities are 0.764, 0.236"),
      ([0.97, 0.03], ""), ([2.0, 1.0], ""), ([0.33, 0.66], "")],
 )  # fmt: skip
 def test_weights_that_do_not_add_up(weights, said):
-    """Probabilities should; ratios need not."""
+    """Probabilities must add up to 1; ratios need not."""
     law = {"dispersion.motor.retro.thrust_N": {"discrete": [500.0, 0.0], "weights": weights}}
     found = [one for one in file_notes(loaded("table2", law)) if "weights" in one]
     assert [said in one for one in found] == ([True] if said else [])
@@ -147,7 +147,7 @@ PUSHER = "spring.upper_left"
         ({f"{PUSHER}.stiffness_N_per_m": 60_000.0}, "over: force_N"),
         (
             {f"dispersion.{PUSHER}.force_N": {"discrete": [900.0, 0.0], "weights": [0.99, 0.01]}},
-            "at the end of its law for force: force_N = 0 less",
+            "at an end of its distribution for force: force_N = 0 less",
         ),
         ({f"dispersion.{PUSHER}.factor": {"discrete": [1.0, 0.0], "weights": [0.99, 0.01]}}, None),
     ],
@@ -172,7 +172,7 @@ def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
     assert told() == ""
     early = told("run.end_time_s=0.15")
     assert "the nominal case has no pushed_upper_transverse_rate_deg_s" in early
-    assert "gap_clearance_mm is least as the nominal flight ends" in early
+    assert "gap_clearance_mm is smallest as the nominal flight ends" in early
     assert "motor.retro, cant_deg = 0: pushes its body toward" in told("motor.retro.cant_deg=0")
     wrong = told("requirement.clear.at_least=95")
     assert "requirement.clear.at_least = 95: the nominal case violates it" in wrong
@@ -185,10 +185,10 @@ def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
     with run_interpreted(cases=2):
         early = sepmc.load(file, {"run.end_time_s": 0.15}).run(cases=3, out=tmp_path / "early")
         late = sepmc.load(file).run(cases=2)
-    note = "gap_clearance_mm is least as the flight ends in 3 cases"
+    note = "gap_clearance_mm is smallest as the flight ends in 3 cases"
     assert [one for one in early.notes if one.startswith(note)]
     assert read_manifest(tmp_path / "early")["min_at_end"] == {"gap": 3}
-    assert not [one for one in late.notes if "is least as the flight ends" in one]
+    assert not [one for one in late.notes if "is smallest as the flight ends" in one]
 
 
 def test_check_flies_the_nominal_case():
@@ -220,7 +220,7 @@ def test_check_flies_the_nominal_case():
     ],
 )
 def test_cases_that_a_normal_law_draws_beyond_a_bound(law, expected):
-    """How many cases are drawn where their parameter may not be is told before any flies."""
+    """The expected number of cases outside the bounds of a parameter is found before a run."""
     key = BY_MASS if "relative" in law else "dispersion.motor.retro.burn_s"
     burn = {"motor.retro.burn_s": 0.1}
     found = [
@@ -273,7 +273,7 @@ y_axis = [1.0, 0.0, 0.0]
 
 
 def level_notes(folder, shift, more=""):
-    """Notes on a joint whose axis is lateral: the second body lies 4 m aft, and so far beside."""
+    """Findings on a joint with a lateral axis; the second body lies 4 m aft, ``shift`` m beside."""
     file = folder / "level.toml"
     file.write_text(LEVEL.format(shift=shift, more=more), encoding="utf-8")
     return [note for note in file_notes(sepmc.load(file)) if "nearly level" in note]
@@ -281,7 +281,7 @@ def level_notes(folder, shift, more=""):
 
 @pytest.mark.parametrize(("shift", "told"), [(0.0, 1), (-0.05, 1), (0.07, 1), (0.2, 0), (-2.0, 0)])
 def test_a_side_that_is_nearly_level_is_told(tmp_path, shift, told):
-    """2 % of 4 m; the sign is told, and that `apart` sets it, which ends the note."""
+    """Within 2 % of 4 m the finding gives the sign; setting `apart` removes it."""
     notes = level_notes(tmp_path, shift)
     assert len(notes) == told
     side = "positive" if shift >= 0.0 else "negative"

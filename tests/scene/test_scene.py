@@ -1,5 +1,5 @@
-"""TOML to a scene and back: units, parameters by path, settings; and no tree whatever ends in
-anything but a message."""
+"""Reading of campaign files: units, parameters by path, settings; any tree gives a campaign or a
+message."""
 
 import copy
 import inspect
@@ -71,7 +71,7 @@ PINT |= {
 
 
 def set_to(**at):
-    """table2.toml with values put in place; ``__`` stands for the dot of a path."""
+    """table2.toml with other values; ``__`` stands for the dot of a path."""
     return parse_campaign(
         TREE, "t.toml", {key.replace("__", "."): given for key, given in at.items()}
     ).scene
@@ -103,7 +103,7 @@ def test_split_unit(key, parts):
 
 
 def test_to_si():
-    """Numbers that can be checked in the head."""
+    """Round numbers scale exactly."""
     upper = SCENE.body["upper"]
     assert (upper.mass, SCENE.initial.speed, SCENE.initial.altitude) == (458.0, 6800.0, 70000.0)
     assert upper.cg == pytest.approx((1.3162, 0.0056, 0.0001), rel=1e-15)
@@ -124,8 +124,7 @@ def test_to_si():
 
 
 def test_parameters_round_trip():
-    """Every number a kernel reads can be found, read and replaced, and replacing one changes no
-    other."""
+    """Every parameter of a kernel can be found, read and replaced by path, and changes no other."""
     plan = make_parameter_layout(SCENE)
     before = {path: value(SCENE, path) for path in plan.slots}
     for path, number in before.items():
@@ -186,7 +185,7 @@ def test_find_nothing(key):
 
 @pytest.mark.parametrize("name", shipped_campaigns())
 def test_toml_round_trip(name):
-    """What a run folder keeps reads back as the same campaign."""
+    """The campaign file of a run folder reads back as the same campaign."""
     heaviest = max(read_campaign(name).scene.body.items(), key=lambda item: item[1].mass)[0]
     first = read_campaign(
         name, {f"body.{heaviest}.mass_lb": 1e6, "run.seed": 5, "solver.step_s": 0.0123}
@@ -284,7 +283,7 @@ def _paths(tree, path=()):
 
 
 def _edited(tree, edits):
-    """A copy of the tree with the edits that are still possible when their turn comes."""
+    """Copy of the tree with the edits applied in order, as far as each is still possible."""
     tree = copy.deepcopy(tree)
     for (*way, key), action, name, given_value in edits:
         node = tree
@@ -315,8 +314,8 @@ _EDIT = st.tuples(
 @given(st.lists(_EDIT, min_size=1, max_size=3))
 @settings(max_examples=400, deadline=None)
 def test_any_tree_is_refused_or_can_be_flown(edits):
-    """SceneError with a line per problem, or a campaign that can be planned, drawn and written;
-    nothing else."""
+    """Any tree gives SceneError with a line per problem, or a campaign that can be laid out,
+    sampled and written."""
     try:
         campaign = Campaign(parse_campaign(_edited(TREE, edits), "t.toml"))
     except SceneError as refused:
@@ -334,7 +333,7 @@ def test_any_tree_is_refused_or_can_be_flown(edits):
 @pytest.mark.parametrize("key", ["body.upper.cg_mm.z", "body.upper.cg_m.z"])
 @pytest.mark.parametrize("given", [[1.0, 0.02, 0.0], {"x": 1.0, "y": 0.02}], ids=["list", "table"])
 def test_one_component_in_another_unit_keeps_the_others(given, key):
-    """However the vector was written."""
+    """A component set in another unit keeps the others, for each spelling of the vector."""
     tree = copy.deepcopy(TREE)
     body = tree["body"]["upper"]
     for old in [k for k in body if k.startswith("cg_")]:

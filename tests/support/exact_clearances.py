@@ -8,10 +8,10 @@ ROWS_S = 0.0005  # time between rows of the history
 
 
 def exact(campaign, case, history=None, every_s=ROWS_S):
-    """Clearances of one case, mm, and their times, s, by the name of the clearance."""
+    """Minimum clearances of one case, mm, and their times, s, by name of the clearance."""
     if history is None:
         history = campaign.simulate(case, step_s=every_s)
-    outcomes, scene, found = history.attrs["outcomes"], case.scene, {}
+    outcomes, scene, clearances = history.attrs["outcomes"], case.scene, {}
     for clearance in scene.clearance:
         a, b = clearance.bodies
         first = 0.0
@@ -21,6 +21,8 @@ def exact(campaign, case, history=None, every_s=ROWS_S):
         times = history["time_s"].to_numpy()
         times = np.unique(np.concatenate([[first], times[times > first]]))
         parts = (geometry.parts_of(scene.body[name]) for name in (a, b))
-        least, when = geometry.min_clearance(geometry.relative_motion(history, a, b), *parts, times)
-        found[clearance.name] = 1e3 * least, when
-    return found
+        minimum, when = geometry.min_clearance(
+            geometry.relative_motion(history, a, b), *parts, times
+        )
+        clearances[clearance.name] = 1e3 * minimum, when
+    return clearances

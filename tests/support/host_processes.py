@@ -27,17 +27,17 @@ from pathlib import Path
 HERE = Path(__file__).resolve()
 SETTINGS = {"solver.step_s": 0.1, "run.history_step_s": 0.0}
 CASES = 40
-WAIT_S = 120.0  # for one answer
+WAIT_S = 120.0  # limit for one answer
 THREADS = 8
 MISSING = "not installed"
 
 
 def _hear(_: str) -> None:
-    """Listen to notes on a run, which are given as warnings else."""
+    """Ignore the notes of a run, which would be warnings otherwise."""
 
 
 def answer(which: int = 0) -> str:
-    """Digest of the rows of a run, or the sentence by which it is refused."""
+    """Digest of the rows of a run, or the sentence that refuses it."""
     import sepmc
 
     try:
@@ -51,7 +51,7 @@ def answer(which: int = 0) -> str:
 
 
 def _by_processes(method: str, times: int) -> Iterator[str]:
-    """Of a pool each of whose processes answers once."""
+    """Answers of a pool whose processes answer once each."""
     with multiprocessing.get_context(method).Pool(2, maxtasksperchild=1) as pool:
         asked = [pool.apply_async(answer, (k,)) for k in range(times)]
         for each in asked:
@@ -63,17 +63,17 @@ def _by_processes(method: str, times: int) -> Iterator[str]:
 
 
 def fork(times: int) -> Iterator[str]:
-    """Children of `multiprocessing` by fork."""
+    """Children by fork of `multiprocessing`."""
     return _by_processes("fork", times)
 
 
 def spawn(times: int) -> Iterator[str]:
-    """The same by spawn."""
+    """Children by spawn."""
     return _by_processes("spawn", times)
 
 
 def forkserver(times: int) -> Iterator[str]:
-    """The same by forkserver."""
+    """Children by forkserver."""
     return _by_processes("forkserver", times)
 
 
@@ -82,7 +82,7 @@ def _send(end: Connection) -> None:
 
 
 def daemon(times: int) -> Iterator[str]:
-    """Daemonic processes, which may have no children, forked and spawned in turn."""
+    """Daemonic processes, which may have no children, by fork and spawn in turn."""
     for k in range(times):
         context = multiprocessing.get_context(("fork", "spawn")[k % 2])
         mine, its = context.Pipe()
@@ -103,7 +103,7 @@ def _received(end: Connection) -> str:
 
 
 def threads(times: int) -> Iterator[str]:
-    """Rounds of eight Python threads at once; a round is right if all of them are."""
+    """Rounds of eight Python threads at once; a round is right if all are."""
     with ThreadPoolExecutor(THREADS) as pool:
         for _ in range(times):
             answers = {
@@ -113,7 +113,7 @@ def threads(times: int) -> Iterator[str]:
 
 
 def mixed(times: int) -> Iterator[str]:
-    """Threads of which some fly single cases as plain Python meanwhile."""
+    """Threads, some of which run single cases interpreted at the same time."""
     import sepmc
 
     case = sepmc.load("table2.toml", SETTINGS)
@@ -131,7 +131,7 @@ def mixed(times: int) -> Iterator[str]:
 
 
 def prefork(times: int) -> Iterator[str]:
-    """Workers that are forked once, as of Celery or gunicorn, and answer many times each."""
+    """Workers forked once, as of Celery or gunicorn, that answer many times."""
     context = multiprocessing.get_context("fork")
     pipes = []
     for _ in range(2):
@@ -154,7 +154,7 @@ def _serve(end: Connection) -> None:
 
 
 def joblib(times: int) -> Iterator[str]:
-    """`joblib`: its processes, forked ones and threads in turn."""
+    """`joblib`: its processes, forked processes and threads in turn."""
     if importlib.util.find_spec("joblib") is None:
         yield MISSING
         return
@@ -169,7 +169,7 @@ def joblib(times: int) -> Iterator[str]:
 
 
 def jupyter(times: int) -> Iterator[str]:
-    """Cells of a Jupyter kernel, one started anew for each twenty."""
+    """Cells of a Jupyter kernel, restarted after twenty."""
     if importlib.util.find_spec("jupyter_client") is None:
         yield MISSING
         return
@@ -232,7 +232,7 @@ def xdist(times: int) -> Iterator[str]:
 
 
 def restored(times: int) -> Iterator[str]:
-    """The host's own number of threads is what it was, whatever a run used."""
+    """Runs that must leave the host's number of threads unchanged."""
     import numba
 
     import sepmc
@@ -256,16 +256,16 @@ LAYERS = {"threads": ("default", "workqueue"), "mixed": ("default", "workqueue")
 
 
 def tell(way: str, times: int) -> None:
-    """In a process of its own: an answer a line, the host's own first."""
+    """Print one answer per line in JSON, the host's own first."""
     print(json.dumps(answer()), flush=True)
     for each in WAYS[way](times):
         print(json.dumps(each), flush=True)
 
 
 def measure(way: str, times: int, layer: str = "default") -> Counter[str]:
-    """How many answers were right, sentences, or what else they were."""
+    """Count right answers, sentences and other answers."""
     environment = {**os.environ, "NUMBA_THREADING_LAYER": layer}
-    # more threads than one, whatever the machine: with one nothing is shared
+    # at least two threads on any machine: with one nothing is shared
     environment.setdefault("NUMBA_NUM_THREADS", str(max(2, os.cpu_count() or 1)))
     words = [sys.executable, str(HERE), way, str(times)]
     host = subprocess.Popen(
@@ -281,7 +281,7 @@ def measure(way: str, times: int, layer: str = "default") -> Counter[str]:
         host.wait()
     finally:
         end.cancel()
-        _kill(host.pid)  # what it left
+        _kill(host.pid)  # remaining processes
     right, *answers = lines or ["", "no host"]
     found = Counter(
         "right" if each == right else each.partition(":")[0] if len(each) != 64 else "other rows"

@@ -7,7 +7,7 @@ from sepmc.campaign.store import shards
 
 
 def table(folder, kind, order):
-    """All parts of a run, in order."""
+    """All shards of a run of one kind, in order."""
     parts = [pq.read_table(folder / one.file) for one in shards.parts(folder, kind)]
     frame = pd.concat([part.to_pandas() for part in parts], ignore_index=True)
     frame["status"] = frame["status"].astype(str) if "status" in frame else ""
@@ -15,7 +15,7 @@ def table(folder, kind, order):
 
 
 def same(one, other):
-    """Whether two runs hold the same bits."""
+    """True if two runs have the same bits."""
     told = one / "statistics.csv"
     if told.is_file() and told.read_bytes() != (other / told.name).read_bytes():
         return False
@@ -28,4 +28,5 @@ def same(one, other):
 
 
 def statistics_of(result):
+    """Statistics of a result as text with all digits."""
     return result.statistics().to_csv(float_format="%.17g")

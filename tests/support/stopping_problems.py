@@ -26,32 +26,32 @@ OUTCOMES = ["speed_m_s", "gap_recontact"]
 
 
 def normal(name="speed"):
-    """A standard normal input."""
+    """Standard normal input."""
     return Dispersion(Parameter(name, name, "", 1.0, None), "normal", (0.0, 1.0, np.inf))
 
 
 def uniform(name):
-    """An input between 0 and 1."""
+    """Input between 0 and 1."""
     return Dispersion(Parameter(name, name, "", 1.0, None), "uniform", (0.0, 1.0))
 
 
 def discrete(name, *weights, values=None):
-    """An input that is 0, 1, ... with such probabilities, the others' sum first."""
+    """Input with values 0, 1, ... of given probabilities; 0 has the rest."""
     weights = (1.0 - sum(weights), *weights)
     values = values or tuple(map(float, range(len(weights))))
     return Dispersion(Parameter(name, name, "", 1.0, None), "discrete", values, weights)
 
 
 def together(coefficient):
-    """A copula of the first two inputs."""
+    """Copula of the first two inputs."""
     low = np.linalg.cholesky([[1.0, coefficient], [coefficient, 1.0]])
     return (Copula((0, 1), tuple(map(tuple, low.tolist()))),)
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is asked of ``until``, the inputs, an outcome of them (and a status), and the ``truth``
-    of the statistic."""
+    """Stopping rule ``until``, inputs, an outcome of them (NaN: failed case), and the ``truth`` of
+    the statistic."""
 
     until: str
     inputs: tuple[Dispersion, ...]
@@ -60,27 +60,29 @@ class Problem:
     copulas: tuple[Copula, ...] = ()
 
     def rows(self, seed, first, end):
-        """Draws (n, d) of cases, and their table."""
-        drawn = sample(self.inputs, seed, first, end - first, Sampling(copulas=self.copulas))
-        values = self.outcome(drawn.T)
-        lost = np.isnan(values)
-        return drawn, {
+        """Inputs (n, d) of cases, and their table."""
+        inputs = sample(self.inputs, seed, first, end - first, Sampling(copulas=self.copulas))
+        values = self.outcome(inputs.T)
+        failed = np.isnan(values)
+        return inputs, {
             "case": np.arange(first, end),
-            "status": np.where(lost, "never-released", "ok").astype(object),
+            "status": np.where(failed, "never-released", "ok").astype(object),
             "speed_m_s": values,
-            "gap_recontact": np.where(lost, np.nan, (values < 0.0).astype(float)),
+            "gap_recontact": np.where(failed, np.nan, (values < 0.0).astype(float)),
         }
 
 
-def mixture(share, point, shift):
-    """The value below which a share of normal cases lies, some of which are shifted."""
+def mixture(fraction, point, shift):
+    """Quantile of normal cases of which a fraction is shifted."""
     return brentq(
-        lambda x: (1.0 - share) * norm.cdf(x) + share * norm.cdf(x - shift) - point, -40.0, 40.0
+        lambda x: (1.0 - fraction) * norm.cdf(x) + fraction * norm.cdf(x - shift) - point,
+        -40.0,
+        40.0,
     )
 
 
-_BOTH = 0.0012437  # probability that two inputs that correlate by 0.5 both are in their last 1 %
-# the same of the last 2 % of inputs that correlate by 0.8
+_BOTH = 0.0012437  # probability that two inputs with correlation 0.5 are both in their last 1 %
+# the same for the last 2 % and correlation 0.8
 _PAIR = float(multivariate_normal.cdf([norm.ppf(0.02)] * 2, cov=[[1.0, 0.8], [0.8, 1.0]]))
 PROBLEMS = {
     "a rare failure decides the mean": Problem(
@@ -122,7 +124,7 @@ PROBLEMS = {
     "a long tail": Problem(
         "speed_m_s:3%", (normal(),), lambda x: np.exp(x[0]), np.exp(0.5),
     ),
-    # the rules were not chosen by these
+    # not used in the choice of the rules
     "fresh: a stuck spring in skewed noise": Problem(
         "speed_m_s:1%", (normal(), discrete("fails", 0.004)),
         lambda x: np.exp(0.3 * x[0]) - 3.0 * x[1], np.exp(0.045) - 0.012,
@@ -146,16 +148,16 @@ PROBLEMS = {
 }  # fmt: skip
 
 
-def stopped(problem, seed, most=CASES):
-    """Cases after which a problem stops, and the look at them."""
+def stopped(problem, seed, max_cases=CASES):
+    """Cases after which a problem stops, and the last evaluation of the rule."""
     until = parse_stopping_rule(problem.until, OUTCOMES)
     values = rare_values(problem.inputs, problem.copulas)
-    every = list(CaseSelection.first(most).doubling(until.first(values)))
+    every = list(CaseSelection.first(max_cases).doubling(until.first(values)))
     tables, counts = [], np.zeros(1 + len(values), dtype=int)
     for numbers in every:
-        drawn, table = problem.rows(seed, *numbers.ranges[0])
+        inputs, table = problem.rows(seed, *numbers.ranges[0])
         tables.append(table)
-        counts += count_values(values, drawn)
+        counts += count_values(values, inputs)
         rows = {name: np.concatenate([t[name] for t in tables]) for name in table}
         found = occurrences(values, counts.tolist())
         look = until.look(TableStatistics(rows, OUTCOMES, [], {}), len(every), found)
@@ -165,10 +167,10 @@ def stopped(problem, seed, most=CASES):
 
 
 def coverage(name, repeats=REPEATS):
-    """Share of repeats in which the interval at the end holds the truth, in which the statistic was
-    known well enough, and the cases that this took on average."""
+    """Fractions of repeats in which the final interval contains the truth, and in which the
+    statistic was known well enough; and the mean number of cases."""
     problem, seed = PROBLEMS[name], zlib.crc32(name.encode())
     ends = [stopped(problem, seed + repeat) for repeat in range(repeats)]
-    held = [look.low <= problem.truth <= look.high for _, look in ends]
+    covered = [look.low <= problem.truth <= look.high for _, look in ends]
     enough = [look.sufficient for _, look in ends]
-    return float(np.mean(held)), float(np.mean(enough)), float(np.mean([n for n, _ in ends]))
+    return float(np.mean(covered)), float(np.mean(enough)), float(np.mean([n for n, _ in ends]))

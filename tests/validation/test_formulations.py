@@ -203,8 +203,8 @@ def test_slider_pair_by_sympy(method, seed):
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "free"])
 def test_every_kind_obeys_newton_and_euler(kind, seed):
-    """Both bodies move as their loads and a wrench -F, F tell; the wrench has no part along or
-    about what is free: 1e-11."""
+    """Both bodies move by their loads and a wrench -F, F; the wrench has no component along or
+    about a free axis: 1e-11."""
     random = np.random.default_rng(seed)
     axes = Rotation.from_quat(random.normal(size=4)).as_matrix()
     pair, held = random_pair(random, axes), KINDS[kind]
@@ -243,8 +243,8 @@ SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "free"])
 def test_every_kind_keeps_its_constraints(kind, seed):
-    """Along a motion with these rates and accelerations, place of B and constraints have the second
-    derivatives they must: 1e-7."""
+    """Along a motion with these rates and accelerations, the position of B and the constraints have
+    the required second derivatives: 1e-7."""
     random = np.random.default_rng(seed)
     axes = Rotation.from_quat(random.normal(size=4)).as_matrix()
     pair, held = random_pair(random, axes), KINDS[kind]
@@ -277,7 +277,7 @@ def test_every_kind_keeps_its_constraints(kind, seed):
 
 
 def test_what_is_unknown_is_refused():
-    """A spring is no part of these formulations: an error, not a flight without it."""
+    """A spring is outside of these formulations: an error, not a simulation without it."""
     case = {"spring": [{"name": "push"}], "joint": {"pins": {}}}
     with pytest.raises(ValueError, match=r"scene\.spring"):
         simulate(case)

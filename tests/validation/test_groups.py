@@ -1,5 +1,5 @@
-"""Groups of a suite side by side: the same lines in the same order as one after the other; what
-fails there fails here."""
+"""Groups of a suite in parallel: the same lines in the same order as in sequence; errors in a group
+are raised."""
 
 import time
 
@@ -10,7 +10,7 @@ from sepmc.validation.verify import verify
 
 
 def test_side_by_side():
-    """Two groups apart, one here; each is told when it has been flown."""
+    """Two groups in workers, one in this process; each is reported when done."""
     names, done = ["free_body", "rod_pendulum", "welded"], []
     groups = side_by_side(verify, names, in_process=["rod_pendulum"], on_done=done.append)
     assert list(groups) == names
@@ -19,7 +19,7 @@ def test_side_by_side():
 
 
 def _wait(names):
-    """Groups that take long, and one in which Ctrl-C comes."""
+    """Groups that take long, and one interrupted by Ctrl-C."""
     if names == ["interrupted"]:
         raise KeyboardInterrupt
     time.sleep(600.0)

@@ -210,7 +210,8 @@ def test_released_without_motion():
 
 @pytest.mark.parametrize(("tilt", "spin"), [(1.0, 12.0), (2.3, 0.0), (2.3, 3.0)])
 def test_steady_precession(tilt, spin):
-    """At either rate the tilt stays. 1e-7: the tilt's two ends meet in a double root."""
+    """At either rate the tilt is constant. 1e-7: both extremes of the tilt meet in a double
+    root."""
     for precession in ref.steady_precession(0.4, 1.3, 6.0, tilt, spin):
         u = ref.heavy_top(np.linspace(0.0, 3.0, 7), 0.4, 1.3, 6.0, tilt, spin, precession)
         assert_allclose(u, math.cos(tilt), rtol=0, atol=1e-7)
@@ -236,8 +237,8 @@ def test_hooke():
 
 @pytest.mark.parametrize("above", [0.0, 0.2])
 def test_tip_off(above):
-    """Against the equations of motion of the turning body, its rear shoe followed to the end of the
-    rail: 1e-12."""
+    """Against the equations of motion of the turning body until its rear shoe reaches the end of
+    the rail: 1e-12."""
     mass, inertia, ahead, gravity, elevation, speed, travel = 50.0, 40.0, 0.8, 9.8, 0.9, 12.0, 1.5
 
     def rate(_, y):

@@ -29,7 +29,7 @@ def test_check(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("check", [shipped_campaigns.scenes, shipped_campaigns.campaigns])
-def test_as_independent_flights(check):
+def test_against_independent_simulations(check):
     """Every outcome of the scenes of this suite, and of cases of shipped campaigns."""
     lines = check()
     assert lines
@@ -39,8 +39,8 @@ def test_as_independent_flights(check):
 
 
 def test_a_wrong_reference_fails(monkeypatch):
-    """Gravity of the reference 1e-9 too strong: the rod pendulum's lines say so, ten times beyond
-    what is allowed."""
+    """Gravity of the reference 1e-9 too strong: the lines of the rod pendulum fail, by ten times
+    the tolerance."""
     pendulum = references.pendulum
     monkeypatch.setattr(
         references,
@@ -54,8 +54,8 @@ def test_a_wrong_reference_fails(monkeypatch):
 
 
 def test_a_wrong_row_fails(monkeypatch):
-    """The gap left out of the lever arm on the first body: told for every kind that holds a
-    translation, and for no other."""
+    """Without the gap in the lever arm on the first body, every kind with a translation fails, and
+    no other."""
     translation = joints.translation
     monkeypatch.setattr(joints, "translation", lambda d, *rest: translation((0.0, 0.0, 0.0), *rest))
     kinds = {
@@ -66,7 +66,7 @@ def test_a_wrong_row_fails(monkeypatch):
 
 def test_a_line():
     """The tolerance itself passes, more does not, and NaN on either side does not. A lower bound
-    may be passed by any amount."""
+    may be exceeded by any amount."""
     line = Line("case", "quantity, m", 1.0, 1.5, 0.5)
     bound = Line("case", "order, at least", 4.0, 9.0, 0.5, at_least=True)
     assert bound.passes

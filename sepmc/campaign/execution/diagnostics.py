@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from sepmc.campaign.case_selection import CaseSelection
+from sepmc.campaign.cases import SIZE_DEPENDENT
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, scene_scales
 from sepmc.campaign.execution.integration import Integration
@@ -84,8 +85,11 @@ def worker_notes(worker_kinds: Mapping[str, int]) -> list[str]:
     ]
 
 
-def sampling_notes(campaign: Definition, numbers: CaseSelection) -> Iterator[str]:
-    """Notes on cases that are not sampled independently, or that the user chose."""
+def sampling_notes(
+    campaign: Definition, numbers: CaseSelection, total: int | None = None
+) -> Iterator[str]:
+    """Notes on cases that are not sampled independently, or that the user chose; ``total`` cases
+    are sampled."""
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:
         yield (
@@ -99,6 +103,11 @@ def sampling_notes(campaign: Definition, numbers: CaseSelection) -> Iterator[str
         )
     if sampler == "random":
         return
+    if sampler in SIZE_DEPENDENT and total is not None and cases < total:
+        yield (
+            f"run.sampler = {sampler!r}: cases {numbers} are a part of a design of {total} cases; "
+            f"for a design of {cases}, give the number of cases, not a range"
+        )
     if sampler == "lhs" and campaign.file.copulas:
         yield (
             "run.sampler = 'lhs': parameters of a [[correlation]] keep their distributions, but "

@@ -136,7 +136,7 @@ def estimate(
     direct : ndarray, shape (o, g)
         Error per unit of an indicator that is added.
     is_decisive : ndarray of bool, shape (o,)
-        See `sepmc.campaign.execution.accuracy.is_decisive`.
+        See `sepmc.campaign.execution.accuracy.decisive`.
 
     Returns
     -------

@@ -52,7 +52,7 @@ class FallbackKernel:
     Attributes
     ----------
     variant : int
-        Variant.ANY_ORDER or Variant.LEAST_SQUARES of `sepmc.routines.layout`.
+        A `Variant` other than the standard one.
     make : callable
         Loads the kernel; takes a Log or None.
     phases : ndarray, shape (segments,)
@@ -342,19 +342,19 @@ def _apply_estimate(
         return empty
     assert block.indicators is not None
     is_known = is_calibrated & block.has_outcomes
-    guards = _select(block.indicators, is_known)
-    error = flight.estimate.of_cases(guards)
+    indicators = _select(block.indicators, is_known)
+    error = flight.estimate.of_cases(indicators)
     block.error[is_known] = error
-    accepted = _select(guards, ~(error > flight.error_limit))
+    accepted = _select(indicators, ~(error > flight.error_limit))
     leading = flight.estimate.of_leading(accepted)
     return RefinementSummary(
         leading, indicators=accepted.max(axis=0, initial=0.0) if len(accepted) else empty.indicators
     )
 
 
-def _select(guards: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def _select(indicators: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Rows of error indicators (n, g) that are stored by column."""
-    return guards if mask.all() else guards.T[:, mask].T
+    return indicators if mask.all() else indicators.T[:, mask].T
 
 
 def _is_doubtful(campaign: Definition, block: Block) -> np.ndarray:
@@ -525,7 +525,7 @@ def _refine(
 
 def _rows_of(block: Block, numbers: np.ndarray) -> Block:
     """Copy of some rows of a block."""
-    guards = None if block.indicators is None else block.indicators[numbers]
+    indicators = None if block.indicators is None else block.indicators[numbers]
     return Block(
         block.outcomes[numbers],
         block.status[numbers],
@@ -533,7 +533,7 @@ def _rows_of(block: Block, numbers: np.ndarray) -> Block:
         block.phases[numbers],
         block.history[numbers],
         block.rows[numbers],
-        guards,
+        indicators,
     )
 
 

@@ -210,7 +210,7 @@ def estimate_rare_event(
     random = partial(_generator, seed)
     dimensions = len(campaign.file.dispersions)
     try:
-        values = rare_discrete_values(flights, random("seldom"))
+        rare_values = rare_discrete_values(flights, random("seldom"))
         known, of_all, _ = subset_simulation.estimate(
             flights.margins, dimensions, random, max_flights - flights.count
         )
@@ -220,7 +220,7 @@ def estimate_rare_event(
     resumed = log.resumed if log else 0
     if log:
         log.remove()
-    found = RareEventEstimate(
+    result = RareEventEstimate(
         limit.requirement.name,
         limit.column.name,
         limit.column.unit,
@@ -235,21 +235,21 @@ def estimate_rare_event(
         _rows(campaign, known),
         _violating_inputs(campaign, known),
         {label: flights.statuses[label] for label in LABELS if flights.statuses[label]},
-        _notes(flights, known, of_all, values),
+        _notes(flights, known, of_all, rare_values),
         folder,
     )
     if folder:
         times = {"compile": compiled_s - start_s, "kernel": time.perf_counter() - compiled_s}
         session = {
-            "cases_flown": found.flights - resumed,
+            "cases_flown": result.flights - resumed,
             "started": started.isoformat(timespec="seconds"),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "timing_s": {k: round(v, 6) for k, v in times.items()},
             "threads": threads or os.cpu_count(),
             **manifests.versions(),
         }
-        _write(folder, found, flights, request, [*previous_sessions, session])
-    return found
+        _write(folder, result, flights, request, [*previous_sessions, session])
+    return result
 
 
 def _request(
@@ -309,15 +309,15 @@ def table_columns(campaign: Definition, unit: str) -> list[Column]:
     return [*campaign.columns, Column(margin.name, unit, margin.meaning), *others]
 
 
-def _rows(campaign: Definition, found: Estimate) -> dict[str, np.ndarray]:
+def _rows(campaign: Definition, estimate: Estimate) -> dict[str, np.ndarray]:
     """Distinct cases of the last level by column, the smallest margin first."""
-    used = found.weight > 0.0
-    _, first, which = np.unique(found.last.number[used], return_index=True, return_inverse=True)
+    used = estimate.weight > 0.0
+    _, first, which = np.unique(estimate.last.number[used], return_index=True, return_inverse=True)
     positions = np.flatnonzero(used)[first]
-    weight = np.bincount(which, found.weight[used])
-    order = np.argsort(found.last.margin[positions], kind="stable")  # NaN last
+    weight = np.bincount(which, estimate.weight[used])
+    order = np.argsort(estimate.last.margin[positions], kind="stable")  # NaN last
     positions, weight = positions[order], weight[order]
-    rows, inputs = found.last.records[positions], len(campaign.input_columns)
+    rows, inputs = estimate.last.records[positions], len(campaign.input_columns)
     labels = np.array(LABELS, dtype=object)[rows[:, inputs].astype(int)]
     names = [c.name for c in campaign.input_columns], [c.name for c in campaign.result_columns]
     return {
@@ -325,23 +325,23 @@ def _rows(campaign: Definition, found: Estimate) -> dict[str, np.ndarray]:
         "status": labels,
         **dict(zip(names[0], rows[:, :inputs].T, strict=True)),
         **dict(zip(names[1], rows[:, inputs + 1 :].T, strict=True)),
-        "margin": found.last.margin[positions],
-        "level": found.last.level[positions],
-        "replica": found.replica[positions],
+        "margin": estimate.last.margin[positions],
+        "level": estimate.last.level[positions],
+        "replica": estimate.replica[positions],
         "weight": weight,
     }
 
 
-def _violating_inputs(campaign: Definition, found: Estimate) -> dict[str, tuple[float, float]]:
+def _violating_inputs(campaign: Definition, estimate: Estimate) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of the normal score of each input over violating cases, by
     column.
 
     Sorted by divergence from a standard normal distribution, largest first.
     """
-    weight = np.where(found.last.margin < 0.0, found.weight, 0.0)
+    weight = np.where(estimate.last.margin < 0.0, estimate.weight, 0.0)
     if not weight.sum():
         return {}
-    scores = cases.correlated_scores(found.last.scores, campaign.file.copulas)
+    scores = cases.correlated_scores(estimate.last.scores, campaign.file.copulas)
     mean = np.average(scores, axis=0, weights=weight)
     sigma = np.sqrt(np.average((scores - mean) ** 2, axis=0, weights=weight))
     floor = np.maximum(sigma, 1e-9)
@@ -351,7 +351,7 @@ def _violating_inputs(campaign: Definition, found: Estimate) -> dict[str, tuple[
 
 
 def _notes(
-    flights: MarginEvaluator, known: Estimate, of_all: Estimate, values: list[RareValue]
+    flights: MarginEvaluator, known: Estimate, of_all: Estimate, rare_values: list[RareValue]
 ) -> list[str]:
     """Notes on an estimate for the user."""
     campaign, flight, summary, limit = (
@@ -361,8 +361,8 @@ def _notes(
         flights.limit_state,
     )
     achieved, fixed = accuracy(flight, summary), campaign.scene.solver.step is not None
-    found = subset_simulation.estimate_warnings(known)
-    found += [note for value in values if (note := value.note(campaign, of_all))]
+    notes = subset_simulation.estimate_warnings(known)
+    notes += [note for value in rare_values if (note := value.note(campaign, of_all))]
     ended = flights.statuses[Status.OK.label]
     if flights.n_without_outcome or ended < flights.count:
         metric = limit.requirement.metric
@@ -372,37 +372,37 @@ def _notes(
             else ""
         )
         unknown = float(of_all.unknown.mean())
-        found.append(
+        notes.append(
             f"{flights.count - ended} of {flights.count} flown cases did not come to their end"
             f"{of_ok}: it is not known "
             "whether they violate, and they do not count as violations; probability of such cases "
             f"{format_proportion(unknown)}"
         )
-    found += [
+    notes += [
         f"{cases} flown cases are beyond the bound of {name}, {schema.AUDIT_BOUNDS[name]:g}: the "
         "audit failed"
         for name, cases in flights.beyond_bounds.items()
     ]
     plain = subset_simulation.equivalent_direct_cases(known.probability, known.interval)
     if len(known.levels) > 1 and plain < flights.count:
-        found.append(
-            f"this is not rare: {plain:.0f} cases of a plain campaign tell it as well as these "
+        notes.append(
+            f"this is not rare: {plain:.0f} cases of a plain campaign estimate it as well as these "
             f"{flights.count} flights"
         )
     broken = implausible_note(summary.implausible, flights.count)
-    found += [broken] if broken else []
-    found += [
+    notes += [broken] if broken else []
+    notes += [
         *accuracy_notes(achieved, fixed),
         *unconverged_notes(summary.unconverged, summary.refined),
     ]
-    found += min_at_end_notes(summary.min_at_end)
-    found += missing_notes(campaign, summary.missing, flights.statuses[Status.OK.label])
-    found += _error_notes(flight, limit, achieved.errors.get(limit.column.name, np.nan), known)
-    return found + [note for note in flight.notes if note not in found]
+    notes += min_at_end_notes(summary.min_at_end)
+    notes += missing_notes(campaign, summary.missing, flights.statuses[Status.OK.label])
+    notes += _error_notes(flight, limit, achieved.errors.get(limit.column.name, np.nan), known)
+    return notes + [note for note in flight.notes if note not in notes]
 
 
 def _error_notes(
-    flight: Integration, limit: LimitState, relative_error: float, found: Estimate
+    flight: Integration, limit: LimitState, relative_error: float, estimate: Estimate
 ) -> list[str]:
     """Notes if the numerical error of the outcome, relative to its size, matters."""
     scale = 0.0 if flight.scale is None else float(flight.scale[limit.index]) * limit.column.scale
@@ -410,13 +410,13 @@ def _error_notes(
     if np.isnan(error):
         return [f"the numerical error of {limit.column.name} is not known"]
     texts = []
-    doubtful = float(found.weight[np.abs(found.last.margin) < error].sum())
-    if doubtful > _NEAR * found.probability:
+    doubtful = float(estimate.weight[np.abs(estimate.last.margin) < error].sum())
+    if doubtful > _NEAR * estimate.probability:
         texts.append(
             f"cases nearer to the bound than the numerical error of {error:.1e} have a probability "
             f"of {format_proportion(doubtful)}: ask for a finer solver.accuracy"
         )
-    thresholds = np.array([level.threshold for level in found.levels])
+    thresholds = np.array([level.threshold for level in estimate.levels])
     if len(thresholds) > 1 and error > _NEAR * np.abs(np.diff(thresholds)).min():
         texts.append(
             f"two levels lie about as near to each other as the numerical error of {error:.1e}, or "
@@ -428,7 +428,7 @@ def _error_notes(
 
 def _write(
     folder: Path,
-    found: RareEventEstimate,
+    result: RareEventEstimate,
     flights: MarginEvaluator,
     request: dict[str, Any],
     sessions: list[dict[str, Any]],
@@ -437,17 +437,19 @@ def _write(
     campaign = flights.campaign
     manifest = {
         **request,
-        "flights": found.flights,
+        "flights": result.flights,
         "complete": True,
         "failures": flights.summary.failures,
         "audit_beyond": flights.beyond_bounds,
         "accuracy": accuracy_entries(campaign, flights.flight, flights.summary),
-        "notes": found.notes,
+        "notes": result.notes,
         "sessions": sessions,
     }
-    manifests.write_manifest(folder, manifest, shards.campaign_text(campaign.file, seed=found.seed))
-    about = _about(campaign, found.seed, found.requirement)
-    of = table_columns(campaign, found.unit)
-    shards.write_parquet(folder / TABLE, of, found.rows, about)
-    folders.write_json(folder / REPORT, found.to_dict())
+    manifests.write_manifest(
+        folder, manifest, shards.campaign_text(campaign.file, seed=result.seed)
+    )
+    about = _about(campaign, result.seed, result.requirement)
+    columns = table_columns(campaign, result.unit)
+    shards.write_parquet(folder / TABLE, columns, result.rows, about)
+    folders.write_json(folder / REPORT, result.to_dict())
     manifests.record_derived(folder, [folder / TABLE, folder / REPORT])

@@ -27,6 +27,7 @@ from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors
 from sepmc.campaign.execution.batch_summary import BatchSummary, accuracy, accuracy_entries
+from sepmc.campaign.execution.calibration_cases import CalibrationSize
 from sepmc.campaign.execution.chunk import Chunk, SampleSpec, integrate_chunk
 from sepmc.campaign.execution.diagnostics import (
     accuracy_notes,
@@ -72,7 +73,7 @@ class ExecutionOptions:
     ----------
     threads : int or None
         None: all cores.
-    crew : Executor or None
+    executor : Executor or None
         Workers that run the cases instead of this process.
     until : Until or None
         Stop when a statistic is known this well.
@@ -82,17 +83,20 @@ class ExecutionOptions:
         Accumulate statistics instead of storing rows.
     keep : KeepRules or None
         Rules for rows that are saved beside statistics.
+    calibration : CalibrationSize or None
+        Number of calibration cases; see `sepmc.campaign.execution.step_selection.select_steps`.
     progress : callable or None
         Called with cases done, cases in all and failures.
     announce : Log or None
     """
 
     threads: int | None = None
-    crew: Executor | None = None
+    executor: Executor | None = None
     until: StoppingRule | None = None
     max_failures: int | None = None
     stats_only: bool = False
     keep: KeepRules | None = None
+    calibration: CalibrationSize | None = None
     progress: Callable[[int, int, int], None] | None = None
     announce: Log | None = None
 
@@ -242,7 +246,9 @@ class Runner:
             self.options.announce,
         )
 
-    def run_on(self, crew: Executor, numbers: CaseSelection, report: Callable[[], None]) -> None:
+    def run_on(
+        self, executor: Executor, numbers: CaseSelection, report: Callable[[], None]
+    ) -> None:
         """Let workers run the cases ``numbers``; call ``report`` after each completed range.
 
         For statistics, the first cases run here: they define the histogram grids of all others.
@@ -269,8 +275,8 @@ class Runner:
                 stream.new_partial() if stream else None,
                 self.options.keep,
             )
-            ranges = self._ranges(left, crew.workers)
-            with closing(crew.map(job, run_range, ranges)) as results:
+            ranges = self._ranges(left, executor.workers)
+            with closing(executor.map(job, run_range, ranges)) as results:
                 for result in _in_order(results, done) if stream else results:
                     if stream:
                         assert result.accumulator is not None
@@ -471,7 +477,7 @@ class Runner:
         notes = [
             *([note] if note else []),
             *worker_notes(self.worker_kinds),
-            *sampling_notes(self.campaign, self.spec.numbers),
+            *sampling_notes(self.campaign, self.spec.numbers, self.spec.total),
             *render_undersampled(self.occurred),
             *accuracy_notes(achieved, fixed),
             *unconverged_notes(self.summary.unconverged, self.summary.refined),

@@ -138,7 +138,7 @@ def simulate_case(
             return flight.run()
         except _RejectedError as rejected:
             status, finite = np.array(rejected.status), np.array(flight.finite)
-            variants = [spare for spare in shape.fallbacks if is_accepted_by(status, spare, finite)]
+            variants = [v for v in shape.fallbacks if is_accepted_by(status, v, finite)]
             if not variants:
                 return flight.rejected(rejected.status)
             variant = (
@@ -406,7 +406,7 @@ class _SingleRun:
             error,
             [
                 f"the work of this case was spent at {int(steps.max())} steps a phase, before it "
-                f"settled: the last halving of the step changed {self.columns[worst].name} by "
+                f"converged: the last halving of the step changed {self.columns[worst].name} by "
                 f"{error[worst]:.1e} of its size, and the accuracy {scene.solver.accuracy:g} was "
                 f"asked{advice}"
             ],
@@ -477,7 +477,7 @@ class _SingleRun:
             return f"{reason}; give a longer solver.step_s"
         if self.completed and self.completed[-1][0].max() < self.steps.max():
             most = self.completed[-1][0].max()
-            reason += f"; in {most} it came to its end, but its outcomes had not settled"
+            reason += f"; in {most} it came to its end, but its outcomes had not converged"
         return f"{reason}; look at what is warned of, or give solver.step_s"
 
 

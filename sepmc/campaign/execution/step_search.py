@@ -15,10 +15,10 @@ _MAX_STEPS = 2048  # of a segment
 _REFERENCE_FACTOR = 4  # maximum steps over the first ones, if that is more
 _GIVEN_STEP_FACTOR = 8  # refinement of the reference of a given step
 _MAX_REJECTED = 0.1  # fraction of cases that may be refined by themselves
-# steps of segments over all calibration cases, for the reference: a minute
-_MAX_REFERENCE_WORK = 5_000_000
-# for the whole search, which then ends with the steps it has. Shipped campaigns: 4e3 to 2e5
-_MAX_WORK = 4 * _MAX_REFERENCE_WORK
+# Work of a search: segment steps over all calibration cases. Shipped campaigns take 4e3 to 2e5.
+# Beyond this it ends with the steps it has; beyond a quarter (a minute) no finer reference is made.
+_MAX_WORK = 20_000_000
+_MAX_REFERENCE_WORK = _MAX_WORK // 4
 # of an outcome: difference from a finer step that no step avoids
 _ROUND_OFF = 2e-12
 VALID, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
@@ -67,7 +67,7 @@ class Search:
 
     Parameters
     ----------
-    integrate_cases : callable
+    evaluate : callable
         Integrates inputs with steps and methods; see `IntegrateSteps`.
     draws : ndarray, shape (n, d)
         Inputs, SI.
@@ -89,7 +89,7 @@ class Search:
 
     def __init__(
         self,
-        integrate_cases: IntegrateSteps,
+        evaluate: IntegrateSteps,
         draws: np.ndarray,
         scale: np.ndarray,
         tolerance: float,
@@ -104,14 +104,12 @@ class Search:
         )
         self.evaluations = evaluations
         self.methods = np.zeros(len(evaluations), dtype=np.int64)
-        self._integrate, self.work = integrate_cases, 0
+        self._integrate, self.work = evaluate, 0
         self.reference, self.verdict = np.empty((0, len(scale))), np.full(len(draws), IN_DOUBT)
         self.reference_change = np.inf  # by the last halving of its steps
         self.reference_errors = np.full(len(scale), np.inf)  # by outcome
 
-    def integrate_cases(
-        self, steps: np.ndarray, draws: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Outcomes and verdicts of inputs at some steps, by the selected methods."""
         self.work += len(draws) * int(steps.sum())
         return self._integrate(steps, self.methods, draws)
@@ -147,13 +145,13 @@ class Search:
         """Steps (segments,) of a given step, compared with a finer reference; None if most cases
         are invalid."""
         steps = np.ones(stages, dtype=np.int64)
-        self.reference, self.verdict = self.integrate_cases(_GIVEN_STEP_FACTOR * steps, self.draws)
+        self.reference, self.verdict = self.evaluate(_GIVEN_STEP_FACTOR * steps, self.draws)
         self.reference_errors = np.full(len(self.scale), _ROUND_OFF)
         return steps if most_are_valid(self.verdict) else None
 
     def largest_errors(self, steps: np.ndarray) -> np.ndarray:
         """Largest error (o,) of each outcome at some steps; at least that of the reference."""
-        outcomes, verdict = self.integrate_cases(steps, self.draws)
+        outcomes, verdict = self.evaluate(steps, self.draws)
         in_both = (verdict == VALID) & self.is_valid
         return np.maximum(
             errors(outcomes[in_both], self.reference[in_both], self.scale).max(axis=0, initial=0.0),
@@ -163,24 +161,23 @@ class Search:
     def _integrate_reference(self, min_steps: np.ndarray) -> np.ndarray:
         """Integrate the reference; returns its steps."""
         steps, max_steps = min_steps, max(_MAX_STEPS, _REFERENCE_FACTOR * int(min_steps.max()))
-        work = 0
-        self.reference, self.verdict = self.integrate_cases(steps, self.draws)
+        self.reference, self.verdict = self.evaluate(steps, self.draws)
         while self.reference_change > 0.02 * self.tolerance and 2 * steps.max() <= max_steps:
-            coarse, steps = steps, 2 * steps
-            self.reference, self.verdict = self.integrate_cases(steps, self.draws)
+            coarse, steps = (self.reference, self.verdict), 2 * steps
+            self.reference, self.verdict = self.evaluate(steps, self.draws)
             # steps are far too long for most cases
             if not most_are_valid(self.verdict):
                 continue
-            change = self.error(coarse)
+            changes = self._compare(*coarse)
+            change = float(changes[self.is_decisive].max(initial=0.0))
             # round-off that grows in some cases: smaller steps do not help
             if self.tolerance >= self.reference_change <= change < np.inf:
                 self.reference_change = 2.0 * change
                 break
-            work += len(self.draws) * int(steps.sum())
             if change <= self.reference_change:
-                self.reference_errors = self._errors(coarse)
+                self.reference_errors = changes
             self.reference_change = min(self.reference_change, change)
-            if self.reference_change < np.inf and work > _MAX_REFERENCE_WORK:
+            if self.reference_change < np.inf and self.work > _MAX_REFERENCE_WORK:
                 break  # more would take too long
         return steps
 
@@ -198,7 +195,11 @@ class Search:
 
     def _errors(self, steps: np.ndarray) -> np.ndarray:
         """Largest error (o,) of each outcome; infinite if too many cases are rejected."""
-        outcomes, verdict = self.integrate_cases(steps, self.draws)
+        return self._compare(*self.evaluate(steps, self.draws))
+
+    def _compare(self, outcomes: np.ndarray, verdict: np.ndarray) -> np.ndarray:
+        """Largest error (o,) of outcomes (n, o) with verdicts (n,) against the reference; infinite
+        if too many cases are rejected."""
         in_both = (verdict == VALID) & self.is_valid
         if (
             np.count_nonzero(self.is_valid & ~in_both) > _MAX_REJECTED * len(self.draws)

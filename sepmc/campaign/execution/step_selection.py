@@ -7,11 +7,9 @@ distributions, not on the seed or the number of cases; so do the steps.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
-from typing import NamedTuple
 
 import numpy as np
 
-from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import (
     SAFETY,
@@ -22,6 +20,19 @@ from sepmc.campaign.execution.accuracy import (
     relative_error,
     scales,
     scene_scales,
+)
+from sepmc.campaign.execution.calibration_cases import (
+    CORNERS,
+    SAMPLE,
+    CalibrationSize,
+    calibration_sample,
+    corner_cases,
+)
+from sepmc.campaign.execution.calibration_limits import (
+    angle_limits,
+    direct_errors,
+    indicator_limits,
+    unseen_errors,
 )
 from sepmc.campaign.execution.diagnostics import scene_notes
 from sepmc.campaign.execution.error_estimate import estimate
@@ -50,37 +61,16 @@ from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec import structure
 from sepmc.kernel.spec.methods import method
 from sepmc.kernel.spec.variant import Variant
-from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import Log
-from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
 
-CORNERS = 24  # besides the nominal case; more if a discrete distribution has many values
-SAMPLE = 512  # calibration cases sampled from the distributions
 _SAMPLE_DIVISOR = 8  # the sample is this much smaller where each case is refined by itself
-_CORNER_PROBABILITY = 0.001  # probability of the corners of a distribution
-_WIDE_ANGLE = 0.5 * np.pi  # an angle with a wider range can have extremes anywhere
-_CORNERS_PER_VALUE = 3  # minimum number of corners with each value of a discrete distribution
 # steps of every phase in which a quarter of the sample gives the spread of outcomes
 _SPREAD_STEPS, _MAX_SPREAD_STEPS = 8, 512
 _LONG_S = 60.0  # after this time the way to skip calibration is announced
 _MAX_ROUNDS = 4  # step searches, each with the worst cases of the sample added
 _N_WORST = 24
-# on indicators of calibration cases; errors grow by at most its power 5/3, and `SAFETY` covers that
-_GROWTH = 1.25
 _MAX_ESTIMATE = 0.6  # of the accuracy: larger estimates were up to 1.6 times too small
-_UNSEEN_IMPULSE = 0.05  # of the accuracy: error of an impulse by its polynomial that is neglected
-# on indicators of joint loads: nodes resolve a load that rotates within a step only in part, and
-# errors add up
-_LOAD_GROWTH = 0.2
-
-
-class CalibrationSize(NamedTuple):
-    """Number of calibration cases: ``corners`` of the dispersions, besides the nominal case, and a
-    ``sample`` of the distributions."""
-
-    corners: int
-    sample: int
 
 
 def kernel_text(
@@ -99,7 +89,7 @@ def kernel_text(
     history : bool
         Write stored histories.
     variant : int
-        Kernel variant, of `sepmc.routines.layout`.
+        A `Variant` of the kernel.
 
     Returns
     -------
@@ -133,108 +123,7 @@ def fallbacks(
     def make(variant: int, announce: Log | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
 
-    return tuple(FallbackKernel(spare, partial(make, spare), numbers) for spare in shape.fallbacks)
-
-
-def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray:
-    """Inputs at corners of the dispersions, SI.
-
-    The first row is the median of every parameter; in the others each parameter is at one of its
-    ends, chosen by a fixed random sequence. Angles that vary over more than a quarter turn are
-    spaced over their range instead, and discrete distributions take every value.
-
-    Parameters
-    ----------
-    campaign : Definition
-    corners : int, optional
-        Number of corners, `CORNERS` if None; more if a discrete distribution has many values.
-
-    Returns
-    -------
-    ndarray, shape (n, d)
-    """
-    laws = campaign.file.dispersions
-    corners = CORNERS if corners is None else corners
-    count = max(
-        [
-            corners,
-            *(
-                _CORNERS_PER_VALUE * len(_value_probabilities(law))
-                for law in laws
-                if law.distribution == "discrete"
-            ),
-        ]
-    )
-    random = np.random.Generator(np.random.Philox(key=20))
-    tosses = np.resize(
-        random.integers(0, 2, (max(1, corners), max(1, len(laws)))), (count, max(1, len(laws)))
-    )
-    table = np.empty((count + 1, len(laws)), order="F")
-    for i, law in enumerate(laws):
-        u = np.where(tosses[:, i] == 1, 1.0 - _CORNER_PROBABILITY, _CORNER_PROBABILITY)
-        if law.parameter.path.endswith(".fails"):  # not a corner of anything
-            u = np.full(count, 0.5)
-        elif law.distribution == "discrete":
-            u = random.permutation(np.resize(_value_probabilities(law), count))
-        elif _is_wide(law):
-            u = (random.permutation(count) + 0.5) / max(1, count)
-        table[:, i] = _quantiles(law, np.concatenate([[0.5], u]))
-    return table * campaign.factors
-
-
-def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
-    """Latin hypercube sample of the inputs, SI.
-
-    In the second half all values of a discrete distribution are equally frequent.
-
-    Parameters
-    ----------
-    campaign : Definition
-    count : int
-
-    Returns
-    -------
-    ndarray, shape (count, d)
-    """
-    laws, half = campaign.file.dispersions, (count + 1) // 2
-    random = np.random.Generator(np.random.Philox(key=21))
-    table = np.empty((count, len(laws)), order="F")
-    for i, law in enumerate(laws):
-        u = np.concatenate(
-            [(random.permutation(n) + random.random(n)) / max(1, n) for n in (half, count - half)]
-        )
-        if law.distribution == "discrete" and not law.parameter.path.endswith(".fails"):
-            u[half:] = random.permutation(np.resize(_value_probabilities(law), count - half))
-        table[:, i] = _quantiles(law, np.clip(u, 2.0**-54, 1.0 - 2.0**-53))
-    return table * campaign.factors
-
-
-def _quantiles(law: Dispersion, u: np.ndarray) -> np.ndarray:
-    """Quantiles of a distribution; the median in place of values that are not allowed."""
-    values = cases.quantile(law, u)
-    return (
-        np.where(law.allowed(values), values, cases.quantile(law, np.array([0.5])))
-        if law.has_tails
-        else values
-    )
-
-
-def _value_probabilities(law: Dispersion) -> np.ndarray:
-    """Probability at the middle of each value of a discrete distribution."""
-    weights = np.array(law.weights)
-    edges = np.cumsum(weights) / np.sum(weights)
-    return (edges - 0.5 * weights / np.sum(weights))[weights > 0.0]
-
-
-def _is_wide(law: Dispersion) -> bool:
-    """Return True if a parameter is an angle that varies over more than a quarter turn."""
-    if law.parameter.unit not in UNITS["angle"]:
-        return False
-    low, high = (
-        cases.quantile(law, np.array([_CORNER_PROBABILITY, 1.0 - _CORNER_PROBABILITY]))
-        * law.parameter.factor
-    )
-    return bool(high - low > _WIDE_ANGLE)
+    return tuple(FallbackKernel(v, partial(make, v), numbers) for v in shape.fallbacks)
 
 
 def select_steps(
@@ -499,7 +388,7 @@ def _common_steps(
         report(len(draws))
         return block
 
-    def integrate_some(
+    def evaluate(
         steps: np.ndarray, methods: np.ndarray, draws: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         block = integrate_block(steps, draws, methods)
@@ -519,7 +408,7 @@ def _common_steps(
     )
     for _ in range(_MAX_ROUNDS):
         tried = np.vstack([tried, sampled[beyond_goal]])
-        search = Search(integrate_some, tried, scale, goal, is_decisive, evaluations)
+        search = Search(evaluate, tried, scale, goal, is_decisive, evaluations)
         fewest = (
             search.fewest_steps(min_steps) if step is None else search.given_step(kernel.n_segments)
         )
@@ -584,15 +473,15 @@ def _common_steps(
             largest,
             _doubtful_errors(integrate_doubtful, doubtful_outcomes, goal, scale, is_decisive),
         )
-    limits, angles = _indicator_limits(campaign, trials), _angle_limits(campaign, trials)
-    largest = np.maximum(largest, _unseen_errors(campaign, trials, scale))
+    limits, angles = indicator_limits(campaign, trials), angle_limits(campaign, trials)
+    largest = np.maximum(largest, unseen_errors(campaign, trials, scale))
     assert trials.indicators is not None
     has_indicators = trials.has_indicators[is_known_case]  # at a given step perhaps not all
     error_estimate = estimate(
         trials.indicators[is_known_case][has_indicators],
         known[has_indicators],
         SAFETY * search.reference_errors,
-        _direct_errors(campaign, trials, scale),
+        direct_errors(campaign, trials, scale),
         is_decisive,
     )
     count = int(np.count_nonzero(is_valid) + np.count_nonzero(corner_is_valid))
@@ -644,83 +533,6 @@ def _completed(block: Block, step: float | None) -> np.ndarray:
     return np.asarray(block.outcomes[ended if ended.any() else is_valid])
 
 
-def _indicator_limits(campaign: Definition, trials: Block) -> np.ndarray:
-    """Upper limits (g,) of error indicators within which the calibration applies.
-
-    The largest of the calibration cases and a margin, or a negligible value if larger.
-    """
-    assert trials.indicators is not None
-    indicators = trials.indicators[(trials.status == Status.OK) & trials.has_indicators]
-    speed, rate = (
-        SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
-    )
-    negligible = np.zeros(trials.indicators.shape[1])
-    n_of_states = 3 * len(campaign.plan.bodies)
-    negligible[:n_of_states] = np.resize(
-        [speed, rate * campaign.scene.run.end_time, rate], n_of_states
-    )
-    units, impulses = (
-        [column.unit for column in campaign.outcome_columns],
-        _impulse_indices(campaign),
-    )
-    sizes = np.abs(trials.outcomes[trials.status == Status.OK][:, impulses]).max(
-        axis=0, initial=0.0
-    )
-    scene_scale = SMALL * scene_scales(campaign.scene, [units[k] for k in impulses])
-    # indicators of joint loads come last
-    growth, first_load = np.full(len(negligible), _GROWTH), len(negligible) - len(impulses)
-    negligible[first_load:] = (
-        _UNSEEN_IMPULSE * campaign.scene.solver.accuracy * np.maximum(sizes, scene_scale)
-    )
-    growth[first_load:] = _LOAD_GROWTH
-    return np.maximum(growth * indicators.max(axis=0, initial=0.0), negligible)
-
-
-def _impulse_indices(campaign: Definition) -> list[int]:
-    """Indices of impulses among the outcomes: their indicators come last, in the same order."""
-    return [
-        k for k, column in enumerate(campaign.outcome_columns) if column.unit in ("N s", "N m s")
-    ]
-
-
-def _unseen_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
-    """Error (o,) of impulses below the limits of their indicators; see `_indicator_limits`."""
-    unseen, impulses = np.zeros(len(scale)), _impulse_indices(campaign)
-    sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
-    omitted = _UNSEEN_IMPULSE * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
-    unseen[impulses] = _relative_to_smallest(omitted / SAFETY, sizes, scale[impulses])
-    return unseen
-
-
-def _direct_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
-    """Error (o, g) of impulses per unit of their indicator: the error of the polynomials."""
-    assert trials.indicators is not None
-    impulses = _impulse_indices(campaign)
-    direct = np.zeros((len(scale), trials.indicators.shape[1]))
-    sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
-    columns = direct.shape[1] - len(impulses) + np.arange(len(impulses))
-    direct[impulses, columns] = _relative_to_smallest(np.array(SAFETY), sizes, scale[impulses])
-    return direct
-
-
-def _relative_to_smallest(amount: np.ndarray, sizes: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Amounts over the smallest size of each outcome (k,) in cases (n, k), but at least its scale
-    (k,)."""
-    smallest = np.maximum(sizes, scale).min(axis=0, initial=np.inf)
-    return np.divide(amount, smallest, out=np.zeros(len(smallest)), where=smallest > 0.0)
-
-
-def _angle_limits(campaign: Definition, trials: Block) -> dict[int, float]:
-    """Limits, rad, of sideslip and yaw, by outcome index: errors of alpha, pitch and roll grow as
-    one over their cosine."""
-    limits = {}
-    for k, column in enumerate(campaign.outcome_columns):
-        if column.name.endswith(("_beta_deg", "_yaw_deg")):
-            sizes = np.abs(trials.outcomes[trials.status == Status.OK, k])
-            limits[k] = float(np.arccos(np.cos(np.nanmax(sizes, initial=0.0)) / _GROWTH))
-    return limits
-
-
 def _doubtful_errors(
     integrate: Integrate,
     outcomes: np.ndarray,
@@ -752,8 +564,8 @@ def units_to_compile(text: str) -> tuple[int, int]:
     """Number of compile units of a kernel that are not in the cache, and number of units."""
     from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (numba)
 
-    pieces = compiled.compile_units_of(text)
-    return len(compiled.missing_units(pieces)), len(pieces.names)
+    units = compiled.compile_units_of(text)
+    return len(compiled.missing_units(units)), len(units.names)
 
 
 __all__ = [

@@ -1,1 +1,1 @@
-"""Run folders: names, files, checksums, manifest, Parquet shards, guards against foreign files."""
+"""Run folders: ledger, manifest, Parquet shards, result files, checks of untrusted files."""

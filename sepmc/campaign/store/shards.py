@@ -14,7 +14,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from sepmc.analysis.stored_statistics import StoredStatistics
 from sepmc.campaign.store import folders, ledger
 from sepmc.campaign.store.untrusted import StoreError, file_fault, table_fault
 from sepmc.paths import readable
@@ -22,7 +21,7 @@ from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.messages import printable
 from sepmc.scene.read import CampaignFile
 from sepmc.schema import Column
-from sepmc.wording import another_place, flying_again, switch
+from sepmc.wording import another_place, flying_again
 
 
 def arrow_table(
@@ -541,137 +540,3 @@ def units(folder: Path, kind: str = folders.CASES) -> dict[str, str]:
         field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
         for field in read_metadata(_verified_path(folder, part))[0]
     }
-
-
-def write_statistics(
-    folder: Path, stats: pd.DataFrame, of: dict[str, str], told: dict[str, Any]
-) -> None:
-    """Write ``statistics.csv`` and ``statistics.json``.
-
-    Parameters
-    ----------
-    folder : Path
-    stats : DataFrame
-    of : dict of str to str
-        By outcome.
-    content : dict
-        Contents of the JSON file; see `statistics_as_json`.
-    """
-    frame = _with_units(stats, of)
-    folders.write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
-    folders.write_json(folder / "statistics.json", told)
-
-
-def write_histograms(folder: Path, bins: pd.DataFrame) -> Path:
-    """Write ``histograms.csv``; returns its path."""
-    path = folder / folders.HISTOGRAMS
-    folders.write_text(path, bins.to_csv(index=False))
-    return path
-
-
-def read_stored_statistics(folder: Path) -> StoredStatistics:
-    """Statistics and histograms of a run without rows. Raises StoreError if they are damaged."""
-    stored, frames = ledger.read(folder), []
-    for name, index in (("statistics.csv", "outcome"), (folders.HISTOGRAMS, None)):
-        problem = find_fault(folder, stored[name]) if name in stored else "is not there"
-        if problem:
-            raise StoreError(
-                f"{folder / name}: {problem}; to write it again: {flying_again(folder)}"
-            )
-        frames.append(pd.read_csv(readable(folder / name), index_col=index))
-    table, bins = frames
-    return StoredStatistics(table.drop(columns="unit"), bins)
-
-
-def statistics_as_json(
-    stats: pd.DataFrame,
-    counts: dict[str, int],
-    of: dict[str, str],
-    audit: pd.DataFrame,
-    failed: dict[str, list[int]] | None = None,
-    verdicts: Sequence[dict[str, Any]] = (),
-    rarely_drawn: Sequence[str] = (),
-) -> dict[str, Any]:
-    """Contents of ``statistics.json``; NaN becomes null.
-
-    Parameters
-    ----------
-    stats : DataFrame
-    counts : dict of str to int
-        Cases by status.
-    of : dict of str to str
-        By outcome.
-    audit : DataFrame
-    failed : dict of str to list of int, optional
-        First cases by status.
-    verdicts : sequence of dict
-        On requirements.
-    rarely_drawn : sequence of str
-        Values of inputs that hardly occur.
-
-    Returns
-    -------
-    dict
-    """
-    rows, audited = (
-        {
-            str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()}
-            for name, row in table.to_dict("index").items()
-        }
-        for table in (_with_units(stats, of), audit)
-    )
-    return {
-        "cases": counts,
-        "failed_cases": failed or {},
-        "requirements": list(verdicts),
-        "rarely_drawn": list(rarely_drawn),
-        "outcomes": rows,
-        "audit": audited,
-    }
-
-
-def _with_units(stats: pd.DataFrame, of: dict[str, str]) -> pd.DataFrame:
-    """Statistics with the unit of each outcome first; case numbers are integers."""
-    columns = {
-        str(name): stats[name].astype("Int64") if name in ("case_min", "case_max") else stats[name]
-        for name in stats
-    }
-    units = [of.get(str(name), "") for name in stats.index]
-    return pd.DataFrame({"unit": units, **columns}, index=stats.index)
-
-
-def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str]) -> Path:
-    """Write the history of a single case, ``history.parquet``; units are in ``history.attrs``."""
-    columns = [
-        Column(str(name), history.attrs["units"][name], meanings.get(str(name), ""))
-        for name in history.columns
-    ]
-    path = folder / folders.HISTORY
-    content = write_parquet(
-        path,
-        columns,
-        {
-            c.name: history[c.name].to_numpy(dtype=object if c.name == "phase" else None)
-            for c in columns
-        },
-    )
-    ledger.rewrite(folder, [ledger.make_entry(folders.HISTORY, content)])
-    return path
-
-
-def read_history(folder: Path) -> pd.DataFrame | None:
-    """History of a single case; None if the folder has none."""
-    entry = ledger.read(folder).get(folders.HISTORY)
-    if entry is None:
-        return None
-    try:
-        content = ledger.read_verified(folder, entry)
-    except ValueError as error:
-        raise StoreError(
-            f"{folder / folders.HISTORY}: {error}; fly it again with {switch('overwrite')}"
-        ) from None
-    frame = read_table(folder / folders.HISTORY, content=content).to_pandas(ignore_metadata=True)
-    if not {"time_s", "phase"} <= set(frame):
-        raise StoreError(f"{folder / folders.HISTORY}: is no history")
-    frame["phase"] = frame["phase"].astype(str)
-    return frame

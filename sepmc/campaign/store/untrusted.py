@@ -75,7 +75,7 @@ def is_file_name(file: str) -> bool:
 def read_bounded(path: Path, max_bytes: int) -> bytes:
     """Read a file of at most ``max_bytes``. Raises StoreError if it is larger or unreadable."""
     try:
-        return limits.content(path, max_bytes)
+        return limits.read_limited(path, max_bytes)
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from None
     except ValueError as error:

@@ -1,1 +1,1 @@
-"""What a scene needs of a kernel: structure, events, parameters, tables, methods."""
+"""Kernel specification: structure, events, parameters, tables and methods of a scene."""

@@ -1,1 +1,1 @@
-"""Tracing: formulas called on symbolic values become lines of a kernel."""
+"""Tracer: formulas called on symbolic expressions become lines of a kernel."""

@@ -1,1 +1,1 @@
-"""Hard inputs of `sepmc stress`, by what makes them hard."""
+"""Hard inputs of `sepmc stress`, by the cause of difficulty."""

@@ -1,5 +1,5 @@
-"""An hour of constrained motion in empty space with each way to hold drift: what is lost, and what
-it costs."""
+"""One hour of constrained motion in empty space with each method of drift control: accuracy and
+cost."""
 
 import math
 import time
@@ -24,28 +24,27 @@ from sepmc.validation.stresses.scenes import (
     Composite,
     Tree,
     body,
-    fly,
-    held,
     joint,
     make,
     pair,
+    phase_of,
     scene,
+    simulate,
 )
 
-WAYS = ("none", "baumgarte", "projection")
+METHODS = ("none", "baumgarte", "projection")
 HOUR, STEP = 3600.0, 0.05  # s
 STEPS = round(HOUR / STEP)
-TIMED, REPEATS = 6000, 3  # steps that are timed, and how often; the least counts
+TIMED, REPEATS = 6000, 3  # timed steps and repetitions; the minimum counts
 
 
 @dataclass(frozen=True)
 class Hour:
-    """One flight of an hour: largest changes relative to what is kept, and the seconds that a step
-    takes."""
+    """Run of one hour: largest relative changes of the invariants, and the time of a step, s."""
 
     motion: str
-    way: str
-    found: NominalRun
+    method: str
+    run: NominalRun
     energy: float
     angular_momentum: float
     attitude: float  # NaN where there is no closed form
@@ -53,7 +52,7 @@ class Hour:
 
 
 def _chain() -> Tree:
-    """Three bodies on two ball joints: nothing regular about its motion."""
+    """Three bodies on two ball joints, in irregular motion."""
     last = body(2.1, [0.8, 1.5, 1.2], [4.2, 0.1, 0.06], [0.0, -0.1, 0.15])
     joints = {
         "front": joint("fore", "aft", [2.0, 0.1, 0.05]),
@@ -62,7 +61,7 @@ def _chain() -> Tree:
     return scene(
         {"fore": FORE, "aft": AFT, "last": last},
         joints,
-        held(front="spherical", rear="spherical"),
+        phase_of(front="spherical", rear="spherical"),
         HOUR,
         STEP,
         OMEGA,
@@ -70,7 +69,7 @@ def _chain() -> Tree:
 
 
 def motions() -> dict[str, Tree]:
-    """What flies for an hour: at 1.2 rad/s, 4500 rad in all."""
+    """Motions of an hour: at 1.2 rad/s, 4500 rad in all."""
     return {
         "weld": pair("fixed", HOUR, STEP),
         "hinge": pair("revolute", HOUR, STEP),
@@ -78,29 +77,29 @@ def motions() -> dict[str, Tree]:
     }
 
 
-def invariants(found: NominalRun) -> tuple[np.ndarray, np.ndarray]:
-    """Kinetic energy (n,) and angular momentum about the origin (n, 3), ground axes."""
-    energy, spin = np.zeros(len(found.t)), np.zeros((len(found.t), 3))
-    for name, data in found.scene.body.items():
-        x, v, r, w = found.body(name)
-        own = w @ tensor(found.scene, name)
-        energy += 0.5 * data.mass * np.sum(v * v, axis=1) + 0.5 * np.sum(w * own, axis=1)
-        spin += data.mass * np.cross(x, v) + to_ground(r, own)
+def invariants(run: NominalRun) -> tuple[np.ndarray, np.ndarray]:
+    """Kinetic energy (n,), J, and angular momentum about the origin (n, 3), ground axes."""
+    energy, spin = np.zeros(len(run.t)), np.zeros((len(run.t), 3))
+    for name, data in run.scene.body.items():
+        x, v, r, w = run.body(name)
+        spin_of_body = w @ tensor(run.scene, name)
+        energy += 0.5 * data.mass * np.sum(v * v, axis=1) + 0.5 * np.sum(w * spin_of_body, axis=1)
+        spin += data.mass * np.cross(x, v) + to_ground(r, spin_of_body)
     return energy, spin
 
 
 @cache
 def hours() -> tuple[Hour, ...]:
-    """Every motion with every way to hold drift."""
-    flown = []
+    """Every motion with every method of drift control."""
+    runs = []
     for motion, tree in motions().items():
-        given = {way: tree | {"solver": {"step_s": STEP, "drift": way}} for way in WAYS}
-        seconds = _seconds_a_step(given)
-        for way in WAYS:
-            found = fly(given[way])
-            energy, spin = invariants(found)
+        trees = {method: tree | {"solver": {"step_s": STEP, "drift": method}} for method in METHODS}
+        seconds = _seconds_a_step(trees)
+        for method in METHODS:
+            run = simulate(trees[method])
+            energy, spin = invariants(run)
             attitude = (
-                Composite(found, "aft", [2.0, 0.1, 0.0]).attitude_error()
+                Composite(run, "aft", [2.0, 0.1, 0.0]).attitude_error()
                 if motion == "weld"
                 else math.nan
             )
@@ -108,39 +107,43 @@ def hours() -> tuple[Hour, ...]:
                 relative(energy, np.full_like(energy, energy[0])),
                 relative(spin, np.broadcast_to(spin[0], spin.shape)),
             )
-            flown.append(Hour(motion, way, found, *changes, attitude, seconds[way]))
-    return tuple(flown)
+            runs.append(Hour(motion, method, run, *changes, attitude, seconds[method]))
+    return tuple(runs)
 
 
-def _seconds_a_step(given: dict[str, Tree]) -> dict[str, float]:
-    """Least processor time of a step, by way, of flights without rows; the ways take turns, so that
-    a busy machine slows all alike."""
-    short = {way: make(tree | {"run": {"end_time_s": TIMED * STEP}}) for way, tree in given.items()}
-    plans, least = (
-        {way: make_parameter_layout(campaign.nominal().scene) for way, campaign in short.items()},
-        dict.fromkeys(given, math.inf),
+def _seconds_a_step(trees: dict[str, Tree]) -> dict[str, float]:
+    """Minimum processor time of a step, s, by method, of runs without history; the methods
+    alternate, so that a busy machine slows all alike."""
+    campaigns = {
+        method: make(tree | {"run": {"end_time_s": TIMED * STEP}}) for method, tree in trees.items()
+    }
+    plans, minimum = (
+        {
+            method: make_parameter_layout(campaign.nominal().scene)
+            for method, campaign in campaigns.items()
+        },
+        dict.fromkeys(trees, math.inf),
     )
     kernels = {
-        way: load_kernel(emit(make_kernel_spec(plan), plan.scene.solver.method, FULL_HISTORY))
-        for way, plan in plans.items()
+        method: load_kernel(emit(make_kernel_spec(plan), plan.scene.solver.method, FULL_HISTORY))
+        for method, plan in plans.items()
     }
-    one, usual, no_rows = np.ones(1, dtype=np.int64), np.full(1, math.inf), np.empty((0, 3))
+    one, typical, no_rows = np.ones(1, dtype=np.int64), np.full(1, math.inf), np.empty((0, 3))
     for _ in range(REPEATS):
-        for way, kernel in kernels.items():
+        for method, kernel in kernels.items():
             start = time.process_time()
-            integrate_nominal(kernel, plans[way], one, usual, no_rows)
-            least[way] = min(least[way], (time.process_time() - start) / TIMED)
-    return least
+            integrate_nominal(kernel, plans[method], one, typical, no_rows)
+            minimum[method] = min(minimum[method], (time.process_time() - start) / TIMED)
+    return minimum
 
 
 def _bounds() -> dict[str, Bound]:
-    """What an hour may lose, relative, by way.
+    """Allowed relative change of the invariants over an hour, by method.
 
-    none: round-off of the accelerations, 100 eps, summed twice, is how far joints drift, and the
-    joint force works over that. projection: a correction once a step leaves no more than 1e-12,
-    either way.
-    baumgarte: what it pulls with is of the size of the error of the inner stages; only the audit
-    bounds it.
+    none: joints drift by the round-off of the accelerations, 100 eps, summed twice, and the joint
+    force does work over that drift. projection: a correction of at most 1e-12 a step, of either
+    sign. baumgarte: its correction is of the size of the error of the inner stages; only the audit
+    limits it.
     """
     return {
         "none": Bound(100.0 * EPS * STEP**2 * STEPS**1.5, "100 eps x h^2 N^1.5 (drift)"),
@@ -150,35 +153,37 @@ def _bounds() -> dict[str, Bound]:
 
 
 def hour() -> list[Stress]:
-    """An hour of 72,000 steps: energy and angular momentum stay, and a weld is where the closed
-    form has it."""
+    """One hour of 72,000 steps: energy and angular momentum are constant, and a weld follows its
+    closed form."""
     lines = []
     turned = float(np.linalg.norm(OMEGA)) * HOUR
     for x in hours():
-        bound, given = _bounds()[x.way], f"1 h of {x.motion}, {x.way}"
+        bound, label = _bounds()[x.method], f"1 h of {x.motion}, {x.method}"
         lines.append(
-            judge(given, "energy", x.energy, bound, x.found, resolved=x.way == "projection")
+            judge(label, "energy", x.energy, bound, x.run, resolved=x.method == "projection")
         )
         lines.append(
             judge(
-                given,
+                label,
                 "angular momentum",
                 x.angular_momentum,
                 bound,
-                x.found,
-                resolved=x.way == "projection",
+                x.run,
+                resolved=x.method == "projection",
             )
         )
         if x.motion == "weld":
             angle = Bound(bound.value * turned, "that x 4500 rad turned")
             lines.append(
-                judge(given, "attitude", x.attitude, angle, x.found, resolved=x.way == "projection")
+                judge(
+                    label, "attitude", x.attitude, angle, x.run, resolved=x.method == "projection"
+                )
             )
     return lines
 
 
 def hours_table() -> str:
-    """What each way to hold drift loses over an hour, and what a step takes beside one of none, of
+    """Changes over an hour by method of drift control, and the time of a step relative to none, of
     a single case."""
     head = (
         "motion",
@@ -195,10 +200,10 @@ def hours_table() -> str:
     rows: list[tuple[str, ...]] = [head]
     for x in hours():
         o, base = (
-            x.found.outcomes,
-            next(y.step_s for y in hours() if y.motion == x.motion and y.way == "none"),
+            x.run.outcomes,
+            next(y.step_s for y in hours() if y.motion == x.motion and y.method == "none"),
         )
-        lost = (
+        changes = (
             o["joint_gap_residual_m"],
             o["joint_gap_rate_residual_m_s"],
             o["joint_angle_residual_rad"],
@@ -209,8 +214,8 @@ def hours_table() -> str:
         rows.append(
             (
                 x.motion,
-                x.way,
-                *(f"{v:.1e}" for v in lost),
+                x.method,
+                *(f"{v:.1e}" for v in changes),
                 attitude,
                 f"{1e6 * x.step_s:.2f}",
                 f"{x.step_s / base:.3f}",

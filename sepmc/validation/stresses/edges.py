@@ -1,4 +1,4 @@
-"""Tables of aerodynamics, air, wind and proximity at their edges and beyond them."""
+"""Tables of aerodynamics, air, wind and proximity at their edges and beyond."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from sepmc.validation.flights import NominalRun
 from sepmc.validation.stresses.line import FORM, NONE, Bound, Stress, judge, relative
-from sepmc.validation.stresses.scenes import Tree, body, fly, scene
+from sepmc.validation.stresses.scenes import Tree, body, scene, simulate
 
 SPEED, DENSITY, SOUND, AREA, MASS = 300.0, 0.5, 320.0, 0.2, 50.0  # m/s, kg/m3, m/s, m2, kg
 AIR = {
@@ -19,7 +19,7 @@ AIR = {
 def _probe(
     aero: Tree, environment: Tree | None = None, initial: Tree | None = None, end: float = 1.0
 ) -> Tree:
-    """A body in even air, without gravity, at 5 km and 300 m/s."""
+    """A body in uniform air, without gravity, at 5 km and 300 m/s."""
     data = {"reference_area_m2": AREA, "reference_length_m": 1.0, **aero}
     tree = scene(
         {"probe": body(MASS, [10.0, 50.0, 50.0], [1.0, 0.0, 0.0], aerodynamics=data)},
@@ -36,69 +36,71 @@ def _probe(
 
 
 def _drag(t: np.ndarray, axial: float, speed: float = SPEED) -> np.ndarray:
-    """Speed after drag of a constant coefficient: v' = -k v^2."""
+    """Speed with drag of a constant coefficient, m/s: v' = -k v^2."""
     return speed / (1.0 + 0.5 * DENSITY * AREA * axial / MASS * speed * t)
 
 
-def _speed_error(found: NominalRun, expected: np.ndarray) -> float:
-    return relative(found.body("probe").v[:, 0], expected)
+def _speed_error(run: NominalRun, expected: np.ndarray) -> float:
+    """Relative error of the body's speed."""
+    return relative(run.body("probe").v[:, 0], expected)
 
 
 def aero_tables() -> list[Stress]:
-    """A table of one coefficient over Mach, alpha or beta, entered on its edge, just inside, and
-    just outside.
+    """Tables of one coefficient over Mach, alpha or beta, entered on the edge, just inside and just
+    outside.
 
-    On an edge round-off of the speed or the angle decides: inside and accurate, or outside and
-    told, are both right.
+    On an edge the round-off of speed or angle decides: inside and accurate, or outside and flagged,
+    are both right.
     """
     lines = []
     mach = SPEED / SOUND
 
     def table(axis: str, low: float, high: float) -> Tree:
+        """Table of a constant axial coefficient."""
         return {"table": {axis: [low, 0.5 * (low + high), high], "axial": [0.4] * 3}}
 
-    for given, axis, low, high, inside in (
+    for label, axis, low, high, inside in (
         ("Mach falls from the upper edge", "mach", 0.1, mach, True),
         ("Mach 1e-9 beyond the upper edge", "mach", 0.1, mach * (1.0 - 1e-9), False),
         ("Mach falls through the lower edge", "mach", mach * 0.9, mach * 2.0, False),
     ):
-        found = fly(_probe(table(axis, low, high), end=2.0))
-        error = _speed_error(found, _drag(found.t, 0.4)) if inside else math.nan
-        lines.append(judge(given, "speed", error, FORM if inside else NONE, found))
+        run = simulate(_probe(table(axis, low, high), end=2.0))
+        error = _speed_error(run, _drag(run.t, 0.4)) if inside else math.nan
+        lines.append(judge(label, "speed", error, FORM if inside else NONE, run))
     for degrees in (0.0, 10.0 + 1e-9, 11.0, 180.0, -170.0):
         data = {"table": {"alpha_deg": [-10.0, 0.0, 10.0], "axial": [0.4] * 3}}
-        found = fly(_probe(data, initial={"pitch_deg": degrees, "alpha_deg": degrees}))
+        run = simulate(_probe(data, initial={"pitch_deg": degrees, "alpha_deg": degrees}))
         inside = degrees == 0.0
-        error = _speed_error(found, _drag(found.t, 0.4)) if inside else math.nan
+        error = _speed_error(run, _drag(run.t, 0.4)) if inside else math.nan
         lines.append(
             judge(
                 f"alpha {degrees:.12g} deg, table to 10",
                 "speed",
                 error,
                 FORM if inside else NONE,
-                found,
+                run,
                 inside,
             )
         )
     still = {"table": {"alpha_deg": [-10.0, 0.0, 10.0], "axial": [0.0] * 3, "normal": [0.0] * 3}}
     for degrees in (10.0, -10.0):
-        found = fly(_probe(still, initial={"pitch_deg": degrees, "alpha_deg": degrees}))
-        error = _speed_error(found, np.full_like(found.t, SPEED))
+        run = simulate(_probe(still, initial={"pitch_deg": degrees, "alpha_deg": degrees}))
+        error = _speed_error(run, np.full_like(run.t, SPEED))
         lines.append(
-            judge(f"alpha {degrees:g} deg, on the edge, no force", "speed", error, FORM, found)
+            judge(f"alpha {degrees:g} deg, on the edge, no force", "speed", error, FORM, run)
         )
     for degrees in (0.0, 5.0 + 1e-9):
         data = {"table": {"beta_deg": [-5.0, 0.0, 5.0], "axial": [0.4] * 3}}
-        found = fly(_probe(data, initial={"yaw_deg": degrees}))
+        run = simulate(_probe(data, initial={"yaw_deg": degrees}))
         inside = degrees == 0.0
-        error = _speed_error(found, _drag(found.t, 0.4)) if inside else math.nan
+        error = _speed_error(run, _drag(run.t, 0.4)) if inside else math.nan
         lines.append(
             judge(
                 f"beta {degrees:.12g} deg, table to 5",
                 "speed",
                 error,
                 FORM if inside else NONE,
-                found,
+                run,
                 inside,
             )
         )
@@ -106,21 +108,21 @@ def aero_tables() -> list[Stress]:
 
 
 def air() -> list[Stress]:
-    """Air known to a height only, and the 1976 atmosphere: on the edges, and through them."""
+    """Air tabulated up to a height, and the 1976 atmosphere: on the edges, and through them."""
     lines = []
     drag = {"axial": {"const": 0.4}}
-    for given, altitude, pitch, inside in (
+    for label, altitude, pitch, inside in (
         ("level at the top of a table of air", 10_000.0, 0.0, True),
         ("level at its bottom", 0.0, 0.0, True),
         ("1e-9 m above its top", 10_000.000000001, 0.0, False),
         ("climbing through its top", 9_900.0, 30.0, False),
         ("diving through its bottom", 100.0, -30.0, False),
     ):
-        found = fly(_probe(drag, initial={"altitude_m": altitude, "pitch_deg": pitch}))
-        error = _speed_error(found, _drag(found.t, 0.4)) if inside else math.nan
-        lines.append(judge(given, "speed", error, FORM if inside else NONE, found, inside))
+        run = simulate(_probe(drag, initial={"altitude_m": altitude, "pitch_deg": pitch}))
+        error = _speed_error(run, _drag(run.t, 0.4)) if inside else math.nan
+        lines.append(judge(label, "speed", error, FORM if inside else NONE, run, inside))
     thin = {"atmosphere": "us1976", "gravity": "none"}
-    for given, altitude, pitch, inside in (
+    for label, altitude, pitch, inside in (
         ("1976 atmosphere, level at 86 km", 86_000.0, 0.0, True),
         ("1976 atmosphere, climbing from 86 km", 86_000.0, 1.0, False),
         ("1976 atmosphere, level at 0 m", 0.0, 0.0, True),
@@ -129,12 +131,10 @@ def air() -> list[Stress]:
     ):
         tree = _probe(drag, initial={"altitude_m": altitude, "pitch_deg": pitch})
         tree["environment"] = dict(thin)
-        found = fly(tree)
+        run = simulate(tree)
         bound = Bound(0.0, "height must not change") if inside else NONE
-        error = (
-            float(np.max(np.abs(found.body("probe").x[:, 1] - altitude))) if inside else math.nan
-        )
-        lines.append(judge(given, "height, m", error, bound, found, inside))
+        error = float(np.max(np.abs(run.body("probe").x[:, 1] - altitude))) if inside else math.nan
+        lines.append(judge(label, "height, m", error, bound, run, inside))
     tree = _probe(
         {"axial": {"const": 0.0}},
         initial={"altitude_m": 85_000.0, "pitch_deg": 89.0, "speed_m_s": 7000.0},
@@ -143,12 +143,12 @@ def air() -> list[Stress]:
     tree["environment"] = dict(thin)
     return [
         *lines,
-        judge("1976 atmosphere, out of it in a step", "height, m", math.nan, NONE, fly(tree)),
+        judge("1976 atmosphere, out of it in a step", "height, m", math.nan, NONE, simulate(tree)),
     ]
 
 
 def wind() -> list[Stress]:
-    """A wind profile below, within and above its rows: constant beyond them."""
+    """Wind profile below, within and above its rows: constant beyond them."""
     lines = []
     profile = {
         "altitude_m": [1000.0, 5000.0, 6000.0],
@@ -158,17 +158,17 @@ def wind() -> list[Stress]:
     for altitude in (10.0, 1000.0, 3000.0, 6000.0, 9000.0):
         tree = _probe({"axial": {"const": 0.4}}, initial={"altitude_m": altitude})
         tree["environment"]["wind"] = {"profile": profile}
-        found = fly(tree)
-        error = _speed_error(found, 30.0 + _drag(found.t, 0.4, SPEED - 30.0))
+        run = simulate(tree)
+        error = _speed_error(run, 30.0 + _drag(run.t, 0.4, SPEED - 30.0))
         lines.append(
-            judge(f"wind at {altitude:g} m, rows from 1 to 6 km", "speed", error, FORM, found, True)
+            judge(f"wind at {altitude:g} m, rows from 1 to 6 km", "speed", error, FORM, run, True)
         )
     return lines
 
 
 def _near(distance: list[float], axial: list[float], step: float, push: float) -> Tree:
-    """Two bodies whose drag follows the distance between them; a pusher parts them, or drives them
-    together."""
+    """Two bodies whose drag depends on the distance between them; a pusher separates them, or
+    drives them together."""
     tree = _probe({}, end=1.0)
     data = tree["body"]["probe"]["aerodynamics"]
     tree["body"]["other"] = body(MASS, [10.0, 50.0, 50.0], [3.0, 0.0, 0.0], aerodynamics=dict(data))
@@ -182,33 +182,31 @@ def _near(distance: list[float], axial: list[float], step: float, push: float) -
 
 
 def proximity() -> list[Stress]:
-    """Increments over a distance that is left by far, on either side: constant beyond. A corner at
-    the end of a table within a step."""
+    """Increments far beyond both ends of their distances: constant there. A corner at the end of a
+    table within a step."""
     lines: list[Stress] = []
-    for given, distance, push in (
+    for label, distance, push in (
         ("proximity, beyond its last row", [0.0, 0.05, 0.1], 100.0),
         ("proximity, before its first row", [0.0, 0.05, 0.1], -5000.0),
         ("proximity, ever before its first row", [50.0, 60.0, 70.0], 100.0),
     ):
-        found = fly(_near(distance, [0.4] * 3, 0.05, push))
-        lines.append(
-            judge(given, "speed", _speed_error(found, _drag(found.t, 0.4)), FORM, found, True)
-        )
+        run = simulate(_near(distance, [0.4] * 3, 0.05, push))
+        lines.append(judge(label, "speed", _speed_error(run, _drag(run.t, 0.4)), FORM, run, True))
     push, rows, steep = 2e3, [0.0, 0.1, 0.2], [0.0, 0.4, 0.8]
-    fine, mass = fly(_near(rows, steep, 2e-3, push)), 0.5 * DENSITY * AREA * SPEED**2 / MASS
+    fine, mass = simulate(_near(rows, steep, 2e-3, push)), 0.5 * DENSITY * AREA * SPEED**2 / MASS
     for step in (0.1, 0.05, 0.01):
-        found = fly(_near(rows, steep, step, push))
-        # a corner in the force: its jump of slope in time, over half a step each way, is what no
-        # smooth method sees
+        run = simulate(_near(rows, steep, step, push))
+        # corner in the force: a smooth method does not see the jump of its slope over half a step
+        # each way
         parting = math.sqrt(2.0 * 0.2 * (push / MASS + 0.8 * mass))
         bound = Bound(mass * 4.0 * parting * step**2 / 8.0 / SPEED, "corner in a step: h^2 / 8")
         lines.append(
             judge(
                 f"end of a table in a step of {step:g} s",
                 "speed",
-                _speed_error(found, fine.body("probe").v[:, 0]),
+                _speed_error(run, fine.body("probe").v[:, 0]),
                 bound,
-                found,
+                run,
             )
         )
     return lines

@@ -1,4 +1,4 @@
-"""Events at one instant, on peaks of a load and at angle limits; releases under load."""
+"""Simultaneous events, events on peaks of a load and at angle limits, releases under load."""
 
 import math
 from typing import Any
@@ -11,13 +11,13 @@ from sepmc.validation import references as ref
 from sepmc.validation.flights import NominalRun
 from sepmc.validation.stresses.drift import invariants
 from sepmc.validation.stresses.line import EPS, FORM, Bound, Stress, judge, relative
-from sepmc.validation.stresses.scenes import Tree, body, fly, held, joint, pushed, scene
+from sepmc.validation.stresses.scenes import Tree, body, joint, phase_of, pushed, scene, simulate
 from sepmc.validation.stresses.strokes import ROOT, located
 
 
 def _swung(condition: dict[str, float], step: float) -> Tree:
-    """A body on a hinge to the ground that swings from 80 deg beside straight down; let go on a
-    condition, or at 1 s."""
+    """A body on a hinge to the ground that swings from 80 deg beside its lowest position; released
+    on a condition, or at 1 s."""
     bob = body(2.0, [0.1, 0.3, 0.3], [1.0, 0.0, 0.0])
     hinge = joint("ground", "bob", [0.0, 0.0, 0.0], x_axis=[0.0, 0.0, 1.0])
     until = {"any": [{"joint": "hinge", **condition}, {"time_s": 1.0}]}
@@ -31,15 +31,15 @@ def _swung(condition: dict[str, float], step: float) -> Tree:
 
 
 def _load(angle: float, start: float) -> float:
-    """Force of the hinge, N, of the swing that starts at rest at ``start``, rad: along the arm, and
-    across it. m = 2, L = 1, J = 2.3."""
-    weight, share = 2.0 * 9.80665, 2.0 / 2.3
-    along = weight * (math.cos(angle) + 2.0 * share * (math.cos(angle) - math.cos(start)))
-    return math.hypot(along, weight * (1.0 - share) * math.sin(angle))
+    """Force of the hinge, N, of a swing from rest at ``start``, rad, with its components along and
+    across the arm. m = 2, L = 1, J = 2.3."""
+    weight, fraction = 2.0 * 9.80665, 2.0 / 2.3
+    tangent = weight * (math.cos(angle) + 2.0 * fraction * (math.cos(angle) - math.cos(start)))
+    return math.hypot(tangent, weight * (1.0 - fraction) * math.sin(angle))
 
 
 def peak_loads() -> list[Stress]:
-    """A break load just below, and just above, the greatest load of a swing, which lies within a
+    """A break load just below, and just above, the peak load of a swing, which lies within a
     step."""
     frequency, start = math.sqrt(2.0 * 9.80665 / 2.3), math.radians(-80.0)
     lowest, peak = 0.25 * ref.pendulum_period(frequency, start), _load(0.0, start)
@@ -47,7 +47,7 @@ def peak_loads() -> list[Stress]:
     for step in (0.005, 0.02, 0.05, 0.1):
         for margin in (1e-2, 1e-3, 1e-4, 1e-6, -1e-6, -1e-3):
             limit, time, bound = peak * (1.0 - margin), 1.0, located(1.0)
-            found = fly(_swung({"force_N": limit}, step))
+            run = simulate(_swung({"force_N": limit}, step))
             if margin > 0.0:
                 time = brentq(
                     lambda t, f=limit: (
@@ -60,17 +60,17 @@ def peak_loads() -> list[Stress]:
                 slope = (
                     limit - _load(float(ref.pendulum(time - 1e-6, frequency, start)[0]), start)
                 ) / 1e-6
-                # of the load: what is asked of a resolved swing
-                share = FORM.value if step <= 0.05 else AUDIT_BOUNDS["energy_residual"]
-                bound = Bound(ROOT + peak * share / slope, f"{share:.0e} of the load / slope")
-            error = abs(found.outcomes["release_time_s"] - time)
+                # relative to the load: requested of a resolved swing
+                fraction = FORM.value if step <= 0.05 else AUDIT_BOUNDS["energy_residual"]
+                bound = Bound(ROOT + peak * fraction / slope, f"{fraction:.0e} of the load / slope")
+            error = abs(run.outcomes["release_time_s"] - time)
             lines.append(
                 judge(
                     f"load {margin:+.0e} below peak, h {step:g} s",
                     "release, s",
                     error,
                     bound,
-                    found,
+                    run,
                     True,
                 )
             )
@@ -78,8 +78,8 @@ def peak_loads() -> list[Stress]:
 
 
 def angle_limits() -> list[Stress]:
-    """A hinge let go at an angle just below, at and beyond half a turn, where the angle between two
-    bodies turns back."""
+    """A hinge released at an angle just below, at and beyond half a turn, where the angle between
+    two bodies turns back."""
     lines = []
     for degrees in (1e-6, 90.0, 179.0, 179.999, 180.0):
         for step in (0.05, 0.013):
@@ -93,25 +93,23 @@ def angle_limits() -> list[Stress]:
                 {"name": "free"},
             ]
             hinge = joint("ground", "stone", [0.0, 0.0, 0.0], x_axis=[0.0, 0.0, 1.0])
-            found = fly(
+            run = simulate(
                 scene({"stone": stone}, {"hinge": hinge}, phases, 5.0, step, [0.0, 0.0, 1.0])
             )
-            error = abs(found.outcomes["release_time_s"] - math.radians(degrees))
-            # the angle comes from the sine of its half, whose slope is cos(angle / 2)
+            error = abs(run.outcomes["release_time_s"] - math.radians(degrees))
+            # the angle follows from the sine of its half, whose slope is cos(angle / 2)
             bound = Bound(
                 ROOT + 50.0 * EPS / max(math.cos(0.5 * math.radians(degrees)), math.sqrt(EPS)),
                 "50 eps / cos(angle / 2)",
             )
             lines.append(
-                judge(
-                    f"hinge until {degrees:g} deg, h {step:g} s", "release, s", error, bound, found
-                )
+                judge(f"hinge until {degrees:g} deg, h {step:g} s", "release, s", error, bound, run)
             )
     return lines
 
 
 def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
-    """A core with two boosters beside it on sliders, pushed back alike."""
+    """A core with two boosters beside it on sliders, pushed back equally."""
     bodies = {"core": body(4.0, [2.0, 5.0, 5.0], [2.0, 0.0, 0.0])}
     joints, springs = {}, []
     for name, side in (("left", 1.0), ("right", -1.0)):
@@ -127,41 +125,39 @@ def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
                 "force_N": 2.0,
             }
         )
-    return fly(scene(bodies, joints, phases, 0.5, 0.05, spring=springs, release=releases))
+    return simulate(scene(bodies, joints, phases, 0.5, 0.05, spring=springs, release=releases))
 
 
 def simultaneous() -> list[Stress]:
-    """Two joints that let go at one instant; a stroke reached at a time given too; conditions met
-    before their phase begins."""
+    """Two joints released at one instant; a stroke reached at a given time; conditions met before
+    their phase begins."""
     lines = []
     # 2 N on 1 kg, and 4 N on 4 kg the other way: 3 m/s2
     stroke, time = 0.0375, math.sqrt(2.0 * 0.0375 / 3.0)
-    own = [
+    by_stroke = [
         {"name": f"go_{j}", "joint": j, "when": {"joint": j, "stroke_m": stroke}}
         for j in ("left", "right")
     ]
-    until = {"all": [release["when"] for release in own]}
+    until = {"all": [release["when"] for release in by_stroke]}
     at_once: list[Tree] = [
         {"name": "on", "joints": {"left": "slider", "right": "slider"}, "until": until},
         {"name": "off"},
     ]
-    for given, releases, phases in (
-        ("two joints, each on its own stroke", own, held(left="slider", right="slider")),
+    for label, releases, phases in (
+        ("two joints, each on its own stroke", by_stroke, phase_of(left="slider", right="slider")),
         ("two joints, one phase, both strokes", [], at_once),
     ):
-        found = _boosters(releases, phases)
+        run = _boosters(releases, phases)
         for j in ("left", "right"):
-            error = abs(found.outcomes[f"{j}_release_time_s"] - time)
-            lines.append(
-                judge(given, f"release of {j}, s", error, located(3.0 * time), found, True)
-            )
+            error = abs(run.outcomes[f"{j}_release_time_s"] - time)
+            lines.append(judge(label, f"release of {j}, s", error, located(3.0 * time), run, True))
         lines.append(
             judge(
-                given,
+                label,
                 "sideways rates",
-                float(np.max(np.abs(found.body("core").w))),
+                float(np.max(np.abs(run.body("core").w))),
                 FORM,
-                found,
+                run,
                 True,
             )
         )
@@ -175,21 +171,22 @@ def simultaneous() -> list[Stress]:
     return lines
 
 
-def _line(given: str, until: dict[str, Any], stroke: float, time: float) -> Stress:
-    found = fly(pushed(stroke, **until))
+def _line(label: str, until: dict[str, Any], stroke: float, time: float) -> Stress:
+    """Line on the release time of a pushed pair."""
+    run = simulate(pushed(stroke, **until))
     return judge(
-        given,
+        label,
         "release, s",
-        abs(found.outcomes["release_time_s"] - time),
+        abs(run.outcomes["release_time_s"] - time),
         located(2.0 * max(time, 0.1)),
-        found,
+        run,
         True,
     )
 
 
 def _cascade() -> list[Stress]:
-    """Phases whose conditions are met before they begin are passed at one instant; a joint that
-    lets go late does so after its delay."""
+    """Phases whose conditions are met before they begin end at one instant; a delayed joint is
+    released after its delay."""
     tree = pushed(0.04)
     at = {"joint": "link", "stroke_m": 0.04}
     tree["phase"] = [
@@ -205,36 +202,36 @@ def _cascade() -> list[Stress]:
         {"name": "last"},
     ]
     tree["phase"][3]["until"] = at
-    found = fly(tree)
+    run = simulate(tree)
     lines = [
         judge(
             "three events at one instant",
             "release, s",
-            abs(found.outcomes["release_time_s"] - 0.3),
+            abs(run.outcomes["release_time_s"] - 0.3),
             located(0.4),
-            found,
+            run,
             True,
         )
     ]
     late = pushed(0.04)
     late["joint"]["link"]["delay_s"] = 0.1
-    found = fly(late)
+    run = simulate(late)
     return [
         *lines,
         judge(
             "late by two steps",
             "release, s",
-            abs(found.outcomes["release_time_s"] - 0.3),
+            abs(run.outcomes["release_time_s"] - 0.3),
             located(0.4),
-            found,
+            run,
             True,
         ),
     ]
 
 
 def under_load() -> list[Stress]:
-    """A weld that carries up to 1e9 N lets go: momentum and energy stay, and each mass centre goes
-    on along its tangent."""
+    """A weld with up to 1e9 N is released: momentum and energy are constant, and each mass centre
+    continues along its tangent."""
     lines = []
     for rate in (1.0, 100.0, 1e4):
         bodies = {
@@ -245,7 +242,7 @@ def under_load() -> list[Stress]:
             {"name": "held", "joints": {"link": "fixed"}, "until": {"time_s": 0.5 / rate}},
             {"name": "free"},
         ]
-        found = fly(
+        run = simulate(
             scene(
                 bodies,
                 {"link": joint("fore", "aft", [1.0, 0.0, 0.0])},
@@ -255,34 +252,36 @@ def under_load() -> list[Stress]:
                 [0.0, 0.0, rate],
             )
         )
-        energy, spin = invariants(found)
-        given = f"release under {1e3 * rate**2 * 2.0:.0e} N"
-        error = relative([found.body(b).w[-1] for b in ("fore", "aft")], [0.0, 0.0, rate])
-        lines.append(judge(given, "rates", error, FORM, found, True))
+        energy, spin = invariants(run)
+        label = f"release under {1e3 * rate**2 * 2.0:.0e} N"
+        error = relative([run.body(b).w[-1] for b in ("fore", "aft")], [0.0, 0.0, rate])
+        lines.append(judge(label, "rates", error, FORM, run, True))
         lines.append(
             judge(
-                given,
+                label,
                 "energy",
                 relative(energy, np.full_like(energy, energy[0])),
                 FORM,
-                found,
+                run,
                 True,
             )
         )
         lines.append(
             judge(
-                given,
+                label,
                 "angular momentum",
                 relative(spin, np.broadcast_to(spin[0], spin.shape)),
                 FORM,
-                found,
+                run,
                 True,
             )
         )
-        angle = np.minimum(rate * found.t, 0.5)
+        angle = np.minimum(rate * run.t, 0.5)
         # aft is 2 m behind the mass centre
-        along = np.stack([np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=1) * 2.0 * rate
+        tangent = (
+            np.stack([np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=1) * 2.0 * rate
+        )
         lines.append(
-            judge(given, "velocity", relative(found.body("aft").v, along), FORM, found, True)
+            judge(label, "velocity", relative(run.body("aft").v, tangent), FORM, run, True)
         )
     return lines

@@ -1,4 +1,4 @@
-"""Case rows that no dispersion should draw: not finite, not physical, absurdly large; and scenes
+"""Inputs that no dispersion should sample: not finite, not physical, absurdly large; and scenes
 that must be refused."""
 
 import copy
@@ -24,8 +24,8 @@ HUGE, TINY = 1e300, 1e-300
 
 
 class _Varied:
-    """A scene in which every number varies that a file may let vary, and its kernel as plain
-    Python, in steps of the scene's own length."""
+    """A scene whose every number is dispersed where a file allows it, and its kernel, interpreted,
+    with the steps of the scene."""
 
     def __init__(self, tree: Tree):
         file = parse_campaign(copy.deepcopy(tree), "stress", None)
@@ -35,26 +35,26 @@ class _Varied:
             for path, slot in plan.slots.items()
             if not path.startswith("run.")
         }
-        laws = [
+        dispersions = [
             Dispersion(Parameter(path, path, "", 1.0, None), "constant", (value,))
             for path, value in self.nominal.items()
         ]
-        self.campaign = Campaign(replace(file, dispersions=tuple(laws)))
+        self.campaign = Campaign(replace(file, dispersions=tuple(dispersions)))
         with interpreted():
             kernel = load_kernel(step_selection.kernel_text(self.campaign))
-        one, usual = (
+        steps, durations = (
             np.ones(kernel.n_segments, dtype=np.int64),
             np.full(kernel.n_segments, math.inf),
         )
-        self.flight = step_selection.Integration(
-            kernel=kernel, steps=one, durations=usual, step=file.scene.solver.step
+        self.integration = step_selection.Integration(
+            kernel=kernel, steps=steps, durations=durations, step=file.scene.solver.step
         )
 
-    def fly(self, changed: list[dict[str, float]]) -> Block:
-        """Cases that differ from the scene in some numbers, SI, each by its path."""
+    def simulate(self, changed: list[dict[str, float]]) -> Block:
+        """Rows of cases that differ from the scene in some numbers, SI, by path."""
         return step_selection.integrate(
             self.campaign,
-            self.flight,
+            self.integration,
             np.array([list((self.nominal | values).values()) for values in changed]),
         )
 
@@ -66,7 +66,7 @@ class _Varied:
 
     def line(
         self,
-        given: str,
+        label: str,
         quantity: str,
         error: float,
         bound: Bound,
@@ -74,10 +74,10 @@ class _Varied:
         i: int,
         resolved: bool = False,
     ) -> Stress:
-        """The line of a case."""
+        """Line of a case."""
         status = Status(int(block.status[i])).label
         return Stress(
-            given,
+            label,
             quantity,
             error,
             bound,
@@ -118,12 +118,12 @@ def _varied() -> _Varied:
 
 
 def not_finite() -> list[Stress]:
-    """NaN and infinities in every parameter in turn, with a fair case before and after all of them,
-    which must not notice."""
+    """NaN and infinities in every parameter in turn, with a valid case before and after all of
+    them, which must not change."""
     varied, lines = _varied(), []
-    count, alone = len(varied.nominal), varied.fly([{}])
+    count, alone = len(varied.nominal), varied.simulate([{}])
     for value in (math.nan, math.inf, -math.inf):
-        block = varied.fly([{}, *({path: value} for path in varied.nominal), {}])
+        block = varied.simulate([{}, *({path: value} for path in varied.nominal), {}])
         for i, path in enumerate(varied.nominal, 1):
             if int(block.status[i]) == Status.OK:
                 lines.append(varied.line(f"{path} = {value}", "any", math.nan, NONE, block, i))
@@ -140,7 +140,7 @@ def not_finite() -> list[Stress]:
 
 
 def not_physical() -> list[Stress]:
-    """Masses and inertias no body has: each is told."""
+    """Impossible masses and inertias: each is flagged."""
     varied, lines = _varied(), []
     for path, values in (
         ("body.aft.mass", (0.0, -0.0, -1.0)),
@@ -148,7 +148,7 @@ def not_physical() -> list[Stress]:
         ("body.aft.inertia_products.xy", (2.0, 1e6)),
         ("body.aft.inertia_factor", (0.0, -1.0)),
     ):
-        block = varied.fly([{path: value} for value in values])
+        block = varied.simulate([{path: value} for value in values])
         lines += [
             varied.line(f"{path} = {value:g}", "any", math.nan, NONE, block, i)
             for i, value in enumerate(values)
@@ -157,16 +157,16 @@ def not_physical() -> list[Stress]:
 
 
 def absurd() -> list[Stress]:
-    """Every parameter in turn at +-1e300 and 1e-300: what is called ok has finite outcomes."""
+    """Every parameter in turn at +-1e300 and 1e-300: rows with status ok have finite outcomes."""
     varied, lines = _varied(), []
-    # without trial cases there is no estimate of errors
+    # without calibration cases there is no error estimate
     needed = [
         c.name
         for c in varied.campaign.result_columns
         if not c.name.endswith("release_time_s") and c.name != "error"
     ]
     for value in (HUGE, -HUGE, TINY):
-        block, faults = varied.fly([{path: value} for path in varied.nominal]), []
+        block, faults = varied.simulate([{path: value} for path in varied.nominal]), []
         for i, path in enumerate(varied.nominal):
             row = varied.row(block, i)
             if (
@@ -175,23 +175,23 @@ def absurd() -> list[Stress]:
                 and not all(math.isfinite(row[name]) for name in needed)
             ):
                 faults.append(path)
-        given = f"{value:.0e} in {len(varied.nominal)} parameters" + (
+        label = f"{value:.0e} in {len(varied.nominal)} parameters" + (
             f", {faults[0]}" if faults else ""
         )
         lines.append(
-            Stress(given, "ok, not finite: cases", float(len(faults)), EXACT, Status.OK.label)
+            Stress(label, "ok, not finite: cases", float(len(faults)), EXACT, Status.OK.label)
         )
     return lines
 
 
 def rods_without_length() -> list[Stress]:
-    """A rod whose ends a dispersion brings together, or nearly: told in flight. By file it is
+    """A rod whose ends a dispersion brings together, or nearly: flagged in the run. In a file it is
     refused."""
     tree = pair("rod", end=0.2, step=0.01)
     tree["joint"]["link"]["second_point_m"] = [2.5, 0.1, 0.0]
     varied, lines = _Varied(tree), []
     lengths = (0.5, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15, 0.0)
-    block = varied.fly([{"joint.link.point.x": 2.5 - length} for length in lengths])
+    block = varied.simulate([{"joint.link.point.x": 2.5 - length} for length in lengths])
     for i, length in enumerate(lengths):
         error = varied.row(block, i)["joint_gap_residual_m"]
         lines.append(
@@ -202,20 +202,21 @@ def rods_without_length() -> list[Stress]:
     return lines
 
 
-def _refusal(given: str, tree: Tree) -> Stress:
-    """The line of a scene that must not be read."""
+def _refusal(label: str, tree: Tree) -> Stress:
+    """Line of a scene that must be refused."""
     try:
         make(tree)
     except SceneError:
-        return Stress(given, "any", math.nan, NONE, "refused")
-    return Stress(given, "any", math.nan, NONE, Status.OK.label)
+        return Stress(label, "any", math.nan, NONE, "refused")
+    return Stress(label, "any", math.nan, NONE, Status.OK.label)
 
 
 def refused() -> list[Stress]:
-    """Scenes that can only be wrong are refused when they are read."""
+    """Impossible scenes are refused when they are read."""
 
     def with_(path: str, value: Any) -> Tree:
-        tree = copy.deepcopy(pair("fixed"))  # its bodies are those of other stresses too
+        """Pair with one value changed."""
+        tree = copy.deepcopy(pair("fixed"))  # other stresses share its bodies
         *keys, last = path.split(".")
         node = tree
         for key in keys:

@@ -1,5 +1,5 @@
-"""One line of `sepmc stress`: a hard input, the error of a quantity, the bound set beforehand, and
-whether an error was told."""
+"""Line of `sepmc stress`: a hard input, the error of a quantity, its bound, and whether an error
+was reported."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,46 +14,54 @@ from sepmc.validation.flights import NominalRun
 from sepmc.validation.line import CLOSE
 
 EPS = float(np.finfo(float).eps)
-_WIDTHS = (34, 21, 27, 17)  # widest input, quantity, reason and flag that are shown whole
+_WIDTHS = (34, 21, 27, 17)  # maximum widths of input, quantity, reason and flag
 ACCURATE, FLAGGED, SILENT = "accurate", "flagged", "SILENT"
 
 
 @dataclass(frozen=True)
 class Bound:
-    """The largest error allowed, and why just that."""
+    """Largest allowed error, and the reason."""
 
     value: float
     reason: str
 
 
-# What every comparison of the engine with a closed form is held to.
+# Bound of comparisons with closed forms.
 FORM = Bound(CLOSE, "of every closed form")
-ASKED = Bound(1e-9, "the accuracy asked")
+REQUESTED = Bound(1e-9, "the requested accuracy")
 EXACT = Bound(0.0, "must be exact")
-NONE = Bound(0.0, "no answer: must be told")
+NONE = Bound(0.0, "no answer: must be flagged")
 
 
 def conditioned(condition: float) -> Bound:
-    """What round-off becomes in a problem of this condition number: 100 eps, for the sums behind
-    it, times that; at most 1e-3."""
+    """Bound of round-off in a problem of a condition number: 100 eps (for the sums behind it) times
+    that; at most 1e-3."""
     value = min(100.0 * EPS * condition, 1e-3)
     return Bound(value, f"100 eps x {condition:.0e} (condition)") if value > FORM.value else FORM
 
 
 def promised(steps: float) -> Bound:
-    """What status ok promises: 1e-6 a step (schema: attitude_drift)."""
+    """Error allowed by status ok: 1e-6 a step (schema: attitude_drift)."""
     return Bound(AUDIT_BOUNDS["attitude_drift"] * steps, f"1e-6 x {steps:.0f} steps (audit)")
 
 
 @dataclass(frozen=True)
 class Stress:
-    """What was done, and the error it gave.
+    """Result of a hard input.
 
-    input, quantity : what was done, and what was looked at, with its unit where it has one
-    error, bound : against a reference or an invariant; NaN if there is no number
-    status : label of the case's status, or "refused" if the scene cannot be read
-    beyond : audit columns beyond their bounds
-    resolved : a fair input, which must come out accurate: a flag is then a fault too
+    Parameters
+    ----------
+    input, quantity : str
+        Input, and the quantity with its unit, if any.
+    error : float
+        Error against a reference or an invariant; NaN if there is none.
+    bound : Bound
+    status : str
+        Status label of the case, or "refused" if the scene cannot be read.
+    beyond : tuple of str
+        Audit columns beyond their bounds.
+    resolved : bool
+        The input is reasonable and must be accurate: a flag is a fault too.
     """
 
     input: str
@@ -66,20 +74,20 @@ class Stress:
 
     @property
     def verdict(self) -> str:
-        """Flagged if status or audit says that something is wrong; else accurate within the bound;
-        else an error nobody is told of."""
+        """Flagged if status or audit report an error; else accurate within the bound; else
+        silent."""
         if self.status != Status.OK.label or self.beyond:
             return FLAGGED
         return ACCURATE if self.error <= self.bound.value else SILENT
 
     @property
-    def holds(self) -> bool:
-        """Whether this is as it should be: never silent, and accurate where that is asked."""
+    def passes(self) -> bool:
+        """True if the line passes: never silent, and accurate where that is required."""
         return self.verdict == ACCURATE or (self.verdict == FLAGGED and not self.resolved)
 
 
 def beyond(outcomes: Mapping[str, float]) -> tuple[str, ...]:
-    """Audit columns of a case that are beyond their bounds."""
+    """Audit columns of a case beyond their bounds."""
     return tuple(
         name
         for name, bound in AUDIT_BOUNDS.items()
@@ -88,30 +96,30 @@ def beyond(outcomes: Mapping[str, float]) -> tuple[str, ...]:
 
 
 def judge(
-    given: str,
+    label: str,
     quantity: str,
     error: float,
     bound: Bound,
-    flown: NominalRun,
+    run: NominalRun,
     resolved: bool = False,
 ) -> Stress:
-    """The line of a flight."""
-    return Stress(
-        given, quantity, float(error), bound, flown.status, beyond(flown.outcomes), resolved
+    """Line of a run."""
+    return Stress(label, quantity, float(error), bound, run.status, beyond(run.outcomes), resolved)
+
+
+def relative(values: ArrayLike, expected: ArrayLike, size: float = 0.0) -> float:
+    """Largest difference of two arrays, relative to the largest expected value or to ``size`` if
+    that is larger; NaN if there is one, or if a run has no rows."""
+    measured, references = np.asarray(values, float), np.asarray(expected, float)
+    if not measured.size:
+        return math.nan
+    return float(
+        np.max(np.abs(measured - references)) / max(float(np.max(np.abs(references))), size)
     )
 
 
-def relative(found: ArrayLike, expected: ArrayLike, size: float = 0.0) -> float:
-    """Largest difference of two arrays over the largest value expected, or over ``size`` if that is
-    larger; NaN if there is one, or if a flight has no rows."""
-    ours, should = np.asarray(found, float), np.asarray(expected, float)
-    if not ours.size:
-        return math.nan
-    return float(np.max(np.abs(ours - should)) / max(float(np.max(np.abs(should))), size))
-
-
-def _told(line: Stress) -> str:
-    """Status, and how many audit columns are beyond their bounds."""
+def _flag(line: Stress) -> str:
+    """Status, or the audit columns beyond their bounds."""
     if line.status != Status.OK.label:
         return line.status
     return (
@@ -128,62 +136,51 @@ def counts(lines: Sequence[Stress]) -> tuple[int, int]:
 
 
 def table(lines: Sequence[Stress]) -> str:
-    """The lines as plain text of at most 140 columns, with a count below."""
-    rows = [("input", "quantity", "why this bound", "told", "error", "bound", "verdict")]
+    """Lines as plain text of at most 140 columns, with a count."""
+    rows = [("input", "quantity", "reason of bound", "flag", "error", "bound", "verdict")]
     for x in lines:
-        text = (x.input, x.quantity, x.bound.reason, _told(x))
+        text = (x.input, x.quantity, x.bound.reason, _flag(x))
         error = "-" if math.isnan(x.error) else f"{min(x.error, 9e99):.1e}"
         cells = [cell[:width] for cell, width in zip(text, _WIDTHS, strict=True)]
-        verdict = x.verdict + ("" if x.holds else " !")
+        verdict = x.verdict + ("" if x.passes else " !")
         rows.append(
             (cells[0], cells[1], cells[2], cells[3], error, f"{x.bound.value:.1e}", verdict)
         )
     order = (0, 1, 4, 5, 2, 3, 6)
     out = text_table([[row[i] for i in order] for row in rows], left=(0, 1, 4, 5, 6))
-    count = {
-        verdict: sum(x.verdict == verdict for x in lines) for verdict in (ACCURATE, FLAGGED, SILENT)
-    }
-    faults = sum(not x.holds for x in lines)
-    counted = (
-        f"{len(lines)} lines: "
-        + ", ".join(f"{n} {v}" for v, n in count.items())
-        + f"; {faults} not as they should be"
-    )
-    return "\n".join([*out, "", counted])
+    return "\n".join([*out, "", _summary(lines)])
+
+
+def _summary(lines: Sequence[Stress]) -> str:
+    """Number of lines by verdict, and of those that fail."""
+    verdicts = [line.verdict for line in lines]
+    by_verdict = ", ".join(f"{verdicts.count(v)} {v}" for v in (ACCURATE, FLAGGED, SILENT))
+    return f"{len(lines)} lines: {by_verdict}; {sum(not line.passes for line in lines)} fail"
 
 
 def brief(groups: Mapping[str, Sequence[Stress]]) -> str:
-    """A row for each stress: its lines by verdict, the accurate one nearest to its bound, and what
-    told of the flagged ones."""
+    """A row for each stress: its lines by verdict, the accurate one nearest to its bound, and the
+    flags."""
     text = [
         f"{'stress':22s}{'lines':>6s}{ACCURATE:>10s}{FLAGGED:>9s}{SILENT:>8s}"
-        f"{'error':>10s}{'bound':>10s}   told by"
+        f"{'error':>10s}{'bound':>10s}   flags"
     ]
     for name, lines in groups.items():
-        counts = [
-            sum(x.verdict == verdict for x in lines) for verdict in (ACCURATE, FLAGGED, SILENT)
-        ]
+        accurate, flagged = counts(lines)
         near = max(
             (x for x in lines if x.verdict == ACCURATE),
             key=lambda x: x.error / max(x.bound.value, 1e-300),
             default=None,
         )
         numbers = f"{near.error:10.1e}{near.bound.value:10.1e}" if near else f"{'-':>10s}{'-':>10s}"
-        told = dict.fromkeys(
+        flags = dict.fromkeys(
             word
             for x in lines
             if x.verdict == FLAGGED
             for word in ([x.status] if x.status != "ok" else x.beyond)
         )
-        text.append(
-            f"{name:22s}{len(lines):6d}{counts[0]:10d}{counts[1]:9d}{counts[2]:8d}{numbers}   "
-            f"{', '.join(told) or '-'}"[:140].rstrip()
-        )
-    every = [x for lines in groups.values() for x in lines]
-    total = [sum(x.verdict == verdict for x in every) for verdict in (ACCURATE, FLAGGED, SILENT)]
-    wrong = sum(not x.holds for x in every)
-    text.append(
-        f"\n{len(every)} lines: {total[0]} accurate, {total[1]} flagged, {total[2]} SILENT; "
-        f"{wrong} not as they should be"
-    )
+        silent = len(lines) - accurate - flagged
+        row = f"{name:22s}{len(lines):6d}{accurate:10d}{flagged:9d}{silent:8d}{numbers}   "
+        text.append(f"{row}{', '.join(flags) or '-'}"[:140].rstrip())
+    text.append("\n" + _summary([line for lines in groups.values() for line in lines]))
     return "\n".join(text)

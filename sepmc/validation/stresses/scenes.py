@@ -1,4 +1,4 @@
-"""Scenes of the stress suite, built in place: a TOML tree, flown."""
+"""Scenes of the stresses, as trees of campaign files, and their runs."""
 
 import copy
 from typing import Any
@@ -20,21 +20,21 @@ def body(
     inertia: list[float],
     cg: list[float],
     products: list[float] | None = None,
-    **more: Any,
+    **other_tables: Any,
 ) -> Tree:
-    """A body's table: kg, kg m2, layout point in m."""
+    """Table of a body: kg, kg m2, layout point in m."""
     return {
         "mass_kg": mass,
         "inertia_kg_m2": inertia,
         "inertia_products_kg_m2": products or [0.0, 0.0, 0.0],
         "cg_m": cg,
-        **more,
+        **other_tables,
     }
 
 
-def joint(first: str, second: str, point: list[float], **more: Any) -> Tree:
-    """A joint's table: bodies, layout point in m."""
-    return {"bodies": [first, second], "point_m": point, **more}
+def joint(first: str, second: str, point: list[float], **other_tables: Any) -> Tree:
+    """Table of a joint: bodies, layout point in m."""
+    return {"bodies": [first, second], "point_m": point, **other_tables}
 
 
 def scene(
@@ -44,9 +44,10 @@ def scene(
     end: float,
     step: float,
     omega: list[float] | None = None,
-    **more: Any,
+    **other_tables: Any,
 ) -> Tree:
-    """Bodies in empty space that start at rest or turning, rad/s; other tables as in a file."""
+    """Scene of bodies in empty space that start at rest or turning, rad/s; other tables as in a
+    file."""
     tree: Tree = {
         "environment": dict(SPACE),
         "body": bodies,
@@ -56,7 +57,7 @@ def scene(
         "run": {"end_time_s": end},
         "solver": {"step_s": step},
     }
-    for key, value in more.items():
+    for key, value in other_tables.items():
         if isinstance(value, dict):
             tree.setdefault(key, {}).update(value)
         else:
@@ -64,48 +65,52 @@ def scene(
     return tree
 
 
-def held(**kinds: str) -> list[Tree]:
-    """One phase, in which these joints hold."""
+def phase_of(**kinds: str) -> list[Tree]:
+    """One phase with these kinds of joints."""
     return [{"name": "held", "joints": kinds}]
 
 
 def make(tree: Tree) -> Campaign:
-    """A campaign of a tree, which stays as it is."""
+    """Campaign of a tree, which is not changed."""
     return Campaign(parse_campaign(copy.deepcopy(tree), "stress", None))
 
 
-def settled(tree: Tree) -> Tree:
-    """The same scene without a step that is given: it is flown in steps at which it has settled to
-    an accuracy of 1e-9."""
+def without_step(tree: Tree) -> Tree:
+    """The same scene without a given step: it runs in steps converged to an accuracy of 1e-9."""
     return tree | {
         "solver": {key: value for key, value in tree["solver"].items() if key != "step_s"}
     }
 
 
-def fly(tree: Tree, rows: int = 20) -> NominalRun:
-    """The nominal case with about so many rows of history."""
+def simulate(tree: Tree, rows: int = 20) -> NominalRun:
+    """Nominal run with about ``rows`` rows of history."""
     campaign = make(tree)
     return NominalRun(campaign, campaign.scene.run.end_time / rows)
 
 
-# Two bodies, no two numbers alike: what is varied below starts from these.
+# Two bodies without equal numbers, from which the variations start.
 FORE = body(3.0, [3.0, 4.0, 5.0], [1.0, 0.05, -0.02])
 AFT = body(1.0, [1.0, 2.0, 2.2], [3.0, -0.04, 0.03], [0.2, -0.1, 0.15])
 OMEGA = [0.9, -0.5, 0.7]
 
 
 def pair(
-    kind: str, end: float = 2.0, step: float = 0.02, fore: Tree = FORE, aft: Tree = AFT, **more: Any
+    kind: str,
+    end: float = 2.0,
+    step: float = 0.02,
+    fore: Tree = FORE,
+    aft: Tree = AFT,
+    **other_tables: Any,
 ) -> Tree:
-    """Two bodies turning in empty space, held by one joint between them."""
-    given = {"omega": OMEGA, **more}
+    """Two bodies turning in empty space, connected by one joint."""
+    tables = {"omega": OMEGA, **other_tables}
     return scene(
         {"fore": fore, "aft": aft},
         {"link": joint("fore", "aft", [2.0, 0.1, 0.0])},
-        held(link=kind),
+        phase_of(link=kind),
         end,
         step,
-        **given,
+        **tables,
     )
 
 
@@ -117,8 +122,8 @@ def pushed(
     spring: Tree | None = None,
     **until: Any,
 ) -> Tree:
-    """3 kg and 1 kg on a slider without offset, pushed apart with 1.5 N: 2 m/s2 between them. The
-    slider ends at a stroke, m."""
+    """3 kg and 1 kg on a slider without offset, pushed apart with 1.5 N: relative acceleration 2
+    m/s2. The slider ends at a stroke, m."""
     push = {
         "name": "push",
         "bodies": ["fore", "aft"],
@@ -146,31 +151,31 @@ def pushed(
 
 
 class Composite:
-    """All bodies of a flight welded together: rates, attitude, and wrench on one of them, in closed
-    form."""
+    """All bodies of a run welded together: rates, attitude, and the wrench on one of them, in
+    closed form."""
 
-    def __init__(self, found: NominalRun, second: str, point: list[float]):
-        scene_, self.found, self.second = found.scene, found, second
+    def __init__(self, run: NominalRun, second: str, point: list[float]):
+        scene_, self.run, self.second = run.scene, run, second
         names = list(scene_.body)
-        places, masses = (
+        positions, masses = (
             [-arm(scene_, b, point) for b in names],
             [scene_.body[b].mass for b in names],
         )
         tensors = [tensor(scene_, b) for b in names]
-        whole, k = ref.composite(masses, tensors, places), names.index(second)
-        self.rate, self.attitude = ref.asymmetric_top(found.t, whole.inertia, scene_.initial.omega)
+        combined, k = ref.composite(masses, tensors, positions), names.index(second)
+        self.rate, self.attitude = ref.asymmetric_top(run.t, combined.inertia, scene_.initial.omega)
         self.force, self.moment = ref.weld_wrench(
-            whole, masses[k], tensors[k], places[k], np.zeros(3), self.rate
+            combined, masses[k], tensors[k], positions[k], np.zeros(3), self.rate
         )
 
     def rate_error(self, name: str | None = None) -> float:
-        """Relative error of a body's angular rates; of the second body if none is named."""
-        return relative(self.found.body(name or self.second).w, self.rate)
+        """Relative error of a body's angular rates; of the second body by default."""
+        return relative(self.run.body(name or self.second).w, self.rate)
 
     def attitude_error(self, name: str | None = None) -> float:
-        """Relative error of a body's attitude matrices; of the second body if none is named."""
-        return relative(self.found.body(name or self.second).r, self.attitude)
+        """Relative error of a body's attitude matrices; of the second body by default."""
+        return relative(self.run.body(name or self.second).r, self.attitude)
 
     def force_error(self, joint_name: str = "link") -> float:
         """Relative error of the force of a joint on the second body."""
-        return relative(self.found.columns(f"{joint_name}_force_on_{self.second}_*_N"), self.force)
+        return relative(self.run.columns(f"{joint_name}_force_on_{self.second}_*_N"), self.force)

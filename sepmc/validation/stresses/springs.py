@@ -1,4 +1,4 @@
-"""Springs up to 1e9 N/m: with steps that resolve them, and with steps that do not."""
+"""Springs up to 1e9 N/m, with steps that resolve them, and with steps that do not."""
 
 import math
 
@@ -6,7 +6,7 @@ from sepmc.schema import AUDIT_BOUNDS
 from sepmc.validation import references as ref
 from sepmc.validation.flights import NominalRun
 from sepmc.validation.stresses.line import EPS, FORM, Bound, Stress, judge, promised, relative
-from sepmc.validation.stresses.scenes import Tree, fly, pushed
+from sepmc.validation.stresses.scenes import Tree, pushed, simulate
 
 MASS, FORCE = ref.reduced_mass(3.0, 1.0), 1e3  # kg, N
 
@@ -14,8 +14,8 @@ MASS, FORCE = ref.reduced_mass(3.0, 1.0), 1e3  # kg, N
 def _sprung(
     stiffness: float, turn: float, damping: float = 0.0, roll: float = 0.0, steps: int = 100
 ) -> Tree:
-    """Two bodies on a slider pushed apart with 1000 N over a spring, with steps in which its phase
-    goes on by ``turn``, rad."""
+    """Two bodies on a slider pushed apart with 1000 N by a spring, with steps of ``turn``, rad, of
+    its phase."""
     step = turn / math.sqrt(stiffness / MASS)
     tree = pushed(
         1.0,
@@ -28,10 +28,10 @@ def _sprung(
     return tree
 
 
-def _error(found: NominalRun, stiffness: float, damping: float = 0.0) -> float:
+def _error(run: NominalRun, stiffness: float, damping: float = 0.0) -> float:
     """Largest error of the extension over the largest extension."""
-    x, _ = ref.spring_extension(found.t, MASS, FORCE, stiffness, damping)
-    return relative(1e-3 * found.history["separation_distance_mm"].to_numpy(), x, FORCE / stiffness)
+    x, _ = ref.spring_extension(run.t, MASS, FORCE, stiffness, damping)
+    return relative(1e-3 * run.history["separation_distance_mm"].to_numpy(), x, FORCE / stiffness)
 
 
 def stiff() -> list[Stress]:
@@ -40,74 +40,74 @@ def stiff() -> list[Stress]:
     for stiffness in (1.0, 1e3, 1e6, 1e9):
         for ratio in (0.0, 0.3):
             damping = 2.0 * ratio * math.sqrt(stiffness * MASS)
-            given = f"{stiffness:.0e} N/m, 0.1 rad a step" + (", damped" if ratio else "")
-            # over 1 m places are known to eps: an extension of FORCE / stiffness keeps the rest of
-            # the digits
+            label = f"{stiffness:.0e} N/m, 0.1 rad a step" + (", damped" if ratio else "")
+            # positions of 1 m are known to eps: an extension of FORCE / stiffness has the remaining
+            # digits
             bound = (
                 FORM
                 if stiffness < 1e7
                 else Bound(100.0 * EPS * stiffness / FORCE, "100 eps m over extension")
             )
-            found = fly(_sprung(stiffness, 0.1, damping), 50)
+            run = simulate(_sprung(stiffness, 0.1, damping), 50)
             lines.append(
-                judge(given, "extension", _error(found, stiffness, damping), bound, found, True)
+                judge(label, "extension", _error(run, stiffness, damping), bound, run, True)
             )
     return lines
 
 
 def unresolved() -> list[Stress]:
-    """1e9 N/m with steps that are too long for it, and far too long; nearly critically damped, so
-    that the motion is soon over."""
+    """1e9 N/m with steps that are too long, and far too long; also nearly critically damped, so
+    that the motion ends soon."""
     lines = []
     damping = 1.8 * math.sqrt(1e9 * MASS)
     for turn in (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 6.0, 30.0, 1e3):
-        found = fly(_sprung(1e9, turn), 50)
+        run = simulate(_sprung(1e9, turn), 50)
         lines.append(
             judge(
                 f"1e9 N/m, {turn:g} rad a step",
                 "extension",
-                _error(found, 1e9),
+                _error(run, 1e9),
                 promised(100),
-                found,
+                run,
                 resolved=turn < 0.5,
             )
         )
     for turn in (1.0, 2.0, 3.0, 4.0, 6.0, 10.0):
-        found = fly(_sprung(1e9, turn, damping), 50)
+        run = simulate(_sprung(1e9, turn, damping), 50)
         lines.append(
             judge(
                 f"1e9 N/m, {turn:g} rad a step, damped",
                 "extension",
-                _error(found, 1e9, damping),
+                _error(run, 1e9, damping),
                 promised(100),
-                found,
+                run,
             )
         )
     return lines
 
 
 def hidden() -> list[Stress]:
-    """The same in bodies that roll with 1e6 times the energy of the spring, beside which an error
-    of the spring is small.
+    """The same in bodies that roll with 1e6 times the energy of the spring, which hides an error of
+    the spring.
 
-    What status ok promises is energy to 1e-6 of the whole, which is all the energy of the spring.
+    Status ok promises the energy to 1e-6 of the whole, which is all the energy of the spring.
     """
     lines = []
     for turn in (0.3, 1.0, 1.5, 2.0, 3.0, 6.0):
-        for share in (1e-3, 1e-6):
+        for fraction in (1e-3, 1e-6):
             stored = 0.5 * FORCE**2 / 1e9  # J
-            found = fly(_sprung(1e9, turn, roll=math.sqrt(2.0 * stored / share / 2.0)), 50)
-            size = math.sqrt(2.0 * AUDIT_BOUNDS["energy_residual"] * stored / share / MASS) / (
+            run = simulate(_sprung(1e9, turn, roll=math.sqrt(2.0 * stored / fraction / 2.0)), 50)
+            size = math.sqrt(2.0 * AUDIT_BOUNDS["energy_residual"] * stored / fraction / MASS) / (
                 FORCE / math.sqrt(1e9 * MASS)
             )
-            given = f"{turn:g} rad a step, {share:.0e} of the energy"
+            label = f"{turn:g} rad a step, {fraction:.0e} of the energy"
             lines.append(
                 judge(
-                    given,
+                    label,
                     "extension",
-                    _error(found, 1e9),
+                    _error(run, 1e9),
                     Bound(size, "1e-6 of energy as speed"),
-                    found,
+                    run,
                 )
             )
     return lines

@@ -3,32 +3,40 @@
 import math
 
 from sepmc.validation import references as ref
-from sepmc.validation.stresses.line import ASKED, EPS, FORM, NONE, Bound, Stress, judge, relative
-from sepmc.validation.stresses.scenes import Tree, fly, pushed, settled
+from sepmc.validation.stresses.line import (
+    EPS,
+    FORM,
+    NONE,
+    REQUESTED,
+    Bound,
+    Stress,
+    judge,
+    relative,
+)
+from sepmc.validation.stresses.scenes import Tree, pushed, simulate, without_step
 
-# s, m: how near an event is located; what counts as met (compiler/events.py)
+# s, m: tolerance of event times; tolerance of conditions
 ROOT, TOUCH = 1e-13, 1e-12
-ACCELERATION = 2.0  # m/s2, of the gap in `pushed`
+ACCELERATION = 2.0  # second rate of the gap in `pushed`, m/s2
 
 
-def located(speed: float, lost: float = 0.0, size: float = 1.0) -> Bound:
-    """Error of the time of an event that is passed at a speed, m/s: the root's own, round-off of
-    places of a size, m, truncation, m."""
+def located(speed: float, truncated: float = 0.0, size: float = 1.0) -> Bound:
+    """Bound on the time of an event passed at a speed, m/s: tolerance of the root, round-off of
+    positions of a size, m, and truncation, m."""
     return Bound(
-        ROOT + (50.0 * EPS * size + lost) / speed,
-        "1e-13 s, round-off / speed" if lost == 0.0 else "truncation z^9/9! / speed",
+        ROOT + (50.0 * EPS * size + truncated) / speed,
+        "1e-13 s, round-off / speed" if truncated == 0.0 else "truncation z^9/9! / speed",
     )
 
 
 def truncation(z: float) -> float:
-    """What a method of order 8 loses of an oscillation by which it steps z rad: its first missing
-    term of the exponential."""
+    """Relative truncation of an oscillation by a method of order 8 in steps of z rad: the first
+    missing term of the exponential."""
     return z**9 / math.factorial(9)
 
 
 def strokes() -> list[Stress]:
-    """Pins from 0 to 1 m long, drawn with 2 m/s2: when they let go, and how fast the bodies then
-    part."""
+    """Pins from 0 to 1 m long, drawn with 2 m/s2: release time and final speed."""
     lines = []
     for stroke in (0.0, 1e-15, 1e-12, 1.001e-12, 1e-11, 1e-9, 1e-6, 1e-3, 0.25):
         time, speed = math.sqrt(2.0 * stroke / ACCELERATION), math.sqrt(2.0 * ACCELERATION * stroke)
@@ -37,51 +45,51 @@ def strokes() -> list[Stress]:
             if stroke > TOUCH
             else Bound(math.sqrt(2.0 * TOUCH / ACCELERATION), "1e-12 m counts as met")
         )
-        given = f"pins of {stroke:g} m" + (", at the end of a step" if stroke == 0.25 else "")
-        found = fly(pushed(stroke))
+        label = f"pins of {stroke:g} m" + (", at the end of a step" if stroke == 0.25 else "")
+        run = simulate(pushed(stroke))
         lines.append(
             judge(
-                given,
+                label,
                 "release, s",
-                abs(found.outcomes["release_time_s"] - time),
+                abs(run.outcomes["release_time_s"] - time),
                 bound,
-                found,
+                run,
                 True,
             )
         )
         lines.append(
             judge(
-                given,
+                label,
                 "speed at the end",
-                relative(found.outcomes["separation_speed_m_s"], 2.0),
+                relative(run.outcomes["separation_speed_m_s"], 2.0),
                 FORM,
-                found,
+                run,
                 True,
             )
         )
-    for given, tree in (
+    for label, tree in (
         ("pins never drawn", pushed(2.0)),
         ("pins pushed the other way", pushed(1e-9, spring={"force_N": -1.5})),
     ):
-        found = fly(tree)
-        lines.append(judge(given, "release, s", found.outcomes["release_time_s"], NONE, found))
-    found = fly(pushed(1.0))
-    error = abs(found.outcomes["release_time_s"] - 1.0)
+        run = simulate(tree)
+        lines.append(judge(label, "release, s", run.outcomes["release_time_s"], NONE, run))
+    run = simulate(pushed(1.0))
+    error = abs(run.outcomes["release_time_s"] - 1.0)
     return [
         *lines,
-        judge("pins drawn at the end of the run", "release, s", error, located(2.0), found),
+        judge("pins drawn at the end of the run", "release, s", error, located(2.0), run),
     ]
 
 
-FREQUENCY = 2.0 * math.pi  # rad/s, of the oscillation below
+FREQUENCY = 2.0 * math.pi  # rad/s
 TOP = 0.1  # m
 
 
 def _oscillator(
     stroke: float, end: float = 0.9, step: float = 0.05, where: str = "stroke_m"
 ) -> Tree:
-    """`pushed` by a spring that swings the gap between 0 and TOP with a period of 1 s; released at
-    a stroke, or at 0.8 s."""
+    """`pushed` by a spring that oscillates the gap between 0 and TOP with a period of 1 s; released
+    at a stroke, or at 0.8 s."""
     mass = ref.reduced_mass(3.0, 1.0)
     spring = {"force_N": 0.5 * mass * FREQUENCY**2 * TOP, "stiffness_N_per_m": mass * FREQUENCY**2}
     tree = pushed(stroke, end=end, step=step, spring=spring)
@@ -89,43 +97,52 @@ def _oscillator(
     return tree
 
 
-def _before(margin: float) -> float:
-    """How long before the top, s, the gap TOP (1 - cos) / 2 passes a stroke that ends below it by a
-    share of TOP."""
+def _lead_time(margin: float) -> float:
+    """Time before the top, s, at which the gap TOP (1 - cos) / 2 passes a stroke below it by a
+    fraction of TOP."""
     return 2.0 * math.asin(math.sqrt(max(margin, 0.0))) / FREQUENCY
 
 
 def grazing() -> list[Stress]:
-    """A stroke just reached, and just not, at the top of an oscillation: in steps that settle, and
+    """A stroke just reached, and just missed, at the top of an oscillation: in converged steps, and
     between two steps of 0.05 to 0.3 s.
 
-    Where the margin is less than what counts as met, or than the truncation, either answer is
-    right. A kernel need not tell what is all but reached within a step that is given.
+    Where the margin is less than the tolerance of a condition, or than the truncation, either
+    answer is right. With a given step, a kernel may miss a condition that is nearly reached within
+    a step.
     """
     lines = []
     for margin in (1e-3, 1e-6, -1e-6, -1e-3):
-        found, before = fly(settled(_oscillator(TOP * (1.0 - margin)))), _before(margin)
-        error = abs(found.outcomes["release_time_s"] - (0.5 - before if margin > 0.0 else 0.8))
+        run, lead_time = (
+            simulate(without_step(_oscillator(TOP * (1.0 - margin)))),
+            _lead_time(margin),
+        )
+        error = abs(run.outcomes["release_time_s"] - (0.5 - lead_time if margin > 0.0 else 0.8))
         lines.append(
             judge(
-                f"stroke {margin:+.0e} below top, settled", "release, s", error, ASKED, found, True
+                f"stroke {margin:+.0e} below top, settled",
+                "release, s",
+                error,
+                REQUESTED,
+                run,
+                True,
             )
         )
     for step in (0.05, 0.17, 0.3):
-        lost = TOP * truncation(step * FREQUENCY)
+        truncated = TOP * truncation(step * FREQUENCY)
         for margin in (1e-3, 1e-6, 1e-9, 1e-12, 0.0, -1e-11, -1e-9, -1e-6, -1e-3):
-            found = fly(_oscillator(TOP * (1.0 - margin), step=step))
-            before = _before(margin)
-            times, bound = [0.5 - before if margin > 0.0 else 0.8], located(1.0)
+            run = simulate(_oscillator(TOP * (1.0 - margin), step=step))
+            lead_time = _lead_time(margin)
+            times, bound = [0.5 - lead_time if margin > 0.0 else 0.8], located(1.0)
             if margin > 0.0:
-                bound = located(0.5 * TOP * FREQUENCY * math.sin(FREQUENCY * before), lost)
-            if abs(margin) * TOP <= max(TOUCH, lost):
+                bound = located(0.5 * TOP * FREQUENCY * math.sin(FREQUENCY * lead_time), truncated)
+            if abs(margin) * TOP <= max(TOUCH, truncated):
                 times = [0.5, 0.8]
                 bound = Bound(
-                    4.0 * math.sqrt(max(TOUCH, lost) / TOP) / FREQUENCY,
+                    4.0 * math.sqrt(max(TOUCH, truncated) / TOP) / FREQUENCY,
                     "as far from the top as met",
                 )
-            error = min(abs(found.outcomes["release_time_s"] - t) for t in times)
+            error = min(abs(run.outcomes["release_time_s"] - t) for t in times)
             fair = step == 0.05 and abs(margin) >= 1e-3
             lines.append(
                 judge(
@@ -133,26 +150,26 @@ def grazing() -> list[Stress]:
                     "release, s",
                     error,
                     bound,
-                    found,
+                    run,
                     fair,
                 )
             )
-    found = fly(_oscillator(TOP * (1.0 + 1e-9), end=20.1))
+    run = simulate(_oscillator(TOP * (1.0 + 1e-9), end=20.1))
     lines.append(
         judge(
             "stroke 1e-9 above 20 tops",
             "release, s",
-            abs(found.outcomes["release_time_s"] - 20.0),
+            abs(run.outcomes["release_time_s"] - 20.0),
             located(1.0),
-            found,
+            run,
         )
     )
     return lines
 
 
 def slow() -> list[Stress]:
-    """A stroke of 1 mm passed slowly, far from the mass centre: places are known to round-off, and
-    so is the time."""
+    """A stroke of 1 mm passed slowly, far from the mass centre: positions are known to round-off,
+    and so is the time."""
     lines = []
     for force, station in (
         (1e-2, 2.0),
@@ -175,15 +192,15 @@ def slow() -> list[Stress]:
         )
         tree["joint"]["link"]["point_m"] = [station, 0.0, 0.0]
         speed = force / 0.75 * time
-        found, bound = fly(tree), located(speed, size=station)
-        error = abs(found.outcomes["release_time_s"] - time)
+        run, bound = simulate(tree), located(speed, size=station)
+        error = abs(run.outcomes["release_time_s"] - time)
         lines.append(
             judge(
                 f"1 mm at {speed:.0e} m/s, {station:g} m arms",
                 "release, s",
                 error,
                 bound,
-                found,
+                run,
                 True,
             )
         )
@@ -198,34 +215,35 @@ def spent_springs() -> list[Stress]:
         tree = _oscillator(2.0 * TOP)
         stroke = TOP * (1.0 - margin)
         tree["spring"][0]["stroke_m"] = stroke
-        # nothing else ends within the flight
+        # no other event within the run
         tree["phase"] = [{"name": "guided", "joints": {"link": "slider"}}]
         end = 0.9
         if margin > 0.0:
-            before = _before(margin)
-            speed = 0.5 * TOP * FREQUENCY * math.sin(FREQUENCY * before)
-            gap = stroke + speed * (end - math.pi / FREQUENCY + before)
-            lost = TOP * truncation(0.05 * FREQUENCY)
+            lead_time = _lead_time(margin)
+            speed = 0.5 * TOP * FREQUENCY * math.sin(FREQUENCY * lead_time)
+            gap = stroke + speed * (end - math.pi / FREQUENCY + lead_time)
+            truncated = TOP * truncation(0.05 * FREQUENCY)
             bound = Bound(
-                (50.0 * EPS + lost) / math.sin(FREQUENCY * before), "truncation z^9/9! / slope"
+                (50.0 * EPS + truncated) / math.sin(FREQUENCY * lead_time),
+                "truncation z^9/9! / slope",
             )
         else:
             gap, bound = (
                 0.5 * TOP * (1.0 - math.cos(FREQUENCY * end)),
                 Bound(FORM.value * TOP, FORM.reason),
             )
-        flights = [("", tree, bound, abs(margin) >= 1e-3)]
-        flights += [(", settled", settled(tree), ASKED, True)] if abs(margin) >= 1e-6 else []
-        for how, flown, allowed, fair in flights:
-            found = fly(flown)
-            error = abs(1e-3 * found.outcomes["separation_distance_mm"] - gap)
+        runs = [("", tree, bound, abs(margin) >= 1e-3)]
+        runs += [(", settled", without_step(tree), REQUESTED, True)] if abs(margin) >= 1e-6 else []
+        for suffix, tree_of_run, allowed, fair in runs:
+            run = simulate(tree_of_run)
+            error = abs(1e-3 * run.outcomes["separation_distance_mm"] - gap)
             lines.append(
                 judge(
-                    f"spring spent {margin:+.0e} below top{how}",
+                    f"spring spent {margin:+.0e} below top{suffix}",
                     "gap at the end, m",
                     error,
                     allowed,
-                    found,
+                    run,
                     fair,
                 )
             )

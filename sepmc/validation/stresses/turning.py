@@ -1,4 +1,4 @@
-"""Fast spins, steps of every length, and angles that turn over."""
+"""Fast spins, steps of every length, and angles beyond half a turn."""
 
 import math
 
@@ -21,11 +21,11 @@ from sepmc.validation.stresses.scenes import (
     OMEGA,
     Composite,
     body,
-    fly,
-    held,
     joint,
     pair,
+    phase_of,
     scene,
+    simulate,
 )
 
 STONE = body(1.0, [1.0, 2.0, 2.2], [1.0, 0.0, 0.0], [0.2, -0.1, 0.15])
@@ -34,7 +34,7 @@ STONE = body(1.0, [1.0, 2.0, 2.2], [1.0, 0.0, 0.0], [0.2, -0.1, 0.15])
 def _tumbling(deg_s: float, step: float, steps: int) -> NominalRun:
     """A weld of two bodies without symmetry that tumbles at a rate, deg/s."""
     rate = np.array(OMEGA) / np.linalg.norm(OMEGA) * math.radians(deg_s)
-    return fly(pair("fixed", end=steps * step, step=step, omega=rate.tolist()), 10)
+    return simulate(pair("fixed", end=steps * step, step=step, omega=rate.tolist()), 10)
 
 
 def resolved_spins() -> list[Stress]:
@@ -42,36 +42,36 @@ def resolved_spins() -> list[Stress]:
     200 steps."""
     lines = []
     for deg_s in (0.0, 1e-6, 1e-3, 1.0, 1e2, 1e3, 1e4, 1e5):
-        found = _tumbling(deg_s, min(0.05, 0.1 / max(math.radians(deg_s), 1e-9)), 200)
-        given, whole = (
+        run = _tumbling(deg_s, min(0.05, 0.1 / max(math.radians(deg_s), 1e-9)), 200)
+        label, composite = (
             f"weld at {deg_s:g} deg/s, resolved",
-            Composite(found, "aft", [2.0, 0.1, 0.0]),
+            Composite(run, "aft", [2.0, 0.1, 0.0]),
         )
-        rate = relative(found.body("aft").w, whole.rate, 1e-300)
-        lines.append(judge(given, "rate", rate, FORM, found, resolved=True))
-        lines.append(judge(given, "attitude", whole.attitude_error(), FORM, found, resolved=True))
+        rate = relative(run.body("aft").w, composite.rate, 1e-300)
+        lines.append(judge(label, "rate", rate, FORM, run, resolved=True))
+        lines.append(judge(label, "attitude", composite.attitude_error(), FORM, run, resolved=True))
     return lines
 
 
 def long_steps() -> list[Stress]:
-    """Steps of 0.05 s in which the vehicle turns by up to 87 rad: wrong, so it must be told, unless
-    what status ok promises is kept."""
+    """Steps of 0.05 s in which the vehicle turns by up to 87 rad: wrong, so it must be flagged
+    unless the promise of status ok is kept."""
     lines = []
     for turn in (0.2, 0.5, 0.8, 1.1, 1.2, 1.3, 1.4, 1.5, 2.0, 4.0, 8.0, 20.0, 87.3):
-        found = _tumbling(math.degrees(turn / 0.05), 0.05, 100)
-        whole = Composite(found, "aft", [2.0, 0.1, 0.0])
+        run = _tumbling(math.degrees(turn / 0.05), 0.05, 100)
+        composite = Composite(run, "aft", [2.0, 0.1, 0.0])
         lines.append(
             judge(
                 f"weld tumbling {turn:g} rad a step",
                 "attitude",
-                whole.attitude_error(),
+                composite.attitude_error(),
                 promised(100),
-                found,
+                run,
             )
         )
     for turn in (0.5, 1.1, 1.5, 2.0, 2.3, 2.6, 3.0, 4.0, 2.0 * math.pi, 20.0, 87.3):
         rate = turn / 0.05
-        found = fly(
+        run = simulate(
             scene(
                 {"stone": body(1.0, [1.0, 2.0, 2.0], [1.0, 0.0, 0.0])},
                 {},
@@ -82,9 +82,9 @@ def long_steps() -> list[Stress]:
             ),
             10,
         )
-        error = relative(found.body("stone").r, ref.turn(0, rate * found.t))
+        error = relative(run.body("stone").r, ref.turn(0, rate * run.t))
         lines.append(
-            judge(f"steady spin, {turn:.3g} rad a step", "attitude", error, promised(200), found)
+            judge(f"steady spin, {turn:.3g} rad a step", "attitude", error, promised(200), run)
         )
     return lines
 
@@ -94,15 +94,15 @@ def step_lengths() -> list[Stress]:
     lines = []
     for step in (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0):
         steps = 10_000 if step < 1e-3 else max(20, round(1.0 / step))
-        found = fly(pair("fixed", end=steps * step, step=step), 10)
-        whole = Composite(found, "aft", [2.0, 0.1, 0.0])
+        run = simulate(pair("fixed", end=steps * step, step=step), 10)
+        composite = Composite(run, "aft", [2.0, 0.1, 0.0])
         bound = FORM if step <= 0.1 else promised(steps)
         for quantity, error in (
-            ("attitude", whole.attitude_error()),
-            ("force", whole.force_error()),
+            ("attitude", composite.attitude_error()),
+            ("force", composite.force_error()),
         ):
             lines.append(
-                judge(f"step of {step:g} s", quantity, error, bound, found, resolved=step <= 0.1)
+                judge(f"step of {step:g} s", quantity, error, bound, run, resolved=step <= 0.1)
             )
     return lines
 
@@ -113,36 +113,36 @@ def hinged_steps() -> list[Stress]:
     for step in (1e-3, 1e-2, 0.1, 0.3, 1.0):
         bob = AFT | {"cg_m": [1.0, 0.0, 0.0]}
         tree = scene({"bob": bob}, {"hinge": joint("ground", "bob", [0.0, 0.0, 0.0], x_axis=[0.0,
-        0.0, 1.0])}, held(hinge="revolute"),
+        0.0, 1.0])}, phase_of(hinge="revolute"),
                      40.0 * min(step, 0.25), step, environment={"gravity": "constant"},
                      initial={"pitch_deg": 10.0})  # fmt: skip
-        found = fly(tree, 10)
-        length = float(np.linalg.norm(arm(found.scene, "bob", [0.0, 0.0, 0.0])))
-        about = tensor(found.scene, "bob")[2, 2] + length**2
+        run = simulate(tree, 10)
+        length = float(np.linalg.norm(arm(run.scene, "bob", [0.0, 0.0, 0.0])))
+        inertia = tensor(run.scene, "bob")[2, 2] + length**2
         angle, rate = ref.pendulum(
-            found.t,
-            math.sqrt(found.scene.environment.surface_gravity * length / about),
+            run.t,
+            math.sqrt(run.scene.environment.surface_gravity * length / inertia),
             math.radians(10.0 - 90.0),
         )
-        bound = FORM if step <= 0.01 else promised(found.outcomes["steps"])
+        bound = FORM if step <= 0.01 else promised(run.outcomes["steps"])
         lines.append(
             judge(
                 f"pendulum, step of {step:g} s",
                 "rate",
-                relative(found.body("bob").w[:, 2], rate),
+                relative(run.body("bob").w[:, 2], rate),
                 bound,
-                found,
+                run,
                 step <= 0.01,
             )
         )
-        pitch = np.radians(found.history["bob_pitch_deg"]) - 0.5 * math.pi
+        pitch = np.radians(run.history["bob_pitch_deg"]) - 0.5 * math.pi
         lines.append(
             judge(
                 f"pendulum, step of {step:g} s",
                 "pitch",
                 relative(pitch, angle),
                 bound,
-                found,
+                run,
                 step <= 0.01,
             )
         )
@@ -150,18 +150,18 @@ def hinged_steps() -> list[Stress]:
 
 
 def _judge_angles(
-    given: str, error: float, bound: Bound, found: NominalRun, resolved: bool = False
+    label: str, error: float, bound: Bound, run: NominalRun, resolved: bool = False
 ) -> Stress:
-    """As `judge`; for angles, ``attitude_singular`` tells that they may have jumped."""
-    told = beyond(found.outcomes) + (
-        ("attitude_singular",) if found.outcomes["attitude_singular"] == 1.0 else ()
+    """Line on angles: as `judge`, with ``attitude_singular`` as a flag of possible jumps."""
+    flags = beyond(run.outcomes) + (
+        ("attitude_singular",) if run.outcomes["attitude_singular"] == 1.0 else ()
     )
-    return Stress(given, "reported angle", error, bound, found.status, told, resolved)
+    return Stress(label, "reported angle", error, bound, run.status, flags, resolved)
 
 
 def angles() -> list[Stress]:
-    """Pitch and roll go on through +-90 deg, half a turn and many turns; through yaw = 90 deg they
-    jump, and that is told."""
+    """Pitch and roll are continuous through +-90 deg, half a turn and many turns; through yaw = 90
+    deg they jump, and that is flagged."""
     lines = []
     round_stone = {"stone": body(1.0, [2.0, 2.0, 2.0], [1.0, 0.0, 0.0])}
     for name, axis, rate in (
@@ -174,20 +174,20 @@ def angles() -> list[Stress]:
     ):
         omega = [0.0, 0.0, 0.0]
         omega[axis] = rate
-        found = fly(scene(round_stone, {}, [{"name": "free"}], 10.0, 0.05, omega), 400)
-        shown = found.history[f"stone_{name}_deg"].to_numpy()
-        error = relative(shown, np.degrees(rate * found.t))
+        run = simulate(scene(round_stone, {}, [{"name": "free"}], 10.0, 0.05, omega), 400)
+        angle_columns = run.history[f"stone_{name}_deg"].to_numpy()
+        error = relative(angle_columns, np.degrees(rate * run.t))
         lines.append(
             _judge_angles(
                 f"{name} through {math.degrees(rate * 10.0):.0f} deg",
                 error,
                 FORM,
-                found,
+                run,
                 name != "yaw",
             )
         )
-        error = relative(found.body("stone").r, ref.turn(axis, rate * found.t))
-        # asin loses half the digits at yaw = 90 deg
+        error = relative(run.body("stone").r, ref.turn(axis, rate * run.t))
+        # asin loses half of the digits at yaw = 90 deg
         bound = FORM if name != "yaw" else Bound(1e-7, "sqrt(eps): asin at 90 deg")
         lines.append(
             judge(
@@ -195,35 +195,33 @@ def angles() -> list[Stress]:
                 "attitude by angles",
                 error,
                 bound,
-                found,
+                run,
                 True,
             )
         )
         if name == "yaw":
-            error = 1.0 - found.outcomes["attitude_singular"]
+            error = 1.0 - run.outcomes["attitude_singular"]
             lines.append(
-                judge("yaw through 90 deg", "attitude_singular told", error, EXACT, found, True)
+                judge("yaw through 90 deg", "attitude_singular flagged", error, EXACT, run, True)
             )
     return lines
 
 
 def angles_at_long_steps() -> list[Stress]:
-    """Random tumbling at up to a quarter turn a step: pitch and roll as followed with a step of 5
-    ms, or told that they are not."""
+    """Random tumbling at up to a quarter turn a step: pitch and roll as with a step of 5 ms, or
+    flagged."""
     lines = []
     random = np.random.default_rng(1)
     for number in range(12):
         omega = random.normal(size=3)
         rate = 0.1 * 2.0 ** (number / 3.0) / 0.05  # rad/s: 0.1 to 1.3 rad a step
         omega *= rate / np.linalg.norm(omega)
-        flights = [
-            fly(scene({"stone": STONE}, {}, [{"name": "free"}], 2.0, h, omega.tolist()), 40)
+        runs = [
+            simulate(scene({"stone": STONE}, {}, [{"name": "free"}], 2.0, h, omega.tolist()), 40)
             for h in (0.05, 0.005)
         ]
-        shown = [f.history[["stone_pitch_deg", "stone_roll_deg"]].to_numpy() for f in flights]
-        error = float(np.max(np.abs(shown[0] - shown[1][: len(shown[0])])))
-        given = f"tumbling {rate * 0.05:.2f} rad a step"
-        lines.append(
-            _judge_angles(given, error, Bound(1.0, "1 deg: a lost turn is 360"), flights[0])
-        )
+        angle_columns = [f.history[["stone_pitch_deg", "stone_roll_deg"]].to_numpy() for f in runs]
+        error = float(np.max(np.abs(angle_columns[0] - angle_columns[1][: len(angle_columns[0])])))
+        label = f"tumbling {rate * 0.05:.2f} rad a step"
+        lines.append(_judge_angles(label, error, Bound(1.0, "1 deg: a lost turn is 360"), runs[0]))
     return lines

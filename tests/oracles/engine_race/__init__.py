@@ -1,7 +1,7 @@
-"""Other engines fly whole campaigns, for speed: heyoka, MuJoCo, Exudyn and scipy.
+"""Whole campaigns by other engines, for speed: heyoka, MuJoCo, Exudyn and scipy.
 
-Each has equations and loads of its own (`oracles.external_engines` lends the formulas of the air);
-what is timed, `race` says.
+Each has its own equations and loads (`oracles.external_engines` supplies the formulas of the air);
+`race` defines the timing.
 """
 
 from oracles.engine_race.entry import Entry, error, worst

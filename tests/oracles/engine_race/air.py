@@ -8,8 +8,8 @@ from sepmc.scene.messages import InputError
 
 
 def atmosphere(inputs: Inputs) -> tuple[float, float, float, float]:
-    """Density = base (a + b / (R + height))^k, R the radius of the Earth, in the one layer of the
-    standard that all cases stay in."""
+    """Density = base (a + b / (R + height))^k, with R the radius of the Earth, in the single layer
+    of the standard of all cases."""
     reach = np.abs(inputs.velocity[:, 1]) * inputs.end + 10.0
     layers = {
         loads.layer_at(h)

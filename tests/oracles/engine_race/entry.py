@@ -1,4 +1,4 @@
-"""What an engine of the race did with a setting, and how far it was off."""
+"""Result of an engine with a setting, and its error."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,22 +8,22 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Entry:
-    """One engine with one setting.
+    """Engine with a setting.
 
     Attributes
     ----------
     engine, setting : str
     cases, threads : int
-        Cases flown, and threads; of processes, if ``note`` says so.
+        Number of cases, and of threads, or of processes if ``note`` says so.
     compile_s : float
-        Apart from what follows.
+        Separate from the times below.
     seconds_per_case : float
-        Wall time, all threads together, median of ``repeats``, which lie ``spread`` apart
+        Wall time, all threads together, median of ``repeats``, with ``spread``
         (`sepmc.bench.clock.spread`).
     outcomes : dict of ndarray, shape (cases,)
-        Outcome column to values, of the first ``cases`` cases.
+        By outcome column, of the first ``cases`` cases.
     extrapolated : bool
-        Too few cases to fill the threads: flown on one, time divided by ``threads``.
+        Too few cases to fill the threads: run on one, time divided by ``threads``.
     """
 
     engine: str
@@ -44,16 +44,15 @@ def worst(
     reference: Mapping[str, np.ndarray],
     sigma: Mapping[str, float],
 ) -> tuple[float, str]:
-    """Largest error of some outcomes, and of which: |difference| / max(|reference|, sigma), over
+    """Largest error of some outcomes, and its outcome: |difference| / max(|reference|, sigma), over
     the cases and outcomes.
 
     Parameters
     ----------
     outcomes, reference : mapping of ndarray
-        Outcome column to values; the reference has as many cases or more, and tells what is
-        compared.
+        By outcome column; the reference has as many cases or more, and selects the outcomes.
     sigma : mapping of float
-        Scatter of each outcome over the campaign.
+        Standard deviation of each outcome over the campaign.
     """
     found = (0.0, "")
     for name, values in outcomes.items():

@@ -1,5 +1,5 @@
-"""A few cases flown by Exudyn: `oracles.external_engines.exudyn`, with loads as Python functions,
-as its users write them."""
+"""Some cases by Exudyn: `oracles.external_engines.exudyn`, with loads as Python functions, as its
+users write them."""
 
 from typing import Any
 
@@ -13,8 +13,8 @@ from oracles.external_engines.schedule import PeerFlight
 
 
 class ExudynFlight:
-    """Some cases with a step, s, extrapolated from ``levels`` flights, each with half the step of
-    the one before."""
+    """Some cases with a step, s, extrapolated from ``levels`` runs, each with half the step of the
+    one before."""
 
     compile_s = 0.0
 
@@ -29,7 +29,7 @@ class ExudynFlight:
         ]
 
     def outcomes(self, flown: list[PeerFlight]) -> dict[str, Array]:
-        """Outcome columns of a flight; not timed."""
+        """Outcome columns of a run; not timed."""
         first, second = (
             Final(
                 *(

@@ -42,8 +42,7 @@ Three = tuple[int, int, int]
 
 @dataclass
 class Phase:
-    """A phase ready to fly: its integrator; parameters by batch, (batches, p, 8); states by
-    name."""
+    """Phase ready to run: its integrator; parameters by batch, (batches, p, 8); states by name."""
 
     names: list[str]
     integrator: Any
@@ -80,14 +79,14 @@ def _phase(eq: Equations, tolerance: float, huge: bool, events: list[Any]) -> Ph
 
 
 class HeyokaFlight:
-    """All cases of some inputs, to be flown as often as one likes.
+    """All cases of some inputs, for repeated runs.
 
     Parameters
     ----------
     tolerance : float, optional
-        heyoka chooses its own steps.
+        heyoka selects its own steps.
     orders, steps : three int, optional
-        Or so many steps of such an order, of the locked, guided and free phase.
+        Or given numbers of steps and orders of the locked, guided and free phase.
     """
 
     def __init__(
@@ -176,8 +175,8 @@ class HeyokaFlight:
     def _to_root(
         self, ta: Any, parameters: Array, state: Array, steps: int, target: Array
     ) -> Array:
-        """Fly the guided phase from ``state`` to the release, into ``state``; returns how long it
-        lasted, (batches, 8)."""
+        """Run the guided phase from ``state`` to the release, into ``state``; returns its duration,
+        (batches, 8)."""
         size = state.shape[1]
         now, pars, fly, series = ta.state[:size], ta.pars, ta.propagate_until, ta.tc[:size]
         step = np.full(BATCH, self.typical / steps if steps > 1 else self.inputs.end)
@@ -199,8 +198,8 @@ class HeyokaFlight:
     def _to_event(
         self, ta: Any, parameters: Array, state: Array, unlock: Array, release: Array
     ) -> None:
-        """The same with heyoka's terminal event, which stops a batch as soon as one of its cases
-        has got there."""
+        """The same with heyoka's terminal event, which stops a batch at the first event of its
+        cases."""
         for at, begin in enumerate(state):
             ta.state[:], ta.pars[:] = begin, parameters[at]
             ta.set_time(0.0)
@@ -218,7 +217,7 @@ class HeyokaFlight:
             state[at], release[at] = ta.state, unlock[at] + ta.time
 
     def outcomes(self, flown: tuple[Array, Array]) -> dict[str, Array]:
-        """Outcome columns of a flight; not timed."""
+        """Outcome columns of a run; not timed."""
         state, release = flown
         rows = dict(zip(self.phases[2].names, state, strict=True))
         finals = []

@@ -1,8 +1,8 @@
-"""The cases as arrays, a row each: what every engine is given before the clock starts.
+"""Cases as arrays, a row each: the inputs of every engine before the clock starts.
 
-The peers of the bench fly one kind of scene, the two-stage separation of ``table1`` and ``table2``:
-two bodies, one joint that is fixed until a time, a slider until a stroke and then free, one motor
-that burns throughout, polynomial aerodynamics and a steady wind.
+The engines of the race run one kind of scene, the two-stage separation of ``table1`` and
+``table2``: two bodies, one joint that is fixed until a time, a slider until a stroke and then free,
+one motor that burns throughout, polynomial aerodynamics and a steady wind.
 """
 
 import itertools
@@ -55,7 +55,7 @@ class BodyRows:
     thrust: Array = field(default_factory=lambda: np.zeros((0, 6)))
 
     def coefficients(self) -> Array:
-        """The polynomials as an array (6, 11), 0 for terms that are not there."""
+        """Polynomials as an array (6, 11), 0 for absent terms."""
         return np.array([[self.polynomials[c].get(t, 0.0) for t in TERMS] for c in COEFFICIENTS])
 
 
@@ -86,7 +86,7 @@ class Inputs:
         return _part(self, first, min(end, self.count), self.count)
 
     def shares(self, count: int) -> list["Inputs"]:
-        """All cases in so many parts, nearly equal."""
+        """All cases in ``count`` nearly equal parts."""
         edges = np.linspace(0, self.count, min(count, self.count) + 1).astype(int)
         return [self.part(int(a), int(b)) for a, b in itertools.pairwise(edges)]
 
@@ -106,7 +106,8 @@ def _part(rows: Any, first: int, end: int, of: int) -> Any:
 
 
 class _Values:
-    """SI values of a campaign's cases by path: drawn where dispersed, else of the nominal case."""
+    """SI values of a campaign's cases by path: sampled where dispersed, else of the nominal
+    case."""
 
     def __init__(self, campaign: Any, count: int):
         rows = (
@@ -130,7 +131,7 @@ class _Values:
 
 
 def check(scene: Any) -> None:
-    """Raise ValueError if the peers of the bench do not fly the scene."""
+    """Raise ValueError if the engines of the race do not run the scene."""
     kinds = [list(p.joints.values()) for p in scene.phase]
     plain = (
         len(scene.body) == 2
@@ -205,7 +206,7 @@ def _body(value: _Values, name: str, point: Array, centre: Array) -> BodyRows:
 
 
 def _thrust(value: _Values, name: str, cg: Array) -> Array:
-    """Full force and moment of the motor on a body, zero if it is not its own; CONVENTIONS.md,
+    """Full force and moment of the motor on a body, zero for other bodies; CONVENTIONS.md,
     Motor."""
     (motor,) = value.scene.motor
     if motor.body != name:
@@ -238,7 +239,7 @@ def _thrust(value: _Values, name: str, cg: Array) -> Array:
 
 
 def read(campaign: Any, count: int) -> Inputs:
-    """The first ``count`` cases of a campaign. Raises ValueError if the bench's peers do not fly
+    """First ``count`` cases of a campaign. Raises ValueError if the engines of the race do not run
     it."""
     scene = campaign.scene
     check(scene)

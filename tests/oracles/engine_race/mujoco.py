@@ -1,12 +1,11 @@
-"""The cases flown by MuJoCo: a model per phase, a batch of all cases, fourth-order Runge-Kutta, all
-threads.
+"""Cases by MuJoCo: a model per phase, a batch of all cases, fourth-order Runge-Kutta, all threads.
 
 E. Todorov, T. Erez and Y. Tassa, "MuJoCo: a physics engine for model-based control", IROS 2012. The
-locked phase is one tree without a joint in it, the guided one a tree with a slide joint, the free
-one two free bodies: no soft constraint, so that what is left is the error of its integrator. Its
-open-loop rollouts know no loads that depend on the state; here they are a compiled callback at
-every stage (`mujoco_loads`), which is the fastest way that MuJoCo offers. Masses, inertias, places
-and time steps differ from case to case.
+locked phase is one tree without joints, the guided one a tree with a slide joint, the free one two
+free bodies: no soft constraint, so that only the error of the integrator remains. Its open-loop
+rollouts have no state-dependent loads; here these are a compiled callback at every stage
+(`mujoco_loads`), which is the fastest way that MuJoCo offers. Masses, inertias, positions and time
+steps differ from case to case.
 
 Each phase takes steps of equal length, those of the guided one until the stroke is passed; the step
 that passes it is repeated with other lengths, by the secant method, until it ends there.
@@ -29,7 +28,7 @@ ROOT = 1e-13  # s
 
 
 class MujocoFlight:
-    """All cases of some inputs with a time step, s, to be flown as often as one likes."""
+    """All cases of some inputs with a time step, s, for repeated runs."""
 
     def __init__(self, inputs: Inputs, step: float, threads: int):
         self.inputs, self.step = inputs, step
@@ -97,7 +96,7 @@ class MujocoFlight:
         return free.bind("qpos").copy(), free.bind("qvel").copy(), release
 
     def _to_stroke(self, batch: Batch) -> None:
-        """Fly the guided phase to the release."""
+        """Run the guided phase to the release."""
         slid, goal = batch.bind("qpos")[:, 7], self.inputs.apart * self.inputs.stroke
         steps = batch.expand("opt.timestep")
         steps[:] = self.step
@@ -139,7 +138,7 @@ class MujocoFlight:
         )
 
     def outcomes(self, flown: tuple[Array, Array, Array]) -> dict[str, Array]:
-        """Outcome columns of a flight; not timed."""
+        """Outcome columns of a run; not timed."""
         q, v, release = flown
         finals = [
             Final(
@@ -154,14 +153,14 @@ class MujocoFlight:
 
 
 def _leap(batch: Batch, spans: Array, step: float) -> None:
-    """Every case over its span of time in equal steps, as many for all."""
+    """Advance every case over its time span in equal steps, the same number for all."""
     count = int(np.ceil(np.max(spans) / step - 1e-9))
     batch.expand("opt.timestep")[:] = spans / count
     batch.step(nstep=count)
 
 
 def _quaternion(R: Array) -> Array:
-    """Scalar first; for turns below 90 deg."""
+    """Scalar first; for rotations below 90 deg."""
     w = 0.5 * np.sqrt(1.0 + R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2])
     parts = [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]]
     return np.stack([w, *(p / (4.0 * w) for p in parts)], axis=-1)

@@ -1,10 +1,10 @@
 """Loads as a compiled callback of MuJoCo, called at every stage of a step: state-dependent air,
 wind, weight and thrust.
 
-MuJoCo knows no such loads. Its batches run on C++ threads and call physics callbacks only if they
-are C functions, so this is one, compiled by Numba; a Python callback would cost a hundred times the
-step. It reads ``mjData`` where its arrays are found to lie, and a case's numbers from ``userdata``,
-and sets ``xfrc_applied``: force and moment at each mass centre, world axes.
+MuJoCo has no such loads. Its batches run on C++ threads and call physics callbacks only if they are
+C functions, so this is one, compiled by Numba; a Python callback would cost a hundred times the
+step. It reads ``mjData`` at the found positions of its arrays, and a case's numbers from
+``userdata``, and sets ``xfrc_applied``: force and moment at each mass centre, world axes.
 """
 
 import ctypes
@@ -35,8 +35,8 @@ _INERTIAL = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
 
 
 def scene(phase: int, step: float = 1e-3) -> str:
-    """The model of a phase: the first body free, the second welded to it, sliding in it, or free as
-    well."""
+    """Model of a phase: the first body free, the second welded to it, sliding in it, or free
+    too."""
     slide, free = '<joint type="slide" axis="1 0 0"/>', "<freejoint/>"
     inner = {
         LOCKED: f"<body>{_INERTIAL}</body>",
@@ -51,7 +51,8 @@ def scene(phase: int, step: float = 1e-3) -> str:
 
 
 def places(data: Any) -> dict[str, int]:
-    """Where in ``mjData`` the pointers of `FIELDS` lie, and the time, in words of eight bytes."""
+    """Positions in ``mjData`` of the pointers of `FIELDS` and of the time, in words of eight
+    bytes."""
     wanted = {getattr(data, name).ctypes.data: name for name in FIELDS}
     found: dict[str, int] = {}
     kept, data.time = data.time, 0.123456789
@@ -69,7 +70,7 @@ def places(data: Any) -> dict[str, int]:
 
 
 def userdata(inputs: Inputs) -> Array:
-    """The numbers of every case, (n, `SIZE`); the phase is left zero."""
+    """Numbers of every case, (n, `SIZE`); the phase is left zero."""
     air = inputs.velocity - inputs.wind
     gravity = inputs.surface_gravity * loads.EARTH_RADIUS**2
     head = np.column_stack(
@@ -92,7 +93,7 @@ def userdata(inputs: Inputs) -> Array:
 
 
 def callback(inputs: Inputs) -> Any:
-    """The compiled callback; keep it as long as MuJoCo may call it."""
+    """Compiled callback; keep a reference as long as MuJoCo may call it."""
     where = places(mujoco.MjData(mujoco.MjModel.from_xml_string(scene(FREE))))
     base, one, by_closeness, power = atmosphere(inputs)
     radius = loads.EARTH_RADIUS
@@ -164,7 +165,7 @@ def callback(inputs: Inputs) -> Any:
 
 
 def _untyped(context, fields):
-    """The same memory, of which nothing is said."""
+    """The same memory without a type."""
 
     def generate(context, builder, signature, arguments):
         return builder.bitcast(arguments[0], context.get_value_type(types.voidptr))

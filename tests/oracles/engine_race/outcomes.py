@@ -10,8 +10,7 @@ from oracles.engine_race.vectors import Array, cross
 
 @dataclass(frozen=True)
 class Final:
-    """Motion of a body at the end, a row a case: ground axes in the moving frame, rates in body
-    axes."""
+    """Final motion of a body, a row a case: ground axes in the moving frame, rates in body axes."""
 
     x: Array
     v: Array

@@ -1,5 +1,5 @@
-"""The cases flown by scipy's `solve_ivp` with events, in plain Python: the independent flight,
-which is what everyone would try first."""
+"""Cases by scipy's `solve_ivp` with events, in plain Python: the independent simulation, the
+approach that most users would try first."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ class ScipyFlight:
         return [simulate(case, self.tolerance) for case in self.cases]
 
     def outcomes(self, flown: list[CaseResult]) -> dict[str, Array]:
-        """Outcome columns of a flight; not timed."""
+        """Outcome columns of a run; not timed."""
         return {
             c.name: np.array([one.outcomes.get(c.name, np.nan) for one in flown])
             for c in self.campaign.outcome_columns

@@ -1,8 +1,8 @@
-"""The race: every engine that is installed flies the same cases with several settings.
+"""Race: every installed engine runs the same cases with several settings.
 
-Timed is what an engine does from the initial states to the final ones, the release located on the
-way. Not timed are reading the case table into its arrays and turning final states into outcome
-columns. Compiling is told apart.
+The timed part is from the initial to the final states, with the release located on the way. Reading
+the case table into the engine's arrays and converting final states into outcome columns are not
+timed. Compile times are separate.
 """
 
 import importlib
@@ -40,24 +40,23 @@ PLAIN = (1e-6, 1e-9, 1e-12)
 def race(
     campaign: Any, threads: int, say: Log, cases: dict[str, int] | None = None, repeats: int = 7
 ) -> list[Entry]:
-    """Let every engine that is installed fly the first cases of a campaign.
+    """Run the first cases of a campaign with every installed engine.
 
     Parameters
     ----------
     campaign : sepmc.Campaign
     threads : int
     say : callable
-        Told what was flown.
+        Called with progress messages.
     cases : dict of int, optional
-        Cases by engine, instead of those of `CASES`; an engine with none is left out.
+        Cases by engine, instead of `CASES`; an engine with none is left out.
     repeats : int
-        Flights of which the median time is taken; one if the cases are few and the time
-        extrapolated.
+        Runs of which the median time is taken; one if the cases are few and the time extrapolated.
 
     Raises
     ------
     ValueError
-        If the scene is not one that these engines are set up for, saying which are.
+        If these engines do not run such a scene, naming the scenes that they run.
     """
     counts = {**CASES, **(cases or {})}
     inputs = read(campaign, max(counts.values()))
@@ -76,7 +75,7 @@ def race(
 
 
 def left_out(cases: dict[str, int] | None = None) -> list[str]:
-    """A sentence for each engine that is not to fly: not installed, or with no ``cases``."""
+    """A sentence for each engine that does not run: not installed, or with no ``cases``."""
     absent = f"not installed, or too old: {EXTRA.format('peers')}"
     return [
         f"{name} is left out: {'not in a quick look' if count == 0 else absent}"
@@ -149,8 +148,8 @@ def _apart(
     repeats: int,
     note: str,
 ) -> Entry:
-    """An engine in processes of its own, one for each share of the cases. The few cases of plain
-    Python are flown in one."""
+    """An engine in its own processes, one for each share of the cases. The few cases of plain
+    Python run in one."""
     plain = factory.endswith("plain:ScipyFlight")
     environment = {"NUMBA_DISABLE_JIT": "1"} if plain else {}
     with Workers(factory, shares, environment) as workers:
@@ -221,7 +220,7 @@ def _exudyn(campaign: Any, inputs: Inputs, threads: int, _: int) -> Iterator[Ent
 
 
 def _timed(flight: Any, repeats: int) -> tuple[float, float, Any]:
-    """Median seconds of a flight, how far they lie apart, and what the last one gave."""
+    """Median seconds of a run, their spread, and the last result."""
     spent, flown = [], None
     for _ in range(repeats):
         began = time.perf_counter()

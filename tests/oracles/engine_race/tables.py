@@ -1,4 +1,4 @@
-"""Other engines on the same cases, beside ours: `oracles.engine_race`."""
+"""Other engines on the same cases, beside the engine: `oracles.engine_race`."""
 
 from typing import Any
 
@@ -16,15 +16,16 @@ QUICK = {"heyoka": 0, "mujoco": 64, "scipy": 1, "exudyn": 1}
 
 
 def measure(study: Study, reference: Reference) -> pd.DataFrame:
-    """One row an engine and setting: error, time, and that over ours at an error as small or
-    smaller.
+    """A row for each engine and setting: error, time, and the ratio to the engine's time at an
+    error as small or smaller.
 
-    Ours is timed again, right before the others: what else the machine does changes within minutes.
+    The engine is timed again, directly before the others, since the load of the machine changes
+    within minutes.
 
     Raises
     ------
     ValueError
-        If the other engines do not fly such a scene, saying which they do.
+        If the other engines do not run such a scene, naming those that they run.
     """
     ours = rows_of(study, reference, own_variants(study, reference))
     most = QUICK if study.quick else CASES
@@ -45,7 +46,7 @@ def measure(study: Study, reference: Reference) -> pd.DataFrame:
 
 
 def _error(study: Study, reference: Reference, entry: Entry) -> float:
-    """As ours is taken; columns in SI. Cases that an engine did not finish are left out."""
+    """Error as the engine's is computed; columns in SI. Unfinished cases are left out."""
     columns = [entry.outcomes[c.name] / c.scale for c in study.campaign.outcome_columns]
     found = np.column_stack(columns)
     return study.error_of(
@@ -85,7 +86,7 @@ def _theirs(entry: Entry, off: float, cases: int) -> dict[str, Any]:
 
 
 def _ratio(row: dict[str, Any], ours: pd.DataFrame, floor: float) -> float:
-    """Time over that of our fastest setting whose error is no larger; errors below ``floor`` are
-    all as good."""
+    """Time over that of the engine's fastest setting with no larger error; errors below ``floor``
+    are equal."""
     good = ours[ours["error"] <= max(row["error"], floor)]
     return float(row["ms"] / good["ms"].min()) if len(good) else np.nan

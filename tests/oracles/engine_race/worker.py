@@ -1,9 +1,9 @@
-"""One process of several that fly at once: engines whose Python interface lets only one thread work
-at a time, or that must run apart.
+"""Process of several that run at once: for engines whose Python interface allows one thread only,
+or that must run separately.
 
-The process reads pickles from its standard input: first what makes the flight, then commands. Only
-the cases go in and the outcomes come out that way, outside the time that is taken; a command and
-its answer take 0.1 ms.
+The process reads pickles from its standard input: first the flight's factory and arguments, then
+commands. Only cases go in and outcomes come out that way, outside the timed part; a command and its
+answer take 0.1 ms.
 """
 
 import importlib
@@ -53,7 +53,7 @@ class Workers:
         return answers
 
     def fly(self) -> float:
-        """All shares at once; returns the seconds until the last is there."""
+        """Run all shares at once; returns the seconds until the last is done."""
         began = time.perf_counter()
         for process in self.processes:
             _send(process.stdin, "fly")
@@ -95,7 +95,7 @@ def _receive(pipe: Any) -> Any:
 
 
 def main() -> None:
-    """Make the flight, then fly and tell as asked, until the input ends."""
+    """Make the flight, then run and answer commands until the input ends."""
     pipe = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever an engine prints must not mix with the answers
     flight: Any = None

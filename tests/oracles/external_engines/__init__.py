@@ -1,7 +1,7 @@
-"""Other people's engines fly our cases: Exudyn, heyoka and Pinocchio, each with its own equations
-of motion and joints.
+"""Cases simulated by other engines: Exudyn, heyoka and Pinocchio, each with its own equations of
+motion and joints.
 
-Only the case, as plain numbers, goes in, and only the formulas of the loads are ours, written here
-a second time: nothing of `sepmc.physics` is imported. ``pip install '.[peers]'`` brings the
-engines; `compare` stands their flights beside ours.
+They receive the case as plain numbers. Only the formulas of the loads are ours, written here a
+second time: nothing of `sepmc.physics` is imported. ``pip install '.[peers]'`` installs the
+engines; `compare` compares their results with those of the engine.
 """

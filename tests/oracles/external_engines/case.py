@@ -1,5 +1,5 @@
-"""A case as the peers read it: bodies, joints and where everything is at t = 0, from the dict of
-`Case.to_dict`."""
+"""Case as the external engines read it, from `Case.to_dict`: bodies, joints and the initial
+state."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 GROUND = "ground"
-# of a case, that peers fly, or that do not move a body
+# tables of a case that the engines simulate, or that do not affect the motion
 _TABLES = {"body", "joint", "motor", "spring", "load", "proximity", "phase", "release", "clearance"}
 _TABLES |= {"environment", "initial", "run", "solver", "output", "event"}
 Array = np.ndarray
@@ -23,7 +23,7 @@ def cross(a: Any, b: Any) -> Array:
 
 @dataclass(frozen=True)
 class Motion:
-    """Where a body is: numbers, or expressions of an engine.
+    """Motion of a body, in numbers or in expressions of an engine.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Motion:
         Position (m) and velocity (m/s) of the mass centre, ground axes, in the frame that moves
         with the initial velocity.
     R : ndarray, shape (3, 3)
-        Takes body components to ground components.
+        Body components to ground components.
     w : ndarray, shape (3,)
         Angular velocity in body axes, rad/s.
     """
@@ -52,8 +52,8 @@ class Motion:
 
 @dataclass(frozen=True)
 class Body:
-    """``data`` is its table of the case; ``inertia`` (kg m2) is about the mass centre, which lies
-    at ``cg`` of the layout."""
+    """Body: its table ``data`` of the case, ``inertia`` (kg m2) about the mass centre, and the
+    layout point ``cg`` of that."""
 
     name: str
     mass: float
@@ -68,11 +68,10 @@ class Body:
 
 @dataclass(frozen=True)
 class Joint:
-    """Joint axes are the columns of ``axes``, fixed in the first body and, parallel while mated, in
-    the second.
+    """Joint with its axes as the columns of ``axes``, fixed in the first body and, parallel while
+    mated, in the second.
 
-    ``held`` says for each kind of its own which of the six motions it holds: x y z, then about x y
-    z.
+    ``held`` gives the constrained motions of each custom kind: x y z, then rotations about x y z.
     """
 
     name: str
@@ -113,6 +112,7 @@ def attitude(pitch: float, yaw: float, roll: float) -> Array:
 
 
 def _body(name: str, data: dict[str, Any]) -> Body:
+    """Body of a table."""
     xx, yy, zz = data["inertia"]
     xy, xz, yz = data.get("inertia_products", (0.0, 0.0, 0.0))
     tensor = data.get("inertia_factor", 1.0) * np.array(
@@ -122,7 +122,7 @@ def _body(name: str, data: dict[str, Any]) -> Body:
 
 
 class Case:
-    """One case, read once for all engines.
+    """Case, read once for all engines.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class Case:
         self._refuse()
 
     def _refuse(self) -> None:
-        """What no peer flies is told, not left out in silence."""
+        """Refuse features that no external engine simulates."""
         lost = [f"[{table}]" for table in self.data if table not in _TABLES]
         lost += [
             f"friction of {n}"
@@ -178,7 +178,7 @@ class Case:
             raise NotImplementedError(f"no peer flies: {', '.join(lost)}")
 
     def body(self, name: str) -> Body:
-        """A body by its name, or the ground."""
+        """Body by name, or the ground."""
         return self.ground if name == GROUND else self.bodies[name]
 
     def _joint(self, name: str, table: dict[str, Any]) -> Joint:
@@ -205,14 +205,14 @@ class Case:
         )
 
     def held(self, joint: str, kind: str) -> tuple[bool, ...]:
-        """Which of the six motions a kind of this joint holds; of a rod one, along itself."""
+        """Constrained motions (6,) of a kind of a joint; of a rod one, along itself."""
         own = self.joints[joint].held
         return own[kind] if kind in own else KINDS[kind]
 
     def initial(self) -> dict[str, Motion]:
         """Motion of every body and of the ground at t = 0: one rigid vehicle that turns about its
-        mass centre, or, if a joint of the first phase holds it to the ground, about the point of
-        that joint."""
+        mass centre, or, if a joint of the first phase constrains it to the ground, about the point
+        of that joint."""
         omega = np.array(self.data["initial"].get("omega", (0.0, 0.0, 0.0)), float)
         pivot = np.zeros(3)
         for name in self.data["phase"][0].get("joints", {}):
@@ -228,6 +228,6 @@ class Case:
         return motions
 
     def ground_motion(self, t: Any) -> Motion:
-        """The ground at time t, seen from the moving frame."""
+        """Ground at time t, s, in the moving frame."""
         still = self.initial()[GROUND]
         return replace(still, x=still.x - self.velocity * t)

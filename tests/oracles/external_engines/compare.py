@@ -1,7 +1,7 @@
-"""Our flights beside those of the peers: the same cases, quantity by quantity.
+"""Comparison with external engines: the same cases, quantity by quantity.
 
-What is compared, and what a difference is divided by (the largest size over the flight, but not
-less than the floor):
+Compared quantities, and the scale of their differences (the largest magnitude over the run, but at
+least the floor):
 
 ================== ============================================== ======================
 quantity           difference                                     size (floor)
@@ -19,13 +19,12 @@ force, moment      of every joint, on both bodies, each at its    length (1 N, 1
                    became free
 ================== ============================================== ======================
 
-States are compared every ``step_s``. So are forces and moments, but where a thrust or a load
-switches on that very instant, since there they have two values; where a joint changes hold they are
-those before.
+States are compared every ``step_s``, and so are forces and moments, except at the instants at which
+a thrust or a load switches, where they have two values; at a release they are those before it.
 
-heyoka and Pinocchio leave round-off only: where a difference is above their tolerance, fly the
-campaign once more with a shorter ``solver.step_s``. What goes away is our truncation, what stays is
-a disagreement.
+heyoka and Pinocchio differ by round-off only: if a difference exceeds their tolerance, run the
+campaign again with a smaller ``solver.step_s``. The part that vanishes is truncation of the engine,
+the rest is a disagreement.
 """
 
 import importlib
@@ -58,8 +57,8 @@ TOLERANCES = {
     "exudyn": {"states": 1e-6, "wrenches": 1e-5},
 }
 Record = dict[str, np.ndarray]
-# Campaign, cases (-1: the nominal), our step and the instants compared, s. Steps such that our own
-# truncation is below 1e-10.
+# Campaign, cases (-1: the nominal), step of the engine and of the compared instants, s. With these
+# steps the engine's truncation is below 1e-10.
 FLIGHTS = (
     ("table2", list(range(20)), 0.05, 0.01),
     ("nasa-fixed-joint", [-1, 0, 1], 0.05, 0.1),
@@ -71,7 +70,7 @@ FLIGHTS = (
 
 
 def installed(say: Log = print) -> dict[str, Any]:
-    """The engines that are here, by name: their ``fly``."""
+    """Installed engines, by name: their ``fly``."""
     found = {}
     for name in ENGINES:
         try:
@@ -82,7 +81,7 @@ def installed(say: Log = print) -> dict[str, Any]:
 
 
 def needed(say: Log) -> dict[str, Any]:
-    """`installed`. Raises InputError if none is."""
+    """Installed engines; raises InputError if there is none."""
     found = installed(no_log)
     if not found:
         names = ", ".join(ENGINES)
@@ -93,8 +92,8 @@ def needed(say: Log) -> dict[str, Any]:
 def report(
     say: Log = print, flights=FLIGHTS, engines: dict[str, Any] | None = None
 ) -> tuple[str, bool]:
-    """Fly `FLIGHTS` with ``engines``, or every one that is installed: the differences as a table,
-    and whether all are within their tolerances.
+    """Simulate `FLIGHTS` with ``engines``, or all installed ones: the differences as a table, and
+    whether all are within their tolerances.
 
     Nothing agrees if no engine is installed.
     """
@@ -140,7 +139,7 @@ def _turned(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _gap(case: Case, record: Any, joint: str) -> np.ndarray:
-    """Gap of a joint from the states of its bodies, axes of the first body."""
+    """Gap of a joint (n, 3), m, from the states of its bodies, axes of the first body."""
     j = case.joints[joint]
     place = []
     for body, arm in ((j.first, j.arm_first), (j.second, j.arm_second)):
@@ -156,7 +155,7 @@ def _gap(case: Case, record: Any, joint: str) -> np.ndarray:
 
 
 def peer_record(case: Case, flight: Any) -> dict[str, Record]:
-    """A peer's flight as quantities, by what they belong to."""
+    """Quantities of an external engine's result, by body or joint."""
     out: dict[str, Record] = {"release time": {n: np.array([t]) for n, t in flight.release.items()}}
     out["gap"] = {n: _gap(case, flight, n) for n in case.joints}
     out["position"], out["velocity"], out["attitude"], out["rate"] = (
@@ -172,7 +171,7 @@ def peer_record(case: Case, flight: Any) -> dict[str, Record]:
 
 
 def our_record(case: Case, history: pd.DataFrame, times: np.ndarray) -> dict[str, Record]:
-    """Our history as the same quantities."""
+    """The same quantities of a history."""
     before = history.drop_duplicates("time_s", keep="first")
     at = np.searchsorted(before["time_s"].to_numpy(), times - 1e-9)
     rows = before.iloc[at]
@@ -259,7 +258,7 @@ def compare(
     engines: dict[str, Any] | None = None,
     say: Log = print,
 ) -> pd.DataFrame:
-    """Fly cases of a campaign with every engine that is installed.
+    """Simulate cases of a campaign with every installed engine.
 
     Parameters
     ----------
@@ -267,17 +266,17 @@ def compare(
     numbers : list of int
         Cases; -1 is the nominal one.
     step_s : float
-        Between the instants compared.
+        Between the compared instants.
     engines : dict of callable, optional
-        Name to ``fly(data, times)``; those of `installed` if None.
+        Name to ``fly(data, times)``; those of `installed` by default.
     say : callable
-        Told what an engine cannot fly.
+        Called with messages on what an engine cannot simulate.
 
     Returns
     -------
     DataFrame
-        engine, campaign, quantity, difference (largest relative one over the cases), case (where),
-        tolerance, verdict, and seconds a case.
+        engine, campaign, quantity, difference (largest relative one over the cases), case (of the
+        largest), tolerance, verdict, and seconds a case.
     """
     engines = installed(say) if engines is None else engines
     found: dict[tuple[str, str], tuple[float, int]] = {}

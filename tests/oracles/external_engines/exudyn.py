@@ -1,12 +1,12 @@
-"""A case flown by Exudyn: redundant coordinates, its rigid bodies and joints, its implicit
-integrator for index-3 systems.
+"""Simulation by Exudyn: redundant coordinates, its rigid bodies and joints, its implicit integrator
+for index-3 systems.
 
 J. Gerstmayr, "Exudyn - a C++-based Python package for flexible multibody systems", Multibody System
 Dynamics 60, 2024. Bodies are `ObjectRigidBody` on nodes with Euler parameters, joints
 `ObjectJointGeneric` (rods `ObjectConnectorDistance`), whose Lagrange multipliers are the joint
-forces. The integrator is the generalised-alpha method, of second order; three flights with steps h,
+forces. The integrator is the generalised-alpha method, of second order; three runs with steps h,
 h/2 and h/4 between the same switches, each with its own release times, are extrapolated to h = 0
-(Richardson), which leaves order four or better, and their spread tells how far to trust the result.
+(Richardson), which gives order four or better, and their spread is an error estimate.
 """
 
 import math
@@ -50,7 +50,7 @@ def _settings(spectral_radius: float) -> Any:
 
 
 class Exudyn:
-    """One flight: between switches, steps no longer than ``step`` (s) divided by ``refine``."""
+    """One run: between switches, steps no longer than ``step`` (s) divided by ``refine``."""
 
     def __init__(self, case: Case, step: float, refine: int = 1, spectral_radius: float = 0.9):
         self.case, self.coarse, self.refine, self.mode, self.t = case, step, refine, Mode(), 0.0
@@ -131,7 +131,7 @@ class Exudyn:
         ]
 
     def _set_joint(self, name: str, item: Any) -> None:
-        """Set a generic joint to the kind of the mode."""
+        """Set a generic joint to its kind in the mode."""
         held = self.case.held(name, self.mode.kinds[name])
         order = _axes_of(held)
         flags = [held[k] for k in order] + [held[3 + k] for k in order]
@@ -153,8 +153,8 @@ class Exudyn:
         return self._known[1][name][part]
 
     def switch(self, mode: Mode) -> None:
-        """Set every joint to its kind, then let Exudyn find the accelerations and multipliers that
-        go with the state."""
+        """Set every joint to its kind, then compute the accelerations and multipliers of the
+        state."""
         self.mode, self._known = mode, (None, None)
         for name, item in self.joints.items():
             self._set_joint(name, item)
@@ -163,8 +163,7 @@ class Exudyn:
         self._settle()
 
     def _settle(self) -> None:
-        """Exudyn's initial accelerations and multipliers: those that go with positions and
-        velocities as they are now."""
+        """Compute Exudyn's initial accelerations and multipliers from positions and velocities."""
         state = self.mbs.systemData.GetSystemState(configuration=CURRENT)
         self._start(state, self.t + 1e-3, 1)
         solver = exu.MainSolverImplicitSecondOrder()
@@ -180,7 +179,7 @@ class Exudyn:
         s.startTime, s.endTime, s.numberOfSteps = self.t, t_end, steps
 
     def _fly(self, state: Any, t_end: float, steps: int) -> None:
-        """From a state at the present time; the time stays."""
+        """Integrate from a state at the present time, which is not changed."""
         for tolerance in TOLERANCES:
             self._start(state, t_end, steps)
             self.settings.timeIntegration.newton.relativeTolerance = tolerance
@@ -196,8 +195,8 @@ class Exudyn:
         raise RuntimeError(f"Exudyn: no convergence between {self.t} and {t_end} s")
 
     def advance(self, t_end: float, guards: list[Guard]) -> tuple[float, Guard | None]:
-        """Fly to ``t_end`` in equal steps; if a guard is passed, again in as many to the root of
-        the motion as integrated."""
+        """Integrate to ``t_end`` in equal steps; if a guard is passed, again in as many steps to
+        the root of the integrated motion."""
         start, state = self.t, self.mbs.systemData.GetSystemState(configuration=CURRENT)
         steps = max(LEAST, math.ceil((t_end - start) / self.coarse - 1e-9)) * self.refine
 
@@ -231,7 +230,7 @@ class Exudyn:
         return stop, passed[first] if passed else None
 
     def motions(self, t: float | None = None) -> dict[str, Motion]:
-        """Every body, and the ground, now; the ground at ``t``, s, if that is given."""
+        """Present motion of every body and of the ground; of the ground at ``t``, s, if given."""
         out = {GROUND: self.case.ground_motion(self.t if t is None else t)}
         for name, node in self.nodes.items():
             tell = self.mbs.GetNodeOutput
@@ -272,15 +271,15 @@ class Exudyn:
         return self.mbs.GetObjectOutput(item, what)
 
     def wrenches(self) -> dict[str, Wrench]:
-        """Of every joint, each body's at its own copy of the joint point."""
+        """Wrenches of every joint on both bodies, each at its own joint point."""
         return self._multipliers
 
 
 def _axes_of(held: tuple[bool, ...]) -> tuple[int, int, int]:
-    """Which of our joint axes Exudyn is given as x, y, z.
+    """Joint axes that become x, y, z of Exudyn's joint.
 
-    Holding a single rotation, its joint keeps y of the first and z of the second body at right
-    angles, ours two axes that depend on the rotation (CONVENTIONS.md): those become its y and z.
+    With a single rotation constrained, its joint keeps y of the first and z of the second body
+    perpendicular; here the two axes depend on the rotation (CONVENTIONS.md) and become its y and z.
     """
     if sum(held[3:]) != 1:
         return 0, 1, 2
@@ -288,14 +287,14 @@ def _axes_of(held: tuple[bool, ...]) -> tuple[int, int, int]:
 
 
 def _ordered(axes: Array, order: tuple[int, int, int]) -> Array:
-    """Right-handed axes: columns in this order, the first with its sign turned if need be."""
+    """Right-handed axes: columns in this order, the sign of the first changed if necessary."""
     out = axes[:, order].copy()
     out[:, 0] = cross(out[:, 1], out[:, 2])
     return out
 
 
 def _rotation_rows(held: tuple[bool, ...]) -> dict[int, tuple[int, int]]:
-    """Rows of Exudyn's generic joint: multiplier -> the axes (of the second, of the first body)
+    """Rows of Exudyn's generic joint: multiplier to the axes (of the second, of the first body)
     whose product it keeps at zero."""
     if all(held):
         return {0: (1, 2), 1: (0, 2), 2: (1, 0)}
@@ -307,14 +306,15 @@ def _rotation_rows(held: tuple[bool, ...]) -> dict[int, tuple[int, int]]:
 
 @dataclass
 class Extrapolated:
-    """Flights at steps h, h/2, h/4 (``levels``), and their extrapolation to h = 0 (``flight``)."""
+    """Runs with steps h, h/2, h/4 (``levels``), and their extrapolation to h = 0 (``flight``)."""
 
     flight: PeerFlight
     levels: list[PeerFlight]
 
 
 def _combine(levels: list[Any]) -> Any:
-    """Richardson: remove the error of order h^2, then, with a third level, that of order h^3."""
+    """Richardson extrapolation: removes the error of order h^2, then, with a third level, that of
+    order h^3."""
     if isinstance(levels[0], dict):
         return {key: _combine([level[key] for level in levels]) for key in levels[0]}
     table, power = [np.asarray(level) for level in levels], 2
@@ -331,17 +331,24 @@ def fly(
     levels: int = 3,
     spectral_radius: float = 0.9,
 ) -> Extrapolated:
-    """Fly a case.
+    """Simulate a case.
 
     Parameters
     ----------
     data : dict
         `Case.to_dict` of a case: SI, radians.
     times : sequence of float
-        When to tell, s, rising.
+        Output times, s, ascending.
     step : float
-        Longest step of the coarsest flight, s; each further one halves it. None: the 1000th part of
-        the time flown.
+        Longest step of the coarsest run, s; each further one halves it. None: 1/1000 of the time.
+    levels : int
+        Number of runs.
+    spectral_radius : float
+        Of the integrator at infinite frequency.
+
+    Returns
+    -------
+    Extrapolated
     """
     case = Case(data)
     step = step or case.end_time / STEPS

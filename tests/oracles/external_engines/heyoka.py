@@ -1,9 +1,10 @@
-"""A case flown by heyoka: minimal coordinates, Taylor series to round-off, its own event detection.
+"""Simulation by heyoka: minimal coordinates, Taylor series to round-off, its own event detection.
 
 F. Biscani and D. Izzo, "Revisiting high-order Taylor methods for astrodynamics and celestial
 mechanics", MNRAS 504(2), 2021. The equations are Kane's (Kane and Levinson, "Dynamics: Theory and
-Applications", 1985, ch. 6), built here as expressions for any tree of bodies: no constraint is ever
-solved for. Bodies held by fixed joints are one body. Joint forces follow from Newton and Euler.
+Applications", 1985, ch. 6), built here as expressions for any tree of bodies: no constraint is
+solved for. Bodies connected by fixed joints are one body. Joint forces follow from Newton and
+Euler.
 """
 
 import math
@@ -25,8 +26,8 @@ TOLERANCE = 1e-17  # of the Taylor integrator; below round-off, so that what is 
 
 @dataclass
 class Kinematics:
-    """Of a group of bodies: its motion, and its accelerations as V u' + A (ground axes) and W u' +
-    B (body axes)."""
+    """Kinematics of a group of bodies: its motion, and its accelerations as V u' + A (ground axes)
+    and W u' + B (body axes)."""
 
     motion: Motion
     V: Array
@@ -45,7 +46,7 @@ def _columns(a: Array, m: Array) -> Array:
 
 
 def _either(name: str) -> Any:
-    """A function of heyoka that takes numbers too."""
+    """Function of heyoka that accepts numbers too."""
     of_numbers, of_expressions = getattr(math, name), getattr(hy, name)
 
     def call(*args: Any) -> Any:
@@ -59,13 +60,13 @@ def _either(name: str) -> Any:
 
 
 class Functions:
-    """What the formulas of the loads need, of numbers and of expressions."""
+    """Functions in the formulas of the loads, of numbers and of expressions."""
 
     exp, log, sqrt, atan2 = (_either(name) for name in ("exp", "log", "sqrt", "atan2"))
 
 
 class States:
-    """The state variables of a mode, their derivatives and their values now."""
+    """State variables of a mode, their derivatives and present values."""
 
     def __init__(self) -> None:
         self.variables: list[Any] = []
@@ -75,7 +76,7 @@ class States:
         self.speed_at: list[int] = []
 
     def add(self, label: str, values: Array, speed: bool = False) -> Array:
-        """Variables of these values; derivatives are given later, those of speeds by the equations
+        """Add variables with values; derivatives follow later, those of speeds from the equations
         of motion."""
         made = [hy.make_vars(f"{label}_{i}") for i in range(np.size(values))]
         if speed:
@@ -86,7 +87,7 @@ class States:
         return np.array(made, dtype=object).reshape(np.shape(values))
 
     def derive(self, variables: Array, rates: Any) -> None:
-        """Give variables their rates."""
+        """Set the derivatives of variables."""
         place = {str(v): i for i, v in enumerate(self.variables)}
         for variable, rate in zip(np.ravel(variables), np.ravel(rates), strict=True):
             self.derivatives[place[str(variable)]] = rate
@@ -97,7 +98,7 @@ def _skew(w: Any) -> Array:
 
 
 class System:
-    """Equations of motion of a case in one mode, from the motions at which the mode begins."""
+    """Equations of motion of a case in one mode, from the motions at its beginning."""
 
     def __init__(self, case: Case, mode: Mode, now: dict[str, Motion]):
         self.case, self.mode = case, mode
@@ -198,7 +199,7 @@ class System:
     def _child(
         self, p: Kinematics, group: Group, link: Link, own: dict[str, Any], unit: Any
     ) -> Kinematics:
-        """A group that hangs on another by a joint."""
+        """Kinematics of a group connected to its parent by a joint."""
         R_p, w_p = p.motion.R, p.motion.w
         # gap at the joint, its rate in the parent, and that by the speeds
         s, ds, D = _zeros(3), _zeros(3), p.V * 0.0
@@ -246,7 +247,7 @@ class System:
         return out
 
     def wrenches(self) -> dict[str, Wrench]:
-        """Of every joint, as expressions."""
+        """Wrenches of every joint, as expressions."""
         moving = body_accelerations(
             self.groups, [(k.V, k.A, k.W, k.B) for k in self.kin], self.accelerations, self.motions
         )
@@ -292,7 +293,7 @@ def _solve(mass: Array, rhs: Array) -> Array:
 
 
 class Heyoka:
-    """One flight."""
+    """One run."""
 
     def __init__(self, case: Case, tolerance: float = TOLERANCE):
         self.case, self.tolerance, self.t = case, tolerance, 0.0
@@ -301,7 +302,7 @@ class Heyoka:
         self.system: System | None = None
 
     def switch(self, mode: Mode) -> None:
-        """From now on fly in this mode; its equations are made if it is another one."""
+        """Enter a mode; its equations are built if it is a new one."""
         if mode.key() != self.key:
             self.key, self.mode = mode.key(), mode
             self.system = System(self.case, mode, self.now)
@@ -353,8 +354,8 @@ class Heyoka:
         return self.integrators[guards]
 
     def advance(self, t_end: float, guards: list[Guard]) -> tuple[float, Guard | None]:
-        """Fly to ``t_end`` (s) or to the first guard, by heyoka's own event detection; where, and
-        which."""
+        """Integrate to ``t_end`` (s) or to the first guard, by heyoka's event detection; returns
+        the time and the guard."""
         ta = self._integrator(tuple(guards))
         ta.time, ta.state[:] = self.t, self.y
         if guards:
@@ -370,7 +371,7 @@ class Heyoka:
         return self.t, guards[index]
 
     def motions(self) -> dict[str, Motion]:
-        """Every body, and the ground, now."""
+        """Present motion of every body and of the ground."""
         out = {GROUND: self.case.ground_motion(self.t)}
         if self.system is None:
             return self.case.initial()
@@ -380,7 +381,7 @@ class Heyoka:
         return out
 
     def wrenches(self) -> dict[str, Wrench]:
-        """Newton and Euler on what hangs beyond each joint."""
+        """Newton and Euler on the bodies beyond each joint."""
         assert self.system is not None
         speeds = self.rates(self.y, time=self.t)[:-1]
         told, at, size = self.partials(self.y, time=self.t), 0, len(speeds)
@@ -402,8 +403,8 @@ class Heyoka:
 def body_accelerations(
     groups: list[Group], partials: list[Any], rates: Any, motions: dict[str, Motion]
 ) -> dict[str, tuple[Array, Array]]:
-    """Of every mass centre (m/s2, ground axes), and its angular one (rad/s2, body axes), from the
-    rates of the speeds."""
+    """Accelerations of every mass centre (m/s2, ground axes), and angular ones (rad/s2, body axes),
+    from the rates of the speeds."""
     out = {}
     for group, (V, A, W, B) in zip(groups, partials, strict=True):
         a, alpha = V @ rates + A, W @ rates + B
@@ -432,14 +433,14 @@ def _expressions(xs: Any) -> list[Any]:
 
 
 def fly(data: dict[str, Any], times: Sequence[float], tolerance: float = TOLERANCE) -> PeerFlight:
-    """Fly a case.
+    """Simulate a case.
 
     Parameters
     ----------
     data : dict
         `Case.to_dict` of a case: SI, radians.
     times : sequence of float
-        When to tell, s, rising.
+        Output times, s, ascending.
     tolerance : float
         Of the Taylor integrator.
     """

@@ -1,9 +1,9 @@
 """Loads on a body, written a second time from their published formulas, for numbers and for an
-engine's expressions alike.
+engine's expressions.
 
-``fn`` is the module that holds exp, sin, cos, sqrt and atan2: `math`, or heyoka for expressions.
-What switches (motors, springs, layers of the atmosphere) is told by a `Mode`, so that within one
-mode every formula here is smooth.
+``fn`` is the module of exp, sin, cos, sqrt and atan2: `math`, or heyoka for expressions. A `Mode`
+fixes what switches (motors, springs, atmosphere layers), so that every formula is smooth within a
+mode.
 """
 
 import math
@@ -27,7 +27,7 @@ LAPSES = (-6.5e-3, 0.0, 1e-3, 2.8e-3, 0.0, -2.8e-3, -2e-3)  # K/m
 
 @dataclass
 class Mode:
-    """What is switched how, over a stretch of flight without switches."""
+    """State of all switches over an interval without switches."""
 
     kinds: dict[str, str] = field(default_factory=dict)  # of joints
     # "off", "burn", "tail", or the row of the profile that begins the piece
@@ -37,7 +37,7 @@ class Mode:
     layers: dict[str, int] = field(default_factory=dict)  # of the atmosphere, by body
 
     def key(self) -> str:
-        """Equal for modes that differ in nothing."""
+        """Equal for equal modes."""
         return repr(
             [
                 sorted(part.items())
@@ -113,14 +113,13 @@ def _cardinal(points: tuple[float, ...], ends: str) -> CubicSpline:
 
 
 def _weights(points: Any, x: float, ends: str = "not-a-knot") -> Array:
-    """Weights of the values at the points in the value at x; one point means that nothing
-    varies."""
+    """Weights of the values at the points in the value at x; a single point means a constant."""
     return np.ones(1) if len(points) == 1 else _cardinal(tuple(points), ends)(x)
 
 
 def tabulated(table: dict[str, Any], mach: float, alpha: float, beta: float) -> Array:
-    """Six coefficients by a cubic spline (not-a-knot) on the grid of those axes that are given, in
-    the order Mach, alpha, beta."""
+    """Six coefficients by a cubic spline (not-a-knot) on the grid of the given axes, in the order
+    Mach, alpha, beta."""
     out = np.zeros(6)
     axes = [
         (table[name], x)
@@ -140,8 +139,8 @@ def tabulated(table: dict[str, Any], mach: float, alpha: float, beta: float) -> 
 
 
 def _increments(case: Case, body: Body, motions: dict[str, Motion]) -> Array:
-    """Increments to six coefficients over the separation distance of a joint: cubic splines with
-    level ends, constant beyond."""
+    """Increments of six coefficients over the separation distance of a joint: cubic splines with
+    zero slope at the ends, constant beyond."""
     out = np.zeros(6)
     for near in case.data.get("proximity", ()):
         if near["body"] != body.name:
@@ -220,23 +219,23 @@ def line_of_thrust(body: Body, motor: dict[str, Any]) -> tuple[Array, Array]:
 
 
 def ignition(motor: dict[str, Any]) -> float:
-    """When a motor ignites, s, its delay included."""
+    """Ignition time of a motor, s, delay included."""
     return motor.get("ignition", 0.0) + motor.get("delay", 0.0)
 
 
 def burn_out(motor: dict[str, Any]) -> float:
-    """When a motor burns out, s; infinite if it has no burn time."""
+    """Burn-out time of a motor, s; infinite without a burn time."""
     return ignition(motor) + motor.get("burn", math.inf)
 
 
 def motor_switches(motor: dict[str, Any]) -> list[float]:
-    """Times at which the formula of a motor's thrust changes."""
+    """Times, s, at which the formula of a motor's thrust changes."""
     rows = motor["profile"]["time"] if motor.get("profile") else ()
     return [ignition(motor), burn_out(motor), *(ignition(motor) + t for t in rows)]
 
 
 def motor_piece(motor: dict[str, Any], t: float) -> str:
-    """Which formula of thrust holds at a time between two switches."""
+    """Formula of the thrust at a time between two switches."""
     if t < ignition(motor):
         return "off"
     if t >= burn_out(motor):
@@ -249,8 +248,8 @@ def motor_piece(motor: dict[str, Any], t: float) -> str:
 
 
 def thrust(motor: dict[str, Any], piece: str, t: Any, fn: Any) -> Any:
-    """Thrust, N: F (1 - exp(-t / build_up)) since ignition, times the profile if there is one.
-    After burn-out F (1 - exp(-burn / build_up)) exp(-t / tail_off), with t since then."""
+    """Thrust, N: F (1 - exp(-t / build_up)) since ignition, times the profile, if any. After
+    burn-out F (1 - exp(-burn / build_up)) exp(-t / tail_off), with t since then."""
     if piece == "off":
         return 0.0
     build_up = motor.get("build_up", 0.0)
@@ -278,8 +277,8 @@ def thrust(motor: dict[str, Any], piece: str, t: Any, fn: Any) -> Any:
 def extension(
     case: Case, spring: dict[str, Any], motions: dict[str, Motion], fn: Any
 ) -> tuple[Any, Any, Array, Array, Array]:
-    """Extension (m) and its rate of a spring, its line (unit vector, ground axes) and where it
-    takes hold of both bodies."""
+    """Extension (m) and its rate of a spring, its line (unit vector, ground axes) and its points on
+    both bodies."""
     first, second = spring["bodies"]
     a, b = case.body(first), case.body(second)
     far = spring.get("second_point") or spring["point"]

@@ -1,12 +1,11 @@
-"""A case flown by Pinocchio: its articulated-body algorithm for the motion, its recursive
-Newton-Euler for the joint wrenches.
+"""Simulation by Pinocchio: its articulated-body algorithm for the motion, its recursive
+Newton-Euler algorithm for the joint wrenches.
 
 J. Carpentier et al., "The Pinocchio C++ library", IEEE/SICE International Symposium on System
-Integration, 2019. For the motion, bodies that fixed joints hold are one body, and what hangs on
-what is a tree of Pinocchio's joints (free flyer, prismatic, revolute, spherical). For the wrenches
-every joint is a free flyer that is made to move as the bodies do: what the algorithm then asks for
-as its effort is what the joint transmits. Pinocchio has no integrator of its own; scipy's DOP853
-flies (v, omega) of every joint.
+Integration, 2019. For the motion, bodies connected by fixed joints are one body, and the others
+form a tree of Pinocchio's joints (free flyer, prismatic, revolute, spherical). For the wrenches
+every joint is a free flyer that moves as the bodies do: its effort is the load that the joint
+transmits. Pinocchio has no integrator; scipy's DOP853 integrates (v, omega) of every joint.
 """
 
 import math
@@ -28,7 +27,7 @@ TOLERANCE = 1e-13  # relative, of DOP853; the absolute one is a hundredth of it,
 
 
 def _quaternion_rate(quaternion: Array, w: Array) -> Array:
-    """q' = 1/2 q (w, 0) of a quaternion (x, y, z, w); the last term pulls it to unit length."""
+    """q' = 1/2 q (w, 0) of a quaternion (x, y, z, w), with a term that restores unit length."""
     x, y, z, s = quaternion
     turned = [
         s * w[0] + y * w[2] - z * w[1],
@@ -40,8 +39,7 @@ def _quaternion_rate(quaternion: Array, w: Array) -> Array:
 
 
 def _angles(turned: Array, axes: list[Array]) -> list[float]:
-    """Angles about one axis, or about two at right angles, one after the other, that make this
-    rotation."""
+    """Angles about one axis, or about two perpendicular ones in sequence, that give a rotation."""
     if len(axes) == 1:
         return [float(pin.log3(turned) @ axes[0])]
     a, b = axes
@@ -53,8 +51,8 @@ def _angles(turned: Array, axes: list[Array]) -> list[float]:
 
 
 class Tree:
-    """A Pinocchio model of one mode. Frames of the groups lie at their mass centres; a child's
-    joint frame at its joint point."""
+    """Pinocchio model of one mode. Frames of the groups are at their mass centres; a child's joint
+    frame is at its joint point."""
 
     def __init__(self, case: Case, mode: Mode):
         self.case = case
@@ -153,7 +151,7 @@ class Tree:
         return out
 
     def motions(self, q: Array, v: Array, t: float) -> dict[str, Motion]:
-        """Of every body; leaves the kinematics in ``data``."""
+        """Motion of every body; leaves the kinematics in ``data``."""
         pin.forwardKinematics(self.model, self.data, q, v)
         out: dict[str, Motion] = {GROUND: self.case.ground_motion(t)}
         for group, index, to in zip(self.groups, self.ids, self.origin, strict=True):
@@ -197,7 +195,7 @@ class Tree:
         return pin.aba(self.model, self.data, q, v, np.zeros(self.model.nv), forces)
 
     def body_accelerations(self, q: Array, v: Array, a: Array) -> dict[str, tuple[Array, Array]]:
-        """Of every mass centre (ground axes) and its angular one (body axes)."""
+        """Accelerations of every mass centre (ground axes) and angular ones (body axes)."""
         pin.forwardKinematics(self.model, self.data, q, v, a)
         out: dict[str, tuple[Array, Array]] = {}
         for group, index, to in zip(self.groups, self.ids, self.origin, strict=True):
@@ -223,8 +221,8 @@ def joint_wrenches(
     rates: dict[str, tuple[Array, Array]],
     external: dict[str, tuple[Array, Array]],
 ) -> dict[str, Wrench]:
-    """Recursive Newton-Euler on a tree in which every joint that holds is a free flyer, told to
-    move as it does."""
+    """Recursive Newton-Euler on a tree in which every constrained joint is a free flyer that moves
+    as it does."""
     model = pin.Model()
     model.gravity.setZero()
     place: dict[str, int] = {GROUND: 0}
@@ -300,7 +298,7 @@ def joint_wrenches(
 
 
 class Pinocchio:
-    """One flight."""
+    """One run."""
 
     def __init__(self, case: Case, tolerance: float = TOLERANCE):
         self.case, self.tolerance, self.t = case, tolerance, 0.0
@@ -312,7 +310,7 @@ class Pinocchio:
         self.q, self.v = self.tree.state(self.now)
 
     def switch(self, mode: Mode) -> None:
-        """From now on fly in this mode; a new tree if joints are of other kinds in it."""
+        """Enter a mode; a new tree if joints have other kinds."""
         if mode.kinds != self.mode.kinds:
             self.tree = Tree(self.case, mode)
             self.q, self.v = self.tree.state(self.now)
@@ -334,8 +332,8 @@ class Pinocchio:
         return pin.normalize(self.tree.model, q)
 
     def advance(self, t_end: float, guards: list[Guard]) -> tuple[float, Guard | None]:
-        """Fly to ``t_end`` (s), or to where the first guard rises through zero; where that is, and
-        which."""
+        """Integrate to ``t_end`` (s), or to where the first guard rises through zero; returns the
+        time and the guard."""
         start, y0, n = self.t, np.concatenate([self.q, self.v]), self.q.size
 
         def flown(t: float) -> Array:
@@ -375,11 +373,11 @@ class Pinocchio:
         return stop, crossed
 
     def motions(self) -> dict[str, Motion]:
-        """Every body, and the ground, now."""
+        """Present motion of every body and of the ground."""
         return self.now
 
     def wrenches(self) -> dict[str, Wrench]:
-        """Of every joint now, each body's at its own copy of the joint point."""
+        """Present wrenches of every joint on both bodies, each at its own joint point."""
         external = loads.body_loads(self.case, self.now, self.t, self.mode)
         a = self.tree.accelerations(self.q, self.v, external, self.now)
         return joint_wrenches(
@@ -392,14 +390,14 @@ class Pinocchio:
 
 
 def fly(data: dict[str, Any], times: Sequence[float], tolerance: float = TOLERANCE) -> PeerFlight:
-    """Fly a case.
+    """Simulate a case.
 
     Parameters
     ----------
     data : dict
         `Case.to_dict` of a case: SI, radians.
     times : sequence of float
-        When to tell, s, rising.
+        Output times, s, ascending.
     tolerance : float
         Relative, of DOP853.
     """

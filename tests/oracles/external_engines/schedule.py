@@ -1,5 +1,5 @@
-"""What happens when in a case: phases, releases, switches; and the flight through them, the same
-for every engine."""
+"""Schedule of a case: phases, releases, switches; and the simulation through them, the same for
+every engine."""
 
 import math
 from abc import abstractmethod
@@ -13,18 +13,18 @@ from oracles.external_engines import loads
 from oracles.external_engines.case import GROUND, Array, Case, Motion
 from oracles.external_engines.loads import Mode
 
-INSTANT = 1e-12  # s: what happens closer together happens at once
+INSTANT = 1e-12  # s: events closer together are simultaneous
 # stops over a flight at which guards are looked at, so that none rises and falls unseen between two
 # distant times
 WATCHES = 50
-TOUCH = 1e-12  # of a limit, or of one: what comes that close to it has reached it
+TOUCH = 1e-12  # relative to a limit, or to one: tolerance at which it is reached
 # force, moment on the first body; force, moment on the second; axes of the first body
 Wrench = tuple[Array, Array, Array, Array]
 
 
 @dataclass(frozen=True)
 class Guard:
-    """A quantity that ends a stretch of flight as it rises through zero."""
+    """Quantity that ends an interval when it rises through zero."""
 
     kind: str  # stroke, distance, angle, altitude, spring, or force or moment of a joint
     name: str  # of the joint, body or spring
@@ -32,7 +32,7 @@ class Guard:
 
     @property
     def on_load(self) -> bool:
-        """Whether the quantity is a joint's force or moment."""
+        """True if the quantity is a joint's force or moment."""
         return self.kind in ("force", "moment")
 
     def value(
@@ -43,7 +43,7 @@ class Guard:
         fn: Any = math,
         wrenches: dict[str, "Wrench"] | None = None,
     ) -> Any:
-        """At these motions; on a joint's force or moment, with these wrenches."""
+        """Value at these motions; for a joint's force or moment, with these wrenches."""
         if self.on_load:
             assert wrenches is not None
             load = wrenches[self.name][2 if self.kind == "force" else 3]
@@ -66,7 +66,7 @@ class Guard:
 
 @dataclass
 class Condition:
-    """Leaves (times and guards) joined by any and all; what was met stays met."""
+    """Comparisons (times and guards) joined by any and all; a met comparison stays met."""
 
     times: list[float] = field(default_factory=list)
     guards: list[Guard] = field(default_factory=list)
@@ -74,7 +74,7 @@ class Condition:
     every: bool = False  # all of the parts, rather than any of them
 
     def met(self, t: float, hit: set[Guard]) -> bool:
-        """Whether it is met at time t, s, after the guards in ``hit`` were reached."""
+        """True if it is met at time t, s, after the guards in ``hit`` were reached."""
         own = any(t >= x - 1e-12 for x in self.times) or any(g in hit for g in self.guards)
         parts = [p.met(t, hit) for p in self.parts]
         return own or (bool(parts) and (all(parts) if self.every else any(parts)))
@@ -89,7 +89,7 @@ class Condition:
 
 
 def condition(case: Case, table: dict[str, Any]) -> Condition:
-    """A condition table of the case."""
+    """Condition of a table of the case."""
     here = Condition()
     if table.get("vertical_speed") is not None or table.get("direction") is not None:
         raise ValueError("other engines fly no condition with a direction or on a vertical speed")
@@ -114,24 +114,24 @@ def condition(case: Case, table: dict[str, Any]) -> Condition:
 
 
 class Engine(Protocol):
-    """What a peer does: set a mode, advance, and tell."""
+    """Interface of an external engine: set a mode, advance, and report."""
 
     @abstractmethod
     def switch(self, mode: Mode) -> None:
-        """From now on fly in this mode."""
+        """Enter a mode."""
 
     @abstractmethod
     def advance(self, t_end: float, guards: list[Guard]) -> tuple[float, Guard | None]:
-        """Fly to ``t_end``, or exactly to where the first guard rises through zero. Returns where
-        that is, and which."""
+        """Integrate to ``t_end``, or exactly to where the first guard rises through zero. Returns
+        the time and the guard."""
 
     @abstractmethod
     def motions(self) -> dict[str, Motion]:
-        """Every body, and the ground, now."""
+        """Present motion of every body and of the ground."""
 
     @abstractmethod
     def wrenches(self) -> dict[str, Wrench]:
-        """Of every joint now, each body's at its own copy of the joint point."""
+        """Present wrenches of every joint on both bodies, each at its own joint point."""
 
 
 @dataclass
@@ -175,7 +175,7 @@ def kinds_of(case: Case, phase: int) -> dict[str, str]:
 def mode_at(
     case: Case, t_mid: float, kinds: dict[str, str], gone: set[str], motions: dict[str, Motion]
 ) -> Mode:
-    """How everything is switched over the stretch around ``t_mid``."""
+    """Mode over the interval around ``t_mid``."""
     motors = {m["name"]: loads.motor_piece(m, t_mid) for m in case.data.get("motor", ())}
     springs = {s["name"]: s["name"] not in gone for s in case.data.get("spring", ())}
     constant = {
@@ -193,11 +193,8 @@ def mode_at(
 
 
 def fly(engine: Engine, case: Case, times: Sequence[float]) -> PeerFlight:
-    """Fly a case with an engine that stands at its initial state, and note what it says at
-    ``times`` (s, rising).
-
-    At a time at which a joint lets go, what is noted is what was before.
-    """
+    """Simulate a case with an engine in its initial state, with outputs at ``times`` (s,
+    ascending). At a release the outputs are those before it."""
     kinds, phase, t = kinds_of(case, 0), 0, 0.0
     hit: set[Guard] = set()
     gone: set[str] = set()
@@ -221,8 +218,8 @@ def fly(engine: Engine, case: Case, times: Sequence[float]) -> PeerFlight:
     stops = sorted({x for x in [*fixed, *times, *watch] if 0.0 < x <= case.end_time})
     rows: list[tuple[float, dict[str, Motion], dict[str, Wrench]]] = []
     ask = list(times)
-    fresh = False  # whether the mode must be set again
-    # at an instant at which things happen: wrenches before any of them
+    fresh = False  # True if the mode must be set again
+    # wrenches before the events of an instant
     arrival: tuple[float, dict[str, Wrench]] = (-1.0, {})
     engine.switch(_next_mode(case, t, stops, kinds, gone, engine.motions()))
     while True:
@@ -235,7 +232,7 @@ def fly(engine: Engine, case: Case, times: Sequence[float]) -> PeerFlight:
             break
         if t > arrival[0] + INSTANT:
             arrival = (t, engine.wrenches())
-        # what has happened by now
+        # events that have occurred
         going = [item for item in letting_go if item[0] <= t]
         letting_go = [item for item in letting_go if item[0] > t]
         while phase < len(untils) - 1 and untils[phase].met(t, hit):
@@ -297,7 +294,7 @@ def _changes(
     t: float,
     later: list[tuple[float, str, str]],
 ) -> list[tuple[float, str, str]]:
-    """Joints that let go now; those with a delay go to ``later``, and those that fail nowhere."""
+    """Joints that are released now; those with a delay go to ``later``, those that fail nowhere."""
     now: list[tuple[float, str, str]] = []
     for name, kind in new.items():
         joint = case.joints[name]

@@ -1,5 +1,5 @@
-"""Bodies and joints as a tree: what moves as one, what hangs on what, and joint wrenches from
-Newton and Euler."""
+"""Bodies and joints as a tree: rigid groups, their connections, and joint wrenches from Newton and
+Euler."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ HELD_APART = ((2, 1), (2, 0), (1, 0))
 
 @dataclass
 class Group:
-    """Bodies that fixed joints make one.
+    """Rigid group of bodies connected by fixed joints.
 
     Attributes
     ----------
@@ -36,11 +36,11 @@ class Group:
 
 @dataclass
 class Link:
-    """A joint by which a group hangs on another; points and axes in the axes of their groups.
+    """Joint that connects a group with its parent; points and axes in the axes of their groups.
 
     ``slides`` are the joint axes (unit vectors) along which the child moves, fixed in the parent.
-    It turns about ``axes``, one after the other: the first fixed in the parent, the second in the
-    child; or, if ``turns``, as it likes.
+    It turns about ``axes`` in sequence: the first fixed in the parent, the second in the child; or
+    freely, if ``turns``.
     """
 
     joint: str
@@ -57,7 +57,7 @@ class Link:
 
 
 def _group(case: Case, names: list[str]) -> Group:
-    """One body of several, as they lie while mated."""
+    """Rigid group of bodies in mated position."""
     if GROUND in names:
         return Group(
             GROUND,
@@ -79,7 +79,7 @@ def _group(case: Case, names: list[str]) -> Group:
 
 
 def tree_of(case: Case, kinds: dict[str, str]) -> tuple[list[Group], list[Link | None]]:
-    """Groups, parents before children, and the joint by which each hangs (None: it is free, or the
+    """Groups, parents before children, and the joint of each with its parent (None: free, or the
     ground)."""
     names = [GROUND, *case.bodies]
     label = {n: n for n in names}
@@ -166,10 +166,12 @@ def newton_euler(
     accelerations: dict[str, tuple[Array, Array]],
     external: dict[str, tuple[Array, Array]],
 ) -> dict[str, Wrench]:
-    """Wrench of every joint of a tree: what the bodies beyond it need besides their external loads.
+    """Wrench of every joint of a tree: load of the bodies beyond it minus their external loads.
 
-    ``accelerations`` holds of each body that of its mass centre (m/s2, ground axes) and its angular
-    one (rad/s2, body axes).
+    Parameters
+    ----------
+    accelerations : dict
+        Of each body: of its mass centre (m/s2, ground axes) and angular (rad/s2, body axes).
     """
     out = {}
     active = [j for j in case.joints.values() if mode.kinds[j.name] != "free"]

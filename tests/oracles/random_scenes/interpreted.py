@@ -16,6 +16,7 @@ from sepmc.campaign import campaign as campaigns
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.execution.accuracy import achieved, relative_error, scales, scene_scales
+from sepmc.campaign.execution.calibration_cases import CalibrationSize
 from sepmc.campaign.execution.integration import Integration, typical_durations
 from sepmc.campaign.execution.step_refinement import longest_step
 from sepmc.engine.dispatch import integrate_cases, interpreted, load_kernel
@@ -55,6 +56,7 @@ def _select_steps(
     campaign: Definition,
     history: bool = False,
     announce: Callable[[str], None] | None = None,
+    size: CalibrationSize | None = None,
     n_cases: int = _CASES,
 ) -> Integration:
     """Kernel, methods and steps for a campaign: doubles the steps until the first cases

@@ -1,0 +1,125 @@
+"""Calibration cases, from which steps are selected: corners of the dispersions and a sample."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sepmc.campaign import cases
+from sepmc.campaign.definition import Definition
+from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.units import UNITS
+
+CORNERS = 24  # besides the nominal case; more if a discrete distribution has many values
+SAMPLE = 512  # calibration cases sampled from the distributions
+_CORNER_PROBABILITY = 0.001  # probability of the corners of a distribution
+_WIDE_ANGLE = 0.5 * np.pi  # an angle with a wider range can have extremes anywhere
+_CORNERS_PER_VALUE = 3  # minimum number of corners with each value of a discrete distribution
+
+
+class CalibrationSize(NamedTuple):
+    """Number of calibration cases: ``corners`` of the dispersions, besides the nominal case, and a
+    ``sample`` of the distributions."""
+
+    corners: int
+    sample: int
+
+
+def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray:
+    """Inputs at corners of the dispersions, SI.
+
+    The first row is the median of every parameter; in the others each parameter is at one of its
+    ends, chosen by a fixed random sequence. Angles that vary over more than a quarter turn are
+    spaced over their range instead, and discrete distributions take every value.
+
+    Parameters
+    ----------
+    campaign : Definition
+    corners : int, optional
+        Number of corners, `CORNERS` if None; more if a discrete distribution has many values.
+
+    Returns
+    -------
+    ndarray, shape (n, d)
+    """
+    laws = campaign.file.dispersions
+    corners = CORNERS if corners is None else corners
+    count = max(
+        [
+            corners,
+            *(
+                _CORNERS_PER_VALUE * len(_value_probabilities(law))
+                for law in laws
+                if law.distribution == "discrete"
+            ),
+        ]
+    )
+    random = np.random.Generator(np.random.Philox(key=20))
+    tosses = np.resize(
+        random.integers(0, 2, (max(1, corners), max(1, len(laws)))), (count, max(1, len(laws)))
+    )
+    table = np.empty((count + 1, len(laws)), order="F")
+    for i, law in enumerate(laws):
+        u = np.where(tosses[:, i] == 1, 1.0 - _CORNER_PROBABILITY, _CORNER_PROBABILITY)
+        if law.parameter.path.endswith(".fails"):  # not a corner of anything
+            u = np.full(count, 0.5)
+        elif law.distribution == "discrete":
+            u = random.permutation(np.resize(_value_probabilities(law), count))
+        elif _is_wide(law):
+            u = (random.permutation(count) + 0.5) / max(1, count)
+        table[:, i] = _quantiles(law, np.concatenate([[0.5], u]))
+    return table * campaign.factors
+
+
+def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
+    """Latin hypercube sample of the inputs, SI.
+
+    In the second half all values of a discrete distribution are equally frequent.
+
+    Parameters
+    ----------
+    campaign : Definition
+    count : int
+
+    Returns
+    -------
+    ndarray, shape (count, d)
+    """
+    laws, half = campaign.file.dispersions, (count + 1) // 2
+    random = np.random.Generator(np.random.Philox(key=21))
+    table = np.empty((count, len(laws)), order="F")
+    for i, law in enumerate(laws):
+        u = np.concatenate(
+            [(random.permutation(n) + random.random(n)) / max(1, n) for n in (half, count - half)]
+        )
+        if law.distribution == "discrete" and not law.parameter.path.endswith(".fails"):
+            u[half:] = random.permutation(np.resize(_value_probabilities(law), count - half))
+        table[:, i] = _quantiles(law, np.clip(u, 2.0**-54, 1.0 - 2.0**-53))
+    return table * campaign.factors
+
+
+def _quantiles(law: Dispersion, u: np.ndarray) -> np.ndarray:
+    """Quantiles of a distribution; the median in place of values that are not allowed."""
+    values = cases.quantile(law, u)
+    return (
+        np.where(law.allowed(values), values, cases.quantile(law, np.array([0.5])))
+        if law.has_tails
+        else values
+    )
+
+
+def _value_probabilities(law: Dispersion) -> np.ndarray:
+    """Probability at the middle of each value of a discrete distribution."""
+    weights = np.array(law.weights)
+    edges = np.cumsum(weights) / np.sum(weights)
+    return (edges - 0.5 * weights / np.sum(weights))[weights > 0.0]
+
+
+def _is_wide(law: Dispersion) -> bool:
+    """Return True if a parameter is an angle that varies over more than a quarter turn."""
+    if law.parameter.unit not in UNITS["angle"]:
+        return False
+    low, high = (
+        cases.quantile(law, np.array([_CORNER_PROBABILITY, 1.0 - _CORNER_PROBABILITY]))
+        * law.parameter.factor
+    )
+    return bool(high - low > _WIDE_ANGLE)
