@@ -130,7 +130,7 @@ def test_indices_of_few_cases_have_no_interval():
     text = " ".join(render_sensitivities(table, "y", {}).split())
     assert "without intervals: a few outliers among 1000 cases" in text
     assert "+-" not in text
-    assert "what surely shifts its mean first" in text
+    assert "by shift of the mean" in text
 
 
 def test_a_design_whose_independent_cases_are_alike():

@@ -226,7 +226,7 @@ def test_what_sets_them_apart(run, expected):
     told = call("sensitivity", run[0], "--no-plots").output
     count = expected["event.far"]
     assert f"calm, {count} ok cases without far_fore_omega_z_deg_s: inputs that" in told
-    assert "spring.push.force_N tells " in told
+    assert "spring.push.force_N explains " in told
 
 
 def test_check_tells_it_of_the_nominal_case(file):
