@@ -8,7 +8,7 @@ from sepmc.campaign.store import shards
 
 def table(folder, kind, order):
     """All shards of a run of one kind, in order."""
-    parts = [pq.read_table(folder / one.file) for one in shards.parts(folder, kind)]
+    parts = [pq.read_table(folder / one.file) for one in shards.entries(folder, kind)]
     frame = pd.concat([part.to_pandas() for part in parts], ignore_index=True)
     frame["status"] = frame["status"].astype(str) if "status" in frame else ""
     return frame.sort_values(order, ignore_index=True)
