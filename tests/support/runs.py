@@ -19,7 +19,7 @@ def same(one, other):
     told = one / "statistics.csv"
     if told.is_file() and told.read_bytes() != (other / told.name).read_bytes():
         return False
-    orders = {"cases": ["case"], "histories": ["case", "time_s"], "kept": ["case"]}
+    orders = {"cases": ["case"], "histories": ["case", "time_s"], "selected": ["case"]}
     return all(
         table(one, kind, order).equals(table(other, kind, order))
         for kind, order in orders.items()
