@@ -82,10 +82,10 @@ def polynomial(terms: Mapping[str, float] | None) -> list[tuple[float, int, int]
     for key, value in (terms or {}).items():
         power = {"alpha": 0, "beta": 0}
         for part in key.split("_") if key != "const" else ():
-            found = re.fullmatch(r"(alpha|beta)(\d*)", part)
-            if found is None:
+            match = re.fullmatch(r"(alpha|beta)(\d*)", part)
+            if match is None:
                 raise ValueError(f"no such term of a polynomial: {key}")
-            power[found[1]] += int(found[2] or 1)
+            power[match[1]] += int(match[2] or 1)
         table.append((value, power["alpha"], power["beta"]))
     return table
 

@@ -21,11 +21,11 @@ Array = np.ndarray
 def turn(axis: int, angle: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) about a coordinate axis, one per angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
-    found = np.zeros((*np.shape(angle), 3, 3))
+    matrix = np.zeros((*np.shape(angle), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
-    found[..., axis, axis] = 1.0
-    found[..., i, i], found[..., i, j], found[..., j, i], found[..., j, j] = c, -s, s, c
-    return found
+    matrix[..., axis, axis] = 1.0
+    matrix[..., i, i], matrix[..., i, j], matrix[..., j, i], matrix[..., j, j] = c, -s, s, c
+    return matrix
 
 
 # --- free rigid body

@@ -45,9 +45,9 @@ def phases(*steps):
 
 def flown(campaign):
     """Outcomes and events of a case that must end well."""
-    found = simulate(campaign.nominal().to_dict())
-    assert found.status == "ok"
-    return found.outcomes, found.events
+    result = simulate(campaign.nominal().to_dict())
+    assert result.status == "ok"
+    return result.outcomes, result.events
 
 
 def released(pair, settings):
@@ -55,16 +55,16 @@ def released(pair, settings):
 
 
 def test_columns_are_the_public_ones(table2):
-    found = simulate(table2.case(3).to_dict())
-    assert list(found.outcomes) == [column.name for column in table2.outcome_columns]
+    result = simulate(table2.case(3).to_dict())
+    assert list(result.outcomes) == [column.name for column in table2.outcome_columns]
 
 
 def test_table2_against_minimal_coordinates(table2):
     """One body's six degrees of freedom and the joint's: another formulation, written
     separately."""
     case = table2.case(5).to_dict()
-    other, found = lagrange.simulate(case), simulate(case)
-    for name, value in found.outcomes.items():
+    other, result = lagrange.simulate(case), simulate(case)
+    for name, value in result.outcomes.items():
         if name in other:
             assert_allclose(value, other[name], rtol=1e-10, atol=1e-10, err_msg=name)
 
@@ -74,9 +74,9 @@ def test_table2_against_minimal_coordinates(table2):
 def test_against_a_single_run(name):
     campaign = sepmc.load(name)
     case = campaign.case(1)
-    history, found = campaign.simulate(case, step_s=0.05), simulate(case.to_dict())
-    assert found.status == history.attrs["status"]
-    for column, value in found.outcomes.items():
+    history, result = campaign.simulate(case, step_s=0.05), simulate(case.to_dict())
+    assert result.status == history.attrs["status"]
+    for column, value in result.outcomes.items():
         # of a load that stands all but still any time is the peak's
         if not column.endswith("_time_s") or "_peak_" not in column:
             assert_allclose(
@@ -102,10 +102,10 @@ def test_late_joint(pair):
         ("point-on-line", {"joint": "pins", "stroke_mm": 12.25}),
         ("free", None),
     )
-    found, events = flown(pair(settings | {"phase": phases(*steps)}))
+    result, events = flown(pair(settings | {"phase": phases(*steps)}))
     ends = {what: time for time, what in events}
     assert_allclose(ends["phase p1 ended"], math.sqrt(0.01225), rtol=0, atol=1e-13)
-    assert_allclose(found["release_time_s"], math.sqrt(0.01225) + 0.05, rtol=0, atol=1e-13)
+    assert_allclose(result["release_time_s"], math.sqrt(0.01225) + 0.05, rtol=0, atol=1e-13)
 
 
 def test_conditions_already_met(pair):
@@ -127,9 +127,9 @@ def test_conditions_already_met(pair):
 
 def test_failed_joint(pair):
     settings = {"joint.pins.fails": 1, "phase": phases(("fixed", {"time_s": 0.1}), ("free", None))}
-    found = simulate(pair(settings).nominal().to_dict())
-    assert found.status == "never-released"
-    assert math.isnan(found.outcomes["release_time_s"])
+    result = simulate(pair(settings).nominal().to_dict())
+    assert result.status == "never-released"
+    assert math.isnan(result.outcomes["release_time_s"])
 
 
 @pytest.mark.parametrize(("any_or_all", "expected"), [("any", 0.1), ("all", 0.3)])
@@ -176,7 +176,7 @@ def test_thrust_from_ignition_to_tail_off(pair, begins):
         "tail_off_s": 0.05,
         "profile": profile,
     }
-    found, _ = flown(pair({"motor": [motor], "phase": phases(("free", None))}))
+    result, _ = flown(pair({"motor": [motor], "phase": phases(("free", None))}))
 
     def thrust(t):
         return 2.0 * -math.expm1(-t / 0.04) * np.interp(t, profile["time_s"], profile["fraction"])
@@ -184,7 +184,7 @@ def test_thrust_from_ignition_to_tail_off(pair, begins):
     burnt = quad(thrust, begins, 0.2, points=[0.1], epsabs=1e-14)[0] + thrust(
         0.2
     ) * 0.05 * -math.expm1(-0.25 / 0.05)
-    assert_allclose(found["separation_speed_m_s"], burnt, rtol=1e-12)
+    assert_allclose(result["separation_speed_m_s"], burnt, rtol=1e-12)
 
 
 @pytest.mark.parametrize("axis", [None, [-1.0, 0.0, 0.0]])
@@ -200,8 +200,8 @@ def test_spring_to_its_stroke(pair, axis):
     spring |= {"force_N": 24.0, "stiffness_N_per_m": 100.0, "stroke_mm": 200.0} | (
         {"axis": axis} if axis else {}
     )
-    found, _ = flown(pair({"spring": [spring], "phase": phases(("slider", None))}))
-    assert_allclose(found["separation_speed_m_s"], math.sqrt(2.0 * 2.8 / 0.75), rtol=1e-12)
+    result, _ = flown(pair({"spring": [spring], "phase": phases(("slider", None))}))
+    assert_allclose(result["separation_speed_m_s"], math.sqrt(2.0 * 2.8 / 0.75), rtol=1e-12)
 
 
 def test_load_from_start_to_end(pair):
@@ -216,9 +216,9 @@ def test_load_from_start_to_end(pair):
         "end_s": 0.3,
     }
     turning = {"initial.omega_rad_s": [0.0, 0.0, 1.0], "run.end_time_s": 0.5}
-    found, _ = flown(pair(turning | {"load": [load], "phase": phases(("free", None))}))
+    result, _ = flown(pair(turning | {"load": [load], "phase": phases(("free", None))}))
     still, _ = flown(pair(turning | {"phase": phases(("free", None))}))
-    alpha = math.radians(found["aft_pitch_deg"] - found["aft_alpha_deg"])
+    alpha = math.radians(result["aft_pitch_deg"] - result["aft_alpha_deg"])
     before = math.radians(still["aft_pitch_deg"] - still["aft_alpha_deg"])
     # the aft mass centre moves down at 1.5 m/s beside 1 m/s ahead, as it turns about a point 1.5 m
     # before it
@@ -226,10 +226,10 @@ def test_load_from_start_to_end(pair):
 
 
 def test_turns_are_counted(pair):
-    found, _ = flown(
+    result, _ = flown(
         pair({"initial.omega_deg_s": [0.0, 0.0, 1000.0], "phase": phases(("fixed", None))})
     )
-    assert_allclose([found["fore_pitch_deg"], found["aft_pitch_deg"]], 500.0, rtol=1e-12)
+    assert_allclose([result["fore_pitch_deg"], result["aft_pitch_deg"]], 500.0, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -252,10 +252,10 @@ def test_statuses(pair, settings, status):
         for table in tables:
             node = node[table]
         node[key] = value
-    found = simulate(case)
-    assert found.status == status
+    result = simulate(case)
+    assert result.status == status
     assert status in {each.label for each in Status}
-    assert all(math.isnan(value) for value in found.outcomes.values())
+    assert all(math.isnan(value) for value in result.outcomes.values())
 
 
 def test_beyond_the_atmosphere(table2):
