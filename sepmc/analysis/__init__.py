@@ -1,2 +1,2 @@
-"""What a campaign's rows say: statistics, requirements, sensitivity (numpy, scipy and pandas
+"""Statistics, requirements and sensitivity from the rows of a campaign (numpy, scipy and pandas
 only)."""

@@ -33,10 +33,21 @@ def tree_differences(
     path: tuple[str, ...] = (),
     units: bool = False,
 ) -> list[str]:
-    """Return a sentence for each value that differs between two campaign trees, by its TOML path.
+    """List the differences of two campaign trees.
 
-    A number in another unit differs if its value in SI does (beyond 1e-12 of it) or if ``units``
-    count.
+    Parameters
+    ----------
+    one, two : mapping
+        TOML trees.
+    path : tuple of str
+        TOML path of the trees, put before the keys.
+    units : bool
+        True if a number in another unit differs even where its value in SI agrees to 1e-12.
+
+    Returns
+    -------
+    list of str
+        ``path: old -> new`` for each value that differs.
     """
     sentences = []
     other_key = {_without_units(path, key): key for key in two}
@@ -247,8 +258,18 @@ def _proportion_difference(
 
 
 def dependence_warning(samplers: Sequence[str]) -> str:
-    """Return the warning on intervals of differences if cases of a run are not independent; empty
-    if they are. A table of samples is not examined."""
+    """Return the warning on intervals of differences if cases of a run are not independent.
+
+    Parameters
+    ----------
+    samplers : sequence of str
+        Of the runs. A table of samples is not examined.
+
+    Returns
+    -------
+    str
+        Empty if all cases are independent.
+    """
     if SALTELLI in samplers:
         return (
             "sampler saltelli: cases of a run differ in one parameter only, so these intervals are "
@@ -263,7 +284,19 @@ def dependence_warning(samplers: Sequence[str]) -> str:
 
 
 def render_comparison(table: pd.DataFrame, width: int = WIDTH) -> str:
-    """Render the differences of `compare` as a text table."""
+    """Render the differences of two runs as a text table.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `compare`.
+    width : int
+        Characters in a line.
+
+    Returns
+    -------
+    str
+    """
     head = ["outcome", "mean, first", "second", "second - first", "95 % interval", "sigma, first",
             "second", "pairs"]  # fmt: skip
     rows = [head]

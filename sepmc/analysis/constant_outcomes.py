@@ -92,19 +92,57 @@ def _extreme(name: str) -> str | None:
 
 
 def is_constant(table: pd.DataFrame, name: str) -> bool:
-    """Return True if a table of `with_constants` marks an outcome as constant."""
+    """Return True if a table marks an outcome as constant.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Statistics, from `with_constants` or not.
+    name : str
+        Outcome.
+
+    Returns
+    -------
+    bool
+        False for a table without the column ``constant``.
+    """
     return "constant" in table and name in table.index and bool(table.at[name, "constant"])
 
 
 def max_spread(table: pd.DataFrame, name: str) -> float:
-    """Return the largest difference between values of a constant outcome, in its unit; 0 for
-    others."""
+    """Return the largest difference between values of a constant outcome.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `with_constants`.
+    name : str
+        Outcome.
+
+    Returns
+    -------
+    float
+        In the unit of the outcome; 0 if it is not constant.
+    """
     return 2.0 * float(table["error_size"][name]) if is_constant(table, name) else 0.0
 
 
 def joint_error(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
-    """Return the difference of an outcome between two runs that numerical error explains, in its
-    unit; 0 if unknown, as for times and places of extremes that are not flat."""
+    """Return the difference of an outcome between two runs that numerical error explains.
+
+    Parameters
+    ----------
+    one, two : DataFrame
+        From `with_constants`, for either run.
+    name : str
+        Outcome.
+
+    Returns
+    -------
+    float
+        In the unit of the outcome; 0 if unknown, as for times and places of extremes that are not
+        flat.
+    """
     both_constant = is_constant(one, name) and is_constant(two, name)
     if _extreme(name) and not both_constant:
         return 0.0
@@ -164,7 +202,21 @@ def render_constant(table: pd.DataFrame, name: str, units: Mapping[str, str] | N
 def collapse_constant(
     histogram: "Histogram | None", table: pd.DataFrame, name: str
 ) -> "Histogram | None":
-    """Return the histogram of an outcome; that of a constant one has no bins."""
+    """Replace the histogram of a constant outcome by its single value.
+
+    Parameters
+    ----------
+    histogram : Histogram or None
+    table : DataFrame
+        From `with_constants`.
+    name : str
+        Outcome.
+
+    Returns
+    -------
+    Histogram or None
+        Without bins if the outcome is constant.
+    """
     if histogram is None or not is_constant(table, name):
         return histogram
     value, empty = constant_value(table, name), np.empty(0)

@@ -10,6 +10,7 @@ distribution to 0.15 where this table reaches 0.25, and imports scipy.stats (1 s
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -217,8 +218,11 @@ def render_fits(
     lines += [
         "",
         "+-: one standard error for normal cases; larger for heavier tails.",
-        "p: probability that as many cases of that distribution deviate from it at least as much "
-        "(Anderson-Darling). The more cases, the smaller the deviation that is detected.",
+        fill(
+            "p: probability that as many cases of that distribution deviate from it at least as "
+            "much (Anderson-Darling). More cases detect smaller deviations.",
+            width,
+        ),
     ]
     if sampler != "random":
         lines += [

@@ -78,52 +78,35 @@ def attribute_failures(
     if k in (0, n):
         return []
     per_cell = min(k, n - k) / _MIN_PER_CELL
-    partitions, coarse_partitions = (
-        _partition(cases, inputs, per_cell),
-        _partition(cases, inputs, np.sqrt(per_cell)),
-    )
-    information = {
-        name: _cell_information(partition.part, partition.number, violates)
-        for name, partition in partitions.items()
-    }
-    pairs = list(combinations(coarse_partitions, 2))
-    tests, total = (
-        len(partitions) + len(pairs),
-        _cell_information(violates.astype(int), 2, violates),
-    )
+    fine, coarse = (_partition(cases, inputs, count) for count in (per_cell, np.sqrt(per_cell)))
+    pairs = list(combinations(coarse, 2))
+    tests = len(fine) + len(pairs)
+    total = _information(violates.astype(int), 2, violates)
     attributions = []
 
     def add_if_significant(
-        partition_of: dict[str, _Partition],
-        cell_information: float,
-        extra_information: float,
-        degrees: int,
+        parts: dict[str, _Partition], information: float, added: float, degrees: int
     ) -> None:
-        chance = min(1.0, tests * _chi2_tail(2.0 * n * extra_information, degrees))
+        """Append an attribution if the ``added`` information is significant."""
+        chance = min(1.0, tests * _chi2_tail(2.0 * n * added, degrees))
         if chance < _CHANCE:
-            attribution = _attribution(partition_of, cell_information / total, chance, violates)
+            attribution = _attribution(parts, information / total, chance, violates)
             attributions.extend([attribution] if attribution else [])
 
-    for name, partition in partitions.items():
-        add_if_significant(
-            {name: partition}, information[name], information[name], partition.number - 1
-        )
-    coarse_information = {
-        name: _cell_information(partition.part, partition.number, violates)
-        for name, partition in coarse_partitions.items()
-    }
+    for name, part in fine.items():
+        information = _information(part.index, part.number, violates)
+        add_if_significant({name: part}, information, information, part.number - 1)
+    alone = {name: _information(part.index, part.number, violates) for name, part in coarse.items()}
     for one, two in pairs:
-        a, b = coarse_partitions[one], coarse_partitions[two]
-        pair_information = _cell_information(
-            a.part * b.number + b.part, a.number * b.number, violates
-        )
+        a, b = coarse[one], coarse[two]
+        information = _information(a.index * b.number + b.index, a.number * b.number, violates)
         # information of the second input within each part of the first, and vice versa
-        extra_information = min(
-            (pair_information - coarse_information[one], a.number * (b.number - 1)),
-            (pair_information - coarse_information[two], b.number * (a.number - 1)),
+        added = min(
+            (information - alone[one], a.number * (b.number - 1)),
+            (information - alone[two], b.number * (a.number - 1)),
             key=lambda pair: -_chi2_tail(2.0 * n * pair[0], pair[1]),
         )
-        add_if_significant({one: a, two: b}, pair_information, *extra_information)
+        add_if_significant({one: a, two: b}, information, *added)
     return sorted(attributions, key=lambda attribution: -attribution.information)
 
 
@@ -162,7 +145,20 @@ def attribute_violations(
 def attribute_missing(
     metric: str, cases: Mapping[str, np.ndarray], inputs: Sequence[str], design: str = "random"
 ) -> tuple[int, list[Attribution]]:
-    """Count the ``ok`` cases without an outcome, and attribute them to inputs."""
+    """Count the ``ok`` cases without an outcome, and attribute them to inputs.
+
+    Parameters
+    ----------
+    metric : str
+        Outcome.
+    cases, inputs, design
+        As for `attribute_violations`.
+
+    Returns
+    -------
+    count : int
+    attributions : list of Attribution
+    """
     ok = ok_rows(cases)
     missing = np.isnan(column(cases, metric)[ok])
     if design in PATTERNS or not missing.any():
@@ -182,7 +178,7 @@ def _partition(
 
 
 class _Partition:
-    """Partition of an input into parts of equally many cases; ``part`` (n,) is the part of each
+    """Partition of an input into parts of equally many cases; ``index`` (n,) is the part of each
     case."""
 
     def __init__(self, values: np.ndarray, max_parts: int):
@@ -190,10 +186,10 @@ class _Partition:
         if len(edges) > max_parts:
             edges = np.unique(np.quantile(values, np.arange(max_parts) / max_parts, method="lower"))
         self.values, self.number = values, len(edges)
-        self.part = np.searchsorted(edges, values, side="right") - 1
+        self.index = np.searchsorted(edges, values, side="right") - 1
 
 
-def _cell_information(cells: np.ndarray, number: int, violates: np.ndarray) -> float:
+def _information(cells: np.ndarray, number: int, violates: np.ndarray) -> float:
     """Return the mutual information of the cell (n,) of a case and its violation, in nats."""
     counts = [np.bincount(cells[rows], minlength=number) for rows in (violates, ~violates)]
     return float(_mutual_information(np.array(counts)))
@@ -224,7 +220,7 @@ def _attribution(
     """Build the attribution of an input or pair, with the part or cell of most information among
     those with more violations than average; None if no cell needs both inputs of a pair."""
     shape = tuple(partition.number for partition in partition_of.values())
-    cells = np.ravel_multi_index([partition.part for partition in partition_of.values()], shape)
+    cells = np.ravel_multi_index([partition.index for partition in partition_of.values()], shape)
     size, k, n = int(np.prod(shape)), int(np.count_nonzero(violates)), len(violates)
     inside = np.bincount(cells[violates], minlength=size).reshape(shape)
     cases = np.bincount(cells, minlength=size).reshape(shape)
@@ -260,8 +256,18 @@ def _odds(inside: np.ndarray, cases: np.ndarray) -> np.ndarray:
 
 
 def attribution_table(attributions: Mapping[str, Sequence[Attribution]]) -> pd.DataFrame:
-    """Tabulate attributions by the name of what is violated, a row each; pairs fill
-    ``second_*``."""
+    """Tabulate attributions.
+
+    Parameters
+    ----------
+    attributions : mapping of str to sequence of Attribution
+        By the name of what is violated.
+
+    Returns
+    -------
+    DataFrame, a row per attribution
+        Pairs of inputs fill ``second_*``.
+    """
     rows = [
         {
             "violated": name,
@@ -295,7 +301,25 @@ def render_attribution(
     width: int = WIDTH,
     design: str = "random",
 ) -> str:
-    """Render attributions as text; ``keys`` maps inputs to their TOML paths."""
+    """Render attributions as text.
+
+    Parameters
+    ----------
+    what : str
+        Name of what is violated.
+    attributions : sequence of Attribution
+    keys : mapping of input column to TOML path
+    most : int
+        Largest number of attributions.
+    width : int
+        Characters in a line.
+    design : str
+        Sampler of the cases.
+
+    Returns
+    -------
+    str
+    """
     if design in PATTERNS:
         return f"{what}: {_PATTERNED.format(design=design)}"
     if not attributions:
@@ -311,7 +335,7 @@ def render_attribution(
         verb = " together explain" if len(attribution.inputs) > 1 else " explains"
         lines.append(
             fill(
-                f"{names}{verb} {100.0 * attribution.information:.0f} % of the failures, mostly "
+                f"{names}{verb} {100.0 * attribution.information:.0f} % of the information, mostly "
                 f"where {region}: {attribution.inside} of the {attribution.violations} are among "
                 f"the {attribution.cases} cases there",
                 width,

@@ -67,7 +67,18 @@ class Occurrence(NamedTuple):
 def rare_values(
     dispersions: Sequence[Dispersion], copulas: Sequence[Copula] = ()
 ) -> tuple[RareValue, ...]:
-    """Return the values, and pairs of values, of probability below 1."""
+    """List the values, and pairs of values, of probability below 1.
+
+    Parameters
+    ----------
+    dispersions : sequence of Dispersion
+    copulas : sequence of Copula
+        Correlations of the dispersions.
+
+    Returns
+    -------
+    tuple of RareValue
+    """
     discrete = [each if each.distribution == "discrete" else None for each in dispersions]
     result = [
         RareValue(
@@ -152,8 +163,19 @@ def _bivariate_normal_cdf(h: np.ndarray, k: np.ndarray, correlation: float) -> n
 
 
 def count_values(values: Sequence[RareValue], inputs: np.ndarray) -> tuple[int, ...]:
-    """Count the rows of a table of inputs (n, d): all of them, then those with each value; counts
-    add up over tables."""
+    """Count the occurrences of rare values.
+
+    Parameters
+    ----------
+    values : sequence of RareValue
+    inputs : ndarray, shape (n, d)
+        In the units of the keys.
+
+    Returns
+    -------
+    tuple of int
+        Number of rows, then of those with each value; counts of several tables add up.
+    """
     single = {value.indices[0] for value in values if len(value.indices) == 1}
     counts = {
         index: dict(zip(*np.unique(inputs[:, index], return_counts=True), strict=True))
@@ -171,7 +193,18 @@ def count_values(values: Sequence[RareValue], inputs: np.ndarray) -> tuple[int, 
 
 
 def occurrences(values: Sequence[RareValue], counts: Sequence[int]) -> list[Occurrence]:
-    """Combine rare values with the counts of `count_values`."""
+    """Combine rare values with their counts.
+
+    Parameters
+    ----------
+    values : sequence of RareValue
+    counts : sequence of int
+        From `count_values`; empty for no cases.
+
+    Returns
+    -------
+    list of Occurrence
+    """
     cases, *times = counts or (0, *(0 for _ in values))
     return [Occurrence(value, k, cases) for value, k in zip(values, times, strict=True)]
 

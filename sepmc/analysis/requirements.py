@@ -10,7 +10,6 @@ as few violations with a probability of at most 1 - confidence (`sepmc.analysis.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -27,12 +26,9 @@ from sepmc.analysis.proportions import (
     upper_bound,
 )
 from sepmc.analysis.statistics import column, ok_rows
-from sepmc.analysis.statistics_text import WIDTH, rounded
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import is_yes_or_no
 
-_NO_BREAK = "\N{NO-BREAK SPACE}"
-ALL_CASES = "all cases"
 PASS, FAIL, NOT_SHOWN, NONE = "pass", "fail", "not shown", "no verdict"
 # Stored margins nearest to a bound; more of them within the numerical error leave no verdict.
 _MAX_NEAR = 65536
@@ -211,7 +207,18 @@ def has_two_bounds(requirement: "Requirement | Verdict") -> bool:
 
 
 def margins(values: np.ndarray, requirement: "Requirement | Verdict") -> np.ndarray:
-    """Return the distances (n,) of values from the nearer bound, negative beyond it, NaN of NaN."""
+    """Return the distances of values from the nearer bound.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    requirement : Requirement or Verdict
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Negative beyond the bound, NaN of NaN.
+    """
     low, high = requirement.at_least, requirement.at_most
     below = values - low if low is not None else np.where(np.isnan(values), np.nan, math.inf)
     above = high - values if high is not None else np.where(np.isnan(values), np.nan, math.inf)
@@ -306,8 +313,21 @@ class Verdict:
 def design_value(
     counter: RequirementCounter, count: int, at_ranks: Callable[[np.ndarray], np.ndarray]
 ) -> float:
-    """Return the design value of ``count`` outcomes, or of their `margins` for two bounds; NaN if
-    none exists. ``at_ranks`` returns the values at sorted ranks."""
+    """Return the design value of a requirement.
+
+    Parameters
+    ----------
+    counter : RequirementCounter
+    count : int
+        Values of the outcome.
+    at_ranks : callable
+        Returns the values, or their `margins` for two bounds, at sorted zero-based ranks.
+
+    Returns
+    -------
+    float
+        NaN if there is none.
+    """
     item = counter.requirement
     if item.at_least is item.at_most is None:  # on a status
         return math.nan
@@ -456,134 +476,3 @@ def verdict_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
     names = [field.name for field in fields(Verdict)]
     rows = [verdict.to_dict() for verdict in verdicts]
     return pd.DataFrame(rows, columns=pd.Index(names)).set_index("name")
-
-
-def render_verdicts(
-    verdicts: Sequence[Verdict],
-    units: Mapping[str, str],
-    width: int = WIDTH,
-    population: str = ALL_CASES,
-) -> str:
-    """Render verdicts as text; ``population`` names the cases they refer to."""
-    parts = (_render_verdict(v, units.get(v.metric, ""), width, population) for v in verdicts)
-    return "\n".join(["requirements", *parts])
-
-
-def render_cases_needed(verdicts: Sequence[Verdict]) -> str:
-    """Return a sentence on the further cases that filtered cases need to pass; empty if none are
-    needed."""
-    pending = [v for v in verdicts if v.verdict == NOT_SHOWN]
-    if not pending:
-        return ""
-    most = max(v.more for v in pending)
-    subject = pending[0].name if len(pending) == 1 else f"{len(pending)} requirements"
-    return (
-        f"{subject} not shown: {most} more such cases without a violation are needed; a campaign "
-        "with these inputs fixed (--set) runs such cases only"
-    )
-
-
-def requirement_sentence(
-    item: Requirement | Verdict, unit: str, population: str = ALL_CASES
-) -> str:
-    """Describe a requirement; ``population`` names the cases it refers to."""
-    bound = " and ".join(
-        f"{sign} {number:g}{_spaced(unit)}"
-        for sign, number in ((">=", item.at_least), ("<=", item.at_most))
-        if number is not None
-    )
-    text = f"{item.metric} {bound or 'does not occur'}"
-    if item.metric == VIOLATION:
-        text = "no other requirement is violated"
-    return (
-        f"{item.name}: {text} in {_percent(item.probability)} "
-        f"of {population}, with {_percent(item.confidence)} confidence"
-    )
-
-
-def _render_verdict(v: Verdict, unit: str, width: int, population: str) -> str:
-    """Render one verdict as indented lines."""
-    required, confidence = _percent(v.probability), _percent(v.confidence)
-    lines = [
-        requirement_sentence(v, unit, population),
-        f"{v.violations} of {v.cases} cases violate it, "
-        + (f"{v.allowed} may" if v.allowed >= 0 else "too few cases to show it even without one")
-        + (f"; {render_missing(v)}" if v.missing else ""),
-    ]
-    if v.verdict == NONE:
-        lines.insert(1, v.why)
-    else:
-        lines[-1] += f"; of {population} {_violating(v)} violate it ({confidence})"
-    if v.verdict == NOT_SHOWN and population == ALL_CASES:
-        lines.append(f"{v.more} more cases without a violation would show it")
-    if v.worst is not None:
-        text = f"worst {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"
-        if v.design_value is not None and v.verdict != NONE:
-            text += f"; {required} of {population} are {_designed(v, unit)}, with {confidence}"
-        lines.append(text)
-    head, indent = f"  {v.verdict.upper():10s}  ", " " * 14
-    return "\n".join(
-        fill(
-            line.replace(" %", _NO_BREAK + "%"),
-            width,
-            initial_indent=indent if i else head,
-            subsequent_indent=indent,
-        ).replace(_NO_BREAK, " ")
-        for i, line in enumerate(lines)
-    )
-
-
-def render_missing(v: Verdict) -> str:
-    """Describe how many violating cases are unknown, and why."""
-    ended = v.missing - v.lacking
-    if v.metric == VIOLATION:
-        unknown = {"did not finish or have no such outcome": v.missing}
-    elif v.at_least is v.at_most is None:
-        unknown = {"ended in another way": v.missing}
-    else:
-        unknown = {"have no such outcome": v.lacking, "did not finish": ended}
-    return ", ".join(f"{count} of them {why}" for why, count in unknown.items() if count)
-
-
-def _designed(v: Verdict, unit: str) -> str:
-    """Describe the design value."""
-    value = v.design_value or 0.0
-    if has_two_bounds(v):
-        size = f"{_number(abs(value))}{_spaced(unit)}"
-        if value >= 0.0:
-            return f"at least {size} within both bounds"
-        return f"at most {size} beyond a bound"
-    return f"{'>=' if v.at_least is not None else '<='} {_number(value)}{_spaced(unit)}"
-
-
-def _violating(v: Verdict) -> str:
-    """Format the bound of the violation probability that supports the verdict."""
-    return (
-        f"> {format_proportion(v.share_at_least, math.floor)}"
-        if v.verdict == FAIL
-        else f"< {format_proportion(v.share_at_most, math.ceil)}"
-    )
-
-
-def _percent(fraction: float) -> str:
-    """Format a fraction as percent."""
-    return f"{100.0 * fraction:g} %"
-
-
-def _spaced(unit: str) -> str:
-    """Return a unit with a leading space, empty for dimensionless."""
-    return f" {unit}" if unit not in ("", "1") else ""
-
-
-def format_proportion(value: float, rounding: Callable[[float], int] = round) -> str:
-    """Format a proportion with two digits, rounded by ``rounding`` so that a bound stays a
-    bound."""
-    if 0.0 < value < 1.0:
-        unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-        value = rounding(value / unit * (1.0 - 1e-12 * (rounding is math.ceil))) * unit
-    return f"{value:.1e}" if 0.0 < value < 0.0095 else f"{value:.2g}"
-
-
-def _number(value: float) -> str:
-    """Format a number with four significant digits."""
-    return rounded(value, abs(value), 4)

@@ -23,8 +23,19 @@ _TESTS = {
 
 
 def filter_names(dispersions: Sequence[Dispersion], columns: Sequence[str]) -> dict[str, str]:
-    """Map the names a filter accepts to numeric columns: column names, and keys and paths of
-    inputs."""
+    """Map the names a filter accepts to numeric columns.
+
+    Parameters
+    ----------
+    dispersions : sequence of Dispersion
+    columns : sequence of str
+        Of the case table.
+
+    Returns
+    -------
+    dict of str to str
+        Column by column name, and by key and path of an input.
+    """
     names = {name: name for name in columns if name != "status"}
     for dispersion in dispersions:
         names |= {
@@ -65,7 +76,20 @@ def matching_rows(
 
 
 def filter_outcomes(columns: Mapping[str, str], terms: Sequence[str]) -> list[str]:
-    """Return the columns of a filter that are outcomes, not inputs."""
+    """List the outcomes that a filter uses.
+
+    Parameters
+    ----------
+    columns : mapping of str to str
+        From `filter_names`.
+    terms : sequence of str
+        As for `matching_rows`.
+
+    Returns
+    -------
+    list of str
+        Columns that are not inputs.
+    """
     parsed = [_read(columns, each, term) for term in terms for each in _OR.split(term)]
     names = dict.fromkeys(name for matches, _, _ in parsed for name in matches)
     return [name for name in names if not name.startswith("in_") and name != "case"]

@@ -112,11 +112,7 @@ class TableStatistics:
             return of.column(self.cases, name) if name in self.outcomes else None
 
         count_cases(
-            counters,
-            np.asarray(self.cases["case"]),
-            self._ok,
-            values,
-            lambda name: labels == name,
+            counters, np.asarray(self.cases["case"]), self._ok, values, lambda name: labels == name
         )
         return [
             judge(counter, errors, self._design(counter, x), reason, self._lacking(x))
@@ -153,8 +149,19 @@ def summarise(
     bounds: Mapping[str, float],
     requirements: Sequence[Requirement] = (),
 ) -> TableStatistics | StreamingStatistics:
-    """Return the statistics of a stored case table (`sepmc.campaign.store.shards.CaseColumns`):
-    exact up to `MAX_EXACT_CASES` cases, beyond that a `StreamingStatistics`."""
+    """Return the statistics of a stored case table.
+
+    Parameters
+    ----------
+    cases : `sepmc.campaign.store.shards.CaseColumns`
+    outcomes, audits, bounds, requirements
+        As for `TableStatistics`.
+
+    Returns
+    -------
+    TableStatistics or StreamingStatistics
+        Exact percentiles up to `MAX_EXACT_CASES` cases, those of a sketch beyond.
+    """
     if cases.rows <= MAX_EXACT_CASES:
         return TableStatistics(cases, outcomes, audits, bounds, requirements)
     stream = StreamingStatistics(outcomes, audits, bounds, requirements)

@@ -153,9 +153,21 @@ def input_sensitivities(
 
 
 def leading_inputs(table: pd.DataFrame, count: int) -> pd.DataFrame:
-    """Return the ``count`` leading inputs of `input_sensitivities`: the first ones, and for a
-    quarter of the places those of the others with the largest ``shift``, as a rare failure may
-    shift the mean and explain little of the variance."""
+    """Select the leading inputs of an outcome.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `input_sensitivities`.
+    count : int
+        Largest number of inputs.
+
+    Returns
+    -------
+    DataFrame
+        The first rows, and for a quarter of the places the others with the largest ``shift``: a
+        rare failure may shift the mean and explain little of the variance.
+    """
     n_by_index = count - max(1, count // 4)
     others = table.iloc[n_by_index:]["shift"].sort_values(ascending=False, kind="stable").index
     return table[table.index.isin([*table.index[:n_by_index], *others[: count - n_by_index]])]
@@ -238,13 +250,25 @@ def _set_index(table: pd.DataFrame, name: str, index: np.ndarray, half_width: np
 
 
 def render_sensitivities(
-    table: pd.DataFrame,
-    outcome: str,
-    keys: Mapping[str, str],
-    count: int = 8,
-    width: int = WIDTH,
+    table: pd.DataFrame, outcome: str, keys: Mapping[str, str], count: int = 8, width: int = WIDTH
 ) -> str:
-    """Render the sensitivity of an outcome as a text table; ``keys`` maps inputs to TOML paths."""
+    """Render the sensitivity of an outcome as a text table.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `input_sensitivities`.
+    outcome : str
+    keys : mapping of input column to TOML path
+    count : int
+        Largest number of inputs.
+    width : int
+        Characters in a line.
+
+    Returns
+    -------
+    str
+    """
     head = ["input", "first-order", "total", "rank", "partial", "mean, lowest to highest tenth"]
     scale = float(np.nanmax(np.abs(table["mean_high"] - table["mean_low"])))
     rows = [

@@ -14,11 +14,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
-from sepmc.analysis.proportions import (
-    CONFIDENCE,
-    order_statistics,
-    percentile_ranks,
-)
+from sepmc.analysis.proportions import CONFIDENCE, order_statistics, percentile_ranks
 
 OK = "ok"
 TWO_SIDED = 1.959963984540054  # normal quantile of 97.5 %
@@ -126,7 +122,18 @@ def ok_rows(cases: Mapping[str, Any]) -> np.ndarray:
 
 
 def column(cases: Any, name: str) -> np.ndarray:
-    """Return a column of a case table as floats; missing values of a nullable column are NaN."""
+    """Return a column of a case table as floats.
+
+    Parameters
+    ----------
+    cases : DataFrame or other mapping of name to column
+    name : str
+
+    Returns
+    -------
+    ndarray, shape (n_cases,)
+        Missing values of a nullable column are NaN.
+    """
     values = cases[name]
     return (
         values.to_numpy(dtype=float, na_value=np.nan)
@@ -141,19 +148,9 @@ def statistics_table(
     reference: Mapping[str, Mapping[str, float]] | None,
 ) -> pd.DataFrame:
     """Build the table of `statistics` from a row for each outcome."""
-    columns = [
-        "n",
-        "mean",
-        "sigma",
-        "min",
-        "max",
-        *PERCENTILES,
-        "mean_se",
-        "sigma_se",
-        "case_min",
-        "case_max",
-        *(f"{name}_{end}" for name in PERCENTILES for end in ("low", "high")),
-    ]
+    columns = ["n", "mean", "sigma", "min", "max", *PERCENTILES]
+    columns += ["mean_se", "sigma_se", "case_min", "case_max"]
+    columns += [f"{name}_{end}" for name in PERCENTILES for end in ("low", "high")]
     # all float: a nullable column would turn NaN into pd.NA
     data = {
         name: np.array(
@@ -168,7 +165,17 @@ def statistics_table(
 
 
 def histogram(x: np.ndarray) -> Histogram | None:
-    """Return the histogram of the finite values among x (n,), or None if there are none."""
+    """Return the histogram of finite values.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+
+    Returns
+    -------
+    Histogram or None
+        None without a finite value.
+    """
     x = x[np.isfinite(x)]
     if not x.size:
         return None

@@ -19,7 +19,19 @@ _TAIL_CASES = 741
 
 
 def render_audit(table: pd.DataFrame, width: int = WIDTH) -> str:
-    """Render an audit in one line, or a line for each column with cases beyond its bound."""
+    """Render an audit in one line, or a line for each column with cases beyond its bound.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `sepmc.analysis.statistics.audit`.
+    width : int
+        Characters in a line.
+
+    Returns
+    -------
+    str
+    """
     if not len(table) or table["case"].max() < 0:
         return "audit: no ok case to audit"
     failed = table[table["beyond"] > 0]
@@ -44,8 +56,21 @@ def render_audit(table: pd.DataFrame, width: int = WIDTH) -> str:
 
 
 def rounded(value: float, scale: float, digits: int = 3) -> str:
-    """Format ``value`` with the decimals that show ``scale`` (its sigma, say) to ``digits``
-    significant digits; "-" for NaN."""
+    """Format a number with the decimals that show its scale.
+
+    Parameters
+    ----------
+    value : float
+    scale : float
+        Sigma, for example.
+    digits : int
+        Significant digits of the scale.
+
+    Returns
+    -------
+    str
+        "-" for NaN.
+    """
     if pd.isna(value):
         return "-"
     if not (np.isfinite(scale) and scale > 0.0):  # scale by the value itself

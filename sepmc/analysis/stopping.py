@@ -197,8 +197,24 @@ def _proportion(k: int, n: int, confidence: float) -> tuple[float, float, float]
 
 
 def parse_stopping_rule(text: str, outcomes: Collection[str]) -> StoppingRule:
-    """Parse ``METRIC:TOLERANCE`` or ``METRIC.STATISTIC:TOLERANCE%``; raise InputError with the
-    allowed values."""
+    """Parse the text of a stopping rule.
+
+    Parameters
+    ----------
+    text : str
+        ``METRIC:TOLERANCE`` or ``METRIC.STATISTIC:TOLERANCE``; a tolerance may end with %.
+    outcomes : collection of str
+        Of the campaign.
+
+    Returns
+    -------
+    StoppingRule
+
+    Raises
+    ------
+    InputError
+        With the allowed values.
+    """
     name, colon, size = text.rpartition(":")
     relative = size.endswith("%")
     try:

@@ -173,11 +173,21 @@ class Estimate:
 
 
 def mean_interval(estimates: np.ndarray, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the interval of the mean of independent positive estimates (r,).
+    """Return the interval of the mean of independent positive estimates.
 
     The mean times exp(+-t s), with Student's t of r - 1 degrees of freedom and the relative
     standard error s of the mean: estimates scatter as their logarithms do. Coverage:
     `tests/measure/rare.py`.
+
+    Parameters
+    ----------
+    estimates : ndarray, shape (r,)
+        Not all 0.
+    confidence : float
+
+    Returns
+    -------
+    low, high : float
     """
     from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s that other commands do not need)
 
@@ -188,8 +198,19 @@ def mean_interval(estimates: np.ndarray, confidence: float = CONFIDENCE) -> tupl
 
 
 def equivalent_direct_cases(probability: float, interval: tuple[float, float]) -> float:
-    """Return the number of direct Monte Carlo cases that give an interval as narrow in the
-    logarithm; NaN if an end is 0."""
+    """Return the number of direct Monte Carlo cases with an equally narrow interval.
+
+    Parameters
+    ----------
+    probability : float
+    interval : tuple of float
+        Compared by the ratio of its ends.
+
+    Returns
+    -------
+    float
+        NaN if an end is 0.
+    """
     low, high = interval
     if not 0.0 < low < high:
         return math.nan

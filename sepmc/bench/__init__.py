@@ -1,2 +1,2 @@
-"""Speed and accuracy beside each other: `bench` measures a scene on this machine, part by part,
-into a folder."""
+"""Benchmark of speed and accuracy of a scene on this machine: `bench` writes its parts into a
+folder."""

@@ -84,12 +84,7 @@ def bench(
         warnings.simplefilter("ignore", SceneWarning)  # reported when the file was read
         history = campaign.scene.run.history_step
         study = _study(
-            campaign,
-            cases,
-            repeats or (QUICK_REPEATS if quick else REPEATS),
-            threads,
-            quick,
-            say,
+            campaign, cases, repeats or (QUICK_REPEATS if quick else REPEATS), threads, quick, say
         )
         results, frames = _parts(study, history, peers, folder)
     from sepmc.report.bench_figures import draw  # noqa: PLC0415  (matplotlib takes 0.7 s)

@@ -50,17 +50,8 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
         ][1:]
         rows = [_row(stage, "stage", [run[stage] for run in runs]) for stage in runs[0]]
         out = f"{folder}/out"
-        command = [
-            sys.executable,
-            "-m",
-            "sepmc",
-            "campaign",
-            str(file),
-            "--no-plots",
-            "--quiet",
-            "--threads",
-            str(study.threads),
-        ]
+        options = ["--no-plots", "--quiet", "--threads", str(study.threads)]
+        command = [sys.executable, "-m", "sepmc", "campaign", str(file), *options]
         commands = {
             "sepmc campaign FILE --no-plots": lambda: subprocess_calls.run(
                 [*command, "--out", out, *(["--overwrite"] if Path(out).exists() else [])]

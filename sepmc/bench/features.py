@@ -146,37 +146,15 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
     reported and left out."""
     scene = study.campaign.scene
     variants = [Variant(ALL, "the scene as it is, without histories", study.campaign)]
-    aerodynamic = [name for name, body in scene.body.items() if body.aerodynamics is not None]
+    tables = tuple(f"body.{b}.aerodynamics" for b, body in scene.body.items() if body.aerodynamics)
     air = scene.environment
+    has_wind = air.wind.speed > 0.0 or air.wind.profile is not None
+    no_air, no_gravity = ({f"environment.{name}": "none"} for name in ("atmosphere", "gravity"))
     candidates: list[tuple[str, bool, str, tuple[str, ...], dict[str, Any]]] = [
-        (
-            "aerodynamics",
-            bool(aerodynamic),
-            "no body.aerodynamics",
-            tuple(f"body.{b}.aerodynamics" for b in aerodynamic),
-            {},
-        ),
-        (
-            "atmosphere",
-            air.atmosphere != "none",
-            'environment.atmosphere = "none"',
-            (),
-            {"environment.atmosphere": "none"},
-        ),
-        (
-            "wind",
-            air.wind.speed > 0.0 or air.wind.profile is not None,
-            "no environment.wind",
-            ("environment.wind",),
-            {},
-        ),
-        (
-            "gravity",
-            air.gravity != "none",
-            'environment.gravity = "none"',
-            (),
-            {"environment.gravity": "none"},
-        ),
+        ("aerodynamics", bool(tables), "no body.aerodynamics", tables, {}),
+        ("atmosphere", air.atmosphere != "none", 'environment.atmosphere = "none"', (), no_air),
+        ("wind", has_wind, "no environment.wind", ("environment.wind",), {}),
+        ("gravity", air.gravity != "none", 'environment.gravity = "none"', (), no_gravity),
         ("motors", bool(scene.motor), "no motor", ("motor",), {}),
         ("springs", bool(scene.spring), "no spring", ("spring",), {}),
         ("loads", bool(scene.load), "no load", ("load",), {}),

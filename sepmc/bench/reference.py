@@ -64,15 +64,17 @@ def make_reference(study: Study) -> Reference:
     campaign = study.with_settings({"solver.method": METHOD})
     flight = study.flight if study.method == METHOD else select_steps(campaign, announce=study.say)
     first = SolverVariant(flight, campaign, study.own_cases)
-    outcomes, valid, change, flown = _refined(study, first)
-    factor = int(flown.flight.steps[0] // first.flight.steps[0])
+    outcomes, valid, change, refined = _refined(study, first)
+    factor = int(refined.flight.steps[0] // first.flight.steps[0])
     other = _second_opinion(study, first, factor)
     difference, _ = study.error(other.fly(study.inputs), outcomes, valid)
     how, opinion = (
         f"{variant.formulation} formulation, {METHOD}, {variant.setting}"
-        for variant in (flown, other)
+        for variant in (refined, other)
     )
-    return Reference(outcomes, valid, how, flown.setting, change, opinion, difference, other.cases)
+    return Reference(
+        outcomes, valid, how, refined.setting, change, opinion, difference, other.cases
+    )
 
 
 def _refined(

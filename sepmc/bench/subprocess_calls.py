@@ -41,8 +41,26 @@ def call(function: str, arguments: list[Any], changes: dict[str, str] | None = N
 
 
 def run(command: list[str], changes: dict[str, str] | None = None, text: str = "") -> str:
-    """Run a command and return its output; raise RuntimeError with the last line of its error
-    output."""
+    """Run a command.
+
+    Parameters
+    ----------
+    command : list of str
+    changes : dict, optional
+        Of the environment.
+    text : str
+        Standard input.
+
+    Returns
+    -------
+    str
+        Standard output.
+
+    Raises
+    ------
+    RuntimeError
+        If it fails, with the last line of its error output.
+    """
     result = subprocess.run(
         command, input=text, env=environment(changes), capture_output=True, text=True, check=False
     )

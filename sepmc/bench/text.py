@@ -18,70 +18,22 @@ _FORMATS = {
 MAX_QUIET_SPREAD = 0.1  # largest median spread of repeats without a warning
 MIN_SPEED_UP = 1.1  # smallest speed-up of several threads without a warning
 _COLUMNS = {
-    "work_precision": [
-        "formulation",
-        "method",
-        "setting",
-        "asked",
-        "error",
-        "worst_outcome",
-        "ms",
-        "spread",
-        "cases",
-        "repeats",
-        "scaled",
-        "default",
-    ],
-    "features": [
-        "feature",
-        "change",
-        "ms",
-        "spread",
-        "time_ratio",
-        "flop_ratio",
-        "evaluations",
-        "flops_per_evaluation",
-        "flops_per_case",
-    ],
-    "stages": ["stage", "kind", "s", "spread", "best_s", "repeats"],
-    "scaling": [
-        "cases",
-        "threads",
-        "us_per_case",
-        "kernel_s",
-        "spread",
-        "sample_s",
-        "peak_MB",
-        "speed_up",
-    ],
-    "peers": [
-        "engine",
-        "setting",
-        "error",
-        "ms",
-        "spread",
-        "over_ours",
-        "cases",
-        "repeats",
-        "scaled",
-        "compile_s",
-        "note",
-    ],
+    "work_precision": (
+        "formulation method setting asked error worst_outcome ms spread cases repeats scaled "
+        "default"
+    ),
+    "features": (
+        "feature change ms spread time_ratio flop_ratio evaluations flops_per_evaluation "
+        "flops_per_case"
+    ),
+    "stages": "stage kind s spread best_s repeats",
+    "scaling": "cases threads us_per_case kernel_s spread sample_s peak_MB speed_up",
+    "peers": "engine setting error ms spread over_ours cases repeats scaled compile_s note",
 }
 _TEXT_COLUMNS = (
-    "formulation",
-    "method",
-    "setting",
-    "worst_outcome",
-    "default",
-    "scaled",
-    "feature",
-    "change",
-    "stage",
-    "kind",
-    "engine",
-    "note",
-)
+    "formulation", "method", "setting", "worst_outcome", "default", "scaled", "feature", "change",
+    "stage", "kind", "engine", "note",
+)  # fmt: skip
 _TITLES = {
     "work_precision": "Work-precision: error against the reference, kernel time for 10,000 cases "
     "(ms, median; spread: interquartile range of its repeats over the median)",
@@ -100,7 +52,7 @@ def render_table(name: str, frame: pd.DataFrame) -> str:
     cells = pd.DataFrame(
         {
             column: [_cell(column, value) for value in frame[column]]
-            for column in _COLUMNS[name]
+            for column in _COLUMNS[name].split()
             if column in frame
         }
     )

@@ -31,6 +31,7 @@ RENAMED_OPTIONS = {
     "--greatest": "--max",
     "--film": "--animate",
     "--plan": "--samples",
+    "--spares": "--fallbacks",
 }
 
 

@@ -3,7 +3,7 @@
 import warnings
 from itertools import islice
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,6 +12,7 @@ from sepmc.cli.render import warn
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
+    from sepmc.kernel.spec.structure import KernelSpec
 
 # cases per batch, and number of batches at most, to count inertias that no solid body has
 _BATCH, _BATCHES = 65_536, 16
@@ -38,15 +39,15 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
     campaign = load_campaign(file, settings)
     from sepmc.kernel.spec.structure import make_kernel_spec
 
-    shape = make_kernel_spec(campaign.plan, campaign.dispersed)
+    spec = make_kernel_spec(campaign.plan, campaign.dispersed)
     if code:
         from sepmc.campaign.execution.step_selection import kernel_text
 
-        for line in shape.names.legend:
+        for line in spec.names.legend:
             click.echo(fill(line, 100, initial_indent="# ", subsequent_indent="#   "))
         click.echo(kernel_text(campaign, history=campaign.scene.run.history_step > 0.0))
         return
-    _show_scene(campaign, shape)
+    _show_scene(campaign, spec)
     warnings_shown = _input_warnings(campaign)
     warn(*warnings_shown)
     if no_flight or _check_nominal(campaign, warnings_shown):
@@ -55,9 +56,9 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         click.echo("can be read; whether it can be flown is not known")
 
 
-def _show_scene(campaign: "Campaign", shape: Any) -> None:
+def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
     """Show scene, kernel, cases, dispersions and requirements of a campaign."""
-    from sepmc.analysis.requirements import requirement_sentence
+    from sepmc.analysis.requirements_text import requirement_sentence
     from sepmc.campaign.execution.step_selection import stage_names
     from sepmc.kernel.emit.module import features
     from sepmc.kernel.spec.describe import lines
@@ -67,17 +68,17 @@ def _show_scene(campaign: "Campaign", shape: Any) -> None:
     for line in lines(campaign.plan):
         click.echo("  " + line)
     click.echo("  kernel       generated for the scene (print it with --code)")
-    body_names = shape.names.back
-    for stage, stage_name in zip(shape.segments, stage_names(campaign), strict=True):
+    body_names = spec.names.back
+    for segment, name in zip(spec.segments, stage_names(campaign), strict=True):
         groups = [
             " and ".join(body_names.get(body, body) for body in group)
-            for group in stage.groups
+            for group in segment.groups
             if len(group) > 1
         ]
         rotation = "; ".join(f"{group} rotate as one rigid group" for group in groups)
-        rows = f"{len(stage.rows)} constraint rows solved" if stage.rows else "no constraints"
-        click.echo(f"    {stage_name:14s} {rotation or 'all bodies rotate freely'}, {rows}")
-    included, left_out = features(shape)
+        rows = f"{len(segment.rows)} constraint rows solved" if segment.rows else "no constraints"
+        click.echo(f"    {name:14s} {rotation or 'all bodies rotate freely'}, {rows}")
+    included, left_out = features(spec)
     click.echo(f"    includes       {', '.join(included)}")
     click.echo(f"    left out       {', '.join(left_out)}")
     selection, _ = campaign.select_cases()

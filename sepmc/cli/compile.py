@@ -17,7 +17,7 @@ from sepmc.cli.render import logger
     help="Compile the kernel of a campaign with --stats-only, which stores no histories.",
 )
 @click.option(
-    "--spares",
+    "--fallbacks",
     is_flag=True,
     help="Compile the fallback kernels, too, for cases that are not valid in the standard one.",
 )
@@ -30,7 +30,7 @@ def compile_(
 
     \b
     Example:
-      sepmc compile srb.toml --spares
+      sepmc compile srb.toml --fallbacks
     """
     log = logger(quiet)
     campaign = load_campaign(file, settings)

@@ -11,6 +11,7 @@ import click
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.case_selection import CaseSelection
+    from sepmc.campaign.execution.integration import Integration
 
 _TIMED_S = 0.3  # time to spend on cases that measure the speed
 _FEWEST, _GROWTH = 1, 8  # cases of the first measurement, and growth to the next one
@@ -67,7 +68,7 @@ def show_forecast(
 
 def _time_per_case(
     campaign: "Campaign",
-    integration: Any,
+    integration: "Integration",
     selection: "CaseSelection",
     seed: int,
     total: int,

@@ -51,7 +51,7 @@ def show_results(
 ) -> None:
     """Show statistics, failures, audit, numerical error and verdicts of a run; statistics of the
     outcomes that match the patterns ``columns`` only, if given."""
-    from sepmc.analysis import requirements
+    from sepmc.analysis import requirements_text
     from sepmc.analysis.statistics_text import render_audit, render_summary
     from sepmc.schema import Status
 
@@ -72,7 +72,7 @@ def show_results(
     if "errors" in run.accuracy:
         log(for_screen(render_accuracy(run.accuracy, phases(campaign, run.accuracy))))
     if run.verdicts:
-        log(requirements.render_verdicts(run.verdicts, units, width))
+        log(requirements_text.render_verdicts(run.verdicts, units, width))
 
 
 def phases(campaign: "Campaign", accuracy: Any) -> list[str]:
@@ -113,7 +113,7 @@ def show_selected(
     in the form of ``statistics.json``."""
     import pandas as pd
 
-    from sepmc.analysis import requirements, row_filter
+    from sepmc.analysis import requirements_text, row_filter
     from sepmc.analysis.row_statistics import TableStatistics
     from sepmc.analysis.statistics import ok_rows
     from sepmc.analysis.statistics_text import render_summary
@@ -150,8 +150,8 @@ def show_selected(
         statuses = ", ".join(f"{count} {label}" for label, count in ends.items())
         show(f"no statistics, as none of these cases completed: {statuses}")
     if run.verdicts:
-        show(requirements.render_verdicts(run.verdicts, units, width, population="such cases"))
-        if missing := requirements.render_cases_needed(run.verdicts):
+        show(requirements_text.render_verdicts(run.verdicts, units, width, population="such cases"))
+        if missing := requirements_text.render_cases_needed(run.verdicts):
             show(missing)
     if by := row_filter.filter_outcomes(names, terms):
         show(

@@ -1,1 +1,1 @@
-"""What a reader sees of a run: figures and pages (the only room that imports matplotlib)."""
+"""Figures and pages of a run (the only room that imports matplotlib)."""

@@ -148,13 +148,13 @@ def convergence_figure(
         for ax, (curve, low, high), statistic in zip(
             axes[2 * row : 2 * row + 2], running_statistics(x, n), ("mean", "sigma"), strict=True
         ):
-            ax.fill_between(n, low, high, color="#a9cdea", linewidth=0, label="95 %")
-            ax.plot(n, curve, color=BLUE, linewidth=1.4, label="of the cases so far")
+            ax.fill_between(n, low, high, color="#a9cdea", linewidth=0, label="95 % interval")
+            ax.plot(n, curve, color=BLUE, linewidth=1.4, label="estimate from the first n cases")
             ax.set_xscale("log")
             ax.set_ylabel(f"{statistic} ({unit})" if unit else statistic)
             ax.set_title(to_words(outcome, unit), fontsize=9.5)
     for ax in axes[-2:]:
-        ax.set_xlabel("ok cases")
+        ax.set_xlabel("number n of ok cases")
     set_title(figure, f"Convergence of {about}")
     return save(figure, make_folder(folder) / f"convergence{suffix}")
 

@@ -236,9 +236,7 @@ def _histogram(
         ax.tick_params(axis="x", pad=5.5)
         if _is_bell(histogram):
             grid = np.linspace(
-                min(histogram.low, mean - 3.5 * sigma),
-                max(histogram.high, mean + 3.5 * sigma),
-                300,
+                min(histogram.low, mean - 3.5 * sigma), max(histogram.high, mean + 3.5 * sigma), 300
             )
             normal = np.exp(-0.5 * ((grid - mean) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
             ax.plot(grid, normal, color=BLACK, linewidth=1.4, label=_NORMAL)

@@ -10,16 +10,8 @@ from typing import Any
 import jinja2
 import pandas as pd
 
-from sepmc.analysis.requirements import (
-    FAIL,
-    NOT_SHOWN,
-    PASS,
-    Verdict,
-    format_proportion,
-    has_two_bounds,
-    render_missing,
-    requirement_sentence,
-)
+from sepmc.analysis.requirements import FAIL, NOT_SHOWN, PASS, Verdict, has_two_bounds
+from sepmc.analysis.requirements_text import format_proportion, render_missing, requirement_sentence
 from sepmc.analysis.statistics_text import column_groups, rounded
 
 _STYLES = {PASS: "pass", FAIL: "fail"}

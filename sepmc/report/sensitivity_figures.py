@@ -26,8 +26,8 @@ from sepmc.report.style import (
 _MAX_BARS = 8  # inputs per outcome
 _PAD = 0.12  # inches
 _PALE_ALPHA = 0.3
-_LOWEST = "lowest tenth of the input, or its lowest of few values"
-_HIGHEST = "highest tenth, or value"
+_LOWEST = "lowest tenth of the input (lowest value, if it has few)"
+_HIGHEST = "highest tenth (highest value)"
 _UNCERTAIN = "pale: effect alone not significant (95 %)"
 
 
@@ -59,7 +59,7 @@ def tornado_figure(
     Returns
     -------
     Path
-        ``drivers`` + suffix.
+        ``sensitivity`` + suffix.
     """
     columns = min(2, len(sensitivities))
     widths = [2.4, 1.0] * columns

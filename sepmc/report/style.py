@@ -60,10 +60,7 @@ def to_words(name: str, unit: str = "") -> str:
 
 
 def make_axes(
-    rows: int,
-    columns: int,
-    size: tuple[float, float],
-    widths: Sequence[float] | None = None,
+    rows: int, columns: int, size: tuple[float, float], widths: Sequence[float] | None = None
 ) -> tuple[Figure, list[Axes]]:
     """Create a figure of rows x columns axes in the common style.
 
@@ -116,8 +113,21 @@ def _columns(texts: Sequence[str], inches: float) -> int:
 
 
 def save(figure: Figure, path: Path, order: Sequence[str] = ()) -> Path:
-    """Set one legend below all axes, entries of ``order`` first, and write the figure in the format
-    of the file's suffix; without date and software name, so that equal data give equal bytes."""
+    """Set one legend below all axes and write the figure.
+
+    Parameters
+    ----------
+    figure : Figure
+    path : Path
+        The suffix selects the format.
+    order : sequence of str
+        Legend entries that come first.
+
+    Returns
+    -------
+    Path
+        ``path``. The file has no date and no software name: equal data give equal bytes.
+    """
     entries = {
         text: handle
         for ax in figure.axes

@@ -33,10 +33,10 @@ def test_pairs():
     one["status"][3] = two["status"][7] = "never-released"
     row = compare(one, two, ["in_x"], ["y"]).loc["y"]
     kept = np.delete(np.arange(200), [3, 7])
-    apart = (two["y"][:200] - one["y"])[kept]
+    separate = (two["y"][:200] - one["y"])[kept]
     assert row["pairs"] == 198
-    assert_allclose(row["difference"], apart.mean())
-    low, high = stats.t.interval(0.95, 197, apart.mean(), stats.sem(apart))
+    assert_allclose(row["difference"], separate.mean())
+    low, high = stats.t.interval(0.95, 197, separate.mean(), stats.sem(separate))
     assert_allclose([row["low"], row["high"]], [low, high])
     assert_allclose(row["mean_one"], np.delete(x, 3).mean())
 
@@ -68,12 +68,12 @@ def test_six_pairs_need_students_law():
     x = np.arange(6.0)
     one, two = table(x, x), table(x, x + np.array([0.5, 1.0, -0.1, 0.9, -0.3, 0.8]))
     row = compare(one, two, ["in_x"], ["y"]).loc["y"]
-    apart = two["y"] - one["y"]
+    separate = two["y"] - one["y"]
     assert_allclose(
-        [row["low"], row["high"]], stats.ttest_1samp(apart, 0.0).confidence_interval(0.95)
+        [row["low"], row["high"]], stats.ttest_1samp(separate, 0.0).confidence_interval(0.95)
     )
     assert row["low"] < 0.0 < row["high"]
-    assert apart.mean() - 1.96 * stats.sem(apart) > 0.0
+    assert separate.mean() - 1.96 * stats.sem(separate) > 0.0
     two["in_x"] = x + 10.0
     row = compare(one, two, ["in_x"], ["y"]).loc["y"]
     welch = stats.ttest_ind(two["y"], one["y"], equal_var=False).confidence_interval(0.95)
@@ -81,15 +81,15 @@ def test_six_pairs_need_students_law():
     assert_allclose([row["low"], row["high"]], [welch.low, welch.high])
 
 
-def test_small_samples_hold_what_they_say():
+def test_coverage_of_small_samples():
     """Of 4,000 repeats of five cases 95 % hold the true difference, paired or not."""
-    rng, held = np.random.default_rng(6), np.zeros(2)
+    rng, stored = np.random.default_rng(6), np.zeros(2)
     for _ in range(4000):
         x, other, noise = rng.normal(size=(3, 5))
         for k, two in enumerate((table(x, x + 0.3 + noise), table(other, other + 0.3))):
             row = compare(table(x, x), two, ["in_x"], ["y"]).loc["y"]
-            held[k] += row["low"] <= 0.3 <= row["high"]
-    assert_allclose(held / 4000, 0.95, atol=2.0 * np.sqrt(0.95 * 0.05 / 4000) + 0.004)
+            stored[k] += row["low"] <= 0.3 <= row["high"]
+    assert_allclose(stored / 4000, 0.95, atol=2.0 * np.sqrt(0.95 * 0.05 / 4000) + 0.004)
 
 
 def test_shares_of_yes_or_no():
@@ -169,25 +169,25 @@ def test_independent_samples():
     two = table(rng.normal(size=400), 1.0 + 2.0 * rng.normal(size=400))
     row = compare(one, two, ["in_x"], ["y"]).loc["y"]
     assert row["pairs"] == 0
-    found = stats.ttest_ind(two["y"], one["y"], equal_var=False).confidence_interval(0.95)
-    assert_allclose([row["low"], row["high"]], [found.low, found.high])
+    result = stats.ttest_ind(two["y"], one["y"], equal_var=False).confidence_interval(0.95)
+    assert_allclose([row["low"], row["high"]], [result.low, result.high])
 
 
 def test_coverage():
     """Of 1,000 repeats 95 % hold the true difference, within two standard errors: paired or
     not."""
-    rng, held = np.random.default_rng(3), np.zeros(2)
+    rng, stored = np.random.default_rng(3), np.zeros(2)
     for _ in range(1000):
         x, other = rng.normal(size=(2, 150))
         one = table(x, x)
         y = x + 0.3 + 0.2 * rng.normal(size=150)
         for k, two in enumerate((table(x, y), table(other, other + 0.3))):
             row = compare(one, two, ["in_x"], ["y"]).loc["y"]
-            held[k] += row["low"] <= 0.3 <= row["high"]
-    assert_allclose(held / 1000, 0.95, atol=2.0 * np.sqrt(0.95 * 0.05 / 1000) + 0.005)
+            stored[k] += row["low"] <= 0.3 <= row["high"]
+    assert_allclose(stored / 1000, 0.95, atol=2.0 * np.sqrt(0.95 * 0.05 / 1000) + 0.005)
 
 
-def test_what_files_do_not_share():
+def test_differences_of_files():
     one = {"run": {"cases": 5}, "spring": [{"name": "a", "force_N": 1.0}], "title": "t"}
     two = {"run": {"cases": 6, "seed": 1}, "spring": [{"name": "a", "force_N": 2.0}]}
     assert tree_differences(one, two) == [
@@ -238,9 +238,9 @@ def runs(tmp_path_factory):
 
 
 def test_command(runs, tmp_path):
-    found = call("compare", runs / "light", runs / "heavy", "--out", tmp_path / "beside")
-    assert found.exit_code == 0, found.output
-    text = found.stdout
+    called = call("compare", runs / "light", runs / "heavy", "--out", tmp_path / "beside")
+    assert called.exit_code == 0, called.output
+    text = called.stdout
     assert "body.lower.mass_kg: " in text
     assert "ok: 25 -> 25 cases" in text
     assert "requirement fast: pass, 0 of 25 -> " in text
@@ -262,15 +262,15 @@ def test_command(runs, tmp_path):
     assert kept.loc["separation_speed_m_s", "difference"] < -0.05
     with run_interpreted():  # some of the cases: rows of one number belong together
         sepmc.load(tmp_path / "often").run(cases="8:20", out=tmp_path / "some")
-    told = call("compare", tmp_path / "rarely", tmp_path / "some", "--out", tmp_path / "part")
-    assert "  cases: 0:25 -> 8:20\n" in told.stdout
-    assert "run.cases" not in told.stdout
+    command = call("compare", tmp_path / "rarely", tmp_path / "some", "--out", tmp_path / "part")
+    assert "  cases: 0:25 -> 8:20\n" in command.stdout
+    assert "run.cases" not in command.stdout
     kept = pd.read_csv(tmp_path / "part" / "compare.csv", index_col="outcome")
     every, some = (shards.read_cases(tmp_path / name) for name in ("rarely", "some"))
-    apart = some.set_index("case")["upper_roll_deg"] - every.set_index("case")["upper_roll_deg"]
-    found = kept.loc["upper_roll_deg"]
-    assert found["pairs"] == 12
-    assert_allclose(found["difference"], apart[8:20].mean())
+    separate = some.set_index("case")["upper_roll_deg"] - every.set_index("case")["upper_roll_deg"]
+    called = kept.loc["upper_roll_deg"]
+    assert called["pairs"] == 12
+    assert_allclose(called["difference"], separate[8:20].mean())
     with run_interpreted():  # another seed: few differ in an input of two values, and yet no pairs
         sepmc.load(tmp_path / "rarely").run(cases=25, seed=4, out=tmp_path / "other")
     call("compare", tmp_path / "rarely", tmp_path / "other", "--out", tmp_path / "seeds")
@@ -281,8 +281,8 @@ def test_command(runs, tmp_path):
             settings = {"run.sampler": "lhs", key: thrusts | {"weights": [0.9, 0.1]}}
             several = sepmc.load(runs / "light", settings)
             several.run(cases=count, seed=3, out=tmp_path / f"lhs{count}")
-    told = call("compare", tmp_path / "lhs20", tmp_path / "lhs40", "--out", tmp_path / "sizes")
-    assert "sampler lhs: cases of a run are not independent" in " ".join(told.stdout.split())
+    command = call("compare", tmp_path / "lhs20", tmp_path / "lhs40", "--out", tmp_path / "sizes")
+    assert "sampler lhs: cases of a run are not independent" in " ".join(command.stdout.split())
     kept = pd.read_csv(tmp_path / "sizes" / "compare.csv", index_col="outcome")
     assert (kept["pairs"] == 0).all()
     same = call("compare", runs / "light", runs / "light")
@@ -315,12 +315,12 @@ def test_rows_that_were_resumed_or_kept(runs, tmp_path):
     some = two[two["case"] % 3 == 1].iloc[::-1]
     table = compare(one, some, ["in_initial_alpha_deg"], ["separation_speed_m_s"])
     row = table.loc["separation_speed_m_s"]
-    apart = (two["separation_speed_m_s"] - one["separation_speed_m_s"])[two["case"] % 3 == 1]
+    separate = (two["separation_speed_m_s"] - one["separation_speed_m_s"])[two["case"] % 3 == 1]
     assert row["pairs"] == len(some)
-    assert_allclose(row["difference"], apart.mean())
+    assert_allclose(row["difference"], separate.mean())
 
 
-def test_what_is_said_of_samplers():
+def test_dependence_warning_by_sampler():
     assert dependence_warning(["random", "random"]) == ""
     assert dependence_warning(["sobol", "random"]).startswith("sampler sobol: ")
     assert dependence_warning(["lhs", "sobol"]).startswith("sampler lhs and sobol: ")

@@ -89,8 +89,8 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sliding")
     (folder / "sliding.toml").write_text(SLIDING)
     with run_interpreted():
-        told = call("campaign", folder / "sliding.toml", "--out", folder / "run")
-    return folder / "run", told
+        called = call("campaign", folder / "sliding.toml", "--out", folder / "run")
+    return folder / "run", called
 
 
 def described(x, name="y_mm", share=1e-9, scale=1e-4):
@@ -146,16 +146,16 @@ def test_times_of_extremes_are_constant_only_if_these_are():
         table = constant_outcomes.with_constants(table, errors)
         assert table["constant"].tolist() == [expected, expected]
     table = statistics(cases | {"a_clearance_mm": gap}, ["a_clearance_mm", "a_clearance_time_s"])
-    told = constant_outcomes.render_constants(constant_outcomes.with_constants(table, errors))
-    assert "a_clearance_time_s: undetermined, as its extreme is flat" in told[1]
+    text = constant_outcomes.render_constants(constant_outcomes.with_constants(table, errors))
+    assert "a_clearance_time_s: undetermined, as its extreme is flat" in text[1]
 
 
 @pytest.mark.parametrize(
     ("value", "error", "expected"),
     [(6e-20, 1e-15, 0.0), (-6e-20, 1e-15, 0.0), (83.69999999564, 2e-8, 83.7), (83.7, 0.4, 84.0)],
 )
-def test_a_value_is_told_to_its_error(value, error, expected):
-    """What is below its error is 0, and no digit is told that the error hides."""
+def test_a_value_is_rounded_to_its_error(value, error, expected):
+    """A value below its error is 0; digits below the error are dropped."""
     assert constant_outcomes.round_to_error(value, error) == expected
 
 
@@ -172,14 +172,14 @@ def test_drivers_and_laws_of_noise():
     table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-8, 1.0)})
     within = constant_outcomes.max_spread(table, "y_mm")
     with pytest.raises(ValueError, match="is constant, as its values differ by"):
-        sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", within=within)
+        sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", spread=within)
     assert (
         distributions.fit_distributions(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
     )
     table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-11, 1.0)})
     assert constant_outcomes.max_spread(table, "y_mm") == 0.0
-    found = sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", within=0.0)
-    assert found.at["in_x", "rank"] == pytest.approx(1.0)
+    result = sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", spread=0.0)
+    assert result.at["in_x", "rank"] == pytest.approx(1.0)
 
 
 def test_a_difference_below_the_error_is_none():
@@ -190,12 +190,12 @@ def test_a_difference_below_the_error_is_none():
     two = one | {"y_mm": x + 1e-12 * (1.0 + 0.1 * rng.normal(size=200))}
     before = compare.compare(one, two, ["in_x"], ["y_mm"]).loc["y_mm"]
     assert before["low"] > 0.0  # taken for a difference, if nothing is known of the error
-    found = compare.compare(one, two, ["in_x"], ["y_mm"], (), {"y_mm": 1e-11})
-    assert found.at["y_mm", "below_error"]
-    assert found.loc["y_mm", ["difference", "low", "high"]].tolist() == [0.0, 0.0, 0.0]
-    assert "below numerical error" in compare.render_comparison(found)
-    found = compare.compare(one, two, ["in_x"], ["y_mm"], (), {"y_mm": 1e-13})
-    assert not found.at["y_mm", "below_error"]
+    result = compare.compare(one, two, ["in_x"], ["y_mm"], (), {"y_mm": 1e-11})
+    assert result.at["y_mm", "below_error"]
+    assert result.loc["y_mm", ["difference", "low", "high"]].tolist() == [0.0, 0.0, 0.0]
+    assert "below numerical error" in compare.render_comparison(result)
+    result = compare.compare(one, two, ["in_x"], ["y_mm"], (), {"y_mm": 1e-13})
+    assert not result.at["y_mm", "below_error"]
 
 
 def test_a_constant_is_known_as_soon_as_it_is_looked_at():
@@ -215,20 +215,16 @@ def test_a_constant_is_known_as_soon_as_it_is_looked_at():
     )
 
 
-def test_statistics_say_constant(run):
+def test_statistics_mark_constant(run):
     """On the screen, in both files and in Python; what varies is described as ever."""
-    folder, told = run
-    assert told.exit_code == 0
-    assert f"{SPEED}: constant 0 m/s (20 values differ by no more than" in told.output
-    assert f"{GAP}: constant 0 mm" in told.output
-    assert "e-16" not in told.output.split("audit")[0]
-    assert f"\n{VARIES} " in told.output
+    folder, reported = run
+    assert reported.exit_code == 0
+    assert f"{SPEED}: constant 0 m/s (20 values differ by no more than" in reported.output
+    assert f"{GAP}: constant 0 mm" in reported.output
+    assert "e-16" not in reported.output.split("audit")[0]
+    assert f"\n{VARIES} " in reported.output
     outcomes = json.loads((folder / "statistics.json").read_text())["outcomes"]
-    assert [outcomes[name]["constant"] for name in (SPEED, GAP, VARIES)] == [
-        True,
-        True,
-        False,
-    ]
+    assert [outcomes[name]["constant"] for name in (SPEED, GAP, VARIES)] == [True, True, False]
     assert 0.0 < outcomes[VARIES]["error_size"] < 1e-4 * outcomes[VARIES]["sigma"]
     frame = pd.read_csv(folder / "statistics.csv", index_col="outcome")
     assert frame.loc[[SPEED, GAP, VARIES], "constant"].tolist() == [True, True, False]
@@ -241,12 +237,12 @@ def test_statistics_say_constant(run):
 def test_no_drivers_and_no_law_of_a_constant(run):
     """Neither the command nor the defaults tell drivers of a constant; laws say what it is."""
     folder, _ = run
-    told = call("sensitivity", folder, SPEED, VARIES, "--no-plots")
-    assert f"warning: {SPEED}: is constant" in told.output
-    assert f"sensitivity of {SPEED}" not in told.output
-    assert f"sensitivity of {VARIES}" in told.output
-    told = call("sensitivity", folder, "--no-plots")
-    assert f"sensitivity of {GAP}" not in told.output
+    called = call("sensitivity", folder, SPEED, VARIES, "--no-plots")
+    assert f"warning: {SPEED}: is constant" in called.output
+    assert f"sensitivity of {SPEED}" not in called.output
+    assert f"sensitivity of {VARIES}" in called.output
+    called = call("sensitivity", folder, "--no-plots")
+    assert f"sensitivity of {GAP}" not in called.output
     lines = call("fit", folder, GAP).output.splitlines()
     assert next(line for line in lines if line.startswith(GAP)).split()[5] == "constant"
     frame = pd.read_csv(folder / "distributions.csv", index_col="outcome")
@@ -297,12 +293,12 @@ def test_one_case_prints_no_noise(run, tmp_path):
     """A single run prints 0 where an outcome is below its error; files keep what was found."""
     folder, _ = run
     with run_interpreted():
-        told = call("run", folder, "--case", 3, "--out", tmp_path / "one", "--no-plots")
-    line = next(one for one in told.output.splitlines() if one.strip().startswith(SPEED))
+        called = call("run", folder, "--case", 3, "--out", tmp_path / "one", "--no-plots")
+    line = next(one for one in called.output.splitlines() if one.strip().startswith(SPEED))
     assert line.split() == [SPEED, "0"]
 
 
-def test_what_two_runs_can_tell_apart():
+def test_joint_error_of_two_runs():
     """Both errors together; nothing of times of extremes, unless these are flat in both runs."""
     one, two = (described([1.0, x]) for x in (2.0, 3.0))
     sizes = one.at["y_mm", "error_size"] + two.at["y_mm", "error_size"]
@@ -315,14 +311,15 @@ def test_counted_statistics_say_constant(tmp_path):
     """So does a run that keeps no rows, whose figures are drawn from its files."""
     (tmp_path / "sliding.toml").write_text(SLIDING)
     with run_interpreted():
-        told = call(
+        called = call(
             "campaign", tmp_path / "sliding.toml", "--out", tmp_path / "run", "--stats-only"
         )
-    assert f"{GAP}: constant 0 mm" in told.output
-    found = result_files.read_stored_statistics(tmp_path / "run")
-    assert constant_outcomes.is_constant(found.table, GAP)
+    assert f"{GAP}: constant 0 mm" in called.output
+    result = result_files.read_stored_statistics(tmp_path / "run")
+    assert constant_outcomes.is_constant(result.table, GAP)
     assert (
-        constant_outcomes.collapse_constant(found.histogram(GAP), found.table, GAP).edges.size == 0
+        constant_outcomes.collapse_constant(result.histogram(GAP), result.table, GAP).edges.size
+        == 0
     )
     bins = pd.read_csv(tmp_path / "run" / "histograms.csv")
     assert GAP not in set(bins["outcome"])

@@ -31,12 +31,12 @@ def test_probabilities_are_those_of_simulation(name, n):
     """Of fitted laws: 1,000 samples fall below 10 and 2.5 % as often as they should, within 3
     standard errors."""
     law = distributions.DISTRIBUTIONS[name]
-    found = []
+    collected = []
     for x in np.sort(drawn(name, (REPEATS, n)), axis=1):
         fitted = law.frozen(*law.fit(x))
-        found.append(law.probability(distributions._anderson_darling(fitted, x), n))
+        collected.append(law.probability(distributions._anderson_darling(fitted, x), n))
     for level in (0.1, 0.025):
-        share = np.mean(np.array(found) < level)
+        share = np.mean(np.array(collected) < level)
         assert abs(share - level) < 3.0 * np.sqrt(level * (1.0 - level) / REPEATS), level
 
 
@@ -65,32 +65,32 @@ def test_shape():
     assert row["p"] == 0.01
 
 
-def test_what_has_no_law():
+def test_no_fit():
     """Too few values, the same one again and again, and cases that failed."""
     x = np.random.default_rng(2).normal(size=100)
     table = cases(few=np.where(np.arange(100) < 10, x, np.nan), same=np.repeat(x[:5], 20), x=x)
     table["status"] = np.where(np.arange(100) < 60, "ok", "unresolved")
-    found = distributions.fit_distributions(table, ["few", "same", "x"])
-    assert list(found["law"]) == ["too few cases", "discrete", "normal"]
-    assert list(found["n"]) == [10, 60, 60]
-    assert found.loc["same", ["skewness", "p"]].isna().all()
+    result = distributions.fit_distributions(table, ["few", "same", "x"])
+    assert list(result["law"]) == ["too few cases", "discrete", "normal"]
+    assert list(result["n"]) == [10, 60, 60]
+    assert result.loc["same", ["skewness", "p"]].isna().all()
 
 
 def test_text():
-    """What does not fit is said, beside where the point of all cases lies."""
+    """A poor fit is reported, beside the interval of the percentile of all cases."""
     rng = np.random.default_rng(3)
     table = cases(speed_m_s=rng.normal(2.0, 0.1, 2000), angle_deg=rng.uniform(0, 1, 2000))
     names = ["speed_m_s", "angle_deg"]
-    told = distributions.render_fits(
+    text = distributions.render_fits(
         distributions.fit_distributions(table, names),
         statistics(table, names),
         {"speed_m_s": "m/s"},
         width=200,
     ).splitlines()
-    assert "normal, p" in told[0]
-    assert "normal" in told[1]
-    assert "none (" in told[2]
-    assert "< 0.01" in told[2]
+    assert "normal, p" in text[0]
+    assert "normal" in text[1]
+    assert "none (" in text[2]
+    assert "< 0.01" in text[2]
 
 
 def test_through_a_run_folder(pair, plainly, tmp_path):
@@ -103,10 +103,10 @@ def test_through_a_run_folder(pair, plainly, tmp_path):
     settings = {"spring": [spring], "dispersion": laws_of_inputs, "solver.step_s": 0.05}
     settings["phase"] = [{"name": "free", "joints": {"pins": "slider"}}]
     result = pair(settings).run(cases=60, seed=3, out=tmp_path / "run")
-    told = CliRunner().invoke(app.main, ["fit", str(tmp_path / "run"), "separation_speed_m_s"])
-    assert told.exit_code == 0, told.output
-    assert "99.865 %: fitted" in told.stdout
-    assert "not independent" not in told.stdout
+    called = CliRunner().invoke(app.main, ["fit", str(tmp_path / "run"), "separation_speed_m_s"])
+    assert called.exit_code == 0, called.output
+    assert "99.865 %: fitted" in called.stdout
+    assert "not independent" not in called.stdout
     kept = pd.read_csv(tmp_path / "run" / "distributions.csv", index_col="outcome")
     row = result.fit().loc["separation_speed_m_s"]
     assert kept.loc["separation_speed_m_s", "law"] == row["law"] != ""
@@ -115,5 +115,5 @@ def test_through_a_run_folder(pair, plainly, tmp_path):
     assert wrong.exit_code == 2
     assert "did you mean 'separation_speed_m_s'" in wrong.stderr
     pair(settings | {"run.sampler": "sobol"}).run(cases=32, out=tmp_path / "sobol")
-    told = CliRunner().invoke(app.main, ["fit", str(tmp_path / "sobol")])
-    assert "run.sampler = 'sobol' are not independent" in told.stdout
+    called = CliRunner().invoke(app.main, ["fit", str(tmp_path / "sobol")])
+    assert "run.sampler = 'sobol' are not independent" in called.stdout

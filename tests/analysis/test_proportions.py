@@ -1,5 +1,5 @@
-"""What so many cases show of a probability: against sums of the binomial law, published tables and
-repeated sampling."""
+"""Binomial inference against sums of the binomial distribution, published tables and repeated
+sampling."""
 
 import math
 

@@ -14,6 +14,7 @@ import sepmc
 from sepmc.analysis import requirements
 from sepmc.analysis.proportions import binomial_interval
 from sepmc.analysis.requirements import FAIL, NONE, NOT_SHOWN, PASS, RequirementCounter
+from sepmc.analysis.requirements_text import render_verdicts
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.cli import app
@@ -40,11 +41,11 @@ def verdict(values, requirement=CLEAR, statuses=None, error=1e-9, audit=None):
         stream.add(
             table["case"][some], np.array([codes[x] for x in labels[some]]), columns[:, some]
         )
-    found = []
+    collected = []
     for summary in (rows, stream):
-        found += summary.verdicts({"gap_mm": (error, 1.0)}, summary.audit())
-    assert found[0] == found[1]
-    return found[0]
+        collected += summary.verdicts({"gap_mm": (error, 1.0)}, summary.audit())
+    assert collected[0] == collected[1]
+    return collected[0]
 
 
 @pytest.mark.parametrize(
@@ -60,20 +61,20 @@ def verdict(values, requirement=CLEAR, statuses=None, error=1e-9, audit=None):
         (1, 11, NOT_SHOWN, -1, 377),
     ],
 )
-def test_what_is_shown(violations, count, said, allowed, more):
+def test_verdicts(violations, count, said, allowed, more):
     values = np.linspace(6.0, 9.0, count)
     values[:violations] = 4.0
-    found = verdict(values)
-    assert (found.verdict, found.violations, found.cases, found.allowed) == (
+    result = verdict(values)
+    assert (result.verdict, result.violations, result.cases, result.allowed) == (
         said,
         violations,
         count,
         allowed,
     )
-    assert more is None or found.more == more
+    assert more is None or result.more == more
 
 
-def test_a_system_that_is_just_insufficient_passes_as_rarely_as_said():
+def test_consumer_risk_of_a_just_insufficient_system():
     """1 % violate; 1,000 campaigns of 400 cases: at most 10 % pass, and two standard errors."""
     random, passed = np.random.default_rng(4), 0
     for _ in range(1000):
@@ -84,16 +85,16 @@ def test_a_system_that_is_just_insufficient_passes_as_rarely_as_said():
     assert 0 < passed / 1000.0 <= 0.1 + 2.0 * math.sqrt(0.09 / 1000.0)
 
 
-def test_cases_that_show_nothing_violate():
+def test_unknown_cases_violate():
     """One was lost, one has no gap: of 230 none may."""
     values = np.full(232, 6.0)
     values[3] = math.nan
-    found = verdict(values, statuses=["ok"] * 100 + ["unresolved"] + ["ok"] * 131)
-    assert (found.violations, found.missing, found.verdict) == (2, 2, NOT_SHOWN)
-    assert (found.worst, found.worst_case) == (6.0, 0)
+    result = verdict(values, statuses=["ok"] * 100 + ["unresolved"] + ["ok"] * 131)
+    assert (result.violations, result.missing, result.verdict) == (2, 2, NOT_SHOWN)
+    assert (result.worst, result.worst_case) == (6.0, 0)
 
 
-def test_the_case_that_stands_for_violations_of_what_is_yes_or_no():
+def test_worst_case_of_a_yes_or_no_outcome():
     """The first that is known to violate, or else the first of which nothing is known; none if all
     hold. No value is the worst."""
 
@@ -111,13 +112,13 @@ def test_the_case_that_stands_for_violations_of_what_is_yes_or_no():
     assert found([0.0, 0.0], [True, True]) == (None, None, 0)
 
 
-def test_what_is_not_known_refutes_nothing():
+def test_unknown_cases_refute_nothing():
     """Cases that were lost neither show a requirement nor that it fails; two that violate do."""
     statuses = ["unresolved"] * 30 + ["ok"] * 20
     values = np.full(50, 6.0)
-    found = verdict(values, statuses=statuses)
-    assert (found.violations, found.missing, found.verdict) == (30, 30, NOT_SHOWN)
-    assert (found.share_low, found.share_at_least) == (0.0, 0.0)
+    result = verdict(values, statuses=statuses)
+    assert (result.violations, result.missing, result.verdict) == (30, 30, NOT_SHOWN)
+    assert (result.share_low, result.share_at_least) == (0.0, 0.0)
     values[[40, 41, 42]] = 4.0
     assert verdict(values, statuses=statuses).verdict == FAIL
     lost = verdict(values, statuses=["unresolved"] * 50)
@@ -138,11 +139,11 @@ def test_many_cases_at_the_bound():
 def test_a_status_that_must_not_occur():
     item = Requirement(name="released", metric="never-released", probability=0.9, confidence=0.5)
     statuses = ["ok"] * 50 + ["never-released"] * 2 + ["unresolved"]
-    found = verdict(np.full(53, math.nan), item, statuses)
+    result = verdict(np.full(53, math.nan), item, statuses)
     # what became of the lost one is not known
-    assert (found.violations, found.missing, found.verdict) == (3, 1, PASS)
-    assert (found.worst, found.worst_case) == (None, 50)
-    text = requirements.render_verdicts([found], {})
+    assert (result.violations, result.missing, result.verdict) == (3, 1, PASS)
+    assert (result.worst, result.worst_case) == (None, 50)
+    text = render_verdicts([result], {})
     assert "never-released does not occur in 90 %" in text
     assert "1 of them ended in another way" in text
 
@@ -150,19 +151,19 @@ def test_a_status_that_must_not_occur():
 def test_two_bounds():
     """Between 5 and 8: below and beyond violate; the design value is a margin."""
     item = Requirement(name="in", metric="gap_mm", at_least=5.0, at_most=8.0, probability=0.5)
-    found = verdict([5.0, 8.0, 4.0, 9.5, 6.0, 7.0, 7.0, 7.0, 7.0, 7.0], item)
-    assert (found.violations, found.worst, found.worst_case) == (2, 9.5, 3)
-    assert found.nearest == 0.0
-    assert found.design_value == 0.0  # two of ten may lie outside, the third margin
+    result = verdict([5.0, 8.0, 4.0, 9.5, 6.0, 7.0, 7.0, 7.0, 7.0, 7.0], item)
+    assert (result.violations, result.worst, result.worst_case) == (2, 9.5, 3)
+    assert result.nearest == 0.0
+    assert result.design_value == 0.0  # two of ten may lie outside, the third margin
     item = Requirement(name="in", metric="gap_mm", at_least=5.0, at_most=8.0, probability=0.9)
     for outer, margin, said in (
         (9.25, -1.25, "are at most 1.250 mm beyond a bound"),
         (7.25, 0.75, "are at least 0.7500 mm within both bounds"),
     ):
-        found = verdict([outer] * 20 + [6.5] * 80, item)
-        assert found.design_value == margin
-        assert f"90 % of all cases {said}, with 90 %" in requirements.render_verdicts(
-            [found], {"gap_mm": "mm"}, 200
+        result = verdict([outer] * 20 + [6.5] * 80, item)
+        assert result.design_value == margin
+        assert f"90 % of all cases {said}, with 90 %" in render_verdicts(
+            [result], {"gap_mm": "mm"}, 200
         )
 
 
@@ -170,10 +171,10 @@ def test_design_value():
     """The 20th largest of 10,000 bounds 99.73 % with 90 %."""
     values = np.random.default_rng(8).permutation(10_000).astype(float)
     item = Requirement(name="load", metric="gap_mm", at_most=9_985.0)
-    found = verdict(values, item)
-    assert (found.design_value, found.violations, found.verdict) == (9_980.0, 14, PASS)
-    assert found.worst == 9_999.0
-    text = requirements.render_verdicts([found], {"gap_mm": "mm"})
+    result = verdict(values, item)
+    assert (result.design_value, result.violations, result.verdict) == (9_980.0, 14, PASS)
+    assert result.worst == 9_999.0
+    text = render_verdicts([result], {"gap_mm": "mm"})
     assert "14 of 10000 cases violate it, 19 may" in text
     assert "99.73 % of all cases are <= 9980 mm, with 90 %" in text
 
@@ -190,10 +191,10 @@ def test_design_value():
     ],
 )
 def test_no_verdict(values, more, why):
-    found = verdict(values, **more)
-    assert found.verdict == NONE
-    assert why in found.why
-    assert why in requirements.render_verdicts([found], {})
+    result = verdict(values, **more)
+    assert result.verdict == NONE
+    assert why in result.why
+    assert why in render_verdicts([result], {})
 
 
 def test_an_error_that_does_not_matter():
@@ -262,8 +263,8 @@ def test_from_the_command_line(file, tmp_path):
     assert CliRunner().invoke(app.main, ["stats", str(tmp_path / "r"), "--check"]).exit_code == 1
     for line in said.stdout[said.stdout.index("requirements") :].splitlines()[:6]:
         assert line in again.stdout
-    told = json.loads((tmp_path / "r" / "statistics.json").read_text(encoding="utf-8"))
-    assert [item["verdict"] for item in told["requirements"]] == [PASS, FAIL]
+    text = json.loads((tmp_path / "r" / "statistics.json").read_text(encoding="utf-8"))
+    assert [item["verdict"] for item in text["requirements"]] == [PASS, FAIL]
     loose = [*options, "--overwrite", "--set", "solver.step_s=0.05"]
     assert CliRunner().invoke(app.main, loose).exit_code == 0
 
@@ -274,9 +275,9 @@ def test_nothing_to_check():
 
 
 def test_in_python(file):
-    found = sepmc.load(file).run(cases=20).requirements()
-    assert list(found["verdict"]) == [PASS, FAIL]
-    assert list(found.index) == ["apart", "level"]
+    result = sepmc.load(file).run(cases=20).requirements()
+    assert list(result["verdict"]) == [PASS, FAIL]
+    assert list(result.index) == ["apart", "level"]
     none = sepmc.load("table2", {"run.history_step_s": 0.0}).run(cases=2).requirements()
     assert (len(none), "verdict" in none) == (0, True)
 
@@ -299,12 +300,12 @@ def together(gap, speed, statuses, errors, required=(ALL, CLEAR, FAST, PARTS)):
         some = slice(first, first + 7)
         numbers = np.array([codes[x] for x in labels[some]])
         stream.add(table["case"][some], numbers, columns[:, some])
-    found = [
+    result = [
         next(v for v in summary.verdicts(errors, summary.audit()) if v.metric == "violation")
         for summary in (rows, stream)
     ]
-    assert found[0] == found[1]
-    return found[0], table
+    assert result[0] == result[1]
+    return result[0], table
 
 
 def test_all_requirements_together():
@@ -316,16 +317,16 @@ def test_all_requirements_together():
     statuses[8] = "never-released"
     statuses[9] = "jammed"
     errors = {"gap_mm": (1e-9, 1.0), "speed_m_s": (1e-9, 1.0)}
-    found, table = together(gap, speed, statuses, errors)
+    result, table = together(gap, speed, statuses, errors)
     # 5, 6, 7 and 8 violate something; of 9 nothing is known
-    assert (found.violations, found.missing, found.worst_case, found.worst) == (5, 1, 5, None)
-    assert (found.verdict, found.error, found.nearest) == (PASS, None, None)
+    assert (result.violations, result.missing, result.worst_case, result.worst) == (5, 1, 5, None)
+    assert (result.verdict, result.error, result.nearest) == (PASS, None, None)
     low, high = binomial_interval(4, 200)[0], binomial_interval(5, 200)[1]
-    assert (found.share_low, found.share_high) == (low, high)
+    assert (result.share_low, result.share_high) == (low, high)
     violates, known = requirements.violation_masks(ALL, table, [ALL, CLEAR, FAST, PARTS])
     assert np.flatnonzero(violates & known).tolist() == [5, 6, 7, 8]
     assert np.flatnonzero(~known).tolist() == [9]
-    text = " ".join(requirements.render_verdicts([found], {}).split())
+    text = " ".join(render_verdicts([result], {}).split())
     assert "clean: no other requirement is violated in 90 % of all cases" in text
     assert "1 of them did not finish or have no such outcome" in text
     for doubtful, said in ((5, PASS), (30, NONE)):  # of 200 cases 14 may violate
@@ -376,10 +377,10 @@ def test_all_together_through_a_run(tmp_path):
     assert row["worst_case"] == rows["case"][either].min()
     cause = result.causes("clean")[0]
     assert cause.violations == either.sum()
-    told = CliRunner().invoke(app.main, ["sensitivity", str(folder)])
-    assert told.exit_code == 0, told.output
-    assert f"clean, {either.sum()} of 150 cases" in told.output
-    told = CliRunner().invoke(app.main, ["report", str(folder), "--no-replay"])
-    assert told.exit_code == 0, told.output
+    called = CliRunner().invoke(app.main, ["sensitivity", str(folder)])
+    assert called.exit_code == 0, called.output
+    assert f"clean, {either.sum()} of 150 cases" in called.output
+    called = CliRunner().invoke(app.main, ["report", str(folder), "--no-replay"])
+    assert called.exit_code == 0, called.output
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "clean: no other requirement is violated" in page

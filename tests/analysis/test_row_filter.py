@@ -51,12 +51,12 @@ def test_terms(terms, found):
     ],
 )
 def test_terms_that_cannot_be(term, said):
-    """What is wrong with a term is told."""
+    """Errors of terms are reported."""
     with pytest.raises(InputError, match=said):
         matching_rows(ROWS, NAMES, [term])
 
 
-def test_given_an_input(tmp_path):
+def test_filter_by_an_input(tmp_path):
     """Given an input, by its key in the file, statistics are those of these rows alone, in Python
     and on the screen, with their verdicts; files of the run stay as they are."""
     required = {"name": "slow", "metric": "separation_speed_m_s", "at_most": 0.5}
@@ -66,46 +66,46 @@ def test_given_an_input(tmp_path):
     some = rows[rows["in_initial_alpha_deg"] > 5.0]
     assert 5 < len(some) < 55
     expected = statistics(some, result.outcomes)
-    told = result.statistics("initial.alpha_deg>5")
-    pd.testing.assert_frame_equal(told[list(expected)], expected)
+    data = result.statistics("initial.alpha_deg>5")
+    pd.testing.assert_frame_equal(data[list(expected)], expected)
     before = sorted(folder.iterdir())
     words = ["stats", str(folder), "--where", "initial.alpha_deg>5", "--columns", "upper_pitch*"]
-    found = CliRunner().invoke(main, words)
-    assert found.exit_code == 0, found.output
+    called = CliRunner().invoke(main, words)
+    assert called.exit_code == 0, called.output
     violated = int((some["separation_speed_m_s"] > 0.5).sum())
-    assert f"initial.alpha_deg>5: {len(some)} of 60 cases" in found.output
-    assert f"{violated} of {len(some)} cases violate it" in found.output
-    assert "in 99.73 % of such cases" in " ".join(found.output.split())
-    assert "of all cases" not in " ".join(found.output.split())
+    assert f"initial.alpha_deg>5: {len(some)} of 60 cases" in called.output
+    assert f"{violated} of {len(some)} cases violate it" in called.output
+    assert "in 99.73 % of such cases" in " ".join(called.output.split())
+    assert "of all cases" not in " ".join(called.output.split())
     assert sorted(folder.iterdir()) == before
-    found = CliRunner().invoke(main, [*words, "--json"])
-    told = json.loads(found.stdout)
-    assert told["where"] == ["initial.alpha_deg>5"]
-    assert told["cases"]["ok"] == len(some)
-    assert told["requirements"][0]["violations"] == violated
-    assert list(told["outcomes"]) == ["upper_pitch_deg"]
-    assert told["outcomes"]["upper_pitch_deg"]["mean"] == expected.loc["upper_pitch_deg", "mean"]
-    found = CliRunner().invoke(main, ["stats", str(folder), "--where", "upper_pitch_deg>0"])
-    assert "selected by outcomes (upper_pitch_deg)" in found.output
+    called = CliRunner().invoke(main, [*words, "--json"])
+    data = json.loads(called.stdout)
+    assert data["where"] == ["initial.alpha_deg>5"]
+    assert data["cases"]["ok"] == len(some)
+    assert data["requirements"][0]["violations"] == violated
+    assert list(data["outcomes"]) == ["upper_pitch_deg"]
+    assert data["outcomes"]["upper_pitch_deg"]["mean"] == expected.loc["upper_pitch_deg", "mean"]
+    called = CliRunner().invoke(main, ["stats", str(folder), "--where", "upper_pitch_deg>0"])
+    assert "selected by outcomes (upper_pitch_deg)" in called.output
     assert "selected by outcomes" not in CliRunner().invoke(main, words).output
     nobody = CliRunner().invoke(main, ["stats", str(folder), "--where", "case<0", "--json"])
     assert nobody.exit_code == 2
     assert "case<0: holds in none of 60 cases" in nobody.output
 
 
-def test_given_what_makes_all_fail(tmp_path):
+def test_filter_by_a_failure_of_all_cases(tmp_path):
     """There are no statistics of cases that all ended otherwise; there are verdicts on them."""
     required = {"name": "parts", "metric": "never-released", "probability": 0.5}
     fails = {"dispersion.joint.pins.fails": {"discrete": [0, 1], "weights": [0.7, 0.3]}}
     with run_interpreted(cases=4):
         sepmc.load("table2", {"requirement": [required], **fails}).run(20, out=tmp_path / "run")
     words = ["stats", str(tmp_path / "run"), "--where", "joint.pins.fails=1"]
-    found = CliRunner().invoke(main, words)
-    assert found.exit_code == 0, found.output
-    assert "no statistics, as none of these cases completed" in found.output
-    assert "FAIL        parts: never-released does not occur" in found.output
-    told = json.loads(CliRunner().invoke(main, [*words, "--json"]).stdout)
-    assert told["requirements"][0]["violations"] == told["cases"]["never-released"] > 0
+    called = CliRunner().invoke(main, words)
+    assert called.exit_code == 0, called.output
+    assert "no statistics, as none of these cases completed" in called.output
+    assert "FAIL        parts: never-released does not occur" in called.output
+    output = json.loads(CliRunner().invoke(main, [*words, "--json"]).stdout)
+    assert output["requirements"][0]["violations"] == output["cases"]["never-released"] > 0
 
 
 def test_words_that_a_message_lists():
@@ -113,14 +113,14 @@ def test_words_that_a_message_lists():
     few, many = ["mass", "cg"], [f"{part}_{k}" for part in ("spring", "joint") for k in range(20)]
     assert nearest("thrust", few) == "known here: mass, cg"
     assert nearest("mas", few) == "did you mean 'mass'?"
-    told = nearest("the.joint.fails", many)
-    assert told.startswith("known here: joint_0, joint_1")
-    assert told.endswith("joint_19 and 20 more")
-    assert "spring" not in told
+    reported = nearest("the.joint.fails", many)
+    assert reported.startswith("known here: joint_0, joint_1")
+    assert reported.endswith("joint_19 and 20 more")
+    assert "spring" not in reported
     assert nearest("xyz", many).endswith("joint_3 and 16 more")
 
 
-def test_what_is_offered_has_its_unit(tmp_path):
+def test_suggestions_have_units(tmp_path):
     """In place of a refused unit the key of the file, and of a path without one it is told which
     unit its number is taken in; a key with its unit needs no word."""
     laws = {"body.upper.cg_mm.y": {"uniform": 5.0}}

@@ -75,7 +75,7 @@ def test_known_indices(function, known):
             near = 0.005  # of indices of zero, whose intervals can shrink to nothing
             low, high = table[f"{name}_low"] - near, table[f"{name}_high"] + near
             inside[what] += ((low <= true) & (true <= high)).tolist()
-    assert {what for what, found in inside.items() if np.mean(found) < 0.86} == set()
+    assert {what for what, result in inside.items() if np.mean(result) < 0.86} == set()
     assert_allclose(by_groups["total"], total, atol=0.06)
     assert_allclose(by_rows["first"], first, atol=0.06)
 
@@ -87,32 +87,32 @@ def test_rank_correlations():
     x[1] += 0.7 * x[0]
     y = np.exp(x[0]) - 0.5 * x[1] + rng.normal(size=400)
     cases = {"a": x[0], "b": x[1], "c": x[2], "y": y, "status": np.array(["ok"] * 400)}
-    found = input_sensitivities(cases, ["a", "b", "c"], "y", indices=False)
+    result = input_sensitivities(cases, ["a", "b", "c"], "y", indices=False)
     ranks = {name: stats.rankdata(column) for name, column in cases.items() if name != "status"}
     for name, others in {"a": "bc", "b": "ac", "c": "ab"}.items():
-        assert_allclose(found["rank"][name], stats.spearmanr(cases[name], y).statistic, rtol=1e-12)
+        assert_allclose(result["rank"][name], stats.spearmanr(cases[name], y).statistic, rtol=1e-12)
         known = np.column_stack([np.ones(400), *(ranks[other] for other in others)])
         left = [
             column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
             for column in (ranks[name], ranks["y"])
         ]
-        assert_allclose(found["partial"][name], np.corrcoef(left)[0, 1], rtol=1e-6)
+        assert_allclose(result["partial"][name], np.corrcoef(left)[0, 1], rtol=1e-6)
 
 
 def test_coverage_of_rank_intervals():
     """Of 1,000 repeats 95 % hold the rank correlation of a normal law, 6 / pi asin(r / 2), within
     two standard errors and 1 % for Bonett and Wright's approximation."""
-    rng, true, held = np.random.default_rng(5), 6.0 / np.pi * np.arcsin(0.3), 0
+    rng, true, stored = np.random.default_rng(5), 6.0 / np.pi * np.arcsin(0.3), 0
     for _ in range(1000):
         x = rng.normal(size=(2, 100))
         y = 0.6 * x[0] + 0.8 * x[1]
         cases = {"a": x[0], "y": y, "status": np.array(["ok"] * 100)}
         row = input_sensitivities(cases, ["a"], "y", indices=False).loc["a"]
-        held += row["rank_low"] <= true <= row["rank_high"]
-    assert abs(held / 1000 - 0.95) < 2.0 * np.sqrt(0.95 * 0.05 / 1000) + 0.01
+        stored += row["rank_low"] <= true <= row["rank_high"]
+    assert abs(stored / 1000 - 0.95) < 2.0 * np.sqrt(0.95 * 0.05 / 1000) + 0.01
 
 
-def test_a_failure_that_few_cases_have_is_among_what_is_shown():
+def test_a_rare_failure_is_among_leading_inputs():
     """One that 4 of 4,000 cases have shifts the mean by 6 sigma, and is among the inputs that are
     shown and drawn, though others explain more of the variance; one that shifts nothing is not."""
     rng, n = np.random.default_rng(2), 4000
@@ -124,22 +124,22 @@ def test_a_failure_that_few_cases_have_is_among_what_is_shown():
     y = y + 6.0 * y.std() * fails
     names = [*x, "fails", "idle"]
     cases = x | {"fails": fails, "idle": idle, "y": y, "status": np.array(["ok"] * n)}
-    found = input_sensitivities(cases, names, "y")
-    assert "fails" not in found.index[:3]
+    result = input_sensitivities(cases, names, "y")
+    assert "fails" not in result.index[:3]
     for most in (2, 3, 8):
-        shown = leading_inputs(found, most)
+        shown = leading_inputs(result, most)
         assert len(shown) == most
         assert "fails" in shown.index
         assert "idle" not in shown.index
-        assert shown.index.tolist() == [name for name in found.index if name in shown.index]
-    row = found.loc["fails"]
+        assert shown.index.tolist() == [name for name in result.index if name in shown.index]
+    row = result.loc["fails"]
     assert_allclose(row["mean_high"] - row["mean_low"], 6.0 * y.std(), rtol=0.3)
     ends = y[fails == 1.0], y[fails == 0.0]
     variance = [max(end.var(ddof=1), y.var(ddof=1)) for end in ends]
     error = np.sqrt(sum(var / len(end) for var, end in zip(variance, ends, strict=True)))
     near = row["mean_high"] - row["mean_low"] - stats.t.ppf(0.975, 3) * error
     assert_allclose(row["shift"], near, rtol=1e-9)
-    assert "fails" in render_sensitivities(found, "y", {})
+    assert "fails" in render_sensitivities(result, "y", {})
 
 
 def test_a_few_cases_that_are_alike_shift_nothing():
@@ -168,15 +168,15 @@ def test_inputs_that_shift_no_mean_are_shown_first():
     assert sum(name.startswith("e") for name in shown.index) >= 6
 
 
-def test_what_cannot_be_told():
+def test_refused_outcomes():
     cases = {"a": np.arange(50.0), "b": np.ones(50), "y": np.ones(50)}
     cases["status"] = np.array(["ok"] * 50)
     with pytest.raises(ValueError, match="y: does not vary"):
         input_sensitivities(cases, ["a", "b"], "y")
     with pytest.raises(ValueError, match="fewer than 20 cases"):
         input_sensitivities({name: column[:19] for name, column in cases.items()}, ["a"], "y")
-    found = input_sensitivities(cases | {"y": np.arange(50.0) ** 2}, ["a", "b"], "y")
-    assert found.index.tolist() == ["a"]  # b does not vary
+    result = input_sensitivities(cases | {"y": np.arange(50.0) ** 2}, ["a", "b"], "y")
+    assert result.index.tolist() == ["a"]  # b does not vary
     cases["status"][:40] = "never-released"
     with pytest.raises(ValueError, match="fewer than 20 cases"):
         input_sensitivities(cases, ["a"], "y")
@@ -206,14 +206,14 @@ def test_planted_causes():
     first = 0
     for seed in range(100):
         cases, violates, cause = planted(seed)
-        found = attribute_failures(cases, list(cases), violates)
-        first += bool(found) and found[0].inputs == cause
-        for one in found[:1]:
+        result = attribute_failures(cases, list(cases), violates)
+        first += bool(result) and result[0].inputs == cause
+        for one in result[:1]:
             assert one.inside / one.cases > violates.mean()
-            held = np.ones(len(violates), dtype=bool)
+            stored = np.ones(len(violates), dtype=bool)
             for name, (low, high) in zip(one.inputs, one.region, strict=True):
-                held &= (cases[name] >= low) & (cases[name] <= high)
-            assert (held.sum(), violates[held].sum()) == (one.cases, one.inside)
+                stored &= (cases[name] >= low) & (cases[name] <= high)
+            assert (stored.sum(), violates[stored].sum()) == (one.cases, one.inside)
     assert first >= 95
 
 
@@ -235,11 +235,13 @@ def test_discrete_inputs():
     """A failed spring behind all violations: its values are the parts."""
     rng = np.random.default_rng(2)
     fails, other = (rng.random(5000) < 0.02).astype(float), rng.random(5000)
-    (found,) = attribute_failures({"fails": fails, "other": other}, ["fails", "other"], fails > 0.5)
-    assert found.inputs == ("fails",)
-    assert found.region == ((1.0, 1.0),)
-    assert (found.inside, found.cases) == (found.violations, found.violations)
-    assert found.information > 0.99
+    (result,) = attribute_failures(
+        {"fails": fails, "other": other}, ["fails", "other"], fails > 0.5
+    )
+    assert result.inputs == ("fails",)
+    assert result.region == ((1.0, 1.0),)
+    assert (result.inside, result.cases) == (result.violations, result.violations)
+    assert result.information > 0.99
 
 
 def test_causes_by_themselves_are_no_pairs():
@@ -249,14 +251,14 @@ def test_causes_by_themselves_are_no_pairs():
     fails, thrust, other = (rng.random(8000) < 0.02).astype(float), *rng.random((2, 8000))
     violates = (fails > 0.5) | (thrust < 0.05) | (rng.random(8000) < 0.01)
     cases = {"fails": fails, "thrust": thrust, "other": other}
-    found = attribute_failures(cases, list(cases), violates)
-    assert sorted(one.inputs for one in found) == [("fails",), ("thrust",)]
-    told = causes_text("late", found, {"fails": "spring.aft.fails"})
-    assert "spring.aft.fails tells" in told
+    result = attribute_failures(cases, list(cases), violates)
+    assert sorted(one.inputs for one in result) == [("fails",), ("thrust",)]
+    text = causes_text("late", result, {"fails": "spring.aft.fails"})
+    assert "spring.aft.fails explains" in text
     assert f"mostly where spring.aft.fails = 1: {int(fails.sum())} of the " in " ".join(
-        told.split()
+        text.split()
     )
-    by_name = {one.inputs[0]: one for one in found}
+    by_name = {one.inputs[0]: one for one in result}
     assert by_name["thrust"].region[0][0] == thrust.min()
     assert by_name["thrust"].region[0][1] < 0.2
     assert by_name["fails"].inside == by_name["fails"].cases == fails.sum()
@@ -268,8 +270,8 @@ def test_a_pair_where_most_cases_violate():
     rng = np.random.default_rng(10)
     a, b, other = rng.random((3, 6000))
     violates = rng.random(6000) < np.where((a > 0.5) == (b > 0.5), 0.9, 0.65)
-    (found,) = attribute_failures({"a": a, "b": b, "other": other}, ["a", "b", "other"], violates)
-    assert found.inputs == ("a", "b")
+    (result,) = attribute_failures({"a": a, "b": b, "other": other}, ["a", "b", "other"], violates)
+    assert result.inputs == ("a", "b")
 
 
 def test_the_region_of_a_cause_is_no_chance_cell():
@@ -280,10 +282,10 @@ def test_the_region_of_a_cause_is_no_chance_cell():
     violates = (a > 0.5) & (b > 0.5) & (rng.random(6000) < 0.4)
     rare = np.zeros(6000)
     rare[np.flatnonzero(violates)[:2]] = 1.0
-    found = attribute_failures({"a": a, "b": b, "rare": rare}, ["a", "b", "rare"], violates)
-    assert found[0].inputs == ("a", "b")
-    assert all(low >= 0.45 for low, _ in found[0].region)
-    assert not any("rare" in one.inputs for one in found)
+    result = attribute_failures({"a": a, "b": b, "rare": rare}, ["a", "b", "rare"], violates)
+    assert result[0].inputs == ("a", "b")
+    assert all(low >= 0.45 for low, _ in result[0].region)
+    assert not any("rare" in one.inputs for one in result)
 
 
 @pytest.mark.parametrize("chance", [0.003, 0.01, 0.1, 0.5])
@@ -307,20 +309,20 @@ def test_a_rare_value_drives(chance):
 
 def test_a_group_that_drives_nothing():
     """Indices of values that do nothing: as often below zero as above."""
-    rng, found = np.random.default_rng(6), []
+    rng, result = np.random.default_rng(6), []
     for _ in range(200):
         a, y = rng.integers(0, 5, 500).astype(float), rng.normal(size=500)
         cases = {"a": a, "y": y, "status": np.array(["ok"] * 500)}
-        found.append(input_sensitivities(cases, ["a"], "y").loc["a", "first"])
-    assert abs(np.mean(found)) < 2.0 * np.std(found) / np.sqrt(200.0)
+        result.append(input_sensitivities(cases, ["a"], "y").loc["a", "first"])
+    assert abs(np.mean(result)) < 2.0 * np.std(result) / np.sqrt(200.0)
 
 
-def test_what_inputs_do_together_is_said():
+def test_note_on_interactions():
     """y = a b of inputs about zero: no input explains anything by itself."""
     a, b = np.random.default_rng(7).normal(size=(2, 2000))
     cases = {"a": a, "b": b, "y": a * b, "status": np.array(["ok"] * 2000)}
-    told = render_sensitivities(input_sensitivities(cases, ["a", "b"], "y"), "y", {})
-    assert "the rest is due to interactions" in told
+    text = render_sensitivities(input_sensitivities(cases, ["a", "b"], "y"), "y", {})
+    assert "the rest is due to interactions" in text
     assert "interactions" not in render_sensitivities(
         input_sensitivities(cases | {"y": a}, ["a", "b"], "y"), "y", {}
     )
@@ -351,34 +353,34 @@ def test_through_a_run_folder(tmp_path):
     campaign = sepmc.load("table2", {"run.end_time_s": 0.26, "requirement": [slow]})
     with run_interpreted():
         result = campaign.run(cases=150, seed=7, out=tmp_path / "run")
-    told = call("sensitivity", tmp_path / "run", "separation_speed_m_s", "--no-plots")
-    assert told.exit_code == 0, told.output
+    called = call("sensitivity", tmp_path / "run", "separation_speed_m_s", "--no-plots")
+    assert called.exit_code == 0, called.output
     table = result.sensitivity("separation_speed_m_s")
     kept = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     assert kept["input"].tolist() == table.index.tolist()
     assert_allclose(kept["rank"], table["rank"], rtol=1e-14)
     order = "by first-order index (lower bound), then by shift of the mean"
-    assert f"sensitivity of separation_speed_m_s: {order}\n" in told.stdout
+    assert f"sensitivity of separation_speed_m_s: {order}\n" in called.stdout
     rows = result.to_pandas()
     ok = rows[rows["status"] == "ok"]
     late = f"({len(rows) - len(ok)} others have no such outcome)"
     violations = (ok["separation_speed_m_s"] < 0.55).sum()
-    assert f"slow, {violations} of {len(ok)} cases {late}" in told.stdout
+    assert f"slow, {violations} of {len(ok)} cases {late}" in called.stdout
     first = result.causes("never-released")[0]
     causes_kept = pd.read_csv(tmp_path / "run" / "causes.csv")
     of_release = causes_kept[causes_kept["violated"] == "never-released"].iloc[0]
     assert of_release["input"] == first.inputs[0]
-    assert f"never-released, {first.violations} of 150 cases: what sets" in told.stdout
+    assert f"never-released, {first.violations} of 150 cases: inputs that" in called.stdout
     assert not (tmp_path / "run" / "sensitivity.png").exists()
     assert call("sensitivity", tmp_path / "run").exit_code == 0
     assert (tmp_path / "run" / "sensitivity.png").stat().st_size > 20_000
-    told = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
-    one, other = told["outcome"].unique()[:2]
+    called = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
+    one, other = called["outcome"].unique()[:2]
     assert call("sensitivity", tmp_path / "run", other, "--no-plots").exit_code == 0
     again = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
     assert again["outcome"].unique()[-1] == other  # what was told of others stays
-    pd.testing.assert_frame_equal(again[again["outcome"] == one], told[told["outcome"] == one])
-    assert len(again) == len(told)
+    pd.testing.assert_frame_equal(again[again["outcome"] == one], called[called["outcome"] == one])
+    assert len(again) == len(called)
     wrong = call("sensitivity", tmp_path / "run", "separation_sped_m_s")
     assert wrong.exit_code == 2
     assert "did you mean 'separation_speed_m_s'" in wrong.stderr
@@ -409,26 +411,26 @@ def test_a_saltelli_campaign(tmp_path):
 
 @pytest.mark.parametrize("n", [1000, 10_000])
 @pytest.mark.parametrize("shape", ["exponential", "jump"])
-def test_a_first_order_index_of_what_is_steep(n, shape):
+def test_first_order_index_of_a_steep_outcome(n, shape):
     """Its interval holds the closed form as often as it says: ten waves by themselves would tell
     four fifths of the first at 10,000 cases. Where few cases decide the variance there is none."""
     own, other = np.array([1.0, 0.7, 0.4]), 0.3
     exact = (np.e - 1.0) / (np.exp(np.sum(own**2)) - 1.0)
     beyond = stats.norm.sf(1.0) * stats.norm.cdf(1.0)
     exact = exact if shape == "exponential" else beyond / (beyond + other**2)
-    held, given, found = 0, 0, []
+    stored, given, result = 0, 0, []
     for seed in range(20):
         u = np.random.default_rng(seed).standard_normal((n, 3))
         y = np.exp(u @ own) if shape == "exponential" else (u[:, 0] > 1.0) + other * u[:, 1]
         names = ["in_a", "in_b", "in_c"]
         cases = {"status": np.full(n, "ok"), "y": y, **dict(zip(names, u.T, strict=True))}
         row = input_sensitivities(cases, names, "y").loc["in_a"]
-        held += row["first_low"] <= exact <= row["first_high"]
+        stored += row["first_low"] <= exact <= row["first_high"]
         given += np.isfinite(row["first_low"])
-        found.append(row["first"])
-    assert given - held <= 3
+        result.append(row["first"])
+    assert given - stored <= 3
     assert given == 20 if shape == "jump" else given < 10
-    assert np.mean(found) == pytest.approx(exact, rel=0.1)
+    assert np.mean(result) == pytest.approx(exact, rel=0.1)
 
 
 @pytest.fixture
@@ -439,7 +441,7 @@ def drawn(monkeypatch):
     return caught
 
 
-def test_bars_of_what_is_not_told_from_nothing_are_pale(tmp_path, drawn):
+def test_bars_without_significance_are_pale(tmp_path, drawn):
     """y = 3 a + b^2: a swings the mean, b has an index, c and d have neither; the indices stand
     beside, with the intervals of the table."""
     x = dict(zip("abcd", np.random.default_rng(1).normal(size=(4, 800)), strict=True))

@@ -326,7 +326,7 @@ def test_summary_text():
     assert set(never[2:]) == {"-"}
 
 
-def test_summary_text_says_what_it_compares_with():
+def test_summary_names_its_reference():
     cases, reference = paper_like(800)
     stats = statistics(cases, ["upper_alpha_ref_deg"], reference)
     text = render_summary(stats, status_counts(cases), source="flight test")

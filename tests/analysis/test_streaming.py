@@ -54,18 +54,18 @@ CASE = st.tuples(st.sampled_from([0, 0, 0, 1, 5]), *[NUMBER] * 4)
     sizes=st.lists(st.integers(1, 20), min_size=1, max_size=4),
 )
 @settings(deadline=None, max_examples=150)
-def test_a_stream_knows_what_the_table_says(cases, sizes):
+def test_streaming_equals_table(cases, sizes):
     """Everything a table of rows gives, from any data with NaN and failed cases."""
     codes, data = np.array([case[0] for case in cases]), np.array([case[1:] for case in cases]).T
     stream, whole = streamed(codes, data, sizes), TableStatistics(table(codes, data), *COLUMNS)
     reference = {"speed_m_s": {"mean": 1.0, "sigma": 2.0}}
-    found, expected = stream.statistics(reference), whole.statistics(reference)
+    result, expected = stream.statistics(reference), whole.statistics(reference)
     pd.testing.assert_frame_equal(
-        found, expected, rtol=1e-9, atol=1e-9 * max(1.0, np.nanmax(np.abs(data), initial=0.0))
+        result, expected, rtol=1e-9, atol=1e-9 * max(1.0, np.nanmax(np.abs(data), initial=0.0))
     )
     exact = ["n", "min", "max", "case_min", "case_max", *PERCENTILES]
     exact += [f"{name}_{end}" for name in PERCENTILES for end in ("low", "high")]
-    pd.testing.assert_frame_equal(found[exact], expected[exact], check_exact=True)
+    pd.testing.assert_frame_equal(result[exact], expected[exact], check_exact=True)
     pd.testing.assert_frame_equal(stream.audit(), whole.audit(), check_exact=True)
     assert stream.counts == whole.counts
     assert stream.failed == whole.failed
@@ -138,9 +138,9 @@ def test_infinities_of_many():
     x[::100], x[1::300] = np.inf, -np.inf
     sketch = QuantileSketch()
     sketch.add(x)
-    found = sketch.percentiles([0.1, 1.0, 50.0, 98.0, 99.9])
-    assert (found[0], found[-1]) == (-np.inf, np.inf)
-    assert_allclose(found[1:-1], np.percentile(x, [1.0, 50.0, 98.0]), atol=1e-3)
+    result = sketch.percentiles([0.1, 1.0, 50.0, 98.0, 99.9])
+    assert (result[0], result[-1]) == (-np.inf, np.inf)
+    assert_allclose(result[1:-1], np.percentile(x, [1.0, 50.0, 98.0]), atol=1e-3)
     stream = streamed(np.zeros(x.size, dtype=int), np.tile(np.abs(x), (4, 1)), [ACCUMULATION_BLOCK])
     row = stream.statistics().loc["speed_m_s"]
     assert row["mean"] == row["max"] == np.inf
@@ -148,7 +148,7 @@ def test_infinities_of_many():
     assert stream.histogram("speed_m_s") is None
 
 
-def test_the_same_bits_whatever_the_chunks():
+def test_same_bits_for_any_chunks():
     """Past the layout of the grid, with failed cases and values that are none."""
     rng = np.random.default_rng(3)
     n = EXACT_VALUES + 3 * ACCUMULATION_BLOCK + 17
@@ -169,11 +169,11 @@ def test_the_same_bits_whatever_the_chunks():
     assert len(first.failed["not-finite"]) == MAX_NAMED
     whole = TableStatistics(table(codes, data), *COLUMNS)
     assert first.counts == whole.counts
-    found, expected = first.statistics().loc["release_s"], whole.statistics().loc["release_s"]
+    result, expected = first.statistics().loc["release_s"], whole.statistics().loc["release_s"]
     # a mean of a million sigmas costs no digits
     for name in ("mean", "sigma", "mean_se", "sigma_se"):
-        assert found[name] == pytest.approx(expected[name], rel=1e-10)
-    assert (found["n"], found["case_min"], found["case_max"]) == (
+        assert result[name] == pytest.approx(expected[name], rel=1e-10)
+    assert (result["n"], result["case_min"], result["case_max"]) == (
         expected["n"],
         expected["case_min"],
         expected["case_max"],
@@ -200,9 +200,9 @@ def test_the_same_bits_by_many(begun):
     fences = [*range(begun, count, 2 * ACCUMULATION_BLOCK), count]
     kept = {}
     for first, end in reversed(list(pairwise(fences))):
-        apart = many.new_partial()
-        apart.add(numbers[first:end], codes[first:end], data[:, first:end])
-        kept[first] = pickle.dumps(apart)
+        separate = many.new_partial()
+        separate.add(numbers[first:end], codes[first:end], data[:, first:end])
+        kept[first] = pickle.dumps(separate)
     for first in sorted(kept):
         many.merge(pickle.loads(kept[first]))
     pd.testing.assert_frame_equal(many.statistics(), alone.statistics(), check_exact=True)
@@ -236,9 +236,9 @@ def test_memory_does_not_grow():
                 rng.standard_t(3, (4, ACCUMULATION_BLOCK)),
             )
         stream.statistics()
-        found = tracemalloc.get_traced_memory()[1]
+        result = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        return found
+        return result
 
     assert peak(60) <= 1.05 * peak(6)
 

@@ -39,8 +39,8 @@ def test_ties_do_not_depend_on_the_order_of_rows():
 def test_correlated_inputs_are_named():
     z = np.random.default_rng(1).normal(size=(3, 1000))
     x = np.array([z[0], 0.8 * z[0] + 0.6 * z[1], z[2]])
-    told = render_sensitivities(table_of(x, x[0] + x[1]), "y", {})
-    assert "x0, x1 are correlated" in " ".join(told.split())
+    text = render_sensitivities(table_of(x, x[0] + x[1]), "y", {})
+    assert "x0, x1 are correlated" in " ".join(text.split())
 
 
 def test_a_saltelli_design_goes_by_its_case_numbers():
@@ -59,13 +59,13 @@ def test_a_saltelli_design_goes_by_its_case_numbers():
 def covered(inputs, outcome, known, sampler, repeats, cases):
     """How often intervals of first-order indices hold the known ones within 0.002, of all that are
     given; and how many are."""
-    held = []
+    stored = []
     for seed in range(repeats):
         x = inputs(probabilities(["a", "b", "c"], seed, 0, cases, Sampling(sampler, cases)))
         table = table_of(x, outcome(x), sampler)
         low, high = table["first_low"] - 0.002, table["first_high"] + 0.002
-        held += ((low <= known) & (known <= high))[low.notna()].tolist()
-    return np.sum(held), len(held)
+        stored += ((low <= known) & (known <= high))[low.notna()].tolist()
+    return np.sum(stored), len(stored)
 
 
 def fewest(count, share=0.95, chance=1e-3):
@@ -117,8 +117,8 @@ COVERED = {
 @pytest.mark.parametrize("name", COVERED)
 def test_intervals_that_are_given_hold_the_index(name):
     """As often as a binomial law of 95 % lets them, but for a chance of 0.1 %."""
-    held, count = covered(*COVERED[name], repeats=60, cases=500)
-    assert held >= fewest(count)
+    stored, count = covered(*COVERED[name], repeats=60, cases=500)
+    assert stored >= fewest(count)
     assert count or name in ("tail", "far tail", "rare flag")
 
 
@@ -127,17 +127,17 @@ def test_indices_of_few_cases_have_no_interval():
     table = table_of(x, np.exp(2.0 * x[0]))
     assert table["first"].notna().all()
     assert table[["first_low", "first_high"]].isna().all(axis=None)
-    told = " ".join(render_sensitivities(table, "y", {}).split())
-    assert "without intervals: few of 1000 cases" in told
-    assert "+-" not in told
-    assert "what surely shifts its mean first" in told
+    text = " ".join(render_sensitivities(table, "y", {}).split())
+    assert "without intervals: a few outliers among 1000 cases" in text
+    assert "+-" not in text
+    assert "by shift of the mean" in text
 
 
 def test_a_design_whose_independent_cases_are_alike():
     """The only failure is in a case that repeats others but for one input."""
     n = 6 * 64
     u = probabilities(["a", "b", "c", "d"], 1, 0, n, Sampling("saltelli", n))
-    with pytest.raises(ValueError, match="does not vary in cases that do not repeat"):
+    with pytest.raises(ValueError, match="does not vary in independent cases"):
         table_of(u, np.where(np.arange(n) == 8, 1.0, 0.0), "saltelli")
 
 

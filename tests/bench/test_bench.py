@@ -99,17 +99,17 @@ def test_command(name, formulation, tmp_path, monkeypatch):
     parts = ["features", "scaling", "stages", "work_precision"]
     files = [f"{p}.{kind}" for p in (*parts, "row_errors") for kind in ("parquet", "png")]
     assert sorted(p.name for p in out.iterdir()) == sorted(["bench.json", *files])
-    told = json.loads((out / "bench.json").read_text(encoding="utf-8"))
-    assert {"campaign", "machine", "reference", "same_bits", "headlines", *parts} <= set(told)
-    assert {"cpu", "threads", "versions"} <= set(told["machine"])
-    assert all(told["same_bits"].values())
+    text = json.loads((out / "bench.json").read_text(encoding="utf-8"))
+    assert {"campaign", "machine", "reference", "same_bits", "headlines", *parts} <= set(text)
+    assert {"cpu", "threads", "versions"} <= set(text["machine"])
+    assert all(text["same_bits"].values())
     frame = pd.read_parquet(out / "work_precision.parquet")
     assert frame["default"].sum() == 1
     assert (frame["ms"] > 0.0).all()
     assert set(frame["formulation"]) == {"reduced", "full"}
     assert (frame["scaled"] == (frame["formulation"] == "full")).all()
     chosen = frame[frame["default"]].iloc[0]
-    assert (chosen["formulation"], told["formulation"]) == (formulation, formulation)
+    assert (chosen["formulation"], text["formulation"]) == (formulation, formulation)
     assert f"threads, {formulation} formulation" in result.output
     assert chosen["error"] < 1e-8
     assert {"feature", "time_ratio", "flop_ratio"} <= set(pd.read_parquet(out / "features.parquet"))
@@ -126,9 +126,9 @@ def test_same_bits(name):
     """On any number of threads, in any chunks and order."""
     from sepmc.engine.threads import max_threads
 
-    found = bits.same_bits(study_of(name, 60, max_threads()))
-    assert len(found) == 4
-    assert all(found.values()), found
+    result = bits.same_bits(study_of(name, 60, max_threads()))
+    assert len(result) == 4
+    assert all(result.values()), result
 
 
 def test_reference(study, reference):
@@ -190,7 +190,7 @@ def test_step_that_is_given():
 
 
 def test_features_change_the_scene(study):
-    """What is taken out is gone, its dispersions too, and what cannot go is told."""
+    """A removed feature and its dispersions are gone; an indispensable one is reported."""
     variants = {v.feature: v.campaign for v in features._variants(study, 0.01)}
     assert {
         features.ALL,
@@ -235,8 +235,8 @@ done:
 
 def test_flops_in_code():
     """Vectors of all lanes, and a loop over single ones."""
-    found = [flops.in_code(CODE, f"rates_{phase}") for phase in ("free", "pinned", "gone")]
-    assert found == [4.0, 2.0, None]
+    result = [flops.flops_in_llvm(CODE, f"rates_{phase}") for phase in ("free", "pinned", "gone")]
+    assert result == [4.0, 2.0, None]
 
 
 @pytest.mark.slow
@@ -290,9 +290,9 @@ def test_unknown_peers_are_left_out(study, reference, monkeypatch):
     )
     frame = tables.measure(study, reference)
     assert set(frame["engine"]) == {"sepmc"}
-    told = race.left_out(tables.QUICK)
-    assert sum("is left out: not installed, or too old" in text for text in told) == 3
-    assert "scipy is left out: not in a quick look" in told
+    reported = race.left_out(tables.QUICK)
+    assert sum("is left out: not installed, or too old" in text for text in reported) == 3
+    assert "scipy is left out: not in a quick look" in reported
 
 
 @pytest.mark.parametrize(
@@ -329,16 +329,16 @@ def test_folders(tmp_path):
 
 def test_rounds_take_turns():
     order = []
-    found = clock.rounds({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
+    result = clock.rounds({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
     assert order == list("ababab")
-    assert {name: len(times) for name, times in found.items()} == {"a": 2, "b": 2}
+    assert {name: len(times) for name, times in result.items()} == {"a": 2, "b": 2}
 
 
-def test_what_takes_long_is_repeated_less(monkeypatch):
+def test_long_tasks_are_repeated_less(monkeypatch):
     """Once at least, besides the first time."""
     monkeypatch.setattr(clock, "_MAX_S", 0.05)
-    found = clock.rounds({"long": lambda: time.sleep(0.03), "short": lambda: None}, 4)
-    assert [len(found[name]) for name in ("long", "short")] == [1, 4]
+    result = clock.rounds({"long": lambda: time.sleep(0.03), "short": lambda: None}, 4)
+    assert [len(result[name]) for name in ("long", "short")] == [1, 4]
 
 
 def test_defaults():
@@ -352,23 +352,23 @@ def test_spread():
 
 
 @pytest.mark.parametrize(("spread", "warns"), [(0.02, False), (0.4, True), (np.nan, False)])
-def test_a_machine_that_is_not_quiet_is_told(spread, warns):
+def test_noise_warning(spread, warns):
     frame = pd.DataFrame({"spread": [spread, spread, 9.0 if warns else spread]})
-    told = text.unquiet("features", frame)
-    assert ("spreads over 40 % of their median" in told) == warns
-    assert bool(told) == warns
+    reported = text.noise_warning("features", frame)
+    assert ("spreads over 40 % of their median" in reported) == warns
+    assert bool(reported) == warns
 
 
 @pytest.mark.parametrize(("speed_up", "warns"), [([1.0, 1.9], False), ([1.0, 0.9], True)])
-def test_threads_that_bring_nothing_are_told(speed_up, warns):
+def test_threads_warning(speed_up, warns):
     frame = pd.DataFrame({"threads": [2.0, 1.0, 2.0], "speed_up": [np.nan, *speed_up]})
-    told = text.warnings("scaling", frame)
-    assert [said.partition(":")[0] for said in told] == ["warning"] * warns
-    assert not warns or "2 threads are 0.90 times as fast as one" in told[0]
-    assert text.idle_threads(frame[:2]) == ""
+    rendered = text.warnings("scaling", frame)
+    assert [said.partition(":")[0] for said in rendered] == ["warning"] * warns
+    assert not warns or "2 threads are 0.90 times as fast as one" in rendered[0]
+    assert text.threads_warning(frame[:2]) == ""
 
 
-def test_parts_are_written_as_soon_as_they_are_there(tmp_path, monkeypatch):
+def test_parts_are_written_at_once(tmp_path, monkeypatch):
     """A bench that stops leaves what it has measured."""
 
     def stop(*_):
@@ -378,17 +378,17 @@ def test_parts_are_written_as_soon_as_they_are_there(tmp_path, monkeypatch):
     campaign = sepmc.load("table2", {"run.history_step_s": 0.0})
     with pytest.raises(KeyboardInterrupt):
         of.bench(campaign, tmp_path / "b", silent, cases=40, repeats=1, threads=1, quick=True)
-    told = json.loads((tmp_path / "b" / "bench.json").read_text(encoding="utf-8"))
-    assert {"work_precision", "error_column", "machine"} <= set(told)
+    text = json.loads((tmp_path / "b" / "bench.json").read_text(encoding="utf-8"))
+    assert {"work_precision", "error_column", "machine"} <= set(text)
     assert pd.read_parquet(tmp_path / "b" / "row_errors.parquet")["error"].between(0, 1e-9).all()
 
 
 def test_rows_tell_their_errors(study, reference):
     """True errors of all cases lie below three times what their rows tell."""
-    frame, told = row_errors.measure(study, reference)
-    assert len(frame) == told["cases"] == 100
-    assert 0.0 < told["true_over_told_median"] < told["true_over_told_most"] < 3.0
-    assert told["largest_true_error"] == frame["true_error"].max()
+    frame, reported = row_errors.measure(study, reference)
+    assert len(frame) == reported["cases"] == 100
+    assert 0.0 < reported["true_over_told_median"] < reported["true_over_told_most"] < 3.0
+    assert reported["largest_true_error"] == frame["true_error"].max()
     assert set(frame["outcome"]) <= set(study.names)
-    assert told["flown_again"] <= 2
-    assert f"{told['flown_again']} of 100 cases were refined" in row_errors.sentence(told)
+    assert reported["flown_again"] <= 2
+    assert f"{reported['flown_again']} of 100 cases were refined" in row_errors.sentence(reported)

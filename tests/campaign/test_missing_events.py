@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from oracles.random_scenes.interpreted import run_interpreted
 
 import sepmc
-from sepmc.analysis.requirements import render_missing
+from sepmc.analysis.requirements_text import render_missing
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.campaign import campaign as campaigns
 from sepmc.campaign.execution.limit_state import MarginEvaluator, limit_state
@@ -225,8 +225,8 @@ def test_what_sets_them_apart(run, expected):
     """The causes of a missing outcome are looked for, among cases that came to their end."""
     told = call("sensitivity", run[0], "--no-plots").output
     count = expected["event.far"]
-    assert f"calm, {count} ok cases without far_fore_omega_z_deg_s: what sets these" in told
-    assert "spring.push.force_N tells " in told
+    assert f"calm, {count} ok cases without far_fore_omega_z_deg_s: inputs that" in told
+    assert "spring.push.force_N explains " in told
 
 
 def test_check_tells_it_of_the_nominal_case(file):

@@ -79,7 +79,7 @@ def test_what_never_happens():
     assert known.interval[0] == 0.0
     assert known.interval[1] < 1e-5
     assert (
-        "did not come beyond the bound, only to a margin of 1"
+        "did not reach the bound, only a margin of 1"
         in subset_simulation.estimate_warnings(known)[0]
     )
     known, _, _ = estimate(lambda u: np.ones(len(u)), 2)  # as a constant outcome
@@ -444,7 +444,7 @@ def test_doctor_looks_at_it(folder, tmp_path):
     assert "rare.json: was changed" in said.output
     said = invoke("doctor", other, "--repair")
     assert said.exit_code == 2
-    assert "cannot be mended; fly it again" in said.output
+    assert "cannot be repaired; fly it again" in said.output
 
 
 @pytest.mark.parametrize(
@@ -454,7 +454,7 @@ def test_doctor_looks_at_it(folder, tmp_path):
         (["--stats-only"], "--rare and --stats-only exclude each other"),
         (["--sampler", "lhs"], "--rare and --sampler exclude each other"),
         (["--check"], "--rare and --check exclude each other"),
-        (["--cases", "3:9"], "how many flights are allowed"),
+        (["--cases", "3:9"], "takes a number of flights"),
         (["--cases", "77"], "flights = 77: must be >= 10000"),
         (["--dry-run"], "separation_speed_m_s >= 0.378 m/s; at most 100000 flights, into"),
     ],

@@ -526,6 +526,7 @@ def test_check_names_the_time_in_which_joints_are_late():
         (["replay", "run", "--greatest", "x"], "--max"),
         (["replay", "run", "--film", "gif"], "--animate"),
         (["campaign", "table2.toml", "--plan", "x.csv"], "--samples"),
+        (["compile", "table2.toml", "--spares"], "--fallbacks"),
     ],
 )
 def test_renamed_words_name_their_successors(words, new):

@@ -103,15 +103,15 @@ def test_convergence_of_few_cases(tmp_path, count):
 def test_running_intervals_hold_the_truth():
     """Of ten values of a normal law, 95 % of the intervals hold its mean, and 96 % its sigma."""
     random, n = np.random.default_rng(8), np.array([10])
-    held = np.zeros(2)
+    stored = np.zeros(2)
     for _ in range(1000):
-        found = running_statistics(random.normal(3.0, 2.0, 10), n)
-        held += [
+        result = running_statistics(random.normal(3.0, 2.0, 10), n)
+        stored += [
             low[0] <= truth <= high[0]
-            for (_, low, high), truth in zip(found, (3.0, 2.0), strict=True)
+            for (_, low, high), truth in zip(result, (3.0, 2.0), strict=True)
         ]
-    assert (held >= stats.binom.ppf(0.001, 1000, 0.95)).all(), held
-    assert held[0] <= stats.binom.ppf(0.999, 1000, 0.95), held
+    assert (stored >= stats.binom.ppf(0.001, 1000, 0.95)).all(), stored
+    assert stored[0] <= stats.binom.ppf(0.999, 1000, 0.95), stored
 
 
 def test_dots_an_inch(tmp_path):

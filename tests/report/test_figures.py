@@ -69,9 +69,9 @@ def texts(figure):
 
 
 def line(ax, label):
-    found = [one for one in ax.lines if one.get_label() == label]
-    assert found, f"no line {label!r} among {[one.get_label() for one in ax.lines]}"
-    return found
+    result = [one for one in ax.lines if one.get_label() == label]
+    assert result, f"no line {label!r} among {[one.get_label() for one in ax.lines]}"
+    return result
 
 
 def test_campaign_files(tmp_path):
@@ -241,8 +241,8 @@ def test_a_long_tail_is_shown_on_a_logarithmic_scale(tmp_path, drawn):
     """A bar of few cases, far from nearly all others, is seen."""
     far = np.linspace(-80.0, 90.0, 60)
     values = np.concatenate([far, np.full(9940, 100.0)])
-    found = {"gap_mm": histogram(values), "near_mm": histogram(np.linspace(0.0, 1.0, 500))}
-    histogram_figures(found, tmp_path, {}, required={"gap_mm": [0.0]})
+    result = {"gap_mm": histogram(values), "near_mm": histogram(np.linspace(0.0, 1.0, 500))}
+    histogram_figures(result, tmp_path, {}, required={"gap_mm": [0.0]})
     gap, near = drawn["histograms.png"].axes
     assert (gap.get_yscale(), near.get_yscale()) == ("log", "linear")
     assert gap.get_ylabel().endswith("logarithmic")
@@ -255,9 +255,9 @@ def test_a_long_tail_is_shown_on_a_logarithmic_scale(tmp_path, drawn):
 def test_legends_name_things_in_one_order(tmp_path, drawn):
     """Whichever panel has them first."""
     bell = np.random.default_rng(3).normal(size=5000)
-    found = {"flat": histogram(np.linspace(0.0, 1.0, 5000)), "bell": histogram(bell)}
+    result = {"flat": histogram(np.linspace(0.0, 1.0, 5000)), "bell": histogram(bell)}
     for names in (("flat", "bell"), ("bell", "flat")):
-        histogram_figures({name: found[name] for name in names}, tmp_path, {}, alone=False)
+        histogram_figures({name: result[name] for name in names}, tmp_path, {}, alone=False)
         assert texts(drawn["histograms.png"]) == [
             "cases",
             "bars too low to see",
@@ -275,8 +275,8 @@ def test_a_normal_curve_is_a_matter_of_shape(tmp_path, drawn, n):
         "normal": stats.norm, "skewed": stats.gamma(44.0), "flat": stats.triang(0.5),
         "peaked": stats.logistic,
     }  # fmt: skip
-    found = {name: histogram(law.ppf(share)) for name, law in laws.items()}
-    histogram_figures(found, tmp_path, {}, alone=False)
+    result = {name: histogram(law.ppf(share)) for name, law in laws.items()}
+    histogram_figures(result, tmp_path, {}, alone=False)
     axes = drawn["histograms.png"].axes
     curves = [NORMAL in [one.get_label() for one in ax.lines] for ax in axes]
     assert curves == [True, False, False, False]
@@ -303,7 +303,7 @@ def test_bands_say_once_of_how_many_cases_they_are(tmp_path, drawn, about, title
     assert drawn["separation_speed.png"].get_suptitle() == title
 
 
-def test_what_is_missing_is_left_out(tmp_path):
+def test_missing_columns_are_left_out(tmp_path):
     cases, histories = campaign()
     cases["never_s"] = np.nan
     assert campaign_figures(cases, None, tmp_path, {}, outcomes=["never_s", "not_a_column"]) == []
@@ -556,8 +556,8 @@ def test_pyplot_stays_out():
 
 def test_required_bounds_are_marked(drawn, tmp_path):
     """A line at the bound, in the panel of its outcome, which comes first."""
-    found = {name: histogram(np.linspace(0.0, 10.0, 100)) for name in ("gap_mm", "speed_m_s")}
-    histogram_figures(found, tmp_path, {"speed_m_s": "m/s"}, required={"speed_m_s": [4.0]})
+    result = {name: histogram(np.linspace(0.0, 10.0, 100)) for name in ("gap_mm", "speed_m_s")}
+    histogram_figures(result, tmp_path, {"speed_m_s": "m/s"}, required={"speed_m_s": [4.0]})
     first, second = drawn["histograms.png"].axes
     assert first.get_xlabel() == "speed (m/s)"
     marked = [line.get_xdata()[0] for line in first.lines if line.get_label() == "required bound"]

@@ -42,9 +42,9 @@ def run(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(run):
-    found = call("report", run)
-    assert found.exit_code == 0, found.output
-    assert "flies case" in found.stdout
+    called = call("report", run)
+    assert called.exit_code == 0, called.output
+    assert "flies case" in called.stdout
     return (run / "report.html").read_text(encoding="utf-8")
 
 
@@ -73,7 +73,7 @@ def test_one_page(page):
     tags = Tags()
     tags.feed(page)
     assert tags.open == []
-    assert all(found.startswith(("#", "data:image/png;base64,")) for found in tags.refers)
+    assert all(result.startswith(("#", "data:image/png;base64,")) for result in tags.refers)
     assert "script" not in tags.count
     assert "A &lt; B &amp; &lt;script&gt;" in page
     # outcomes over time, as shares, as they converge and as histograms; vehicle; drivers as swings
@@ -90,10 +90,10 @@ def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
         table = (
             sepmc.load("table2", settings).run(cases=6, seed=3, out=tmp_path / "run").to_pandas()
         )
-        found = call("report", tmp_path / "run")
+        called = call("report", tmp_path / "run")
     first = int(table["case"][table["status"] == "never-released"].iloc[0])
-    assert found.exit_code == 0, found.output
-    assert f"flies case {first} again, the first that violates parts" in found.stdout
+    assert called.exit_code == 0, called.output
+    assert f"flies case {first} again, the first that violates parts" in called.stdout
     violations = int((table["status"] == "never-released").sum())
     text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert f"case {first}, the first of {violations} that violate parts" in text
@@ -109,13 +109,13 @@ def test_joint_loads_that_are_not_unique_are_noted(pair, tmp_path):
     }
     with run_interpreted(cases=4):
         pair(settings).run(cases=25, out=tmp_path / "run")
-    found = call("report", tmp_path / "run", "--no-replay")
-    assert found.exit_code == 0, found.output
+    called = call("report", tmp_path / "run", "--no-replay")
+    assert called.exit_code == 0, called.output
     text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "constraint rows are redundant, among pins, bolt" in text
 
 
-def test_what_it_says(page):
+def test_content(page):
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
     assert "FAIL fast: separation_speed_m_s &gt;= 0.53 m/s in 90 % of all cases" in text
     assert "PASS slow: separation_speed_m_s &lt;= 10 m/s" in text
@@ -184,16 +184,16 @@ def test_names_in_a_drawing_do_not_cover_each_other(name, tmp_path, monkeypatch)
             assert not any(box.contains(*point) for box in boxes for point in along)
 
 
-@pytest.mark.parametrize(("name", "told"), [("srb", True), ("table1", False)])
-def test_several_of_one_place_are_told(name, told, tmp_path, monkeypatch):
-    """What "+5" means stands below, if there is such a name."""
+@pytest.mark.parametrize(("name", "noted"), [("srb", True), ("table1", False)])
+def test_labels_of_coincident_points(name, noted, tmp_path, monkeypatch):
+    """The meaning of "+5" is explained below the drawing if such a label exists."""
     figures = []
     monkeypatch.setattr(drawing_module, "save", lambda figure, path: figures.append(figure))
     campaign = sepmc.load(name)
     draw_vehicle(campaign.scene, campaign.file.dispersions, name, tmp_path / "vehicle.png")
     names = [text.get_text() for ax in figures[0].axes for text in ax.texts]
-    assert any(" +" in one for one in names) == told
-    assert ("+N: so many more" in figures[0].get_supxlabel()) == told
+    assert any(" +" in one for one in names) == noted
+    assert (drawing_module._COUNT_NOTE in figures[0].get_supxlabel()) == noted
 
 
 def test_thrust_is_drawn_as_it_acts():
@@ -211,8 +211,8 @@ def test_thrust_is_drawn_as_it_acts():
 
 
 def test_options(run, tmp_path):
-    found = call("report", run, "--no-replay", "--quiet")
-    assert (found.exit_code, found.output) == (0, "")
+    called = call("report", run, "--no-replay", "--quiet")
+    assert (called.exit_code, called.output) == (0, "")
     assert "Worst cases" not in (run / "report.html").read_text(encoding="utf-8")
     wrong = call("report", tmp_path)
     assert wrong.exit_code == 2

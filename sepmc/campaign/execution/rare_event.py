@@ -15,7 +15,7 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.analysis import subset_simulation
-from sepmc.analysis.requirements import format_proportion
+from sepmc.analysis.requirements_text import format_proportion
 from sepmc.analysis.row_statistics import index_by_case
 from sepmc.analysis.subset_simulation import Estimate, Level
 from sepmc.campaign import cases

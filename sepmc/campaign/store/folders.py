@@ -16,7 +16,7 @@ from sepmc.campaign.store import ledger, untrusted
 from sepmc.campaign.store.untrusted import StoreError
 from sepmc.locks import locked
 from sepmc.paths import is_local
-from sepmc.wording import option, switch
+from sepmc.wording import exists, option, switch
 
 MANIFEST, CAMPAIGN = "manifest.json", "campaign.toml"
 # rows and histories of all cases; of a run of statistics, selected rows and accumulators
@@ -147,13 +147,11 @@ def check_folder(
                 f"another {option('out')}"
             )
         if not (overwrite or resume):
-            advice = (
-                f"add {switch('resume')} to fly its missing cases, {switch('overwrite')} to "
-                "replace it,"
-                if resumable and any((folder / kind).is_dir() for kind in (CASES, ACCUMULATORS))
-                else f"add {switch('overwrite')} to replace it"
+            has_cases = any((folder / kind).is_dir() for kind in (CASES, ACCUMULATORS))
+            resuming = (
+                f"{switch('resume')} to run its missing cases" if resumable and has_cases else ""
             )
-            raise StoreError(f"{folder}: exists; {advice} or choose another {option('out')}")
+            raise StoreError(exists(folder, resuming))
     for name in () if overwrite else DATA_FOLDERS:
         if (folder / name).exists() and not (folder / name).is_dir():
             raise StoreError(

@@ -273,6 +273,6 @@ def _set_status(text: Text, c: Context) -> None:
         "defect = w[ENERGY + l] / w[ENERGY + 2 * LANES + l]",
         "valid = w[NOT_FINITE + l] == 0.0 and w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= "
         f"{_UNRESOLVED} and defect <= {_UNRESOLVED}",
-        f"final = w[UNRELEASED + l] if valid else {float(at.FINER_STEPS)}",
-        "w[STATUS + l] = w[REJECTED + l] if w[REJECTED + l] != 0.0 else final",
+        f"case_status = w[UNRELEASED + l] if valid else {float(at.FINER_STEPS)}",
+        "w[STATUS + l] = w[REJECTED + l] if w[REJECTED + l] != 0.0 else case_status",
     )
