@@ -216,7 +216,7 @@ def test_a_stage_is_flown_by_the_functions_of_the_next_where_that_holds_the_same
     assert "    rates_phase2_late(w)\n\n" in kernel
     assert "    correct_phase2_late(w)\n\n" in kernel
     assert "    look_up_phase2_late(w)\n\n" in kernel
-    monkeypatch.setattr(structure, "_holds_alike", lambda *_: False)
+    monkeypatch.setattr(structure, "_has_equal_rows", lambda *_: False)
     for room in (step_selection, single_case):  # kept texts know nothing of that
         monkeypatch.setattr(room, "written", emit)
     apart = pair(late)
