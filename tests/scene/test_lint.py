@@ -247,7 +247,7 @@ def test_what_is_as_far_through_a_shell_as_is_told_may_not_become_less(radius):
     drawn = np.array([[4500.0, radius, radius][: len(laws)]] * len(least))
     assert min_at_end(campaign, outcomes, drawn) == {"gap": 3}
     assert not min_at_end(campaign, {k: x[0] for k, x in outcomes.items()})  # the nominal
-    assert "at most a tenth of its radius" in next(
+    assert "limited to 0.1 of its radius" in next(
         column.meaning for column in campaign.outcome_columns if column.name == "gap_clearance_mm"
     )
 

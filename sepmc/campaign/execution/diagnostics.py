@@ -279,7 +279,7 @@ def min_at_end_notes(counts: Mapping[str, int]) -> list[str]:
 
 def _min_at_end_note(clearance: str, times: str) -> str:
     return (
-        f"{clearance}_clearance_mm is least as {times}: it may become less after that; a longer "
+        f"{clearance}_clearance_mm is smallest as {times}: it may become less after that; a longer "
         "run.end_time_s tells"
     )
 
