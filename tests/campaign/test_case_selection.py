@@ -67,10 +67,10 @@ def test_numbers_are_a_set(numbers, others, size):
     assert (found.count, found.end) == (len(numbers), max(numbers) + 1)
     assert found.are_first == (numbers == set(range(len(numbers))))
     left = found.without(held)
-    assert [i for a, b in left.pieces(size) for i in range(a, b)] == sorted(numbers - others)
-    assert all(0 < b - a <= size for a, b in left.pieces(size))
-    assert found.leave_out(held) == bool(others - numbers)
-    assert found.common(CaseSelection.of(others)) == len(numbers & others)
+    assert [i for a, b in left.split(size) for i in range(a, b)] == sorted(numbers - others)
+    assert all(0 < b - a <= size for a, b in left.split(size))
+    assert found.omits(held) == bool(others - numbers)
+    assert found.count_common(CaseSelection.of(others)) == len(numbers & others)
     assert [i in found for i in range(75)] == [i in numbers for i in range(75)]
     assert read(f"{found},{found}") == found
 
@@ -310,7 +310,7 @@ def test_a_mean_is_not_known_before_a_rare_value_occurred(file):
     law = '"spring.push.factor" = { discrete = [1.0, 0.5], weights = [0.9999, 0.0001] }\n'
     file.write_text(text.replace(at, at + law), encoding="utf-8")
     campaign = sepmc.load(file)
-    said = r"push\.factor = 0\.5 \(probability 0\.0001\) occurred 10 times, in about 100,000 cases"
+    said = r"push\.factor = 0\.5 \(probability 0\.0001\) occurs 10 times, in about 100,000 cases"
     with pytest.raises(InputError, match=said):
         campaign.run(4000, until="separation_speed_m_s:10%")
     with pytest.warns(RunWarning, match=r"push\.factor = 0\.5 .* occurred in 0 of 256 cases"):

@@ -433,7 +433,7 @@ def test_the_program_tells_it(tmp_path):
     found = CliRunner().invoke(app.main, arguments, catch_exceptions=False)
     assert found.exit_code == 0, found.output
     assert "numerical error <= " in found.output
-    assert "asked 1e-09" in found.output
+    assert "requested 1e-09" in found.output
     checked = CliRunner().invoke(app.main, ["check", "table2.toml"], catch_exceptions=False).stdout
     assert "1e-09" in checked
     code = (
@@ -525,7 +525,7 @@ def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch, tmp_pa
     again = CliRunner().invoke(app.main, ["stats", str(tmp_path / "a")], catch_exceptions=False)
     for one in (found, again):
         assert one.exit_code == 3
-        assert "the accuracy asked was not met" in one.stderr
+        assert "accuracy was not met" in one.stderr
 
 
 @pytest.mark.parametrize(("corners", "sample"), [(0, 0), (1, 1), (3, 4)])
