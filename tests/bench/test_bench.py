@@ -355,7 +355,7 @@ def test_spread():
 def test_noise_warning(spread, warns):
     frame = pd.DataFrame({"spread": [spread, spread, 9.0 if warns else spread]})
     reported = text.noise_warning("features", frame)
-    assert ("spreads over 40 % of their median" in reported) == warns
+    assert ("is 40 % of their median" in reported) == warns
     assert bool(reported) == warns
 
 

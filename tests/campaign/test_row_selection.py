@@ -270,7 +270,7 @@ def test_command_line(tmp_path):
     for command in ("stats", "sensitivity"):
         said = call(command, tmp_path / "run")
         assert said.exit_code == 2
-        assert "those rows that --keep chose, in selected/" in said.stderr
+        assert "the rows selected by --keep" in said.stderr
     assert call("doctor", tmp_path / "run").exit_code == 0
     again = call("campaign", *options, "--keep", "failed", "--overwrite")
     assert again.exit_code == 0, again.output
