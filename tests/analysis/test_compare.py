@@ -309,7 +309,7 @@ def test_rows_that_were_resumed_or_kept(runs, tmp_path):
     pd.testing.assert_frame_equal(*frames)
     kept = call("compare", runs / "light", tmp_path / "kept")
     assert kept.exit_code == 2
-    assert "those rows that --keep chose, in selected/" in " ".join(kept.output.split())
+    assert "the rows selected by --keep" in " ".join(kept.output.split())
     # rows that someone chose from either run, in any order: joined by case
     one, two = (shards.read_cases(runs / name) for name in ("light", "heavy"))
     some = two[two["case"] % 3 == 1].iloc[::-1]
