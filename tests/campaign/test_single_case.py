@@ -177,7 +177,7 @@ def test_nothing_is_compiled(tmp_path, monkeypatch):
         ["run", "table1.toml", "--out", str(tmp_path / "one"), "--every-s", "0.05", "--no-plots"],
     )
     assert result.exit_code == 0, result.output
-    assert "in plain Python" in result.output
+    assert "as plain Python" in result.output
 
 
 def test_a_long_flight_says_that_it_goes_on(pair, monkeypatch):
