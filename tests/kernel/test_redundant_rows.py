@@ -145,7 +145,7 @@ def test_rows_that_follow_only_at_the_start(pair):
     assert alone(campaign)[0] == "ok"  # nothing moves
     push = {"load": [PUSH | {"force_N": [0.0, 5.0, 0.0]}]}
     status, outcomes = alone(campaign.with_settings(push))
-    assert status == "not-finite"
+    assert status == "singular-joint"
     assert np.isnan(outcomes["fore_omega_z_deg_s"])
 
 
