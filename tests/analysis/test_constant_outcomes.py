@@ -244,7 +244,8 @@ def test_no_drivers_and_no_law_of_a_constant(run):
     called = call("sensitivity", folder, "--no-plots")
     assert f"sensitivity of {GAP}" not in called.output
     lines = call("fit", folder, GAP).output.splitlines()
-    assert next(line for line in lines if line.startswith(GAP)).split()[5] == "constant"
+    cells = [cell for line in lines if line.startswith(GAP) for cell in line.split()[1:]]
+    assert "constant" in cells  # in the second part of a table that is split at 80 columns
     frame = pd.read_csv(folder / "distributions.csv", index_col="outcome")
     assert frame.at[SPEED, "law"] == "constant"
     assert np.isnan(frame.at[SPEED, "skewness"])
