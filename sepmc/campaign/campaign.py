@@ -88,8 +88,10 @@ def load(
 
 
 class _NoCopyDict(dict[str, Any]):
-    """Told of a history in its ``attrs``, of which pandas makes deep copies for every column that
-    is taken from it: this one stays what it is."""
+    """Dict in the ``attrs`` of a history that is not copied.
+
+    pandas makes a deep copy of ``attrs`` for every column that is taken from a table.
+    """
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "_NoCopyDict":
         return self
