@@ -109,8 +109,8 @@ class DaskExecutor:
                 last_seen = time.monotonic()
             elif time.monotonic() - last_seen > _TIMEOUT_S:
                 raise ClusterError(
-                    f"{self.address or 'this machine'}: all workers are gone for {_TIMEOUT_S:g} "
-                    f"s; what is flown is kept, and {switch('resume')} goes on from there"
+                    f"{self.address or 'this machine'}: all workers have been gone for "
+                    f"{_TIMEOUT_S:g} s; what is flown is kept, and {switch('resume')} goes on from there"
                 )
 
     def _result(self, future: Any, cases: tuple[int, int]) -> Any:
@@ -143,7 +143,7 @@ class DaskExecutor:
             else:
                 return
         raise ClusterError(
-            f"{self.address}: the scheduler, or all workers, are gone for {_TIMEOUT_S:g} s; "
+            f"{self.address}: the scheduler, or all workers, have been gone for {_TIMEOUT_S:g} s; "
             f"what is flown is kept, and {switch('resume')} goes on from there"
         ) from error
 

@@ -73,7 +73,8 @@ def _without_units(path: tuple[str, ...], key: str) -> tuple[str, ...]:
 
 
 def _factor(path: tuple[str, ...], key: str) -> float:
-    """Return the factor to SI of the unit of a key."""
+    """Return the factor to SI of the unit in the name of a key, 1 without a unit; ``path`` are the
+    tables that contain the key."""
     unit = split_units((*path, *key.split(".")))[1]
     return UNITS[unit_kind(unit)][unit] if unit else 1.0
 

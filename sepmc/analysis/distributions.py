@@ -50,7 +50,8 @@ class Distribution:
         return np.log(values) if self.of_logarithm else values
 
     def frozen(self, location: float, scale: float) -> Any:
-        """Return the `scipy.stats` distribution with its parameters."""
+        """Return the `scipy.stats` distribution with this location and scale; of the logarithm of
+        the values if ``of_logarithm``."""
         from scipy import stats  # noqa: PLC0415  (1 s)
 
         return getattr(stats, self.scipy_name)(location, scale)

@@ -14,8 +14,8 @@ ALONE = (0, 3, -1)
 
 
 def same_bits(study: Study) -> dict[str, bool]:
-    """Return True for each kind of change that leaves outcomes and statuses the same to the last
-    bit."""
+    """Return, for each kind of change (threads, chunks, order, one case alone), True if outcomes
+    and statuses stay the same to the last bit."""
     inputs = study.inputs[: min(MAX_CASES, study.own_cases)]
     variant = SolverVariant(study.flight, study.campaign, len(inputs))
     use_threads(study.threads)

@@ -15,7 +15,7 @@ _PASSES = 10_000  # some 3 ms
 
 
 def describe(threads: int) -> dict[str, Any]:
-    """Return processor, threads and versions."""
+    """Return processor, cores, threads and versions of packages, by name."""
     return {
         "cpu": _cpu(),
         "cores": os.cpu_count(),

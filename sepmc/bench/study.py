@@ -109,7 +109,7 @@ class Study:
         return [c.name for c in self.campaign.outcome_columns]
 
     def with_settings(self, settings: dict[str, Any]) -> Campaign:
-        """Return the campaign with other settings."""
+        """Return the campaign with other values, by TOML path, as `Campaign.with_settings`."""
         return self.campaign.with_settings(settings)
 
     def error(self, block: Block, reference: np.ndarray, valid: np.ndarray) -> tuple[float, str]:

@@ -89,7 +89,8 @@ def noise_warning(name: str, frame: pd.DataFrame) -> str:
 
 
 def threads_warning(frame: pd.DataFrame) -> str:
-    """Return a warning if several threads are no faster than one, else an empty string."""
+    """Return a warning if the most threads are at most 10 % faster than one, else an empty
+    string."""
     speed_ups = frame["speed_up"].dropna() if "speed_up" in frame else pd.Series(dtype=float)
     if len(speed_ups) < 2 or speed_ups.iloc[-1] > MIN_SPEED_UP:
         return ""

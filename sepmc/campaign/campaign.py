@@ -399,7 +399,7 @@ class Campaign(Definition):
                 raise InputError("keep_columns and float32 are of rows that are kept by keep")
             return None
         if out is None:
-            raise InputError(f"keep = {keep}: rows are kept in a folder; give out")
+            raise InputError(f"keep = {keep}: rows are kept in a folder; give it as out")
         check_text("keep", keep, "failed,worst:20")
         if columns is not None:
             check_text("keep_columns", columns, "in_*,separation_*")
@@ -477,7 +477,7 @@ def _check_executor(
     if executor is None:
         return
     if out is None:
-        raise InputError("executor: workers fly into a folder; give out")
+        raise InputError("executor: workers write into a folder; give it as out")
     if until is not None:
         raise InputError(f"until = {until}: excludes workers, who fly ahead of what is known")
     if some_counted:

@@ -282,7 +282,8 @@ def inputs_at_scores(
     Returns
     -------
     ndarray, shape (n, d)
-        In the units of the keys. An uncorrelated normal distribution is linear in its score.
+        In the units of the keys. An input of an uncorrelated normal distribution without
+        truncation is linear in its score.
     """
     from scipy.special import ndtr  # noqa: PLC0415
 

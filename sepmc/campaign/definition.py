@@ -114,7 +114,7 @@ class Definition:
             column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)]
         )
         if repeated := [name for name, count in names.items() if count > 1]:
-            message = "names of bodies and joints make two columns {!r}; rename one"
+            message = "two columns of the case table would be called {!r}; rename a body or joint"
             raise SceneError([f"{self.name}: {message.format(name)}" for name in repeated])
         return plan
 

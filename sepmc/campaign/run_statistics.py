@@ -25,7 +25,7 @@ class RunStatistics:
 
     Parameters
     ----------
-    summary : Rows or Stream
+    summary : TableStatistics or StreamingStatistics
         Source of the statistics.
     table : DataFrame, a row per outcome
         Statistics with numerical errors, and the reference of the campaign if it has one.
@@ -77,7 +77,7 @@ def evaluate(
     Parameters
     ----------
     campaign : Definition
-    summary : Rows or Stream
+    summary : TableStatistics or StreamingStatistics
         All cases of the run, or some of them.
     manifest : mapping
         Manifest of the run.

@@ -134,9 +134,9 @@ def _check_nominal(campaign: "Campaign", known: list[str]) -> bool:
     try:
         history = rough.simulate(step_s=rough.scene.run.end_time, announce=no_log, plain_work=_WORK)
         attributes = history.attrs
-    except UnknownError as unknown:
+    except UnknownError as error:
         click.echo("  nominal      not flown to its end")
-        warn(f"nominal flight not flown to its end: {unknown}")
+        warn(f"nominal flight not flown to its end: {error}")
         return False
     click.echo(f"  nominal      {attributes['status']}")
     springs = attributes["springs"] if attributes["status"] in ("ok", "never-released") else None

@@ -60,7 +60,7 @@ def replay(
     check_rows(folder)
     asked = {way: target for way, target in ways.items() if target}
     if len(asked) + (number is not None) != 1:
-        raise click.UsageError("give one of --case, --worst, --min, --max and --nearest")
+        raise click.UsageError("give exactly one of --case, --worst, --min, --max and --nearest")
     campaign = load_run(folder)
     for way, target in asked.items():
         number, sentence = _select(folder, campaign, way, target)

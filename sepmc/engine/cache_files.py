@@ -123,7 +123,10 @@ def _read(name: str) -> tuple[list[str], bytes] | None:
 
 
 def _link(symbols: list[str], code: bytes) -> tuple[int, binding.ExecutionEngine]:
-    """Load machine code. LLVM itself would load code with missing symbols without an error."""
+    """Load machine code; return the address of its function and the engine that keeps it.
+
+    Raises RuntimeError if symbols are missing: LLVM would load it without an error.
+    """
     load_helpers()
     target = binding.Target.from_default_triple().create_target_machine(jit=True)
     engine = binding.create_mcjit_compiler(binding.parse_assembly(""), target)

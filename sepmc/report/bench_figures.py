@@ -195,8 +195,11 @@ def _scale_note(rows: pd.DataFrame) -> str:
 
 
 def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
-    """Draw error over time by engine, a line per kind of setting; of sepmc only the default kind.
-    Times of few cases are too uncertain for a line."""
+    """Draw error over time of each engine, a line per kind of setting; of sepmc, the default kind.
+
+    Errors below ``floor``, the resolution of the reference, are clipped. Times scaled from few
+    cases get markers without a line.
+    """
     figure, (ax,) = make_axes(1, 1, (8.4, 6.2))
     frame = frame[np.isfinite(frame["error"])].assign(
         us=frame["ms"] / 10.0, kind=frame["setting"].str.extract(r"^(\w+)")[0]

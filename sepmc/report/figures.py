@@ -206,9 +206,11 @@ def _histogram(
     source: str,
     required: Sequence[float],
 ) -> None:
-    """Draw the density histogram of an outcome: logarithmic for a long tail, with its extremes, the
-    reference, the required bounds, and a normal density of equal mean and sigma where it is close
-    to one."""
+    """Draw the density histogram of an outcome, on a logarithmic axis if it has a long tail.
+
+    The figure has its extremes, the reference, the required bounds and, if it is nearly normal, the
+    normal density of equal mean and sigma.
+    """
     mean, sigma, has_bins = histogram.mean, histogram.sigma, histogram.edges.size > 0
     if has_bins:
         density = histogram.counts / (histogram.counts.sum() * np.diff(histogram.edges))

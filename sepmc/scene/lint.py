@@ -270,7 +270,7 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Wind without effect."""
+    """Warn of wind that has no effect: no atmosphere, or no body with aerodynamics."""
     wind = scene.environment.wind
     blows = wind.speed > 0.0 or wind.profile is not None
     blows = blows or any(d.parameter.path == "environment.wind.speed" for d in dispersions)

@@ -145,7 +145,8 @@ def rim_distance(rim: tuple, shell: tuple) -> Array:
     u, v = _in_plane(normal)
 
     def signed(angle: Array) -> Array:
-        """Signed distances of the points of the rim at angles (n, k)."""
+        """Signed distances (n, k), m, from the shell of the points of the rim at angles (n, k);
+        infinite beyond the ends of the shell."""
         point = _circle(rim, u, v, angle)
         from_start = point - start[:, None]
         along = np.einsum("ikj,ij->ik", from_start, axis)

@@ -167,7 +167,7 @@ def test_a_worker_that_sees_another_folder(campaign, tmp_path):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({}, "give out"),
+        ({}, "give it as out"),
         ({"out": "run", "until": "release_time_s:0.1"}, "excludes workers"),
         ({"out": "run", "cases": "5:9", "stats_only": True}, "excludes workers"),
     ],
@@ -231,7 +231,9 @@ def test_workers_that_are_gone_are_not_waited_for(monkeypatch):
 
     monkeypatch.setattr(cluster, "wait", wait)
     monkeypatch.setattr(cluster, "_TIMEOUT_S", 0.0)
-    with pytest.raises(ClusterError, match="all workers are gone for 0 s; what is flown is kept"):
+    with pytest.raises(
+        ClusterError, match="all workers have been gone for 0 s; what is flown is kept"
+    ):
         DaskExecutor(Client(), None, 1, 1)._completed({"future": 0})
     assert len(looks) == 3
     assert all(timeout <= 10.0 for timeout in looks)

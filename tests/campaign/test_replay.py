@@ -96,8 +96,8 @@ def test_a_row_that_was_changed(folder, tmp_path):
     ("words", "said"),
     [
         (["--case", 4], "holds cases 5:45; --case 4 is none of them"),
-        ([], "give one of --case, --worst"),
-        (["--case", 5, "--min", "upper_pitch_deg"], "give one of --case, --worst"),
+        ([], "one of --case, --worst"),
+        (["--case", 5, "--min", "upper_pitch_deg"], "one of --case, --worst"),
         (["--min", "upper_pich_deg"], "did you mean 'upper_pitch_deg'"),
         (["--worst", "slowly"], "no such requirement; did you mean 'slow'"),
         (["--nearest", "upper_pitch_deg"], "must be OUTCOME:p99.73"),

@@ -238,7 +238,7 @@ def test_statistics_are_written_again(campaign, tmp_path):
         ({"keep": "failed", "keep_columns": "uper_*"}, "no such column; known here"),
         ({"keep_columns": "upper_*"}, "of rows that are kept by keep"),
         ({"float32": True}, "of rows that are kept by keep"),
-        ({"keep": "failed", "out": None}, "give out"),
+        ({"keep": "failed", "out": None}, "give it as out"),
     ],
 )
 def test_what_cannot_be_kept(campaign, tmp_path, given, said):

@@ -140,7 +140,7 @@ def worst_case(
 
     Parameters
     ----------
-    summary : Rows or Stream
+    summary : TableStatistics or StreamingStatistics
     campaign : Definition
     errors : dict
         Error and scale by outcome.

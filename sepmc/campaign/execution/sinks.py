@@ -30,7 +30,7 @@ class RunOutput:
 
     Attributes
     ----------
-    summary : Rows or Stream
+    summary : TableStatistics or StreamingStatistics
         Statistics.
     rows : mapping of str to ndarray, optional
         Case table by column; None if only statistics were accumulated.

@@ -153,7 +153,7 @@ def read(content: bytes) -> dict[str, Any]:
         required = (*_REQUIRED, *own)
         for key in required:
             if manifest.get(key) is None or (key == "sessions" and not manifest[key]):
-                raise ValueError(f"it holds no manifest: {key} is missing")
+                raise ValueError(f"it is not a complete manifest: {key} is missing")
     return dict(manifest)
 
 

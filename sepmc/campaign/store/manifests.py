@@ -45,8 +45,8 @@ def seal(folder: Path, manifest: Mapping[str, Any]) -> None:
 
 def _checksum_of(manifest: Mapping[str, Any]) -> str:
     """Checksum of a manifest without its own checksum."""
-    reason = {key: value for key, value in manifest.items() if key != "sha256"}
-    return ledger.checksum(json.dumps(folders.finite(reason), sort_keys=True).encode())
+    content = {key: value for key, value in manifest.items() if key != "sha256"}
+    return ledger.checksum(json.dumps(folders.finite(content), sort_keys=True).encode())
 
 
 def _is_sealed(manifest: Mapping[str, Any]) -> bool:
@@ -321,9 +321,9 @@ def _manifest(folder: Path, advice: str = "") -> dict[str, Any]:
         manifest = manifest_schema.read(untrusted.read_bounded(path, MANIFEST_BYTES))
     except ValueError as error:
         raise StoreError(f"{path}: cannot be read: {error}{advice}") from None
-    if (checksum := manifest.get("format", 1)) != manifest_schema.FORMAT:
+    if (written := manifest.get("format", 1)) != manifest_schema.FORMAT:
         raise OtherFormatError(
-            f"{folder}: was written by another version of sepmc (folder format {checksum}, this "
+            f"{folder}: was written by another version of sepmc (folder format {written}, this "
             f"version reads {manifest_schema.FORMAT}); {another_place()}"
         )
     return manifest

@@ -249,7 +249,7 @@ class Context:
 
 
 def change_time(joint: str, number: int) -> str:
-    """Field of the time at which a joint changed to a kind number."""
+    """Field of the time at which a joint changed to the kind of this number."""
     return f"CHANGE_TIME_{joint}_{number}"
 
 

@@ -47,7 +47,7 @@ def _emit_make_extension(out: Text, c: Context) -> None:
 
 
 def _weighted(stages: Iterable[tuple[int, str]]) -> str:
-    """Sum of stage derivatives, each times a coefficient."""
+    """Source text of the sum of stage derivatives, each times a coefficient."""
     return " + ".join(f"{coefficient} * w[K{j + 1} + e]" for j, coefficient in stages)
 
 

@@ -224,7 +224,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
 
 
 def _density(s: State, body: str) -> Expr:
-    """Air density at a body, kg/m3."""
+    """Expression of the air density at a body, kg/m3."""
     if not s.spec.in_layers(body):
         return scalar.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
     rise, ratio = _height_above_centre(s, body)

@@ -149,7 +149,8 @@ def _lane_step(lane: Text, end: str, is_limited: bool) -> None:
 
 
 def _emit_event_polish_step(out: Text, c: Context) -> None:
-    """Write the function for the lengths of the last short steps."""
+    """Write the function for the length of the short step to the end of an interval or the next
+    event."""
     text = out.function(
         "set_event_polish_step(w, phase: int)",
         "Length of the remaining step to END or to the next event, into all of STEP.",

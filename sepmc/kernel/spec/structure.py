@@ -334,7 +334,7 @@ def _add_end(
 
 
 def _burn_out(layout: ParameterLayout, name: str) -> Due:
-    """Time of a burn-out."""
+    """Time of the burn-out of motor ``name``, as the sum of parameters."""
     motor = next(one for one in layout.scene.motor if one.name == name)
     keys = ("burn",) if motor.trigger is not None else ("ignition", "delay", "burn")
     slots = tuple(layout.slots[f"motor.{name}.{key}"] for key in keys)

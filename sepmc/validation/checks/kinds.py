@@ -45,7 +45,8 @@ def nominal_run(kind: str) -> NominalRun:
 def largest_difference(
     case: str, run: Mapping[str, Any], expected: Mapping[str, Any], sizes: Mapping[str, float]
 ) -> Line:
-    """Line of the quantity that differs most, relative to the larger of its value and its size."""
+    """Line of the quantity that differs most, relative to the larger of its expected value and its
+    scale in ``sizes``."""
     difference = {
         name: float(
             np.max(np.abs(np.asarray(run[name]) - value) / np.maximum(np.abs(value), sizes[name]))

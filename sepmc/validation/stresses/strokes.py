@@ -21,8 +21,8 @@ ACCELERATION = 2.0  # second rate of the gap in `pushed`, m/s2
 
 
 def located(speed: float, truncated: float = 0.0, size: float = 1.0) -> Bound:
-    """Bound on the time of an event passed at a speed, m/s: tolerance of the root, round-off of
-    positions of a size, m, and truncation, m."""
+    """Bound on the time, s, of an event passed at a speed, m/s: the tolerance of the root, plus
+    (round-off of positions of ``size``, m, and truncation, m) / speed."""
     return Bound(
         ROOT + (50.0 * EPS * size + truncated) / speed,
         "1e-13 s, round-off / speed" if truncated == 0.0 else "truncation z^9/9! / speed",
