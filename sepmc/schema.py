@@ -88,7 +88,7 @@ class Column:
     scale: float = 1.0
 
 
-# Per body and per joint, in the order kernels write them (kernel/outcomes.py).
+# Per body and per joint, in the order kernels write them (kernel/emit/outcomes.py).
 _BODY = (
     ("alpha_deg", "deg", "angle of attack of {0}, eq (11); NaN in still air", DEG),
     ("beta_deg", "deg", "sideslip angle of {0}, eq (11); NaN in still air", DEG),

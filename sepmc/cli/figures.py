@@ -83,7 +83,7 @@ def draw_figures(
     folder : Path
         Run folder.
     campaign : Campaign
-    summary : Rows, Stream or Told
+    summary : TableStatistics, StreamingStatistics or StoredStatistics
         Source of the histograms.
     table : DataFrame, optional
         Statistics with numerical errors; default those of ``summary``.
