@@ -110,7 +110,8 @@ class DaskExecutor:
             elif time.monotonic() - last_seen > _TIMEOUT_S:
                 raise ClusterError(
                     f"{self.address or 'this machine'}: all workers have been gone for "
-                    f"{_TIMEOUT_S:g} s; what is flown is kept, and {switch('resume')} goes on from there"
+                    f"{_TIMEOUT_S:g} s; what is flown is kept, and {switch('resume')} goes on from "
+                    "there"
                 )
 
     def _result(self, future: Any, cases: tuple[int, int]) -> Any:

@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 DONE, FAILED, BAD_INPUT, INVALID, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 130, 143
 MEANINGS = (
-    "Exit codes: 0 done; 1 no case completed, a requirement not shown (campaign --check), or a "
-    "line failed (verify, stress); 2 bad input; 3 the audit failed or the requested accuracy was "
-    "not met; 130 interrupted; 143 terminated."
+    "Exit codes: 0 done; 1 no case completed, more failed than allowed, a requirement not shown "
+    "(campaign --check), a case not ok or a row that differs (run, replay), a line failed (verify, "
+    "stress) or damage (doctor); 2 bad input, or files that cannot be read or written; 3 the audit "
+    "failed or the requested accuracy was not met; 130 interrupted; 143 terminated."
 )
 
 # errors that a command reports by their message; by name, as their modules are slow to import
