@@ -30,21 +30,16 @@ from sepmc.scene.read import parse_campaign, shipped_campaigns
 REPEATS, PAIRS, CASES = 7, 5, 10_000
 BARE = {"run.history_step_s": 0.0}
 IMPORTS = [sys.executable, "-c", "import numba, pandas, pyarrow"]
-# 10,000 cases on one thread, s, best of nine: the kernel, and with all that a row is told of
+# kernel time of 10,000 cases on one thread, s, best of nine: by the interface of every commit
 KERNEL = """
+import sys, warnings
 import sepmc
-from sepmc.bench.clock import seconds
-from sepmc.bench.study import drawn
-from sepmc.campaign.execution.integration import fly, fly_once
-from sepmc.campaign.execution.step_selection import select_steps
-from sepmc.engine.dispatch import use_threads
-campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.0})
-use_threads(1)
-flight, inputs = select_steps(campaign), drawn(campaign, 10_000)
-for work in (fly_once, fly):
-    work(campaign, flight, inputs)
-    print(min(seconds(lambda: work(campaign, flight, inputs)) for _ in range(9)))
+warnings.simplefilter("ignore")
+campaign = sepmc.load(sys.argv[1], {"run.history_step_s": 0.0})
+cases = int(sys.argv[2])
+print(min(campaign.run(cases, threads=1).timing["kernel"] for _ in range(9)))
 """
+COMPARED = {"table2.toml": 10_000, "srb.toml": 1_000}
 
 
 def command(*words, out, cache):
@@ -164,27 +159,22 @@ def features(file, cases=2000):
 
 
 def against(before):
-    """Kernel of `table2` beside that of another checkout: by itself, and with error estimates and
-    refined cases."""
-    ratios = []
-    for _ in range(PAIRS):
-        times = []
-        for folder in (before, Path(__file__).parents[2]):
-            environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_NUM_THREADS": "1"}
-            words = [sys.executable, "-c", KERNEL]
-            done = subprocess.run(
-                words, check=True, env=environment, capture_output=True, text=True, cwd="/"
-            )
-            times.append(100.0 * np.array(done.stdout.split(), dtype=float))
-        ratios.append(times[1] / times[0])
-        print(
-            "us a case, kernel: {:.2f} before, {:.2f}, {:.3f} x; with estimates and cases flown "
-            "again: {:.2f}, {:.2f}, {:.3f} x".format(
-                *np.stack([times[0], times[1], ratios[-1]], 1).ravel()
-            ),
-            flush=True,
-        )
-    print("medians: {:.3f}, {:.3f} x".format(*np.median(ratios, axis=0)), flush=True)
+    """Kernel time of two campaigns, with error estimates and refined cases, beside that of another
+    checkout."""
+    for file, cases in COMPARED.items():
+        ratios = []
+        for _ in range(PAIRS):
+            times = []
+            for folder in (before, Path(__file__).parents[2]):
+                environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_NUM_THREADS": "1"}
+                words = [sys.executable, "-c", KERNEL, file, str(cases)]
+                done = subprocess.run(
+                    words, check=True, env=environment, capture_output=True, text=True, cwd="/"
+                )
+                times.append(1e6 / cases * float(done.stdout))
+            ratios.append(times[1] / times[0])
+            print(f"{file}: {times[0]:.2f} us a case before, {times[1]:.2f}, {ratios[-1]:.3f} x")
+        print(f"{file}: median {median(ratios):.3f} x", flush=True)
 
 
 def big(folder):
