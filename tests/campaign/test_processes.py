@@ -10,11 +10,13 @@ import pytest
 
 SCRIPT = """
 import faulthandler
+import signal
 import time
 from sepmc.processes import processes
 
 if __name__ == "__main__":
-    faulthandler.dump_traceback_later(25.0, exit=True)  # it hung once: then this says where
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it
+    faulthandler.dump_traceback_later(25.0, exit=True)
     try:
         with processes(2) as pool:
             pool.submit(time.sleep, 60.0)
