@@ -386,45 +386,44 @@ def emit_cut_attitudes(text: Text, c: Context, segment: Segment, flag: str) -> N
         if body not in segment.leaders:
             continue
         scope = c.scope()
-        is_cut, q = scope.load(flag) > 0.0, scope.load(f"Y + Q_{body}", 4).called("q")
-        inverse = (1.0 / square_root(total([q[i] * q[i] for i in range(4)]))).called("inverse")
-        unit = tuple(q[i] * inverse for i in range(4))
-        r = quat.matrix(unit).called("r")
-        changes: list[tuple[str, Any]] = [
-            (component(f"Y + Q_{body}", k), unit[k]) for k in range(4)
-        ]
-        for field, value, count in (
+        is_cut, (_, unit, r, angles) = scope.load(flag) > 0.0, _attitude(scope, body)
+        omega = scope.load(f"Y + OMEGA_{body}", 3)
+        fields: list[tuple[str, Any, int]] = [
+            (f"Y + Q_{body}", unit, 4),
             (f"HEADING_{body}", quat.heading(r), 4),
-            (f"LAST_RATE_{body}", scope.load(f"Y + OMEGA_{body}", 3), 3),
-        ):
-            changes += [(component(field, k), value[k]) for k in range(count)]
-        for k, angle in enumerate((quat.pitch, quat.roll)):
-            last = component(f"ANGLES_{body}", k)
-            changes.append((last, scalar.nearest_turn(angle(r), scope.load(last))))
+            (f"LAST_RATE_{body}", omega, 3),
+            (f"ANGLES_{body}", angles, 2),
+        ]
+        changes = [(component(f, k), v[k]) for f, v, count in fields for k in range(count)]
         for path, value in changes:
             scope.store(path, where(is_cut, value, scope.load(path)))
         scope.write(text)
+
+
+def _attitude(scope: Scope, body: str) -> tuple[Expr, tuple[Any, ...], Expr, list[Any]]:
+    """Length of the quaternion of a body at the state Y, unit quaternion, rotation matrix, and
+    pitch and roll at the turn nearest to their last values."""
+    q = scope.load(f"Y + Q_{body}", 4).called("q")
+    length = square_root(total([q[i] * q[i] for i in range(4)])).called("length")
+    inverse = (1.0 / length).called("inverse")
+    unit = tuple(q[i] * inverse for i in range(4))
+    r = quat.matrix(unit).called("r")
+    angles = [
+        scalar.nearest_turn(angle(r), scope.load(component(f"ANGLES_{body}", k)))
+        for k, angle in enumerate((quat.pitch, quat.roll))
+    ]
+    return length, unit, r, angles
 
 
 def _finish_attitude(scope: Scope, c: Context, body: str) -> None:
     """Normalise the attitude of a body after a step; reject a case that turned too far to count its
     turns."""
     c.workspace.add(f"ANGLES_{body}", 2)
-    q, last = (
-        scope.load(f"Y + Q_{body}", 4).called("q"),
-        (f"ANGLES_{body}", component(f"ANGLES_{body}", 1)),
-    )
-    length = square_root(total([q[i] * q[i] for i in range(4)])).called("length")
-    inverse = (1.0 / length).called("inverse")
+    last = [component(f"ANGLES_{body}", k) for k in range(2)]
+    length, unit, r, angles = _attitude(scope, body)
     drift = _unless_idle(scope, c, scalar.abs(length - 1.0), 0.0)
     scope.store("DRIFT", scalar.larger(scope.load("DRIFT"), drift))
-    unit = tuple(q[i] * inverse for i in range(4))
     scope.store(f"Y + Q_{body}", unit)
-    r = quat.matrix(unit).called("r")
-    angles = [
-        scalar.nearest_turn(angle(r), scope.load(path))
-        for angle, path in zip((quat.pitch, quat.roll), last, strict=True)
-    ]
     omega = scope.load(f"Y + OMEGA_{body}", 3)
     turned = (square_root(vec3.dot(omega, omega)) * scalar.abs(scope.load("STEP"))).called("turned")
     change = turned
