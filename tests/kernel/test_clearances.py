@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from oracles import geometry
 from scipy.spatial.transform import Rotation
 from support.exact_clearances import exact
 
@@ -15,7 +16,6 @@ from sepmc.campaign.execution import step_selection
 from sepmc.physics.outlines import gap
 from sepmc.physics.rims import rim_gap
 from sepmc.physics.shell_edge import edge_gap, edge_gap_bound
-from sepmc.validation import geometry
 
 NOZZLE = Path(__file__).parents[1] / "data" / "nozzle.toml"
 FLUSH = Path(__file__).parents[1] / "data" / "flush.toml"

@@ -2,7 +2,7 @@
 [CAMPAIGN ...]]``.
 
 Every row is compared with a fine simulation of the same case, whose outlines are compared by
-`sepmc.validation.geometry`. The fine simulations are compiled.
+`oracles.geometry`. The fine simulations are compiled.
 """
 
 import sys

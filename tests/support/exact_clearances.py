@@ -1,8 +1,7 @@
 """Minimum clearances of one case from its history, by geometry that shares no code with kernels."""
 
 import numpy as np
-
-from sepmc.validation import geometry
+from oracles import geometry
 
 ROWS_S = 0.0005  # time between rows of the history
 

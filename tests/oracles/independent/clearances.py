@@ -1,5 +1,5 @@
 """Minimum distances of a simulation: its motion is stored, and minima are searched at the end by
-`sepmc.validation.geometry`."""
+`oracles.geometry`."""
 
 import math
 from collections.abc import Callable
@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from oracles.geometry import min_clearance, outline_distance, parts_of
 from oracles.independent.case import Table
 from oracles.independent.state import Array, Vehicle
-from sepmc.validation.geometry import min_clearance, outline_distance, parts_of
 
 _SAMPLES = 8  # distances per step, before refinement
 _COARSE = 400  # distances per simulation, at most

@@ -17,7 +17,6 @@ from sepmc.scene.model import Scene
 from sepmc.scene.read import parse_campaign
 
 _SYMMETRIC = {"fixed", "slider", "revolute", "cylindrical", "spherical", "planar", "rod", "free"}
-_MAY_BE_ABSENT = "s"  # unit of times
 
 
 def in_units(tree: Tree, rng: RandomStream) -> Tree:
