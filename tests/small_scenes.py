@@ -5,9 +5,8 @@ import tomllib
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
-# Two bodies on one axis in empty space, 3 kg ahead of 1 kg, mass centre at station 1.5 m. Nothing
-# acts on them.
-PAIR = """
+# two bodies on one axis in empty space, 3 kg ahead of 1 kg, mass centre at station 1.5 m
+BODIES = """
 environment = { atmosphere = "none", gravity = "none" }
 [body.fore]
 mass_kg = 3.0
@@ -17,6 +16,12 @@ cg_m = [1.0, 0.0, 0.0]
 mass_kg = 1.0
 inertia_kg_m2 = [1.0, 2.0, 2.0]
 cg_m = [3.0, 0.0, 0.0]
+"""
+
+# these bodies, held together; nothing acts on them
+PAIR = (
+    BODIES
+    + """
 [joint.pins]
 bodies = ["fore", "aft"]
 point_m = [2.0, 0.0, 0.0]
@@ -31,18 +36,12 @@ end_time_s = 0.5
 [solver]
 step_s = 0.05
 """
+)
 
-# two bodies separated by a spring in empty space
-SPRUNG = """
-environment = { atmosphere = "none", gravity = "none" }
-[body.fore]
-mass_kg = 3.0
-inertia_kg_m2 = [3.0, 4.0, 5.0]
-cg_m = [1.0, 0.0, 0.0]
-[body.aft]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.0]
-cg_m = [3.0, 0.0, 0.0]
+# these bodies, separated by a spring
+SPRUNG = (
+    BODIES
+    + """
 [[spring]]
 name = "push"
 bodies = ["fore", "aft"]
@@ -72,6 +71,7 @@ step_s = 0.05
 "body.fore.mass_kg" = { uniform = 0.5 }
 "spring.push.force_N" = { normal = 1.0, truncate_sigma = 3 }
 """
+)
 
 # A spring between the two bodies of `conftest.pair`, and their reduced mass, kg.
 PUSH = {

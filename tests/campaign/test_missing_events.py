@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from oracles.random_scenes.interpreted import run_interpreted
+from small_scenes import BODIES
 
 import sepmc
 from sepmc.analysis.requirements_text import render_missing
@@ -20,17 +21,12 @@ from sepmc.schema import Status
 
 # A spring of dispersed force pushes a body off along a rail: in some cases it comes 20 mm far, and
 # the event, the cap's release and the motor, which all wait for that, come; in others not.
-SCENE = """
+SCENE = (
+    """
 name = "waiting"
-environment = { atmosphere = "none", gravity = "none" }
-[body.fore]
-mass_kg = 3.0
-inertia_kg_m2 = [3.0, 4.0, 5.0]
-cg_m = [1.0, 0.0, 0.0]
-[body.aft]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.0]
-cg_m = [3.0, 0.0, 0.0]
+"""
+    + BODIES
+    + """
 [body.cap]
 mass_kg = 1.0
 inertia_kg_m2 = [1.0, 1.0, 1.0]
@@ -89,6 +85,7 @@ end_time_s = 0.1
 [solver]
 step_s = 0.025
 """
+)
 WAITED = ("event.far", "joint.bolt", "motor.kick")
 
 

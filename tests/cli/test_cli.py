@@ -11,6 +11,7 @@ import sys
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from small_scenes import BODIES
 
 import sepmc as package
 from sepmc.campaign.campaign import Campaign
@@ -401,19 +402,14 @@ def test_the_program_itself(tmp_path):
     assert sorted(os.listdir(tmp_path / "runs")) == ["table2-1", "table2-2"]
 
 
-SPINNING = """
-environment = { atmosphere = "none", gravity = "none" }
+SPINNING = (
+    """
 initial = { altitude_m = 0.0, speed_m_s = 1.0, omega_deg_s = [50.0, 100.0, 150.0] }
 run = { end_time_s = 20.0, cases = 2 }
 solver = { method = "rk4", step_s = 0.005, drift = "none" }
-[body.fore]
-mass_kg = 3.0
-inertia_kg_m2 = [3.0, 4.0, 5.0]
-cg_m = [1.0, 0.0, 0.0]
-[body.aft]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.0]
-cg_m = [3.0, 0.0, 0.0]
+"""
+    + BODIES
+    + """
 [joint.pins]
 bodies = ["fore", "aft"]
 point_m = [2.0, 0.0, 0.0]
@@ -424,6 +420,7 @@ point_m = [2.0, 1.0, 0.0]
 name = "locked"
 joints = { pins = "fixed" }
 """
+)
 
 
 def test_a_single_run_that_fails_ends_with_1(tmp_path):
