@@ -366,7 +366,8 @@ def test_a_fork_ends_with_its_parent():
         "def work(job):\n    print(1, flush=True)\n    time.sleep(60.0)\n"
         "worker.work = work\nworker._judge_in_fork({'limit_s': 60.0})"
     )
-    with subprocess.Popen([sys.executable, "-c", asks], stdout=subprocess.PIPE, text=True) as one:
+    command, environment = [sys.executable, "-c", asks], workers.environment()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as one:
         assert one.stdout.readline()  # the copy is at work
         one.kill()
         begun = time.monotonic()

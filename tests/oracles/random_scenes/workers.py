@@ -21,15 +21,16 @@ _REPEATED = {"silent", "entry"}
 _GRACE_S = 30.0  # additional time for a process to end its fork
 
 
+def environment() -> dict[str, str]:
+    """Environment of a process that imports from the same folders as this one."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+
+
 class Worker:
     """Process that judges scenes one after the other."""
 
     def __init__(self, limit_s: float = LIMIT_S):
-        environment = {
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-        }
-        environment |= {
+        one_thread = {
             "OMP_NUM_THREADS": "1",
             "OPENBLAS_NUM_THREADS": "1",
             "NUMBA_NUM_THREADS": "1",
@@ -37,7 +38,7 @@ class Worker:
         self.limit_s, self.stopped = limit_s, False
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-m", "oracles.random_scenes.worker"],
-            env=environment,
+            env=environment() | one_thread,
             text=True,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
