@@ -1,6 +1,5 @@
 """Python interface: load a campaign, run it, simulate single cases and estimate rare events."""
 
-import time
 from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import replace
@@ -326,19 +325,14 @@ class Campaign(Definition):
         if folder and (not stats_only or (keep and ALL in keep.rules)):
             with_histories = self.has_histories and not stats_only
             forecast(self, n_left, with_histories, keep).check_disk(folder)
-        start_s = time.perf_counter()
+        timing = dict.fromkeys(("text", "compile", "steps", "sample", "kernel", "write"), 0.0)
         flight = select_steps(
             self,
             self.scene.run.history_step > 0.0 and not stats_only,
             announce,
             options.calibration,
+            timing,
         )
-        timing = {
-            "compile": time.perf_counter() - start_s,
-            "sample": 0.0,
-            "kernel": 0.0,
-            "write": 0.0,
-        }
         if announce and previous.n_stored:
             announce(f"{folder}: {previous.n_stored} cases are there, {n_left} are left to fly")
         runner = Runner(self, flight, spec, timing, previous, folder, options)

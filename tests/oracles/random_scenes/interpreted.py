@@ -111,6 +111,8 @@ def _select_steps(
                 scale=scale,
                 error=float(errors.max()),
                 achieved=reported,
-                fallbacks=step_selection.fallbacks(campaign, history),
+                fallbacks=step_selection.fallbacks(
+                    campaign, step_selection.kernel_spec(campaign), history
+                ),
             )
         previous, steps = present, 2 * steps
