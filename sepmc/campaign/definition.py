@@ -216,10 +216,10 @@ class Definition:
         for i, dispersion in enumerate(self.file.dispersions):
             if dispersion.has_tails:
                 inputs_si[~dispersion.allowed(inputs[:, i]), i] = np.nan
-        inputs_si[self._ends_before_start(inputs_si)] = np.nan
+        inputs_si[self.ends_before_start(inputs_si)] = np.nan
         return inputs_si
 
-    def _ends_before_start(self, inputs_si: np.ndarray) -> np.ndarray:
+    def ends_before_start(self, inputs_si: np.ndarray) -> np.ndarray:
         """Mask (n,) of rows of inputs in SI with a load that ends before it starts."""
         index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         is_early = np.zeros(len(inputs_si), dtype=bool)
@@ -278,7 +278,7 @@ class Definition:
         end = sampling.cases if self.scene.run.sampler in SIZE_DEPENDENT else CASES
         count = check_int("count", count, 0, max(end - first, 0))
         dispersions, inputs = self.file.dispersions, self.file.input_table
-        table = cases.sample(dispersions, self._seed(seed), first, count, sampling)
+        table = cases.sample(dispersions, self.checked_seed(seed), first, count, sampling)
         if inputs is not None:
             try:
                 rows = inputs.rows(first, count)
@@ -400,7 +400,8 @@ class Definition:
         }
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
-    def _seed(self, seed: int | None) -> int:
+    def checked_seed(self, seed: int | None) -> int:
+        """Seed, of the file if None. Raises InputError if it is out of range."""
         return self.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
 
     def implausible_inertias(self, inputs: np.ndarray) -> int:

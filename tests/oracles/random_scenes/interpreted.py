@@ -57,6 +57,7 @@ def _select_steps(
     history: bool = False,
     announce: Callable[[str], None] | None = None,
     size: CalibrationSize | None = None,
+    timing: dict[str, float] | None = None,
     n_cases: int = _CASES,
 ) -> Integration:
     """Kernel, methods and steps for a campaign: doubles the steps until the first cases
