@@ -9,7 +9,7 @@ from small_scenes import PAIR
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
-from sepmc.engine import compile_workers, interpreted
+from sepmc.engine import compile_workers
 from sepmc.scene.read import parse_campaign
 
 # Interpreted kernels make millions of small objects, hardly any of them in a cycle: the default
@@ -19,19 +19,6 @@ gc.set_threshold(100_000, 50, 50)
 
 # Compile workers wait for the next kernel: they have the formulas compiled.
 compile_workers.IDLE_S = 1800.0
-
-
-class _Recent(dict):
-    """Recently loaded interpreted kernels by their text: tests run scenes in turn, and loading one
-    takes as long as some runs."""
-
-    def clear(self):
-        """Remove all but the last seven."""
-        for text in list(self)[:-7]:
-            del self[text]
-
-
-interpreted._loaded = _Recent(interpreted._loaded)
 
 
 @pytest.fixture(scope="session")
