@@ -24,7 +24,7 @@ from sepmc.engine.work_budget import SEARCHES, counting_lines
 from sepmc.engine.written_kernel import Kernel
 from sepmc.jit import config
 
-_COPIED = ("sepmc.jit", "sepmc.physics", "sepmc.routines")  # imported a second time
+_COPIED = ("sepmc.jit.", "sepmc.physics.", "sepmc.routines.")  # imported a second time
 _plain: dict[str, ModuleType] = {}  # second copies, by name
 _loaded: dict[str, Kernel] = {}  # kernels, by their text
 _BETWEEN = "\n\n\n"  # two functions of a kernel
@@ -219,7 +219,7 @@ class _Finder(importlib.abc.MetaPathFinder):
 
 def _is_copied(name: str) -> bool:
     """Return True for modules that are imported a second time."""
-    return any(name == prefix or name.startswith(prefix + ".") for prefix in _COPIED)
+    return (name + ".").startswith(_COPIED)
 
 
 def _copied() -> dict[str, ModuleType]:
