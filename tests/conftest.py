@@ -2,6 +2,7 @@
 
 import gc
 import tomllib
+from collections import Counter
 
 import pytest
 from oracles.random_scenes.interpreted import run_interpreted
@@ -19,6 +20,13 @@ gc.set_threshold(100_000, 50, 50)
 
 # Compile workers wait for the next kernel: they have the formulas compiled.
 compile_workers.IDLE_S = 1800.0
+
+
+def pytest_collection_modifyitems(items):
+    """Start with the files that have most slow tests: no worker is left with one of them at the
+    end."""
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: -slow[item.path])
 
 
 @pytest.fixture(scope="session")
