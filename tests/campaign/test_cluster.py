@@ -59,7 +59,7 @@ def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
 
 def test_statistics_alone(campaign, workers, tmp_path):
     """After the cases that lay out their grids, and a last range that is no whole grain."""
-    cases = EXACT_VALUES + 9 * ACCUMULATION_BLOCK + 7
+    cases = EXACT_VALUES + 4 * ACCUMULATION_BLOCK + 7
     given = {"cases": cases, "stats_only": True}
     one = campaign.run(**given)
     other = campaign.run(**given, out=tmp_path / "run", executor=workers)
@@ -106,7 +106,7 @@ def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatc
     """By one process, which ends within a grain, and by workers again."""
     monkeypatch.setattr(runner, "_SAVE_S", 0.0)
     given = {
-        "cases": EXACT_VALUES + 12 * ACCUMULATION_BLOCK + 7,
+        "cases": EXACT_VALUES + 7 * ACCUMULATION_BLOCK + 7,
         "out": tmp_path / "run",
         "resume": True,
     }
