@@ -146,12 +146,14 @@ def crossed(request, pair):
     return make, condition, up, down
 
 
+@pytest.mark.slow
 def test_a_direction_counts(crossed):
     make, condition, up, down = crossed
     for way, time in (({}, up), (RISING, up), (EITHER, up), (FALLING, down)):
         assert_allclose(ends(make(condition | way))[0], [time], rtol=0, atol=EXACT)
 
 
+@pytest.mark.slow
 def test_standing_at_the_threshold_is_no_crossing(crossed):
     """The first phase ends at the threshold; the second waits for the next crossing."""
     make, condition, up, down = crossed
@@ -160,6 +162,7 @@ def test_standing_at_the_threshold_is_no_crossing(crossed):
         assert_allclose(found, [up, down], rtol=0, atol=EXACT)
 
 
+@pytest.mark.slow
 def test_on_the_other_side_as_it_is_armed(crossed):
     """Beyond the threshold when the phase begins: a rising crossing must still come, a falling one
     does."""
