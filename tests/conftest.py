@@ -13,6 +13,8 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.engine import compile_workers
 from sepmc.scene.read import parse_campaign
 
+pytest_plugins = ["pytester", "support.cpu_budgets"]
+
 # Interpreted kernels make millions of small objects, hardly any of them in a cycle: the default
 # garbage collection takes an eighth of the time.
 gc.set_threshold(100_000, 50, 50)
