@@ -132,6 +132,7 @@ def test_functions_that_kernels_share_are_compiled_once():
         assert other.co_consts is one.co_consts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["table2.toml", str(Path(__file__).parents[1] / "data" / "everything.toml"), "hyper-x.toml"],
