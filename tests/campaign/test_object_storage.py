@@ -103,6 +103,7 @@ def test_what_is_lost_is_flown_again(campaign, alone):
     assert not manifests.diagnose(folder)
 
 
+@pytest.mark.slow
 def test_command_line(alone, tmp_path):
     """Commands take it by its name."""
     options = [f"--set={path}={value}" for path, value in SETTINGS.items()]

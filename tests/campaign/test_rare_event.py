@@ -43,6 +43,7 @@ def plane(p, d):
     return lambda u: stats.norm.isf(p) - u.sum(axis=1) / math.sqrt(d)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("margin", "d", "p"),
     [
@@ -279,6 +280,7 @@ def test_a_contact_is_approached_by_its_clearance():
         limit_state(touching, "x")
 
 
+@pytest.mark.slow
 def test_threads_change_nothing():
     campaign = sepmc.load("table2", {"requirement": [SLOW]})
     one, two = (campaign.rare("slow", most=FLIGHTS, seed=3, threads=n) for n in (1, 2))
