@@ -308,6 +308,7 @@ def invoke(*words):
     return CliRunner().invoke(app.main, [str(word) for word in words], catch_exceptions=False)
 
 
+@pytest.mark.slow
 def test_a_folder(folder):
     run, printed = folder
     told = json.loads((run / "rare.json").read_text())
@@ -384,6 +385,7 @@ def _interrupted(campaign, folder, flights):
         campaign.rare("slow", FLIGHTS, 3, folder, resume=True, progress=_Stop(flights))
 
 
+@pytest.mark.slow
 def test_an_interrupted_estimate_is_resumed(tmp_path, monkeypatch):
     """It ends in the numbers of one that was left alone, however often it was interrupted, and
     flies what was flown before no more."""
@@ -406,6 +408,7 @@ def test_an_interrupted_estimate_is_resumed(tmp_path, monkeypatch):
     assert manifests.diagnose(folder) == []
 
 
+@pytest.mark.slow
 def test_a_damaged_log_is_flown_again(tmp_path, monkeypatch):
     """What follows a shard that was changed does not answer."""
     monkeypatch.setattr(flight_log, "_SAVE_NUMBERS", 100_000)

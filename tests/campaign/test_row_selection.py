@@ -76,6 +76,7 @@ def expected(campaign, rows, rule):
     return rows["case"].isin(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("many", [False, True])
 @pytest.mark.parametrize("rule", ["failed", "every:250", "violating", "worst:7", "all"])
 def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatch):
@@ -150,6 +151,7 @@ def contents(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orders", [{"stats_only": True}, {"keep": "failed,worst:7,every:100"}])
 def test_a_run_that_counts_is_resumed(often, tmp_path, orders):
     """Interrupted twice, it holds what one holds that was left alone, to the last bit; and it grows
@@ -174,6 +176,7 @@ def test_a_run_that_counts_is_resumed(often, tmp_path, orders):
     assert more.status_counts == at_once.status_counts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damaged", ["accumulators", "selected"])
 def test_what_was_counted_is_damaged(often, tmp_path, damaged):
     """It is told, and all cases are flown again."""
@@ -191,6 +194,7 @@ def test_what_was_counted_is_damaged(often, tmp_path, damaged):
     assert contents(folder) == contents(whole)
 
 
+@pytest.mark.slow
 def test_counts_beyond_what_is_kept_exactly(tmp_path, often, monkeypatch):
     """Values in a grid, in its tails, on its points of many values; and those that wait."""
     monkeypatch.setattr(quantile_sketch, "EXACT_VALUES", 256)

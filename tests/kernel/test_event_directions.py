@@ -65,6 +65,7 @@ HEIGHT = {"body": "fore", "altitude_m": 1003.0}
 RISING, FALLING, EITHER = ({"direction": way} for way in ("rising", "falling", "either"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [0.02, 0.7])
 @pytest.mark.parametrize(
     ("first", "second"),
@@ -178,6 +179,7 @@ def test_on_the_other_side_as_it_is_armed(crossed):
         assert told["status"] == "never-released"
 
 
+@pytest.mark.slow
 def test_a_limit_is_met_beyond_it_and_at_it(crossed):
     """Without a direction, a quantity at or beyond the threshold meets it at once; a height, which
     must be crossed, does not."""

@@ -82,6 +82,7 @@ HANGING = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["reduced", "full"])
 @pytest.mark.parametrize(("kind", "joint"), HANGING)
 def test_at_rest_the_joint_carries_the_weight(kind, joint, formulation):

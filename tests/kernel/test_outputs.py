@@ -87,6 +87,7 @@ def test_peak_and_impulse_against_a_dense_history(pair, drift):
         assert_allclose(outcomes[f"pins_{what}_impulse_{unit}_s"], total, rtol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [80, 81, 90, 102])
 def test_peak_wherever_it_falls_in_a_step(pair, steps):
     """The aft body swings on a sphere: the force peaks at 3.21449 s, 0.29, 0.09, 0.33 or 0.97 of a
@@ -488,6 +489,7 @@ def test_jam_friction_of_what_nothing_drives(pair):
         assert_allclose(outcomes["pins_jam_friction"], 0.0, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.05, 0.15])
 def test_jam_friction_is_that_of_the_drive(pair, friction):
     """4 N along, 10 N across: 0.4 jams, however much friction there is already."""
@@ -576,6 +578,7 @@ def test_jams_when_friction_feeds_itself(pair, gain, status):
     assert math.isnan(found["outcomes"]["aft_omega_x_deg_s"]) == (status == "jammed")
 
 
+@pytest.mark.slow
 def test_work_of_friction(pair):
     """On 30 deg of slope over 0.2 s: kinetic energy is what gravity gives less what friction takes,
     to the audit's own sum."""
@@ -907,6 +910,7 @@ def test_least_distance_does_not_depend_on_the_step(pair, parts, monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_an_impulse_over_a_sudden_change_of_load():
     """A missile on a rail in a tail wind: as it outruns the wind the flow reverses within a part of
     a step. Steps that miss that have errors of 8e-6; converged ones meet the accuracy."""
