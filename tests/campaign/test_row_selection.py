@@ -258,6 +258,7 @@ def test_without_requirements(tmp_path):
             plain.run(cases=10, out=tmp_path / "run", keep=rule)
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path):
     def call(*given):
         return CliRunner().invoke(app.main, [str(one) for one in given])

@@ -149,6 +149,7 @@ def test_order_over_a_whole_flight(rapid, reference, name):
     assert order(steps, release) >= min(least, 5.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXTENDED)
 def test_order_of_the_continuous_extension(table2, name):
     """Rows inside a single step: an extension of order p leaves an error of h^(p+1), less 0.3 for

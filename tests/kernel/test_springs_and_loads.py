@@ -88,6 +88,7 @@ def spring(**keys):
     return {key: value for key, value in (PUSH | keys).items() if value is not None}
 
 
+@pytest.mark.slow
 def test_weak_and_failed(pair):
     """A factor scales the whole force, as a spring with its three coefficients scaled; a failed
     spring ends its stroke where the other one pushes the bodies."""
