@@ -227,6 +227,7 @@ def _times(outcomes, share):
     return {name: value * share for name, value in outcomes.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "planted",
     [
@@ -308,6 +309,7 @@ def test_compiled_scenes():
     assert all(v["compiled"] for v in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", FOUND_SCENES, ids=lambda path: path.stem)
 def test_a_scene_that_failed_once(path):
     """A scene that failed before, reduced, run as random scenes are."""

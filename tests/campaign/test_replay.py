@@ -38,6 +38,7 @@ def values(folder, outcome):
     return pd.read_parquet(folder / "cases").set_index("case")[outcome]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "which"),
     [
