@@ -534,12 +534,13 @@ def _release_joints(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _record_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr) -> None:
-    """Record the time of a kind change: a full history has rows on both sides."""
-    for changing_joint, number in c.spec.kind_changes if c.change_times else []:
+    """Record the time of a kind change, unless a phase before had not ended at the end time."""
+    for changing_joint, number in c.recorded_changes:
         if changing_joint == joint:
             path = change_time(joint, number)
             c.start(path, math.nan)
             changes = (before < float(number)) & (kind >= float(number))
+            changes = changes & scope.load("UNRELEASED").equals(0.0)
             scope.store(path, where(changes, scope.load("T"), scope.load(path)))
 
 

@@ -54,9 +54,18 @@ class Context:
         changes and stroke ends."""
         if self.history != FULL_HISTORY:
             return []
-        return [change_time(*change) for change in self.spec.kind_changes] + [
+        return [change_time(*change) for change in self.recorded_changes] + [
             stroke_end_time(spring) for spring in self.spec.stroke_springs
         ]
+
+    @property
+    def recorded_changes(self) -> list[tuple[str, int]]:
+        """Joints and kind numbers whose times are recorded: all for a full history, else those of
+        partial releases, which are outcomes."""
+        changes = self.spec.kind_changes
+        if self.history == FULL_HISTORY:
+            return changes
+        return [change for change in changes if change in self.spec.partial_releases]
 
     @property
     def monitored_joints(self) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from sepmc.kernel.emit.clearances import emit_clearance_at, is_active_at_start
-from sepmc.kernel.emit.context import Context, component
+from sepmc.kernel.emit.context import Context, change_time, component, stroke_end_time
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import guide_outcomes
 from sepmc.kernel.emit.ignition import ignition
@@ -15,7 +15,6 @@ from sepmc.kernel.tracer.formulas import ZERO, loads, quat, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import where
 from sepmc.routines import layout as at
-from sepmc.scene.contents import contents
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status, transverse_components
 
@@ -60,6 +59,8 @@ def emit_outcomes(out: Text, c: Context) -> None:
     for number, event in enumerate(events):
         _event_outcomes(s, event, number * _event_size(c))
     _ignition_outcomes(s)
+    for path in _time_fields(c):
+        c.start(path, math.nan)
     s.scope.write(text)
     for number, event in enumerate(events):
         _event_clearances(text, s, event, (number + 1) * _event_size(c))
@@ -112,6 +113,15 @@ def _ignition_outcomes(end: State) -> None:
     for k, motor in enumerate(motors):
         time = ignition(end.scope, c, motor)
         end.scope.store(component("IGNITIONS", k), where(time <= end.time, time, math.nan))
+
+
+def _time_fields(c: Context) -> list[str]:
+    """Fields of the ends of strokes and of partial releases, in the order of their columns."""
+    spec = c.spec
+    return [
+        *(stroke_end_time(spring) for spring in spec.stroke_columns),
+        *(change_time(joint, number) for joint, number in spec.partial_releases),
+    ]
 
 
 def _event_clearances(text: Text, end: State, event: str, end_index: int) -> None:
@@ -192,7 +202,7 @@ def emit_results(text: Text, c: Context) -> None:
     for field, count in [("OUTCOMES", n_own), *_other_outcomes(c)]:
         text(f"put_columns(outcomes, {o}, w, {field}, {count}, first)")
         o += count
-    for y, z in transverse_components(contents(spec.scene)):
+    for y, z in transverse_components(spec.layout.contents):
         text.block("for i in range(first, min(first + LANES, draws.shape[1])):")(
             f"outcomes[{o}, i] = math.hypot(outcomes[{y}, i], outcomes[{z}, i])"
         )
@@ -240,7 +250,7 @@ def _other_outcomes(c: Context) -> list[tuple[str, int]]:
         fields.append(("EVENT_OUTCOMES", c.workspace.counts["EVENT_OUTCOMES"]))
     if "IGNITIONS" in c.workspace.counts:
         fields.append(("IGNITIONS", c.workspace.counts["IGNITIONS"]))
-    return fields
+    return fields + [(field, 1) for field in _time_fields(c)]
 
 
 def _audits(c: Context) -> list[str]:
