@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from sepmc.kernel.emit.clearances import emit_clearance_at, is_active_at_start
-from sepmc.kernel.emit.context import Context, change_time, component, stroke_end_time
+from sepmc.kernel.emit.context import STROKE_END_TIMES, Context, change_time, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import guide_outcomes
 from sepmc.kernel.emit.ignition import ignition
@@ -59,8 +59,6 @@ def emit_outcomes(out: Text, c: Context) -> None:
     for number, event in enumerate(events):
         _event_outcomes(s, event, number * _event_size(c))
     _ignition_outcomes(s)
-    for path in _time_fields(c):
-        c.start(path, math.nan)
     s.scope.write(text)
     for number, event in enumerate(events):
         _event_clearances(text, s, event, (number + 1) * _event_size(c))
@@ -113,15 +111,6 @@ def _ignition_outcomes(end: State) -> None:
     for k, motor in enumerate(motors):
         time = ignition(end.scope, c, motor)
         end.scope.store(component("IGNITIONS", k), where(time <= end.time, time, math.nan))
-
-
-def _time_fields(c: Context) -> list[str]:
-    """Fields of the ends of strokes and of partial releases, in the order of their columns."""
-    spec = c.spec
-    return [
-        *(stroke_end_time(spring) for spring in spec.stroke_columns),
-        *(change_time(joint, number) for joint, number in spec.partial_releases),
-    ]
 
 
 def _event_clearances(text: Text, end: State, event: str, end_index: int) -> None:
@@ -237,6 +226,14 @@ def tip_off_fields(c: Context) -> list[str]:
     ]
 
 
+def time_fields(c: Context) -> list[tuple[str, int]]:
+    """Fields of the ends of strokes and of partial releases, in the order of the columns, with
+    their sizes."""
+    strokes = len(c.spec.stroke_columns)
+    fields = [(change_time(joint, number), 1) for joint, number in c.spec.partial_releases]
+    return [(STROKE_END_TIMES, strokes), *fields] if strokes else fields
+
+
 def _other_outcomes(c: Context) -> list[tuple[str, int]]:
     """Fields of outcomes after those of bodies and joints, in the order of the columns, with their
     sizes."""
@@ -250,7 +247,7 @@ def _other_outcomes(c: Context) -> list[tuple[str, int]]:
         fields.append(("EVENT_OUTCOMES", c.workspace.counts["EVENT_OUTCOMES"]))
     if "IGNITIONS" in c.workspace.counts:
         fields.append(("IGNITIONS", c.workspace.counts["IGNITIONS"]))
-    return fields + [(field, 1) for field in _time_fields(c)]
+    return fields + time_fields(c)
 
 
 def _audits(c: Context) -> list[str]:
