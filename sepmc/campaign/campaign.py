@@ -176,8 +176,8 @@ class Campaign(Definition):
             ``units``; ``outcomes``; ``errors``, relative
             (`sepmc.campaign.execution.accuracy.errors`): at a given step twice the change at half
             of it, else the last change; ``status``; ``compiled``; ``notes``; times, s, of
-            ``releases`` by joint and ``events`` by name, NaN if they did not occur; and of ends of
-            strokes of ``springs``.
+            ``releases`` by joint, ``partial_releases`` by ``JOINT.KIND``, ``events`` by name and
+            ends of strokes of ``springs`` by name, NaN if they did not occur.
 
         Raises
         ------
@@ -213,6 +213,7 @@ class Campaign(Definition):
         releases = schema.release_columns(result.plan.contents)
         events = schema.event_columns(result.plan.contents)
         springs = schema.stroke_columns(result.plan.contents)
+        partial = schema.partial_release_columns(result.plan.contents)
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
         errors = (
             () if result.error is None else zip(self.outcome_columns, result.error, strict=True)
@@ -227,6 +228,9 @@ class Campaign(Definition):
             "compiled": result.compiled,
             "notes": notes,
             "releases": _NoCopyDict({j: outcomes[c] for j, c in releases.items()}),
+            "partial_releases": _NoCopyDict(
+                {f"{joint}.{kind}": outcomes[c] for (joint, kind), c in partial.items()}
+            ),
             "events": _NoCopyDict({e: outcomes[c] for e, c in events.items()}),
             "springs": _NoCopyDict({s: outcomes[c] for s, c in springs.items()}),
         }
