@@ -255,6 +255,14 @@ PARTIAL = {
         [cut("pins", AT_01, to="keyed"), cut("pins", {"time_s": 0.2}, "o", to="slider")],
         {"release_to_keyed_time_s": 0.1, SLIDER: 0.1},
     ),
+    "one of two redundant joints": (
+        {
+            "joint.again": AGAIN,
+            "phase": [{"name": "held", "joints": {"pins": "fixed", "again": "spherical"}}],
+        },
+        [cut("again", AT_01, to="point-on-plane")],
+        {"again_release_to_point_on_plane_time_s": 0.1},
+    ),
     "to a kind with a hyphen": (
         HELD,
         [cut("pins", AT_01, to="point-on-line")],
@@ -264,16 +272,23 @@ PARTIAL = {
 
 
 @pytest.mark.parametrize("name", PARTIAL)
-def test_partial_releases_as_the_independent_simulation(pair, plainly, name):
-    """Every column of a single case, and the times of a row."""
+def test_partial_releases_as_the_independent_simulation(pair, name):
+    """Every column of a single case, among them the expected times."""
     settings, releases, expected = PARTIAL[name]
     campaign = pair(TURNING | settings | {"release": releases})
     outcomes = agrees(campaign)
     times = partial_release_columns(campaign.plan.contents).values()
     assert list(times) == [column for column in expected if column != "release_time_s"]
-    table = campaign.run(cases=1).table
     for column, time in expected.items():
         assert_allclose(outcomes[column], time, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["late", "free before", "to the looser kind first"])
+def test_partial_releases_of_rows(pair, plainly, name):
+    """A kernel without a history writes the same times."""
+    settings, releases, expected = PARTIAL[name]
+    table = pair(TURNING | settings | {"release": releases}).run(cases=1).table
+    for column, time in expected.items():
         assert_allclose(table[column], time, rtol=0, atol=1e-12)
 
 
