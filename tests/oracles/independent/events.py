@@ -45,9 +45,7 @@ class Sequence:
             for table in scene["release"]
         ]
         self.partial = {
-            (table["joint"], table["to"]): rows_of(
-                table["to"], joints[table["joint"]].custom_kinds
-            )
+            (table["joint"], table["to"]): rows_of(table["to"], joints[table["joint"]].custom_kinds)
             for table in scene["release"]
             if table["to"] != "free"
         }
