@@ -237,49 +237,17 @@ def violation_masks(
     others : sequence of Requirement
         Requirements that one on `VIOLATION` combines.
     """
-    statuses = np.asarray(cases["status"], dtype=object)
-    return masks_of(
-        requirement,
-        others,
-        ok_rows(cases),
-        lambda name: column(cases, name) if name in cases else None,
-        lambda name: statuses == name,
-    )
-
-
-def masks_of(
-    requirement: Requirement,
-    others: Sequence[Requirement],
-    ok: np.ndarray,
-    values: Callable[[str], np.ndarray | None],
-    has_status: Callable[[str], np.ndarray],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the masks of `violation_masks`, of any shape.
-
-    Parameters
-    ----------
-    requirement, others
-        As for `violation_masks`.
-    ok : ndarray of bool
-        Cases that finished.
-    values, has_status : callable
-        As for `count_cases`.
-    """
     if requirement.metric == VIOLATION:
-        masks = [
-            masks_of(item, (), ok, values, has_status)
-            for item in others
-            if item.metric != VIOLATION
-        ]
-        # the outcome of a failed case counts only where it violates
+        masks = [violation_masks(item, cases) for item in others if item.metric != VIOLATION]
+        ok = ok_rows(cases)  # the outcome of a failed case counts only where it violates
         masks = [(violates_one, mask & (ok | violates_one)) for violates_one, mask in masks]
         violates = np.any([violates_one & mask for violates_one, mask in masks], axis=0)
         return violates, violates | np.all([mask for _, mask in masks], axis=0)
-    outcome = values(requirement.metric)
-    if outcome is not None:
-        margin = margins(outcome, requirement)
-        return margin < 0.0, ok & ~np.isnan(margin)
-    return has_status(requirement.metric), np.ones(ok.shape, dtype=bool)
+    statuses = np.asarray(cases["status"], dtype=object)
+    if requirement.metric in cases:
+        margin = margins(column(cases, requirement.metric), requirement)
+        return margin < 0.0, ok_rows(cases) & ~np.isnan(margin)
+    return statuses == requirement.metric, np.ones(len(statuses), dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -405,12 +373,7 @@ def judge(
     """
     item, n, k = counter.requirement, counter.cases, counter.violations
     allowed = allowed_violations(n, item.probability, item.confidence) if n else -1
-    # requirements on the same bound count once
-    distinct = {
-        (one.requirement.metric, one.requirement.at_least, one.requirement.at_most): one
-        for one in counter.others or [counter]
-    }
-    bounded = [(one, _error_at(one.requirement, errors)) for one in distinct.values()]
+    bounded = _with_errors(counter, errors)
     verdict, why = _verdict(counter, bounded, reason)
     known = k - counter.missing
     worst, worst_case = counter.extreme
@@ -439,6 +402,23 @@ def judge(
         _known(bounded[0][1]) if not counter.others else None,
         lacking,
     )
+
+
+def brief_verdict(counter: RequirementCounter, errors: Errors, reason: str = "") -> str:
+    """Return only ``verdict`` of `judge`, which takes the same arguments: 20 times as fast."""
+    return _verdict(counter, _with_errors(counter, errors), reason)[0]
+
+
+def _with_errors(
+    counter: RequirementCounter, errors: Errors
+) -> list[tuple[RequirementCounter, float]]:
+    """Return the counters that a verdict depends on, with the numerical error at their bounds."""
+    # requirements on the same bound count once
+    distinct = {
+        (one.requirement.metric, one.requirement.at_least, one.requirement.at_most): one
+        for one in counter.others or [counter]
+    }
+    return [(one, _error_at(one.requirement, errors)) for one in distinct.values()]
 
 
 def _known(number: float) -> float | None:

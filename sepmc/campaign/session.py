@@ -8,7 +8,7 @@ Designs are compared on common random numbers: case k of every design has the sa
 import copy
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,13 @@ from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.design_box import LEVEL, DesignBox
 from sepmc.campaign.execution import batch_summary
-from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors, with_scales
+from sepmc.campaign.execution.accuracy import (
+    AchievedAccuracy,
+    scales,
+    scene_scales,
+    with_errors,
+    with_scales,
+)
 from sepmc.campaign.execution.chunk import Chunk
 from sepmc.campaign.execution.integration import Integration, integrate
 from sepmc.campaign.execution.sinks import case_table
@@ -28,7 +34,7 @@ from sepmc.campaign.execution.step_selection import select_steps, unpacked
 from sepmc.engine.dispatch import Block, check_int, check_threads, compile_wait_s, using_threads
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError, Log, nearest, shorten
-from sepmc.schema import Status
+from sepmc.schema import AUDIT_BOUNDS, Status
 
 _ROWS = 16384  # cases of several designs that one call of the kernel integrates
 _MAX_SAMPLES = 4  # kept in memory
@@ -118,18 +124,16 @@ class DesignResult:
         """Mask (n,) of the cases with status ok."""
         return np.asarray(self.block.status == Status.OK)
 
-    def violations(self) -> pd.DataFrame:
-        """Violating and unknown cases of each requirement (`sepmc.analysis.requirements`).
+    def verdicts(self) -> pd.DataFrame:
+        """Verdicts on the requirements, in a tenth of the time of `requirements`.
 
         Returns
         -------
         DataFrame
-            By name of the requirement: ``violations`` and ``unknown``.
+            By name of the requirement: ``verdict``, ``violations`` and ``missing`` (cases without
+            the outcome, which count as violations), as in `sepmc.analysis.requirements.Verdict`.
         """
-        counts = _count_violations(self.box, self.block, len(self.block.status))
-        rows = {name: (int(k[0]), int(m[0])) for name, (k, m) in counts.items()}
-        columns = ["violations", "unknown"]
-        return pd.DataFrame.from_dict(rows, orient="index", columns=columns, dtype="int64")
+        return _verdicts(self.box, _errors(self.integration, self.block, self.box), self.block)
 
     @cached_property
     def accuracy(self) -> AchievedAccuracy:
@@ -167,8 +171,9 @@ class DesignTable:
     Attributes
     ----------
     summary : DataFrame
-        A row per design: the values; ``ok``, the number of ok cases; of each requirement
-        ``NAME_violations`` and ``NAME_unknown``; ``error``, the largest numerical error of a case.
+        A row per design: the values; ``ok``, the number of ok cases; of each requirement its
+        verdict ``NAME``, and the counts ``NAME_violations`` and ``NAME_missing``
+        (`DesignResult.verdicts`); ``error``, the largest numerical error of a case.
     columns : dict of str to ndarray, shape (designs, cases)
         Requested outcomes, in their units, and ``status`` (`sepmc.schema.Status`).
     timing : dict of str to float
@@ -287,7 +292,8 @@ class Session:
         rows = np.empty((width + len(self.box.derived), per_call, cases))
         rows[:width] = sample.base[:, None, :]
         timing = {"sample": time.perf_counter() - start, "compile": 0.0, "kernel": 0.0}
-        summaries, kept = [], {name: np.empty((len(table), cases)) for name in columns}
+        summaries: list[dict[str, Any]] = []
+        kept = {name: np.empty((len(table), cases)) for name in columns}
         if columns:
             kept["status"] = np.empty((len(table), cases), dtype=np.int8)
         for first in range(0, len(table), per_call):
@@ -299,7 +305,8 @@ class Session:
             inputs = rows if len(part) == per_call else rows[:, : len(part)].copy()
             timing["sample"] += time.perf_counter() - start
             block = self._integrate(inputs.reshape(len(rows), -1), timing)
-            summaries.append(_summarise(self.box, block, cases))
+            errors = _errors(self.integration, block, self.box)
+            summaries += _summarise(self.box, errors, block, cases)
             shape, end = (len(part), cases), first + len(part)
             for name, k in positions.items():
                 scale = self.box.result_columns[k].scale
@@ -308,10 +315,9 @@ class Session:
                 kept["status"][first:end] = block.status.reshape(shape)
             if progress:
                 progress(end, len(table))
-        summary = {v.key: table[:, k] for k, v in enumerate(self.box.variables)}
-        for name in summaries[0]:
-            summary[name] = np.concatenate([one[name] for one in summaries])
-        return DesignTable(pd.DataFrame(summary), kept, timing)
+        values = pd.DataFrame(table, columns=[v.key for v in self.box.variables])
+        summary = pd.concat([values, pd.DataFrame(summaries)], axis=1)
+        return DesignTable(summary, kept, timing)
 
     def with_design(self, design: Values) -> Any:
         """Campaign at a design, to replay a case of it or to run it by itself.
@@ -421,6 +427,17 @@ class Session:
         return runs
 
 
+def _errors(integration: Integration, block: Block, box: Definition) -> dict[str, float]:
+    """Relative numerical error by outcome: the larger one of calibration cases and of the cases of
+    a block that were integrated again."""
+    assert integration.achieved is not None
+    errors = dict(integration.achieved.errors)
+    if block.refinement is not None:
+        for column, error in zip(box.outcome_columns, block.refinement.error, strict=True):
+            errors[column.name] = max(errors.get(column.name, 0.0), float(error))
+    return errors
+
+
 def _position(box: Definition, name: str) -> int:
     """Index of an outcome or audit column. Raises InputError."""
     names = [column.name for column in box.result_columns]
@@ -440,38 +457,102 @@ def _numbers(values: Any) -> np.ndarray:
     return array
 
 
-def _count_violations(
-    box: Definition, block: Block, cases: int
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Violating and unknown cases (m,) of each requirement, of m designs of ``cases`` cases."""
+def _verdicts(box: Definition, errors: Mapping[str, float], block: Block) -> pd.DataFrame:
+    """Verdict on each requirement, with the violations that it counts and the missing outcomes.
+
+    Parameters
+    ----------
+    box : Definition
+    errors : mapping of str to float
+        Relative numerical error by outcome.
+    block : Block
+        Cases of one design.
+
+    Returns
+    -------
+    DataFrame
+        By name of the requirement: verdict, violations, missing.
+    """
     codes = {status.label: status for status in Status}
     columns = {column.name: k for k, column in enumerate(box.result_columns)}
+    is_ok = np.asarray(block.status == Status.OK)
 
     def values(name: str) -> np.ndarray | None:
         k = columns.get(name)
         return None if k is None else block.outcomes[:, k] * box.result_columns[k].scale
 
-    counts = {}
-    for item in box.file.requirements:
-        violates, known = requirements.masks_of(
-            item,
-            box.file.requirements,
-            block.status == Status.OK,
-            values,
-            lambda name: np.asarray(block.status == codes[name]),
+    counters = requirements.requirement_counters(box.file.requirements)
+    requirements.count_cases(
+        counters,
+        np.arange(len(is_ok)),
+        is_ok,
+        values,
+        lambda name: np.asarray(block.status == codes.get(name, -1)),
+    )
+    reason = _no_verdict_reason(box, block, is_ok)
+    scaled = _with_scales(box, errors, block, is_ok)
+    rows = {
+        one.requirement.name: (
+            requirements.brief_verdict(one, scaled, reason),
+            one.violations,
+            one.missing,
         )
-        counts[item.name] = (
-            np.count_nonzero((violates & known).reshape(-1, cases), axis=1),
-            np.count_nonzero(~known.reshape(-1, cases), axis=1),
-        )
-    return counts
+        for one in counters
+    }
+    return pd.DataFrame.from_dict(
+        rows, orient="index", columns=["verdict", "violations", "missing"]
+    )
 
 
-def _summarise(box: Definition, block: Block, cases: int) -> dict[str, np.ndarray]:
-    """Columns (m,) of `DesignTable.summary` of m designs of ``cases`` cases."""
-    is_ok = (block.status == Status.OK).reshape(-1, cases)
-    summary = {"ok": np.count_nonzero(is_ok, axis=1)}
-    for name, (violations, unknown) in _count_violations(box, block, cases).items():
-        summary |= {f"{name}_violations": violations, f"{name}_unknown": unknown}
-    errors = np.where(is_ok, block.error.reshape(-1, cases), 0.0)
-    return summary | {"error": errors.max(axis=1)}
+def _no_verdict_reason(box: Definition, block: Block, is_ok: np.ndarray) -> str:
+    """Reason why the cases of a design allow no verdict; empty if they do."""
+    if (sampler := box.scene.run.sampler) != "random":
+        return requirements.no_verdict_reason(pd.DataFrame({"beyond": [0]}), sampler)
+    for k, column in enumerate(box.result_columns):
+        bound = AUDIT_BOUNDS.get(column.name)
+        if bound is not None and not (block.outcomes[is_ok, k] * column.scale <= bound).all():
+            return requirements.no_verdict_reason(pd.DataFrame({"beyond": [1]}), "random")
+    return ""
+
+
+def _with_scales(
+    box: Definition, errors: Mapping[str, float], block: Block, is_ok: np.ndarray
+) -> dict[str, tuple[float, float]]:
+    """Error and scale of each outcome with a requirement, in its unit."""
+    metrics = {item.metric for item in box.file.requirements}
+    columns = [(k, c) for k, c in enumerate(box.outcome_columns) if c.name in metrics]
+    if not columns or not is_ok.any():
+        return {}
+    units, sizes = [c.unit for _, c in columns], np.array([c.scale for _, c in columns])
+    values = block.outcomes[:, [k for k, _ in columns]][is_ok] * sizes
+    scale = scales(values, units, scene_scales(box.scene, units) * sizes)
+    return {
+        c.name: (errors.get(c.name, np.nan), float(size))
+        for (_, c), size in zip(columns, scale, strict=True)
+    }
+
+
+def _part(block: Block, first: int, end: int) -> Block:
+    """Cases ``first`` to ``end`` - 1 of a block, as views."""
+    cases = slice(first, end)
+    fields = ("outcomes", "status", "times", "phases", "history", "rows")
+    part = replace(block, **{name: getattr(block, name)[cases] for name in fields})
+    part.indicators = None if block.indicators is None else block.indicators[cases]
+    return part
+
+
+def _summarise(
+    box: Definition, errors: Mapping[str, float], block: Block, cases: int
+) -> list[dict[str, Any]]:
+    """Rows of `DesignTable.summary` of designs of ``cases`` cases each."""
+    rows = []
+    for first in range(0, len(block.status), cases):
+        part = _part(block, first, first + cases)
+        is_ok = part.status == Status.OK
+        row: dict[str, Any] = {"ok": int(np.count_nonzero(is_ok))}
+        if box.file.requirements:
+            for name, verdict in _verdicts(box, errors, part).to_dict("index").items():
+                row |= {name: verdict["verdict"]}
+                row |= {f"{name}_{key}": verdict[key] for key in ("violations", "missing")}
+        rows.append(row | {"error": float(part.error[is_ok].max(initial=0.0))})
+    return rows

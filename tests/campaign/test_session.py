@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 
 import sepmc
-from sepmc.analysis.requirements import masks_of
 from sepmc.campaign import session as sessions
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.accuracy import errors, scene_scales
@@ -120,7 +119,7 @@ def test_session_works_in_other_processes():
     assert found.tolist() == expected.tolist()
 
 
-def test_violations_are_those_of_the_requirements():
+def test_verdicts_are_those_of_a_run():
     file = sepmc.load("table2", {"run.history_step_s": 0.0}).file
     requirements = [
         {"name": "speed", "metric": "separation_speed_m_s", "at_least": 0.0},
@@ -136,23 +135,26 @@ def test_violations_are_those_of_the_requirements():
     verdicts = session.with_design([450.0]).run(cases=200).requirements()
     expected = verdicts["violations"].tolist()
     assert 0 < expected[0] < 200
-    assert found.violations()["violations"].tolist() == expected
-    assert found.requirements()["violations"].tolist() == expected
+    brief = found.verdicts()
+    assert brief["violations"].tolist() == expected
+    assert brief["missing"].tolist() == verdicts["missing"].tolist()
+    assert brief["verdict"].tolist() == verdicts["verdict"].tolist()
+    full = found.requirements()
+    assert full["violations"].tolist() == expected
+    assert full["verdict"].tolist() == verdicts["verdict"].tolist()
     many = session.run_many([[450.0], [470.0]], cases=200).summary
-    assert [many[f"{name}_violations"][0] for name in verdicts.index] == expected
-    assert (many["speed_unknown"] == 0).all()
+    for name in verdicts.index:
+        assert many[f"{name}_violations"][0] == verdicts.loc[name, "violations"]
+        assert many[name][0] == verdicts.loc[name, "verdict"]
+    assert (many["speed_missing"] == 0).all()
 
 
-def test_masks_count_failed_cases_as_unknown():
-    from sepmc.scene.model import Requirement
-
-    item = Requirement(name="low", metric="x", at_least=1.0)
-    ok = np.array([True, True, False])
-    violates, known = masks_of(
-        item, (), ok, lambda name: np.array([0.0, 2.0, 0.0]), lambda name: ~ok
-    )
-    assert (violates & known).tolist() == [True, False, False]
-    assert known.tolist() == [True, True, False]
+def test_designs_of_dependent_cases_have_no_verdict():
+    tree = sepmc.load("table2", {"run.sampler": "sobol"}).file.tree
+    item = {"name": "speed", "metric": "separation_speed_m_s", "at_least": 0.0}
+    campaign = Campaign(parse_campaign(tree | {"requirement": [item]}, "table2"))
+    session = campaign.session({"body.upper.mass_kg": (440.0, 480.0)})
+    assert session.run([450.0], cases=64).verdicts()["verdict"].tolist() == ["no verdict"]
 
 
 @pytest.mark.parametrize(
