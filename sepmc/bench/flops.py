@@ -63,11 +63,11 @@ class Flops:
         return self.rates / max(1, sum(self.evaluations.values()))
 
 
-def count(campaign: Campaign, flight: Integration) -> Flops | None:
+def count(campaign: Campaign, integration: Integration) -> Flops | None:
     """Count the operations of a case; None if the compiled code does not show them."""
     shape = make_kernel_spec(campaign.plan, campaign.dispersed)
     phase_names = shape.names.of["phase"]
-    solver = flight.one_method
+    solver = integration.one_method
     context = Context(shape, solver or campaign.scene.solver.method, NO_HISTORY)
     segment_of_phase = {
         s.phase: context.alias_of(s) or s.name for s in shape.segments if not s.late
@@ -79,16 +79,16 @@ def count(campaign: Campaign, flight: Integration) -> Flops | None:
     arguments = [
         campaign.file.tree,
         campaign.name,
-        flight.steps.tolist(),
-        flight.durations.tolist(),
+        integration.steps.tolist(),
+        integration.durations.tolist(),
     ]
-    arguments += [solver, flight.method_names]
+    arguments += [solver, integration.method_names]
     evaluations = subprocess_calls.call(
         "flops:count_evaluations", arguments, {"NUMBA_DISABLE_JIT": "1"}
     )
     rates = sum(evaluations[name] * each[name] for name in names)
     sums = 0.0
-    for segment, name in zip(shape.segments, flight.method_names, strict=True):
+    for segment, name in zip(shape.segments, integration.method_names, strict=True):
         if not segment.late:
             rk = method(name)
             rows = (*rk.a[1 : rk.stages, : rk.stages], rk.b)
