@@ -430,7 +430,7 @@ def _verdict(
     errors."""
     item, n = counter.requirement, counter.cases
     if not n:
-        return NONE, "no case was flown"
+        return NONE, "no case was run"
     if reason:
         return NONE, reason
     if counter.missing == n:

@@ -112,7 +112,7 @@ def test_some_cases_are_those_of_the_whole(file, sampler, tmp_path):
     assert flown(campaign, [9, 3, 4]).equals(some.to_pandas())
     pd.testing.assert_frame_equal(some.to_pandas(), every.loc[[3, 4, 9]])
     assert some.case(9).inputs == campaign.case(9).inputs
-    with pytest.raises(InputError, match="case = 5: must be one of those flown, 3:5,9"):
+    with pytest.raises(InputError, match="case = 5: must be one of those run, 3:5,9"):
         some.case(5)
     told = read_manifest(folder)
     assert (told["cases"], told["numbers"], told["of"]) == (3, "3:5,9", 12)
@@ -218,8 +218,12 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
         ({"V": ["1.0", "2.0", "3,5"]}, "V", "column V of plan.csv: '3,5' in case 2 is no number"),
         ({"case": [10**12], "V": [1.0]}, "V", "whole numbers from 0 to 999999999"),
         ({"V": [1.0, 2.0]}, "W", "no such column of numbers in plan.csv; did you mean|known here"),
-        ({"case": [0, 0], "V": [1.0, 2.0]}, "V", "column case: holds a number twice"),
-        ({"case": [0.5, 1], "V": [1.0, 2.0]}, "V", "column case = '0.5': must hold whole numbers"),
+        ({"case": [0, 0], "V": [1.0, 2.0]}, "V", "column case: contains a number twice"),
+        (
+            {"case": [0.5, 1], "V": [1.0, 2.0]},
+            "V",
+            "column case = '0.5': must contain whole numbers",
+        ),
         ({"V": [1.0], "in_body_fore_mas_kg": [1.0]}, "V", "no such input here: did you mean"),
         ({"V": [1.0], "body.fore.mass_kg": [3.0]}, "V", "must be called in_body_fore_mass_kg"),
         ({"V": [1.0], "IN_Body_fore_mass_kg": [3.0]}, "V", "must be called in_body_fore_mass_kg"),

@@ -232,7 +232,7 @@ def test_workers_that_are_gone_are_not_waited_for(monkeypatch):
     monkeypatch.setattr(cluster, "wait", wait)
     monkeypatch.setattr(cluster, "_TIMEOUT_S", 0.0)
     with pytest.raises(
-        ClusterError, match="all workers have been gone for 0 s; what is flown is kept"
+        ClusterError, match="all workers have been gone for 0 s; finished cases are stored"
     ):
         DaskExecutor(Client(), None, 1, 1)._completed({"future": 0})
     assert len(looks) == 3

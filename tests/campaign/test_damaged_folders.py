@@ -108,7 +108,7 @@ def test_another_campaign_is_not_replayed(folder):
     """One edited number in the run's own file: neither a case nor the run goes on with it."""
     path = folder / folders.CAMPAIGN
     path.write_text(path.read_text(encoding="utf-8").replace("458", "459", 1), encoding="utf-8")
-    with pytest.raises(folders.StoreError, match="is not the campaign that was flown"):
+    with pytest.raises(folders.StoreError, match="is not the campaign that was run"):
         sepmc.load(folder)
     for words in (["run", folder, "--case", "5"], ["stats", folder], ["doctor", folder]):
         assert call(*map(str, words)) in (1, 2)
@@ -117,7 +117,9 @@ def test_another_campaign_is_not_replayed(folder):
 def test_a_part_that_is_gone_is_told_with_its_cases(folder):
     part = folder / "cases" / "part-0000000004.parquet"
     part.unlink()
-    said = r"part-0000000004\.parquet: is gone; it held cases 4 to 7\. To fly .*, resume=True\)"
+    said = (
+        r"part-0000000004\.parquet: is gone; it contained cases 4 to 7\. To run .*, resume=True\)"
+    )
     with pytest.raises(folders.StoreError, match=said):
         shards.read_cases(folder)
     assert call("stats", str(folder)) == 2
@@ -256,7 +258,7 @@ def test_the_campaign_and_manifest_of_another_run(wholes, tmp_path, with_ledger)
     for name in names:
         shutil.copy(other / name, folder / name)
     before = contents(folder)
-    said = f"was flown with seed {seed}, not {seed + 1}"
+    said = f"was run with seed {seed}, not {seed + 1}"
     told = CliRunner().invoke(app.main, ["doctor", str(folder)])
     assert said in " ".join(told.output.split())
     if with_ledger:

@@ -244,7 +244,7 @@ def test_check_tells_of_strokes_that_do_not_end(file):
     """A spring that is still within its stroke as the nominal case ends, and one that is not."""
     for stroke, expected in ((0.5, True), (0.01, False)):
         told = call("check", file, "--set", f"spring.push.stroke_m={stroke}")
-        said = "spring.push does not come to the end of its stroke, and pushes on in the nominal"
+        said = "spring.push does not reach the end of its stroke, and pushes on in the nominal"
         assert (said in told.stderr) == expected, told.stderr
 
 

@@ -69,7 +69,7 @@ def test_rows_of_a_folder_are_indexed_too(campaign, tmp_path):
 
 @pytest.mark.parametrize("number", [0, 99, 140, 5000])
 def test_a_case_that_was_not_flown_is_refused(result, number):
-    with pytest.raises(ValueError, match=f"case = {number}: must be one of those flown, 100:140"):
+    with pytest.raises(ValueError, match=f"case = {number}: must be one of those run, 100:140"):
         result.case(number)
 
 
@@ -82,7 +82,7 @@ def test_nor_one_that_a_stop_left_out(campaign, stats_only):
     flown = sum(result.status_counts.values())
     assert flown < 90
     assert result.case(10 + flown - 1).number == 10 + flown - 1
-    with pytest.raises(ValueError, match=f"case = {10 + flown}: must be one of those flown"):
+    with pytest.raises(ValueError, match=f"case = {10 + flown}: must be one of those run"):
         result.case(10 + flown)
 
 
@@ -222,7 +222,7 @@ def test_a_set_of_case_numbers(campaign):
 
 
 def test_a_filter_that_matches_nothing_warns(result):
-    with pytest.warns(sepmc.RunWarning, match="mass_kg<0: holds in none of 40 cases") as caught:
+    with pytest.warns(sepmc.RunWarning, match="mass_kg<0: satisfied by none of 40 cases") as caught:
         found = result.statistics("body.upper.mass_kg<0")
     assert (found["n"] == 0).all()
     assert caught[0].filename == __file__

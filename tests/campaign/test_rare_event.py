@@ -153,7 +153,7 @@ def test_what_is_too_rare_for_so_few_flights():
     assert flights <= FLIGHTS
     assert known.probability == 0.0
     assert 1e-13 < known.interval[1] < 1e-5
-    assert "or take more flights" in subset_simulation.estimate_warnings(known)[0]
+    assert "or need more cases" in subset_simulation.estimate_warnings(known)[0]
 
 
 def test_scores_follow_the_laws(pair):
@@ -310,7 +310,7 @@ def test_a_folder(folder):
     run, printed = folder
     told = json.loads((run / "rare.json").read_text())
     assert "slow: probability of violation" in printed
-    assert f"{told['flights']} flights" in printed
+    assert f"{told['flights']} cases" in printed
     assert "numerical error <= " in printed
     assert {path.name for path in run.iterdir()} == {
         "campaign.toml", "manifest.json", "checksums.jsonl", "rare.json", "rare.parquet",
@@ -352,7 +352,7 @@ def test_what_reads_runs_says_what_it_is(folder, words):
     run, _ = folder
     said = invoke(words[0], run, *words[1:])
     assert said.exit_code == 2
-    assert "holds the estimate of a rare event and no run: see rare.json" in said.output
+    assert "contains the estimate of a rare event and no run: see rare.json" in said.output
 
 
 def test_it_is_not_gone_on_with(folder, tmp_path):
@@ -419,16 +419,19 @@ def test_another_estimate_is_not_resumed(folder, tmp_path):
     """Another seed, number of flights, requirement or folder is refused by name."""
     campaign, other = sepmc.load("table2", {"requirement": [SLOW]}), tmp_path / "run"
     _interrupted(campaign, other, 1)
-    for words, seed, most in (("another seed", 4, FLIGHTS), ("another flights", 3, 2 * FLIGHTS)):
+    for words, seed, most in (
+        ("another seed", 4, FLIGHTS),
+        ("another number of cases", 3, 2 * FLIGHTS),
+    ):
         with pytest.raises(StoreError, match=words):
             campaign.rare("slow", most, seed, other, resume=True)
     run, _ = folder
-    with pytest.raises(StoreError, match="holds an estimate that is complete"):
+    with pytest.raises(StoreError, match="contains an estimate that is complete"):
         campaign.rare("slow", FLIGHTS, 3, run, resume=True)
     with pytest.raises(InputError, match="resume: needs out"):
         campaign.rare("slow", FLIGHTS, 3, resume=True)
     campaign.run(8, out=tmp_path / "cases")
-    with pytest.raises(StoreError, match="holds no estimate of a rare event"):
+    with pytest.raises(StoreError, match="contains no estimate of a rare event"):
         campaign.rare("slow", FLIGHTS, 3, tmp_path / "cases", resume=True)
 
 
@@ -454,9 +457,9 @@ def test_doctor_looks_at_it(folder, tmp_path):
         (["--stats-only"], "--rare and --stats-only exclude each other"),
         (["--sampler", "lhs"], "--rare and --sampler exclude each other"),
         (["--check"], "--rare and --check exclude each other"),
-        (["--cases", "3:9"], "takes a number of flights"),
-        (["--cases", "77"], "flights = 77: must be >= 10000"),
-        (["--dry-run"], "separation_speed_m_s >= 0.378 m/s; at most 100000 flights, into"),
+        (["--cases", "3:9"], "takes a number of cases"),
+        (["--cases", "77"], "cases = 77: must be >= 10000"),
+        (["--dry-run"], "separation_speed_m_s >= 0.378 m/s; at most 100000 cases, into"),
     ],
 )
 def test_options_beside_it(folder, tmp_path, words, said):

@@ -95,7 +95,7 @@ def test_a_row_that_was_changed(folder, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--case", 4], "holds cases 5:45; --case 4 is none of them"),
+        (["--case", 4], "contains cases 5:45; --case 4 is none of them"),
         ([], "one of --case, --worst"),
         (["--case", 5, "--min", "upper_pitch_deg"], "one of --case, --worst"),
         (["--min", "upper_pich_deg"], "did you mean 'upper_pitch_deg'"),
@@ -147,7 +147,7 @@ def test_a_single_flight_has_no_rows(tmp_path):
     command("run", "table1.toml", "--out", tmp_path / "one", "--no-plots", "--every-s", 0.1)
     code, said = command("replay", tmp_path / "one", "--case", 0)
     assert code == 2
-    assert "holds a single case; give the folder of a campaign" in said
+    assert "contains a single case; give the folder of a campaign" in said
 
 
 # a hinge of which a release, apart from the only phase, lets go

@@ -314,10 +314,10 @@ def test_a_run_tells_its_error(table2, settings, tmp_path):
     assert given or (written["asked"], written["met"]) == (1e-9, worst <= 1e-9)
     assert written["errors"] == achieved.errors
     if not given:
-        assert written["steps"] == result.flight.steps.tolist()
+        assert written["steps"] == result.integration.steps.tolist()
         assert worst <= 1e-9
     else:
-        assert written["step_s"] == result.flight.step
+        assert written["step_s"] == result.integration.step
     printed = (
         CliRunner()
         .invoke(app.main, ["stats", str(tmp_path / "run")], catch_exceptions=False)
@@ -374,9 +374,9 @@ def test_the_error_told_is_the_error_there_is(table2, name):
     it is not."""
     campaign = table2.with_settings({"run.history_step_s": 0.0} | HARD[name])
     result = campaign.run(cases=2000)
-    error, again = true_error(campaign, result.flight, 2000)
+    error, again = true_error(campaign, result.integration, 2000)
     told = result.accuracy.worst[1]
-    print(f"{name}: told {told:.1e}, true {error:.1e}, steps {result.flight.steps}, {again}")
+    print(f"{name}: told {told:.1e}, true {error:.1e}, steps {result.integration.steps}, {again}")
     assert told >= error / 3.0
     assert not result.accuracy.met or error <= result.accuracy.asked
     assert result.accuracy.met
@@ -390,10 +390,10 @@ def test_the_error_told_is_the_error_there_is(table2, name):
 def test_what_trial_cases_tell_does_not_depend_on_seed_or_cases(table2):
     campaign = table2.with_settings({"run.history_step_s": 0.0})
     one, two = campaign.run(cases=5), campaign.run(cases=700, seed=3)
-    assert one.flight.achieved == two.flight.achieved
+    assert one.integration.achieved == two.integration.achieved
     for result in (one, two):
         told = result.accuracy.errors
-        assert all(told[name] >= error for name, error in one.flight.achieved.errors.items())
+        assert all(told[name] >= error for name, error in one.integration.achieved.errors.items())
         assert result.accuracy.worst[1] >= result.to_pandas()["error"].max()
 
 
@@ -510,8 +510,8 @@ def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch, tmp_pa
     settings = {"run.history_step_s": 0.0, "solver.accuracy": 1e-12, "solver.method": "dopri5"}
     result = table2.with_settings(settings).run(cases=20)
     coarse = table2.with_settings(settings | {"solver.accuracy": 1e-3}).run(cases=20)
-    assert (result.flight.steps >= coarse.flight.steps).all()
-    assert result.flight.steps.sum() > 1.3 * coarse.flight.steps.sum()
+    assert (result.integration.steps >= coarse.integration.steps).all()
+    assert result.integration.steps.sum() > 1.3 * coarse.integration.steps.sum()
     assert not result.accuracy.met
     assert result.accuracy.worst[1] > 1e-12
     (note,) = result.notes

@@ -302,7 +302,7 @@ def test_statistics_files(tmp_path):
 )
 def test_resume_of_another_campaign_is_refused(run_folder, other):
     before = {p: p.read_bytes() for p in run_folder.rglob("*") if p.is_file()}
-    with pytest.raises(StoreError, match="was flown with another"):
+    with pytest.raises(StoreError, match="was run with another"):
         sepmc.load("table2", other).run(cases=20, out=run_folder, resume=True)
     with pytest.raises(StoreError, match="resume=True"):
         sepmc.load("table2").run(cases=20, out=run_folder)
@@ -313,7 +313,7 @@ def test_resume_with_fewer_cases(run_folder, tmp_path):
     """Refused: the folder would hold more cases than its manifest says."""
     folder = shutil.copytree(run_folder, tmp_path / "run")
     before = (folder / folders.MANIFEST).read_bytes()
-    with pytest.raises(StoreError, match="holds cases up to 9; cases=5 would leave some out"):
+    with pytest.raises(StoreError, match="contains cases up to 9; cases=5 would leave some out"):
         sepmc.load("table2", {"run.chunk": 4}).run(cases=5, out=folder, resume=True)
     assert (folder / folders.MANIFEST).read_bytes() == before
 
@@ -341,7 +341,7 @@ def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
         campaign.run(cases=12, out=folder, resume=True)
     again = sepmc.load(str(folder))
     found = compare_row(again, earlier_integration(again), folder, 7, campaign.scene.run.seed, 10)
-    assert (found.flown, found.columns) == (True, ())
+    assert (found.was_run, found.columns) == (True, ())
     assert CliRunner().invoke(app.main, ["stats", str(folder)]).exit_code == 0
 
 

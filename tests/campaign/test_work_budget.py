@@ -62,12 +62,12 @@ def test_check_tells_what_it_knows_before_it_flies(tmp_path, monkeypatch):
     assert result.exit_code == 0
     assert seen
     assert "load.idle does nothing" in result.stderr
-    said = result.stderr.index("nominal flight not flown to its end: a flight of ")
+    said = result.stderr.index("the nominal case did not reach its end: an integration of ")
     assert result.stderr.index("load.idle does nothing") < said
     assert re.search(r"stopped at [\d.e-]+ of 10 s", result.stderr[said:])
     assert "solver.step_s" in result.stderr[said:]
-    assert "can be flown\n" not in result.stdout
-    assert "whether it can be flown is not known" in result.stdout
+    assert "can be run\n" not in result.stdout
+    assert "not known if it can be run" in result.stdout
 
 
 def test_work_is_counted_alike_each_time(pair):
@@ -136,7 +136,7 @@ def test_a_long_flight_is_foretold(pair, monkeypatch):
     heard = []
     pair({"solver": {"accuracy": 1e-9}}).simulate(step_s=0.1, announce=heard.append)
     assert any(
-        re.fullmatch(r"the next flight takes plain Python about \d+ s ...", t) for t in heard
+        re.fullmatch(r"the next integration takes plain Python about \d+ s ...", t) for t in heard
     )
 
 

@@ -824,7 +824,7 @@ step_selection.CORNERS, step_selection.SAMPLE = 3, 16
 campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3})
 result = campaign.run(cases=2, seed=7)
 table = result.to_pandas().drop(columns="status").to_dict("list")
-print(json.dumps({"table": table, "steps": result.flight.steps.tolist()}))
+print(json.dumps({"table": table, "steps": result.integration.steps.tolist()}))
 """
 
 
@@ -847,7 +847,7 @@ def test_python_and_compiled_agree(monkeypatch):
     compiled = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3}).run(
         cases=2, seed=7
     )
-    assert python["steps"] == compiled.flight.steps.tolist()
+    assert python["steps"] == compiled.integration.steps.tolist()
     for name, values in python["table"].items():
         if not name.endswith(
             (

@@ -82,7 +82,7 @@ def missing_of_one(
         for key in count_missing(campaign, values, np.array([True]))
     ]
     notes += [
-        f"spring.{name} does not come to the end of its stroke, and pushes on"
+        f"spring.{name} does not reach the end of its stroke, and pushes on"
         for name, time in springs.items()
         if np.isnan(time)
     ]
