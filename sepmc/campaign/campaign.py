@@ -340,7 +340,7 @@ class Campaign(Definition):
             "write": 0.0,
         }
         if announce and previous.n_stored:
-            announce(f"{folder}: {previous.n_stored} cases are there, {n_left} are left to fly")
+            announce(f"{folder}: {previous.n_stored} cases are stored, {n_left} are left to run")
         runner = Runner(self, flight, spec, timing, previous, folder, options)
         if folder:
             if self.file.input_table:
@@ -479,7 +479,7 @@ def _check_executor(
     if out is None:
         raise InputError("executor: workers write into a folder; give it as out")
     if until is not None:
-        raise InputError(f"until = {until}: excludes workers, who fly ahead of what is known")
+        raise InputError(f"until = {until}: excludes workers, which run ahead of what is known")
     if some_counted:
         raise InputError("stats_only of cases that are named: excludes workers")
 
