@@ -53,7 +53,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
     if no_flight or _check_nominal(campaign, warnings_shown):
         click.echo("can be run")
     else:
-        click.echo("can be read; not known if it can be run")
+        click.echo("can be read; whether it runs is not known")
 
 
 def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:

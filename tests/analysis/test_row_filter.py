@@ -90,7 +90,7 @@ def test_filter_by_an_input(tmp_path):
     assert "selected by outcomes" not in CliRunner().invoke(main, words).output
     nobody = CliRunner().invoke(main, ["stats", str(folder), "--where", "case<0", "--json"])
     assert nobody.exit_code == 2
-    assert "case<0: holds in none of 60 cases" in nobody.output
+    assert "case<0: satisfied by none of 60 cases" in nobody.output
 
 
 def test_filter_by_a_failure_of_all_cases(tmp_path):

@@ -255,7 +255,7 @@ def test_what_else_is_refused(spinning, pair, tmp_path):
         pair({"requirement": still}).rare("quiet")
     plan = tmp_path / "plan.csv"
     plan.write_text("case,in_initial_omega_x_deg_s\n0,0.1\n1,0.2\n")
-    with pytest.raises(InputError, match=r"run.samples = plan.csv: a rare event is sought"):
+    with pytest.raises(InputError, match=r"run.samples = plan.csv: a rare event is estimated"):
         spinning.with_settings({"run.samples": str(plan)}).rare("quiet")
 
 
@@ -275,7 +275,7 @@ def test_a_contact_is_approached_by_its_clearance():
     assert_allclose(margin, [200.0, 0.0, -1e-9, -100.0, np.inf, np.nan, np.nan])
     other = {"name": "x", "metric": "gap_recontact", "at_least": 1.0}
     touching = residual.with_settings({"requirement": [other]})
-    with pytest.raises(InputError, match="can be sought with at_most = 0 only: that it is 0"):
+    with pytest.raises(InputError, match="a rare event needs at_most = 0, that it is 0"):
         limit_state(touching, "x")
 
 
@@ -359,7 +359,7 @@ def test_it_is_not_gone_on_with(folder, tmp_path):
     run, _ = folder
     said = invoke("campaign", run, "--out", run, "--resume")
     assert said.exit_code == 2
-    assert "so there are no cases to go on from" in said.output
+    assert "so no cases can be continued" in said.output
     said = invoke("run", run, "--case", 1, "--out", tmp_path / "one")
     assert "add --set run.samples=rare.parquet" in said.output
     said = invoke("campaign", run, "--rare", "slow", "--out", run)
@@ -447,7 +447,7 @@ def test_doctor_looks_at_it(folder, tmp_path):
     assert "rare.json: was changed" in said.output
     said = invoke("doctor", other, "--repair")
     assert said.exit_code == 2
-    assert "cannot be repaired; fly it again" in said.output
+    assert "cannot be repaired; run it again" in said.output
 
 
 @pytest.mark.parametrize(

@@ -186,7 +186,7 @@ def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
     assert any(part.name in finding.text for finding in manifests.diagnose(folder))
     said = []
     result = campaign.run(cases=CASES, out=folder, resume=True, announce=said.append)
-    assert any("all are flown" in one for one in said)
+    assert any("all are run" in one for one in said)
     assert result.resumed == 0
     assert contents(folder) == contents(whole)
 
@@ -222,7 +222,7 @@ def test_statistics_are_written_again(campaign, tmp_path):
     (folder / "statistics.csv").write_text("outcome,unit")
     mended = CliRunner().invoke(app.main, ["doctor", str(folder), "--repair"])
     assert mended.exit_code == 0, mended.output
-    assert "0 cases flown again" in mended.output
+    assert "0 cases run again" in mended.output
     assert contents(folder) == before
     (folder / "manifest.json").unlink()
     assert manifests.read_provenance(folder)["stats_only"]
@@ -278,7 +278,7 @@ def test_command_line(tmp_path):
     assert call("campaign", *options, "--keep", "failed", "--resume").exit_code == 0
     other = call("campaign", *options, "--keep", "all", "--resume")
     assert other.exit_code == 2
-    assert "was flown keeping failed, and is to go on keeping all" in other.stderr
+    assert "was run keeping failed, and is to be continued keeping all" in other.stderr
 
 
 @pytest.mark.parametrize(

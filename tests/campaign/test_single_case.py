@@ -185,5 +185,5 @@ def test_a_long_flight_says_that_it_goes_on(pair, monkeypatch):
     monkeypatch.setattr(single_case, "REPORT_EVERY_S", -1.0)
     told = []
     pair({"solver": {"accuracy": 1e-9}}).simulate(announce=told.append)
-    assert told[0] == "still flying after 0 s, now in 2 steps a phase ..."
+    assert told[0] == "still running after 0 s, now in 2 steps a phase ..."
     assert len(told) > 3

@@ -153,7 +153,9 @@ def test_a_small_table_that_unpacks_to_a_vast_one_is_refused(tmp_path):
         for _ in range(101):
             writer.write_table(pa.table({"a": column}))
     assert path.stat().st_size < 10**6
-    assert "has 101,000,000 rows of 1 columns: must hold at most 100,000,000" in read_plan(path)[1]
+    assert (
+        "has 101,000,000 rows of 1 columns: must contain at most 100,000,000" in read_plan(path)[1]
+    )
 
 
 def test_a_pipe_is_no_table(tmp_path):

@@ -44,7 +44,7 @@ def run(tmp_path_factory):
 def page(run):
     called = call("report", run)
     assert called.exit_code == 0, called.output
-    assert "flies case" in called.stdout
+    assert "running case" in called.stdout
     return (run / "report.html").read_text(encoding="utf-8")
 
 
@@ -93,7 +93,7 @@ def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
         called = call("report", tmp_path / "run")
     first = int(table["case"][table["status"] == "never-released"].iloc[0])
     assert called.exit_code == 0, called.output
-    assert f"flies case {first} again, the first that violates parts" in called.stdout
+    assert f"running case {first} again, the first that violates parts" in called.stdout
     violations = int((table["status"] == "never-released").sum())
     text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert f"case {first}, the first of {violations} that violate parts" in text

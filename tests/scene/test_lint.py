@@ -63,7 +63,7 @@ PLANTED = [
     ("residual-thrust", {"environment.wind.speed_m_s": 10.0}, "environment.wind", "does nothing"),
     # what never has a value
     ("spring-pushers", {"event": [{"name": "late", "when": {"time_s": 9e9}}]},
-     "event.late.when", "after the end of the flight"),
+     "event.late.when", "after the end of the run"),
     ("spring-pushers", {"phase": [{"name": "clamped", "joints": {"clamp": "fixed"}}]},
      "output.tip_off: clamp", "never released"),
     ("residual-thrust", {"phase": [{"name": "locked", "joints": {"rods": "fixed"}}],
@@ -185,10 +185,10 @@ def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
     with run_interpreted(cases=2):
         early = sepmc.load(file, {"run.end_time_s": 0.15}).run(cases=3, out=tmp_path / "early")
         late = sepmc.load(file).run(cases=2)
-    note = "gap_clearance_mm is smallest as the flight ends in 3 cases"
+    note = "gap_clearance_mm is smallest when the run ends in 3 cases"
     assert [one for one in early.notes if one.startswith(note)]
     assert read_manifest(tmp_path / "early")["min_at_end"] == {"gap": 3}
-    assert not [one for one in late.notes if "is smallest as the flight ends" in one]
+    assert not [one for one in late.notes if "is smallest when the run ends" in one]
 
 
 def test_check_flies_the_nominal_case():
