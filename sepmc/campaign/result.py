@@ -99,7 +99,13 @@ class Result:
 
     @property
     def table(self) -> dict[str, np.ndarray]:
-        """Case table by column, read-only. Raises ValueError if no rows were stored."""
+        """Case table by column, read-only.
+
+        Raises
+        ------
+        ValueError
+            If no rows were stored.
+        """
         views = {name: column.view() for name, column in self._rows().items()}
         for view in views.values():
             view.flags.writeable = False
@@ -269,7 +275,22 @@ class Result:
         return [column.name for column in self.campaign.input_columns]
 
     def case(self, number: int) -> Case:
-        """Resolve case ``number`` of the run in SI. Raises ValueError if it is not in the run."""
+        """Resolve a case of the run.
+
+        Parameters
+        ----------
+        number : int
+
+        Returns
+        -------
+        Case
+            In SI.
+
+        Raises
+        ------
+        ValueError
+            If it is not in the run.
+        """
         number, numbers = check_int("case", number, 0, CASES - 1), self._finished
         if number not in numbers:
             raise InputError(f"case = {number}: must be one of those run, {numbers}")

@@ -114,11 +114,22 @@ class RareEventEstimate:
         )
 
     def to_pandas(self) -> pd.DataFrame:
-        """Cases of the last level, one a row, by case number."""
+        """Cases of the last level.
+
+        Returns
+        -------
+        DataFrame
+            A row per case, by case number.
+        """
         return index_by_case(self.rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Contents of ``rare.json``."""
+        """Contents of ``rare.json``.
+
+        Returns
+        -------
+        dict
+        """
         violate = int(np.count_nonzero(self.rows["margin"] < 0.0))
         return {
             "requirement": self.requirement,
