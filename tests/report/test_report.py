@@ -1,5 +1,6 @@
 """The report of a run: one page that holds all it shows, with verdicts, drivers and worst cases."""
 
+import itertools
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -175,6 +176,8 @@ def test_names_in_a_drawing_do_not_cover_each_other(name, tmp_path, monkeypatch)
             assert not any(box.overlaps(other) for other in boxes[:k])
             assert within.contains(box.x0, box.y0)
             assert within.contains(box.x1, box.y1)
+        ticks = [label.get_window_extent(renderer) for label in ax.get_xticklabels()]
+        assert not any(one.overlaps(two) for one, two in itertools.pairwise(ticks))
         for leader in (text for text in ax.texts if text.arrow_patch and text.xyann != text.xy):
             if leader.arrowprops["arrowstyle"] != "-":
                 continue
