@@ -261,7 +261,7 @@ _AUDIT = (
         "error",
         "1",
         "estimate of the numerical error: the largest of its outcomes, of their size or sigma; "
-        "without times and places of extremes",
+        "without times and positions of extremes",
         math.nan,
     ),
 )

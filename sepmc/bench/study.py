@@ -118,7 +118,7 @@ class Study:
 
     def error(self, block: Block, reference: np.ndarray, valid: np.ndarray) -> tuple[float, str]:
         """Return the largest error of the outcomes of a block, and the outcome; over the cases that
-        finished in it and in the reference, without times and places of extremes, which do not
+        finished in it and in the reference, without times and positions of extremes, which do not
         converge with the steps."""
         n = min(len(block.status), len(valid))
         return self.error_of(

@@ -91,7 +91,7 @@ def render_accuracy(accuracy: Mapping[str, Any], phases: Sequence[str]) -> str:
     history = f"; of histories {_error(accuracy['history'])}" if "history" in accuracy else ""
     flat = accuracy.get("worst_place")
     extremes = (
-        f"; of times and places of flat extremes, which are ill-conditioned, "
+        f"; of times and positions of flat extremes, which are ill-conditioned, "
         f"{_error(accuracy['errors'][flat])} ({flat})"
         if flat
         else ""
