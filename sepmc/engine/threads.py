@@ -26,7 +26,7 @@ _forked = _noted = False
 
 
 def _reset_after_fork() -> None:
-    """Reset after a fork: another thread may have held the lock, and Numba's threads do not
+    """Reset after a fork: another thread may have had the lock, and Numba's threads do not
     exist."""
     global _region_lock, _forked, _noted  # noqa: PLW0603
     _region_lock, _noted = threading.Lock(), False

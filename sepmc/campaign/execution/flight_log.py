@@ -159,7 +159,7 @@ def interrupted(folder: Path, request: dict[str, Any]) -> list[dict[str, Any]]:
     Raises
     ------
     StoreError
-        If the folder holds another run or estimate, or a complete one.
+        If the folder contains another run or estimate, or a complete one.
     """
     if not folders.is_run(folder):
         return []

@@ -106,7 +106,7 @@ def read_previous(
     Raises
     ------
     StoreError
-        If the folder holds another run.
+        If the folder contains another run.
     """
     manifest: dict[str, Any] = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if manifest:
@@ -131,7 +131,7 @@ def read_previous(
 
 
 def _check(campaign: Definition, folder: Path, spec: SampleSpec, manifest: dict[str, Any]) -> None:
-    """Raise StoreError if a folder holds another run."""
+    """Raise StoreError if a folder contains another run."""
     if "rare" in manifest:
         raise folders.StoreError(
             f"{folder}: contains {folders.RARE}, so no cases can be continued; {another_place()}"

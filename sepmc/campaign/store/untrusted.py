@@ -1,7 +1,7 @@
 """Checks of run folders and Parquet shards from untrusted sources, before they are read.
 
-A folder may hold regular files and folders only: a link would be followed, a pipe would block. The
-size of a file is checked before it is read. A checksum does not help: an author of a shard can
+A folder may contain regular files and folders only: a link would be followed, a pipe would block.
+The size of a file is checked before it is read. A checksum does not help: an author of a shard can
 write its checksum too.
 """
 
