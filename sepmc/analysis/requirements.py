@@ -237,17 +237,49 @@ def violation_masks(
     others : sequence of Requirement
         Requirements that one on `VIOLATION` combines.
     """
+    statuses = np.asarray(cases["status"], dtype=object)
+    return masks_of(
+        requirement,
+        others,
+        ok_rows(cases),
+        lambda name: column(cases, name) if name in cases else None,
+        lambda name: statuses == name,
+    )
+
+
+def masks_of(
+    requirement: Requirement,
+    others: Sequence[Requirement],
+    ok: np.ndarray,
+    values: Callable[[str], np.ndarray | None],
+    has_status: Callable[[str], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the masks of `violation_masks`, of any shape.
+
+    Parameters
+    ----------
+    requirement, others
+        As for `violation_masks`.
+    ok : ndarray of bool
+        Cases that finished.
+    values, has_status : callable
+        As for `count_cases`.
+    """
     if requirement.metric == VIOLATION:
-        masks = [violation_masks(item, cases) for item in others if item.metric != VIOLATION]
-        ok = ok_rows(cases)  # the outcome of a failed case counts only where it violates
+        masks = [
+            masks_of(item, (), ok, values, has_status)
+            for item in others
+            if item.metric != VIOLATION
+        ]
+        # the outcome of a failed case counts only where it violates
         masks = [(violates_one, mask & (ok | violates_one)) for violates_one, mask in masks]
         violates = np.any([violates_one & mask for violates_one, mask in masks], axis=0)
         return violates, violates | np.all([mask for _, mask in masks], axis=0)
-    statuses = np.asarray(cases["status"], dtype=object)
-    if requirement.metric in cases:
-        margin = margins(column(cases, requirement.metric), requirement)
-        return margin < 0.0, ok_rows(cases) & ~np.isnan(margin)
-    return statuses == requirement.metric, np.ones(len(statuses), dtype=bool)
+    outcome = values(requirement.metric)
+    if outcome is not None:
+        margin = margins(outcome, requirement)
+        return margin < 0.0, ok & ~np.isnan(margin)
+    return has_status(requirement.metric), np.ones(ok.shape, dtype=bool)
 
 
 @dataclass(frozen=True)

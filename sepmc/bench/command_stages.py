@@ -13,7 +13,7 @@ from sepmc.bench import subprocess_calls
 from sepmc.bench.clock import rounds, seconds, spread
 from sepmc.bench.study import Study, sample_inputs
 from sepmc.campaign.campaign import load
-from sepmc.campaign.execution import step_selection
+from sepmc.campaign.execution import step_selection, step_store
 from sepmc.campaign.store import manifests
 from sepmc.engine import dispatch
 from sepmc.scene.messages import no_log
@@ -75,10 +75,10 @@ def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]
     study.say("running with an empty cache folder ...")
     cache = {"SEPMC_CACHE_DIR": str(folder / "cache")}
     whole = seconds(lambda: subprocess_calls.run(command, cache))
-    compiling = manifests.read_manifest(folder / "cold")["sessions"][-1]["timing_s"]["compile"]
+    timing = manifests.read_manifest(folder / "cold")["sessions"][-1]["timing_s"]
     return [
         _row("sepmc campaign FILE --no-plots", "command, cold", [whole]),
-        _row("compile and pilot", "stage, cold", [compiling]),
+        *(_row(stage, "stage, cold", [timing[stage]]) for stage in ("text", "compile", "steps")),
     ]
 
 
@@ -103,7 +103,12 @@ def time_stages(file: str, cases: int, threads: int, folder: str) -> dict[str, f
     start = time.perf_counter()
     dispatch.load_kernel(step_selection.kernel_text(campaign, history=history))
     times["load kernel"] = time.perf_counter() - start
-    times["pilot"] = seconds(lambda: step_selection.select_steps(campaign, history))
+    times["select steps"] = seconds(
+        lambda: step_selection.select_steps(campaign, history, again=True)
+    )
+    step_selection.select_steps(campaign, history)  # stored
+    step_store.forget()
+    times["load steps"] = seconds(lambda: step_selection.select_steps(campaign, history))
     sample_inputs(campaign, 1)
     times["sample"] = seconds(lambda: sample_inputs(campaign, cases))
     result = campaign.run(

@@ -16,7 +16,7 @@ from sepmc.bench.study import FULL, Study
 from sepmc.bench.work_precision import PER
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.integration import by_name
-from sepmc.campaign.execution.step_selection import kernel_text, stage_names
+from sepmc.campaign.execution.step_selection import kernel_spec, kernel_text
 from sepmc.engine.dispatch import integrate_cases, load_kernel, use_threads
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
@@ -138,7 +138,8 @@ def _run_of(study: Study, variant: Variant) -> Callable[[], object]:
 def _has_same_segments(study: Study, campaign: Campaign) -> bool:
     """Return True if the kernel of a campaign has as many segments as the study's, so that the
     steps apply."""
-    return len(stage_names(campaign)) == study.integration.kernel.n_segments
+    spec = kernel_spec(campaign)
+    return len(spec.segments) == study.integration.kernel.n_segments
 
 
 def _variants(study: Study, history_step: float) -> list[Variant]:

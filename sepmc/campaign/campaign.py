@@ -1,7 +1,6 @@
 """Python interface: load a campaign, run it, simulate single cases and estimate rare events."""
 
-import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -32,6 +31,7 @@ from sepmc.campaign.execution.work_ranges import Executor
 from sepmc.campaign.label import as_text
 from sepmc.campaign.result import Result
 from sepmc.campaign.run_options import Progress, RunOptions
+from sepmc.campaign.session import Session
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.campaign.store.row_selection import ALL, KeepRules, parse_keep_rules
 from sepmc.campaign.store.sample_file import read_input_table
@@ -130,6 +130,36 @@ class Campaign(Definition):
         tree, folder, name = self.file.tree, self.file.folder, self.name
         read = parse_campaign(tree, name, settings, name, folder, read_input_table)
         return Campaign(read, self.settings | as_text(settings or {}))
+
+    def session(
+        self,
+        vary: Mapping[str, tuple[float, float]],
+        threads: int | None = None,
+        announce: Log | None = None,
+    ) -> Session:
+        """Make a session, which runs many designs with one kernel and one selection of steps.
+
+        Parameters
+        ----------
+        vary : mapping of str to (float, float)
+            Lowest and highest value of each design variable, by TOML path with its unit. ``*``
+            stands for any name: ``{"spring.*.force_N": (400.0, 1600.0)}``.
+        threads : int, optional
+            As for `run`.
+        announce : callable (text), optional
+            Called with messages, such as on the compilation of a kernel.
+
+        Returns
+        -------
+        Session
+
+        Raises
+        ------
+        InputError, SceneError
+            If the varied numbers are no numbers of the scene, or their designs cannot share a
+            kernel.
+        """
+        return Session(self, vary, threads, announce)
 
     def simulate(
         self,
@@ -290,7 +320,7 @@ class Campaign(Definition):
         if resume and cases is None and out is not None:
             cases = previous_run.own_cases(self, as_path(out))
         numbers, total = self.select_cases(cases)
-        seed = self._seed(seed)
+        seed = self.checked_seed(seed)
         threads = check_threads(threads)
         if options.max_failures is not None:
             check_int("max_failures", options.max_failures, 0)
@@ -347,19 +377,14 @@ class Campaign(Definition):
         if folder and (not stats_only or (keep and ALL in keep.rules)):
             with_histories = self.has_histories and not stats_only
             forecast(self, n_left, with_histories, keep).check_disk(folder)
-        start_s = time.perf_counter()
+        timing = dict.fromkeys(("text", "compile", "steps", "sample", "kernel", "write"), 0.0)
         flight = select_steps(
             self,
             self.scene.run.history_step > 0.0 and not stats_only,
             announce,
             options.calibration,
+            timing,
         )
-        timing = {
-            "compile": time.perf_counter() - start_s,
-            "sample": 0.0,
-            "kernel": 0.0,
-            "write": 0.0,
-        }
         if announce and previous.n_stored:
             announce(f"{folder}: {previous.n_stored} cases are stored, {n_left} are left to run")
         runner = Runner(self, flight, spec, timing, previous, folder, options)

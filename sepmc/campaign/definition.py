@@ -236,11 +236,21 @@ class Definition:
         for i, dispersion in enumerate(self.file.dispersions):
             if dispersion.has_tails:
                 inputs_si[~dispersion.allowed(inputs[:, i]), i] = np.nan
-        inputs_si[self._ends_before_start(inputs_si)] = np.nan
+        inputs_si[self.ends_before_start(inputs_si)] = np.nan
         return inputs_si
 
-    def _ends_before_start(self, inputs_si: np.ndarray) -> np.ndarray:
-        """Mask (n,) of rows of inputs in SI with a load that ends before it starts."""
+    def ends_before_start(self, inputs_si: np.ndarray) -> np.ndarray:
+        """Find cases with a load that ends before it starts.
+
+        Parameters
+        ----------
+        inputs_si : ndarray, shape (n, d)
+            Dispersed inputs, SI.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
         index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         is_early = np.zeros(len(inputs_si), dtype=bool)
         for load in self.scene.load:
@@ -298,7 +308,7 @@ class Definition:
         end = sampling.cases if self.scene.run.sampler in SIZE_DEPENDENT else CASES
         count = check_int("count", count, 0, max(end - first, 0))
         dispersions, inputs = self.file.dispersions, self.file.input_table
-        table = cases.sample(dispersions, self._seed(seed), first, count, sampling)
+        table = cases.sample(dispersions, self.checked_seed(seed), first, count, sampling)
         if inputs is not None:
             try:
                 rows = inputs.rows(first, count)
@@ -441,7 +451,23 @@ class Definition:
         }
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
-    def _seed(self, seed: int | None) -> int:
+    def checked_seed(self, seed: int | None) -> int:
+        """Check a seed.
+
+        Parameters
+        ----------
+        seed : int or None
+            None: the seed of the file.
+
+        Returns
+        -------
+        int
+
+        Raises
+        ------
+        InputError
+            If it is out of range.
+        """
         return self.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
 
     def implausible_inertias(self, inputs: np.ndarray) -> int:

@@ -69,7 +69,7 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
         click.echo("  " + line)
     click.echo("  kernel       generated for the scene (print it with --code)")
     body_names = spec.names.back
-    for segment, name in zip(spec.segments, stage_names(campaign), strict=True):
+    for segment, name in zip(spec.segments, stage_names(spec), strict=True):
         groups = [
             " and ".join(body_names.get(body, body) for body in group)
             for group in segment.groups

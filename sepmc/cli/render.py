@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sepmc.scene.messages import Log
 
 _INPUTS = 6  # inputs of violating cases on the screen
-_STAGES = {"compile": "compile and calibration cases"}
+_STAGES = {"text": "kernel text", "steps": "step selection"}
 
 
 def screen_width() -> int:

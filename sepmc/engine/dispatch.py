@@ -414,6 +414,11 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
         _interpreting.reset(before)
 
 
+def is_interpreting() -> bool:
+    """Return True if kernels that are loaded now run as plain Python."""
+    return _interpreting.get() or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
+
+
 def progress_reporter(log: Log | None, every_s: float) -> Callable[[Callable[[float], str]], None]:
     """Create a function that logs progress at most once per interval.
 
@@ -455,7 +460,7 @@ def load_kernel(text: str, log: Log | None = None) -> Kernel:
     -------
     Kernel
     """
-    if _interpreting.get() or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
+    if is_interpreting():
         from sepmc.engine import interpreted as plain  # noqa: PLC0415
 
         with loading:

@@ -1,8 +1,21 @@
 """Texts of written kernels, stored in the cache folder: writing one takes as long as integrating
-ten thousand cases."""
+ten thousand cases.
+
+A text depends on the structure of a scene and not on its values: a value is read from the parameter
+vector of a case. What a writer may ask of a value is how it compares with another one or with 0, 1
+or infinity (a motor without build-up, a spring without end). Scenes whose values compare alike
+have one text.
+"""
 
 import hashlib
-import pickle
+import math
+from collections.abc import Iterator
+from dataclasses import fields
+from functools import cache
+from typing import Any
+
+import msgspec
+import numpy as np
 
 from sepmc.engine.host_process import loading
 from sepmc.kernel.spec.kernel_spec import KernelSpec
@@ -10,10 +23,14 @@ from sepmc.routines.layout import NO_HISTORY
 
 # sources of the texts, in addition to the compiled ones: a change asks for new texts
 _WRITERS = ("kernel/**/*.py", "schema.py")
+_COMPARED = (-1.0, 0.0, 1.0, math.inf)  # constants that values are compared with
+_MAX_TEXTS = 64  # in memory
+_texts: dict[str, str] = {}  # by digest
 
 
 def written(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
-    """Text of a kernel (`sepmc.kernel.emit.module.emit`), loaded from the cache folder or written.
+    """Text of a kernel (`sepmc.kernel.emit.module.emit`), from memory, from the cache folder, or
+    written.
 
     Parameters
     ----------
@@ -29,13 +46,22 @@ def written(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> st
     str
         Python source.
     """
+    key = structure_of(spec) + f"{method_name} {history}".encode()
+    digest = hashlib.sha256(key + _writers_digest()).hexdigest()[:32]
+    if digest not in _texts:
+        text = _stored_or_emitted(digest, spec, method_name, history)
+        if len(_texts) >= _MAX_TEXTS:
+            _texts.clear()
+        _texts[digest] = text
+    return _texts[digest]
+
+
+def _stored_or_emitted(digest: str, spec: KernelSpec, method_name: str, history: int) -> str:
+    """Text from the cache folder; emitted and stored if it is missing there."""
     # imported here: numba
     from sepmc.engine.cache_files import put_sealed, read_sealed  # noqa: PLC0415
-    from sepmc.jit import CACHE_FOLDER, digest_of  # noqa: PLC0415
+    from sepmc.jit import CACHE_FOLDER  # noqa: PLC0415
 
-    structure = spec.layout, spec.names, sorted(spec.dispersed), spec.variant
-    key = pickle.dumps((*structure, method_name, history))
-    digest = hashlib.sha256(key + digest_of(_WRITERS)).hexdigest()[:32]
     path = CACHE_FOLDER / f"text_{digest}.sealed"
     stored = read_sealed(path)
     if stored is not None:
@@ -46,3 +72,59 @@ def written(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> st
         text = emit(spec, method_name, history)
     put_sealed(path, text.encode())
     return text
+
+
+@cache
+def _writers_digest() -> bytes:
+    from sepmc.jit import digest_of  # noqa: PLC0415  (numba)
+
+    return digest_of(_WRITERS)
+
+
+def structure_of(spec: KernelSpec) -> bytes:
+    """Structure of a kernel: all that its text depends on.
+
+    Each value of the scene is replaced by its rank among all values and the constants 0, 1, -1 and
+    infinity. Of the tables, whole numbers are kept (they may be counts).
+
+    Parameters
+    ----------
+    spec : KernelSpec
+
+    Returns
+    -------
+    bytes
+    """
+    tree, layout = msgspec.to_builtins(spec.scene), spec.layout
+    values = sorted({*_values(tree), *_COMPARED})
+    ranks = {value: rank for rank, value in enumerate(values)}
+    numbers = layout.model.numbers
+    counts = np.where(numbers == np.rint(numbers), numbers, np.nan)
+    derived = {f.name: getattr(spec, f.name) for f in fields(spec)}
+    derived |= {"dispersed": sorted(spec.dispersed), "layout": None, "names": None}
+    parts = (
+        _ranked(tree, ranks),
+        [ranks[value] for value in _COMPARED],
+        derived,
+        (layout.slots, layout.bodies, layout.joints, layout.phases, layout.outlines),
+        (layout.contents, layout.model.scene.tolist(), layout.model.table.tolist()),
+    )
+    return repr(parts).encode() + counts.tobytes()
+
+
+def _values(node: Any) -> Iterator[float]:
+    """Values in nested dicts and lists."""
+    if isinstance(node, float) and not math.isnan(node):
+        yield node
+    elif isinstance(node, dict | list | tuple):
+        for item in node.values() if isinstance(node, dict) else node:
+            yield from _values(item)
+
+
+def _ranked(node: Any, ranks: dict[float, int]) -> Any:
+    """Nested dicts and lists with the rank of each value in its place."""
+    if isinstance(node, float):
+        return ranks.get(node, -1)  # -1: NaN
+    if isinstance(node, dict):
+        return {key: _ranked(item, ranks) for key, item in node.items()}
+    return [_ranked(item, ranks) for item in node] if isinstance(node, list | tuple) else node

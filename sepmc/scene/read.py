@@ -42,7 +42,7 @@ from sepmc.scene.model import (
     Scene,
 )
 from sepmc.scene.parameters import UnknownPath, find, replace, value
-from sepmc.scene.setting_checks import NAMES, check_settings, parts
+from sepmc.scene.setting_checks import NAMES, check_settings, expand, parts
 from sepmc.scene.shape_checks import check_shapes
 from sepmc.scene.tables import read_array, read_table
 from sepmc.scene.units import UNITS, split_unit, unit_kind
@@ -248,6 +248,7 @@ def _parse(
     check_tree(tree, problems)
     problems.raise_if_any(source)
     tree = copy.deepcopy(tree)
+    settings = expand(settings, tree, problems)
     check_settings(settings, problems)
     problems.raise_if_any(source)
     for key, setting_value in settings.items():

@@ -1,6 +1,7 @@
 """Checks of settings: paths, and settings of which one would undo another one."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
 from typing import Any
 
 from sepmc.scene.fields import fields_of
@@ -27,6 +28,47 @@ def parts(key: str) -> list[str]:
         return key.split(".")
     parameter, _, last = rest.rpartition(".")
     return [table, parameter, last] if parameter and last in _DISTRIBUTION_KEYS else [table, rest]
+
+
+def expand(settings: dict[str, Any], tree: dict[str, Any], problems: Problems) -> dict[str, Any]:
+    """Settings with each ``*`` of a path replaced by the names of tables it stands for:
+    ``spring.*.force_N``. Notes paths that match nothing."""
+    expanded: dict[str, Any] = {}
+    for key, value in settings.items():
+        if not isinstance(key, str) or "*" not in key:
+            expanded[key] = value
+            continue
+        names = matching_keys(tree, key)
+        if not names:
+            problems.add(key, "no table has such a name", value)
+        for name in names:
+            if name in expanded:
+                problems.add(key, f"sets {name!r}, which is set before it", value)
+            expanded[name] = value
+    return expanded
+
+
+def matching_keys(tree: dict[str, Any], key: str) -> list[str]:
+    """Paths that a path with wildcards stands for; their last keys need not be in the tree."""
+    return [".".join(match) for match in _matches(tree, parts(key))]
+
+
+def _matches(node: Any, keys: Sequence[str]) -> Iterator[list[str]]:
+    """Paths in a tree that a path with wildcards stands for; its last key is none."""
+    head, rest = keys[0], keys[1:]
+    if not rest:
+        yield [head]
+        return
+    named = node if isinstance(node, dict) else {}
+    if isinstance(node, list):
+        named = {
+            str(item.get("name", number)): item
+            for number, item in enumerate(node)
+            if isinstance(item, dict)
+        }
+    for name in [one for one in named if fnmatchcase(one, head)] if "*" in head else [head]:
+        for match in _matches(named.get(name), rest):
+            yield [name, *match]
 
 
 def split_units(keys: Sequence[str]) -> tuple[tuple[str, ...], str]:

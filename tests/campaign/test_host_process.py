@@ -291,7 +291,7 @@ def test_files_of_the_cache_that_threads_write_at_once(tmp_path):
 def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
     """Formulas that another thread imports are exchanged meanwhile."""
     from sepmc.campaign.execution.step_selection import kernel_text
-    from sepmc.engine import host_process
+    from sepmc.engine import host_process, kernel_texts
     from sepmc.kernel.emit import module
 
     held = []
@@ -302,6 +302,7 @@ def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
         lambda *given: held.append(host_process.loading._is_owned()) or write(*given),
     )
     monkeypatch.setattr(cache_files, "read_sealed", lambda path: None)  # as if none was kept
+    monkeypatch.setattr(kernel_texts, "_texts", {})
     kernel_text(campaign)
     assert held == [True]
 

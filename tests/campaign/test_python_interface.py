@@ -57,7 +57,7 @@ def test_result(campaign, result):
         frame.columns.tolist() == [column.name for column in campaign.columns] == list(result.units)
     )
     assert np.isfinite(frame.drop(columns="status").to_numpy()).all()
-    assert list(result.timing) == ["compile", "sample", "kernel", "write"]
+    assert list(result.timing) == ["text", "compile", "steps", "sample", "kernel", "write"]
     assert all(seconds >= 0.0 for seconds in result.timing.values())
     assert (result.seed, result.folder, result.notes) == (7, None, [])
     drawn = cases.sample(campaign.file.dispersions, 7, 0, 40)

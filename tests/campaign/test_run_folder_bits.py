@@ -139,7 +139,7 @@ def test_statistics_only(campaign, result, tmp_path):
     pd.testing.assert_frame_equal(table[FIGURES], expected[FIGURES], rtol=1e-9)
     assert (table["n"] == expected["n"]).all()
     assert found.status_counts == result.status_counts
-    assert list(found.timing) == ["compile", "sample", "kernel", "write"]
+    assert list(found.timing) == ["text", "compile", "steps", "sample", "kernel", "write"]
     for rows_of in (found.to_pandas, found.histories, lambda: found.table):
         with pytest.raises(ValueError, match="statistics only"):
             rows_of()

@@ -91,7 +91,7 @@ def test_run_folder(campaign):
     )
     assert (loaded.scene.run.cases, loaded.scene.run.seed) == (CASES, 2019)
     (session,) = told["sessions"]
-    assert set(session["timing_s"]) == {"compile", "sample", "kernel", "write"}
+    assert set(session["timing_s"]) == {"text", "compile", "steps", "sample", "kernel", "write"}
     assert {"python", "numpy", "numba", "pandas", "pyarrow"} <= set(session["versions"])
     assert (told["n_stored"], session["cases_flown"]) == (CASES, CASES)
     table = pd.read_csv(campaign / "statistics.csv", index_col="outcome")

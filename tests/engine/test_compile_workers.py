@@ -155,6 +155,7 @@ def test_text_is_written_once(monkeypatch):
     """A text is written again for another scene, method or history."""
     import sepmc
     from sepmc.campaign.execution.step_selection import kernel_text
+    from sepmc.engine import kernel_texts
     from sepmc.kernel.emit import module
 
     quiet = {"run.history_step_s": 0.0}
@@ -175,6 +176,7 @@ def test_text_is_written_once(monkeypatch):
     for path in kernel_cache.CACHE_FOLDER.glob("text_*.sealed"):
         if first.encode() in path.read_bytes():
             path.write_bytes(path.read_bytes()[:-2])
+    kernel_texts._texts.clear()
     assert kernel_text(campaign) == first
     assert len(calls) == 1
     other = sepmc.load("table2", {**quiet, "phase": [{"name": "free"}]})

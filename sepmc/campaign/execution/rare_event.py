@@ -203,13 +203,13 @@ def estimate_rare_event(
         check_int("cases", max_cases, _MIN_FLIGHTS, _MAX_FLIGHTS),
     )
     seed = campaign.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
-    started, start_s = datetime.now(UTC), time.perf_counter()
+    started, times = datetime.now(UTC), dict.fromkeys(("text", "compile", "steps", "kernel"), 0.0)
     request = _request(campaign, limit, max_cases, seed)
     previous_sessions = _begin(campaign, folder, request, resume) if folder else []
     if announce:
         announce(f"{campaign.name}: {limit.sentence}; at most {max_cases} cases, seed {seed}")
-    integration = select_steps(campaign, announce=announce)
-    compiled_s = time.perf_counter()
+    integration = select_steps(campaign, announce=announce, timing=times)
+    start_s = time.perf_counter()
     report = (
         (lambda done, failed: progress(done, max_cases, failed)) if progress else (lambda *_: None)
     )
@@ -248,7 +248,7 @@ def estimate_rare_event(
         folder,
     )
     if folder:
-        times = {"compile": compiled_s - start_s, "kernel": time.perf_counter() - compiled_s}
+        times["kernel"] = time.perf_counter() - start_s
         session = {
             "cases_flown": result.flights - resumed,
             "started": started.isoformat(timespec="seconds"),

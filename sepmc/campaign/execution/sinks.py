@@ -68,7 +68,7 @@ class MemorySink:
     def take(self, chunks: list[Chunk]) -> None:
         """Append the rows of chunks, and their histories if there are any."""
         self.chunk_tables.append(
-            _table(self.campaign, chunks)
+            case_table(self.campaign, chunks)
             | {"status": np.array(_LABELS, dtype=object)[_codes(chunks)]}
         )
         if self.separation:
@@ -119,7 +119,7 @@ class ParquetSink:
                     self.folder, folders.HISTORIES, first, count, columns, histories, about
                 )
             )
-        table: dict[str, Any] = _table(campaign, chunks) | {
+        table: dict[str, Any] = case_table(campaign, chunks) | {
             "status": pd.Categorical.from_codes(_codes(chunks), pd.Index(_LABELS))
         }
         written.append(
@@ -160,7 +160,7 @@ class SelectedRowWriter:
     def write(self, chunks: list[Chunk]) -> list[Entry]:
         """Write the shard of chunks."""
         status = {"status": np.array(_LABELS, dtype=object)[_codes(chunks)]}
-        table = _table(self.campaign, chunks) | status
+        table = case_table(self.campaign, chunks) | status
         positions, reasons = self.selection.choose(table)
         if not len(positions):
             return []
@@ -256,7 +256,7 @@ def _results(campaign: Definition, chunks: list[Chunk]) -> np.ndarray:
     return results
 
 
-def _table(campaign: Definition, chunks: list[Chunk]) -> dict[str, Any]:
+def case_table(campaign: Definition, chunks: list[Chunk]) -> dict[str, Any]:
     """Case table of chunks by column; the status is None."""
     first, results = chunks[0].first, _results(campaign, chunks)
     table: dict[str, Any] = {"case": np.arange(first, first + results.shape[1]), "status": None}

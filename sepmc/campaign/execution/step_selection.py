@@ -4,6 +4,7 @@ Calibration cases are corners of the dispersions and a sample. They depend on th
 distributions, not on the seed or the number of cases; so do the steps.
 """
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
@@ -11,6 +12,7 @@ from functools import cache, partial
 import numpy as np
 
 from sepmc.campaign.definition import Definition
+from sepmc.campaign.execution import step_store
 from sepmc.campaign.execution.accuracy import (
     SAFETY,
     SMALL,
@@ -55,10 +57,18 @@ from sepmc.campaign.execution.step_search import (
     find_durations,
     most_are_valid,
 )
-from sepmc.engine.dispatch import Block, integrate_cases, load_kernel, progress_reporter
+from sepmc.engine.dispatch import (
+    Block,
+    compile_wait_s,
+    integrate_cases,
+    is_interpreting,
+    load_kernel,
+    progress_reporter,
+)
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec import structure
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.methods import method
 from sepmc.kernel.spec.variant import Variant
 from sepmc.scene.messages import Log
@@ -71,6 +81,11 @@ _LONG_S = 60.0  # after this time the way to skip calibration is announced
 _MAX_ROUNDS = 4  # step searches, each with the worst cases of the sample added
 _N_WORST = 24
 _MAX_ESTIMATE = 0.6  # of the accuracy: larger estimates were up to 1.6 times too small
+
+
+def kernel_spec(campaign: Definition, variant: int = Variant.STANDARD) -> KernelSpec:
+    """Specification of the kernel of a campaign."""
+    return structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
 
 
 def kernel_text(
@@ -95,35 +110,27 @@ def kernel_text(
     -------
     str
     """
-    return written(
-        structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant),
-        solver or campaign.scene.solver.method,
-        history,
-    )
+    return written(kernel_spec(campaign, variant), solver or campaign.scene.solver.method, history)
 
 
-def stage_names(campaign: Definition, variant: int = Variant.STANDARD) -> list[str]:
+def stage_names(spec: KernelSpec) -> list[str]:
     """Names of the kernel segments, in the words of the campaign file."""
-    shape = structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
     return [
-        shape.names.back[segment.phase] + (" (late joints)" if segment.late else "")
-        for segment in shape.segments
+        spec.names.back[segment.phase] + (" (late joints)" if segment.late else "")
+        for segment in spec.segments
     ]
 
 
-def fallbacks(
-    campaign: Definition, history: bool = False, variant: int = Variant.STANDARD
-) -> tuple[FallbackKernel, ...]:
-    """Fallback kernels for cases that the kernel of a variant rejects."""
-    shape = structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
-    phases = [phase.name for phase in shape.scene.phase]
-    numbers = np.array([phases.index(segment.phase) for segment in shape.segments])
+def fallbacks(campaign: Definition, spec: KernelSpec, history: bool) -> tuple[FallbackKernel, ...]:
+    """Fallback kernels for cases that the kernel of a specification rejects."""
+    phases = [phase.name for phase in spec.scene.phase]
+    numbers = np.array([phases.index(segment.phase) for segment in spec.segments])
 
     @cache
     def make(variant: int, announce: Log | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
 
-    return tuple(FallbackKernel(v, partial(make, v), numbers) for v in shape.fallbacks)
+    return tuple(FallbackKernel(v, partial(make, v), numbers) for v in spec.fallbacks)
 
 
 def select_steps(
@@ -131,8 +138,13 @@ def select_steps(
     history: bool = False,
     announce: Log | None = None,
     size: CalibrationSize | None = None,
+    timing: dict[str, float] | None = None,
+    again: bool = False,
 ) -> Integration:
     """Select kernel and steps for the accuracy that a campaign asks for.
+
+    Compiled campaigns keep their steps, in memory and in the cache folder
+    (`sepmc.campaign.execution.step_store`).
 
     Parameters
     ----------
@@ -142,44 +154,100 @@ def select_steps(
     announce : Log, optional
     size : CalibrationSize, optional
         Number of calibration cases; (`CORNERS`, `SAMPLE`) if None.
+    timing : dict of str to float, optional
+        Seconds are added to the keys text, compile and steps.
+    again : bool
+        Select them although they are kept, and keep none.
 
     Returns
     -------
     Integration
     """
-    variant: int = Variant.STANDARD
+    timing = {"text": 0.0, "compile": 0.0, "steps": 0.0} if timing is None else timing
     size = size or CalibrationSize(CORNERS, SAMPLE)
-    while True:
-        kernel = load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
-        _announce_calibration(announce)
-        remaining_kernels, stages = (
-            fallbacks(campaign, history, variant),
-            stage_names(campaign, variant),
-        )
-        history_size = history_rows(campaign.scene) if history and campaign.scene.joint else 0
-        selected = _common_steps(
-            campaign, kernel, stages, _progress_counter(announce), size, history_size
-        )
-        if selected is not None:
-            selected = replace(selected, fallbacks=remaining_kernels, variant=variant)
-            return replace(selected, notes=scene_notes(campaign, selected))
-        next_variant = _capable_variant(campaign, kernel, remaining_kernels, size)
-        if next_variant is None:
-            selected = replace(
-                _refined_case_by_case(campaign, kernel, stages, remaining_kernels, size),
-                variant=variant,
-            )
-            return _with_notes(campaign, selected, history_size, size)
-        variant = next_variant
+    if again or is_interpreting():
+        return _select(campaign, history, announce, size, timing)
+    key = step_store.key_of(campaign, history, size)
+    integration = step_store.in_memory(key)
+    if integration is None:
+        packed = step_store.stored(key)
+        if packed is None:
+            integration = _select(campaign, history, announce, size, timing)
+            step_store.store(key, integration)
+        else:
+            integration = unpacked(campaign, packed, history, announce, timing)
+            step_store.remember(key, integration)
+    # notes are of the file, whose titles and names do not matter to steps
+    return replace(integration, notes=scene_notes(campaign, integration))
 
 
 def unpacked(
-    campaign: Definition, flight: Integration, history: bool, announce: Log | None = None
+    campaign: Definition,
+    integration: Integration,
+    history: bool,
+    announce: Log | None = None,
+    timing: dict[str, float] | None = None,
 ) -> Integration:
     """Integration from another process (`Integration.packed`), with kernels of this one."""
-    text = kernel_text(campaign, history=history, variant=flight.variant)
-    remaining_kernels = fallbacks(campaign, history, flight.variant)
-    return replace(flight, kernel=load_kernel(text, announce), fallbacks=remaining_kernels)
+    spec = kernel_spec(campaign, integration.variant)
+    kernel = _load(campaign, spec, history, announce, timing)
+    return replace(integration, kernel=kernel, fallbacks=fallbacks(campaign, spec, history))
+
+
+def _load(
+    campaign: Definition,
+    spec: KernelSpec,
+    history: bool,
+    announce: Log | None,
+    timing: dict[str, float] | None,
+) -> Kernel:
+    """Write and load the kernel of a specification."""
+    start, waited = time.perf_counter(), compile_wait_s()
+    kernel = load_kernel(written(spec, campaign.scene.solver.method, history), announce)
+    waited = compile_wait_s() - waited
+    if timing is not None:
+        timing["compile"] += waited
+        timing["text"] += time.perf_counter() - start - waited
+    return kernel
+
+
+def _select(
+    campaign: Definition,
+    history: bool,
+    announce: Log | None,
+    size: CalibrationSize,
+    timing: dict[str, float],
+) -> Integration:
+    """Select steps by calibration cases."""
+    variant: int = Variant.STANDARD
+    history_size = history_rows(campaign.scene) if history and campaign.scene.joint else 0
+    while True:
+        spec = kernel_spec(campaign, variant)
+        kernel = _load(campaign, spec, history, announce, timing)
+        _announce_calibration(announce)
+        start = time.perf_counter()
+        remaining_kernels, stages = fallbacks(campaign, spec, history), stage_names(spec)
+        selected = _common_steps(
+            campaign, kernel, stages, _progress_counter(announce), size, history_size
+        )
+        next_variant = None
+        if selected is not None:
+            selected = replace(selected, fallbacks=remaining_kernels)
+        else:
+            next_variant = _capable_variant(campaign, kernel, remaining_kernels, size)
+            if next_variant is None:
+                selected = _with_history_error(
+                    campaign,
+                    _refined_case_by_case(campaign, kernel, stages, remaining_kernels, size),
+                    history_size,
+                    size,
+                )
+        timing["steps"] += time.perf_counter() - start
+        if selected is not None:
+            selected = replace(selected, variant=variant)
+            return replace(selected, notes=scene_notes(campaign, selected))
+        assert next_variant is not None
+        variant = next_variant
 
 
 def _capable_variant(
@@ -262,24 +330,23 @@ def _refined_case_by_case(
     )
 
 
-def _with_notes(
+def _with_history_error(
     campaign: Definition, selected: Integration, history_size: int, size: CalibrationSize
 ) -> Integration:
-    """Integration with notes, and with the error of stored histories of ``history_size`` rows."""
-    if history_size and selected.achieved is not None:
-        draws = np.empty((1, 0))
-        if campaign.file.dispersions:
-            draws = np.vstack(
-                [corner_cases(campaign, size.corners), calibration_sample(campaign, size.sample)]
-            )
-        assert selected.scale is not None
-        at_steps, at_half = (
-            integrate_once(campaign, way, draws, history_size)
-            for way in (selected, selected.refined())
+    """Integration with the error of stored histories of ``history_size`` rows."""
+    if not history_size or selected.achieved is None:
+        return selected
+    draws = np.empty((1, 0))
+    if campaign.file.dispersions:
+        draws = np.vstack(
+            [corner_cases(campaign, size.corners), calibration_sample(campaign, size.sample)]
         )
-        error = _history_error(campaign, at_steps, at_half, selected.scale)
-        selected = replace(selected, achieved=replace(selected.achieved, history=SAFETY * error))
-    return replace(selected, notes=scene_notes(campaign, selected))
+    assert selected.scale is not None
+    at_steps, at_half = (
+        integrate_once(campaign, way, draws, history_size) for way in (selected, selected.refined())
+    )
+    error = _history_error(campaign, at_steps, at_half, selected.scale)
+    return replace(selected, achieved=replace(selected.achieved, history=SAFETY * error))
 
 
 def _history_error(

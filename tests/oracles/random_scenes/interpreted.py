@@ -57,6 +57,7 @@ def _select_steps(
     history: bool = False,
     announce: Callable[[str], None] | None = None,
     size: CalibrationSize | None = None,
+    timing: dict[str, float] | None = None,
     n_cases: int = _CASES,
 ) -> Integration:
     """Kernel, methods and steps for a campaign: doubles the steps until the first cases
@@ -111,6 +112,8 @@ def _select_steps(
                 scale=scale,
                 error=float(errors.max()),
                 achieved=reported,
-                fallbacks=step_selection.fallbacks(campaign, history),
+                fallbacks=step_selection.fallbacks(
+                    campaign, step_selection.kernel_spec(campaign), history
+                ),
             )
         previous, steps = present, 2 * steps

@@ -1,0 +1,100 @@
+"""Selected steps, kept in memory and in the cache folder.
+
+Steps follow from the scene, its dispersions, the kernel and the code, not from the seed or the
+number of cases: they are selected once.
+"""
+
+import contextlib
+import hashlib
+import itertools
+import pickle
+from collections import OrderedDict
+from functools import cache
+from pathlib import Path
+
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.execution.calibration_cases import CalibrationSize
+from sepmc.campaign.execution.integration import Integration
+
+# sources that steps follow from, in addition to the compiled ones
+_SOURCES = ("analysis/**/*.py", "campaign/**/*.py", "engine/*.py", "kernel/**/*.py", "scene/*.py")
+_MAX_IN_MEMORY = 32
+_MAX_FILES, _PRUNE_EVERY = 1000, 100  # some 15 kB each
+_count = itertools.count(1)  # files that this process stored
+_in_memory: OrderedDict[str, Integration] = OrderedDict()
+
+
+def key_of(campaign: Definition, history: bool, size: CalibrationSize) -> str:
+    """Digest of all that the steps of a campaign follow from.
+
+    Parameters
+    ----------
+    campaign : Definition
+    history : bool
+        Histories are stored.
+    size : CalibrationSize
+
+    Returns
+    -------
+    str
+    """
+    parts = (campaign.digest, history, tuple(size))
+    return hashlib.sha256(repr(parts).encode() + _sources_digest()).hexdigest()[:32]
+
+
+@cache
+def _sources_digest() -> bytes:
+    from sepmc.jit import digest_of  # noqa: PLC0415  (numba)
+
+    return digest_of(_SOURCES)
+
+
+def in_memory(key: str) -> Integration | None:
+    """Integration selected earlier in this process, with its kernels."""
+    integration = _in_memory.get(key)
+    if integration is not None:
+        _in_memory.move_to_end(key)
+    return integration
+
+
+def stored(key: str) -> Integration | None:
+    """Integration from the cache folder, without kernels (`Integration.packed`); None if it is
+    missing or damaged."""
+    from sepmc.engine.cache_files import read_sealed  # noqa: PLC0415  (numba)
+    from sepmc.jit import CACHE_FOLDER  # noqa: PLC0415
+
+    content = read_sealed(CACHE_FOLDER / f"steps_{key}.sealed")
+    # the folder holds machine code of this user alone; a file has a checksum
+    integration: Integration | None = None if content is None else pickle.loads(content)
+    return integration
+
+
+def remember(key: str, integration: Integration) -> None:
+    """Keep an integration in memory."""
+    _in_memory[key] = integration
+    while len(_in_memory) > _MAX_IN_MEMORY:
+        _in_memory.popitem(last=False)
+
+
+def forget() -> None:
+    """Forget the integrations in memory."""
+    _in_memory.clear()
+
+
+def store(key: str, integration: Integration) -> None:
+    """Keep an integration in memory and in the cache folder."""
+    from sepmc.engine.cache_files import put_sealed  # noqa: PLC0415  (numba)
+    from sepmc.jit import CACHE_FOLDER  # noqa: PLC0415
+
+    remember(key, integration)
+    put_sealed(CACHE_FOLDER / f"steps_{key}.sealed", pickle.dumps(integration.packed))
+    if next(_count) % _PRUNE_EVERY == 0:
+        _prune(CACHE_FOLDER)
+
+
+def _prune(folder: Path) -> None:
+    """Remove all but the newest files of steps."""
+    with contextlib.suppress(OSError):  # another process may remove them, too
+        files = sorted(folder.glob("steps_*.sealed"), key=lambda path: path.stat().st_mtime)
+        for path in files[:-_MAX_FILES]:
+            path.unlink(missing_ok=True)

@@ -1,0 +1,477 @@
+"""Many designs of one campaign: steps are selected once for a box of designs, and the kernel stays
+loaded.
+
+A design gives values to some parameters; all else, the dispersions too, is that of the campaign.
+Designs are compared on common random numbers: case k of every design has the same probabilities.
+"""
+
+import copy
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis import requirements
+from sepmc.analysis.row_statistics import TableStatistics
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.design_box import LEVEL, DesignBox
+from sepmc.campaign.execution import batch_summary
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors, with_scales
+from sepmc.campaign.execution.chunk import Chunk
+from sepmc.campaign.execution.integration import Integration, integrate
+from sepmc.campaign.execution.sinks import case_table
+from sepmc.campaign.execution.step_selection import select_steps, unpacked
+from sepmc.engine.dispatch import Block, check_int, check_threads, compile_wait_s, using_threads
+from sepmc.scene.limits import CASES
+from sepmc.scene.messages import InputError, Log, nearest, shorten
+from sepmc.schema import Status
+
+_ROWS = 16384  # cases of several designs that one call of the kernel integrates
+_MAX_SAMPLES = 4  # kept in memory
+_LABELS = np.array([status.label for status in Status], dtype=object)
+
+Values = Mapping[str, float] | Sequence[float] | np.ndarray
+
+
+@dataclass
+class _Sample:
+    """Inputs of the first cases of a seed.
+
+    ``base`` (d, n) are SI, by column; ``ends`` by varied and dispersed column: inputs with all
+    variables at their low ends and at their high ends, each (n,), in the unit of the key.
+    """
+
+    base: np.ndarray
+    ends: dict[int, tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass
+class DesignResult:
+    """Cases of one design.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        Design, by key of ``vary``.
+    inputs : ndarray, shape (n, d)
+        SI, in the order of ``box.input_columns``.
+    block : Block
+        Results of the kernel, SI.
+    timing : dict of str to float
+        Seconds: sample, compile (of a fallback kernel), kernel.
+    box : DesignBox
+        Campaign in which the varied parameters are dispersed: columns and requirements.
+    integration : Integration
+        Kernel and steps.
+    """
+
+    values: dict[str, float]
+    inputs: np.ndarray
+    block: Block
+    timing: dict[str, float]
+    box: DesignBox = field(repr=False)
+    integration: Integration = field(repr=False)
+
+    @cached_property
+    def table(self) -> dict[str, np.ndarray]:
+        """Case table by column: case, status, inputs (the varied parameters too), outcomes and
+        audit columns."""
+        chunk = Chunk(0, self.inputs / self.box.factors, self.block, batch_summary.BatchSummary())
+        return case_table(self.box, [chunk]) | {"status": _LABELS[self.block.status]}
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Case table, one row per case; see `Result.to_pandas`.
+
+        Returns
+        -------
+        DataFrame
+        """
+        return pd.DataFrame(self.table)
+
+    def column(self, name: str) -> np.ndarray:
+        """Outcome or audit column.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In its unit (`sepmc.schema.Column`).
+
+        Raises
+        ------
+        InputError
+            If there is no such column.
+        """
+        results = self.box.result_columns
+        k = _position(self.box, name)
+        return np.asarray(self.block.outcomes[:, k] * results[k].scale)
+
+    @property
+    def ok(self) -> np.ndarray:
+        """Mask (n,) of the cases with status ok."""
+        return np.asarray(self.block.status == Status.OK)
+
+    def violations(self) -> pd.DataFrame:
+        """Violating and unknown cases of each requirement (`sepmc.analysis.requirements`).
+
+        Returns
+        -------
+        DataFrame
+            By name of the requirement: ``violations`` and ``unknown``.
+        """
+        counts = _count_violations(self.box, self.block, len(self.block.status))
+        rows = {name: (int(k[0]), int(m[0])) for name, (k, m) in counts.items()}
+        columns = ["violations", "unknown"]
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns, dtype="int64")
+
+    @cached_property
+    def accuracy(self) -> AchievedAccuracy:
+        """Numerical error."""
+        summary = batch_summary.count(self.box, self.inputs / self.box.factors, self.block)
+        return batch_summary.accuracy(self.integration, summary)
+
+    def statistics(self) -> pd.DataFrame:
+        """Statistics of every outcome; see `Result.statistics`.
+
+        Returns
+        -------
+        DataFrame
+        """
+        table = TableStatistics(self.table, *self.box.summary_inputs).statistics(None)
+        return with_errors(self.box, self.accuracy.errors, table)
+
+    def requirements(self) -> pd.DataFrame:
+        """Verdicts on the requirements; see `Result.requirements`.
+
+        Returns
+        -------
+        DataFrame
+        """
+        summary = TableStatistics(self.table, *self.box.summary_inputs)
+        errors = with_scales(self.box, self.accuracy.errors, summary.statistics(None))
+        sampler = self.box.scene.run.sampler
+        return requirements.verdict_table(summary.verdicts(errors, summary.audit(), sampler))
+
+
+@dataclass
+class DesignTable:
+    """Cases of many designs.
+
+    Attributes
+    ----------
+    summary : DataFrame
+        A row per design: the values; ``ok``, the number of ok cases; of each requirement
+        ``NAME_violations`` and ``NAME_unknown``; ``error``, the largest numerical error of a case.
+    columns : dict of str to ndarray, shape (designs, cases)
+        Requested outcomes, in their units, and ``status`` (`sepmc.schema.Status`).
+    timing : dict of str to float
+        Seconds: sample, compile (of a fallback kernel), kernel.
+    """
+
+    summary: pd.DataFrame
+    columns: dict[str, np.ndarray]
+    timing: dict[str, float]
+
+
+class Session:
+    """Runs designs of a campaign; made by `Campaign.session`.
+
+    Attributes
+    ----------
+    campaign : Campaign
+    box : DesignBox
+        Ranges of the design variables.
+    integration : Integration
+        Kernel and steps, for all designs of the box.
+    """
+
+    def __init__(
+        self, campaign: Any, vary: Any, threads: int | None = None, announce: Log | None = None
+    ):
+        self.campaign, self._threads = campaign, check_threads(threads)
+        self.box = DesignBox.of(campaign, vary)
+        with using_threads(self._threads):
+            self.integration = select_steps(self.box, announce=announce)
+        self._samples: dict[tuple[int, int], _Sample] = {}
+
+    def __repr__(self) -> str:
+        ranges = ", ".join(f"{v.key} {v.low:g} to {v.high:g}" for v in self.box.variables)
+        return f"<Session of {self.campaign.name}: {ranges}>"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State for another process: without kernels and samples."""
+        return {**vars(self), "integration": self.integration.packed, "_samples": {}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.integration = unpacked(self.box, self.integration, history=False)
+
+    def run(
+        self, design: Values, cases: int | None = None, seed: int | None = None
+    ) -> DesignResult:
+        """Run one design.
+
+        Parameters
+        ----------
+        design : mapping of str to float, or sequence of float
+            Values by key of ``vary``, or in its order; in the units of the keys.
+        cases : int, optional
+            The first cases of the seed; as many as the file has if None.
+        seed : int, optional
+            Of the file if None. Designs with one seed have common random numbers.
+
+        Returns
+        -------
+        DesignResult
+
+        Raises
+        ------
+        InputError
+            If a value is missing, unknown or outside the box.
+        """
+        values = self._design(design)
+        start = time.perf_counter()
+        sample = self._sample(*self._size(cases, seed))
+        width, count = sample.base.shape
+        rows = np.empty((width + len(self.box.derived), count))
+        rows[:width] = sample.base
+        self._write(rows, sample, values)
+        timing = {"sample": time.perf_counter() - start, "compile": 0.0, "kernel": 0.0}
+        block = self._integrate(rows, timing)
+        named = {v.key: float(x) for v, x in zip(self.box.variables, values, strict=True)}
+        return DesignResult(named, rows[:width].T, block, timing, self.box, self.integration)
+
+    def run_many(
+        self,
+        designs: pd.DataFrame | Mapping[str, Sequence[float]] | np.ndarray,
+        cases: int | None = None,
+        seed: int | None = None,
+        columns: Sequence[str] = (),
+        progress: Callable[[int, int], None] | None = None,
+    ) -> DesignTable:
+        """Run many designs.
+
+        Parameters
+        ----------
+        designs : DataFrame, mapping of str to sequence, or ndarray, shape (m, variables)
+            A row per design, by key of ``vary`` or in its order.
+        cases, seed : int, optional
+            As for `run`.
+        columns : sequence of str
+            Outcomes of every case to return: 8 bytes for each design, case and column.
+        progress : callable (done, total), optional
+            Called with numbers of designs.
+
+        Returns
+        -------
+        DesignTable
+
+        Raises
+        ------
+        InputError
+            If a design is outside the box, or there is no such outcome.
+        """
+        table = self._designs(designs)
+        cases, seed = self._size(cases, seed)
+        positions = {name: _position(self.box, name) for name in columns}
+        start = time.perf_counter()
+        sample = self._sample(cases, seed)
+        width, per_call = len(sample.base), max(1, min(len(table), _ROWS // cases))
+        rows = np.empty((width + len(self.box.derived), per_call, cases))
+        rows[:width] = sample.base[:, None, :]
+        timing = {"sample": time.perf_counter() - start, "compile": 0.0, "kernel": 0.0}
+        summaries, kept = [], {name: np.empty((len(table), cases)) for name in columns}
+        if columns:
+            kept["status"] = np.empty((len(table), cases), dtype=np.int8)
+        for first in range(0, len(table), per_call):
+            start = time.perf_counter()
+            part = table[first : first + per_call]
+            for k, values in enumerate(part):
+                self._write(rows[:, k], sample, values)
+            # the last call has fewer designs
+            inputs = rows if len(part) == per_call else rows[:, : len(part)].copy()
+            timing["sample"] += time.perf_counter() - start
+            block = self._integrate(inputs.reshape(len(rows), -1), timing)
+            summaries.append(_summarise(self.box, block, cases))
+            shape, end = (len(part), cases), first + len(part)
+            for name, k in positions.items():
+                scale = self.box.result_columns[k].scale
+                kept[name][first:end] = block.outcomes[:, k].reshape(shape) * scale
+            if columns:
+                kept["status"][first:end] = block.status.reshape(shape)
+            if progress:
+                progress(end, len(table))
+        summary = {v.key: table[:, k] for k, v in enumerate(self.box.variables)}
+        for name in summaries[0]:
+            summary[name] = np.concatenate([one[name] for one in summaries])
+        return DesignTable(pd.DataFrame(summary), kept, timing)
+
+    def with_design(self, design: Values) -> Any:
+        """Campaign at a design, to replay a case of it or to run it by itself.
+
+        Parameters
+        ----------
+        design : mapping of str to float, or sequence of float
+            As for `run`.
+
+        Returns
+        -------
+        Campaign
+        """
+        pairs = zip(self.box.variables, self._design(design), strict=True)
+        return self.campaign.with_settings({v.key: float(value) for v, value in pairs})
+
+    def _size(self, cases: int | None, seed: int | None) -> tuple[int, int]:
+        """Checked number of cases, and seed."""
+        cases = self.campaign.scene.run.cases if cases is None else cases
+        return check_int("cases", cases, 1, CASES), self.campaign.checked_seed(seed)
+
+    def _design(self, design: Values) -> np.ndarray:
+        """Values (variables,) of a design."""
+        return self.box.check_designs(_numbers(self.box.values_of(design))[None])[0]
+
+    def _designs(self, designs: Any) -> np.ndarray:
+        """Values (m, variables) of designs."""
+        if isinstance(designs, pd.DataFrame | Mapping):
+            columns = self.box.values_of(dict(designs))
+            if len({len(np.atleast_1d(column)) for column in columns}) > 1:
+                raise InputError("designs: columns must be of one length")
+            designs = np.column_stack([_numbers(column) for column in columns])
+        return self.box.check_designs(_numbers(designs))
+
+    def _sample(self, cases: int, seed: int) -> _Sample:
+        """Inputs of cases, sampled once for a seed."""
+        key = cases, seed
+        if key not in self._samples:
+            low, high, middle = (end.sample(0, cases, seed, cases) for end in self.box.ends)
+            base = np.zeros((len(self.box.factors), cases))
+            base[: low.shape[1]] = self.box.ends[0].in_si(low).T
+            ends = {}
+            for k in self.box.variable_of_column:
+                if k < low.shape[1]:
+                    ends[k] = low[:, k].copy(), high[:, k].copy()
+                    self._check_linear(k, low[:, k], middle[:, k], high[:, k])
+            while len(self._samples) >= _MAX_SAMPLES:
+                self._samples.pop(next(iter(self._samples)))
+            self._samples[key] = _Sample(base, ends)
+        return self._samples[key]
+
+    def _check_linear(self, k: int, low: np.ndarray, middle: np.ndarray, high: np.ndarray) -> None:
+        """Raise InputError if the inputs of column ``k`` do not follow the design in proportion."""
+        key = self.box.variables[self.box.variable_of_column[k]].key
+        if np.array_equal(low, high):
+            raise InputError(
+                f"vary, {key}: its distribution gives values, which the nominal does not move; "
+                "give a width about the nominal, or relative = true"
+            )
+        size = LEVEL * np.maximum(np.abs(low), np.abs(high))
+        if not (np.abs(0.5 * (low + high) - middle) <= size).all():
+            raise InputError(
+                f"vary, {key}: its distribution is not in proportion to the nominal over this "
+                "range; choose a range in which the nominal keeps its sign"
+            )
+
+    def _write(self, rows: np.ndarray, sample: _Sample, values: np.ndarray) -> None:
+        """Write the varied inputs of a design, SI, into rows (d, n) of its cases."""
+        box = self.box
+        shares = [
+            float((x - v.low) / (v.high - v.low))
+            for v, x in zip(box.variables, values, strict=True)
+        ]
+        for k, i in box.variable_of_column.items():
+            law, factor = box.file.dispersions[k], box.factors[k]
+            if k in sample.ends:
+                low, high = sample.ends[k]
+                inputs = (1.0 - shares[i]) * low + shares[i] * high
+                law = box.ends[0].file.dispersions[k]
+                np.multiply(inputs, factor, out=rows[k])
+                if law.has_tails:
+                    rows[k, ~law.allowed(inputs)] = np.nan
+            else:
+                rows[k] = values[i] * factor
+        for k, number in enumerate(box.derived, start=len(box.factors)):
+            rows[k] = number.at(shares)
+        inputs_si = rows[: len(box.factors)].T
+        early = box.ends_before_start(inputs_si)
+        if early.any():
+            inputs_si[early] = np.nan
+
+    def _integrate(self, rows: np.ndarray, timing: dict[str, float]) -> Block:
+        """Integrate cases with inputs (d, n), SI."""
+        start, waited = time.perf_counter(), compile_wait_s()
+        with using_threads(self._threads):
+            block = integrate(self._runs, self.integration, rows.T)
+        waited = compile_wait_s() - waited
+        timing["compile"] += waited
+        timing["kernel"] += time.perf_counter() - start - waited
+        return block
+
+    @property
+    def _runs(self) -> Definition:
+        """The box with the derived numbers as inputs."""
+        runs = copy.copy(self.box)
+        runs.__dict__["slots"] = self.box.slots_with_derived
+        return runs
+
+
+def _position(box: Definition, name: str) -> int:
+    """Index of an outcome or audit column. Raises InputError."""
+    names = [column.name for column in box.result_columns]
+    if name not in names:
+        raise InputError(f"{name}: no such outcome; {nearest(name, names)}")
+    return names.index(name)
+
+
+def _numbers(values: Any) -> np.ndarray:
+    """Array of finite floats. Raises InputError."""
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"design = {shorten(values)}: must be numbers") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"design = {shorten(values)}: must be finite numbers")
+    return array
+
+
+def _count_violations(
+    box: Definition, block: Block, cases: int
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Violating and unknown cases (m,) of each requirement, of m designs of ``cases`` cases."""
+    codes = {status.label: status for status in Status}
+    columns = {column.name: k for k, column in enumerate(box.result_columns)}
+
+    def values(name: str) -> np.ndarray | None:
+        k = columns.get(name)
+        return None if k is None else block.outcomes[:, k] * box.result_columns[k].scale
+
+    counts = {}
+    for item in box.file.requirements:
+        violates, known = requirements.masks_of(
+            item,
+            box.file.requirements,
+            block.status == Status.OK,
+            values,
+            lambda name: np.asarray(block.status == codes[name]),
+        )
+        counts[item.name] = (
+            np.count_nonzero((violates & known).reshape(-1, cases), axis=1),
+            np.count_nonzero(~known.reshape(-1, cases), axis=1),
+        )
+    return counts
+
+
+def _summarise(box: Definition, block: Block, cases: int) -> dict[str, np.ndarray]:
+    """Columns (m,) of `DesignTable.summary` of m designs of ``cases`` cases."""
+    is_ok = (block.status == Status.OK).reshape(-1, cases)
+    summary = {"ok": np.count_nonzero(is_ok, axis=1)}
+    for name, (violations, unknown) in _count_violations(box, block, cases).items():
+        summary |= {f"{name}_violations": violations, f"{name}_unknown": unknown}
+    errors = np.where(is_ok, block.error.reshape(-1, cases), 0.0)
+    return summary | {"error": errors.max(axis=1)}

@@ -1,0 +1,239 @@
+"""A session runs a design as a campaign with its values does, for all designs of a box."""
+
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import sepmc
+from sepmc.analysis.requirements import masks_of
+from sepmc.campaign import session as sessions
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.execution.accuracy import errors, scene_scales
+from sepmc.scene.read import parse_campaign
+from sepmc.schema import Status
+
+CASES = 300
+# shipped campaigns and their designs: nominals of dispersed parameters, numbers that all cases
+# share, and numbers from which another one follows (the pitch at which alpha_ref is zero)
+BOXES = {
+    "table2": {
+        "motor.retro.thrust_N": (300.0, 700.0),
+        "body.upper.mass_kg": (440.0, 480.0),
+        "initial.pitch_deg": (0.0, 2.0),
+    },
+    "spring-pushers": {"spring.*.force_N": (400.0, 1600.0), "body.payload.mass_kg": (300.0, 500.0)},
+}
+
+
+@pytest.fixture(scope="module", params=BOXES)
+def session(request):
+    """Session of a shipped campaign."""
+    return sepmc.load(request.param).session(BOXES[request.param])
+
+
+def corner(session, *shares):
+    """Design at fractions of the ranges."""
+    shares = np.resize(shares, len(session.box.variables))
+    return {v.key: v.at(t) for v, t in zip(session.box.variables, shares, strict=True)}
+
+
+@pytest.mark.parametrize("shares", [(0.0,), (1.0,), (0.31, 0.77, 0.5)])
+def test_design_has_the_rows_of_its_campaign(session, shares):
+    design = corner(session, *shares)
+    found, expected = (
+        session.run(design, cases=CASES, seed=3),
+        session.with_design(design).run(cases=CASES, seed=3),
+    )
+    table, rows = found.to_pandas(), expected.to_pandas()
+    assert (table["status"] == rows["status"]).all()
+    for column in expected.campaign.input_columns:
+        values = rows[column.name]
+        assert (table[column.name] - values).abs().max() <= 1e-15 * values.abs().max()
+    columns = expected.campaign.outcome_columns
+    units = [column.unit for column in columns]
+    a, b = (
+        np.column_stack([frame[c.name].to_numpy(float) / c.scale for c in columns])
+        for frame in (table, rows)
+    )
+    scale = scene_scales(expected.campaign.scene, units)
+    # each within the accuracy of its own steps
+    decisive = [i for i, c in enumerate(columns) if c.unit not in ("", "s")]
+    asked = session.campaign.scene.solver.accuracy
+    assert np.nanmax(errors(a, b, scale)[:, decisive]) < 2.0 * asked
+    assert found.accuracy.worst[1] < asked
+    assert found.statistics().index.tolist() == expected.statistics().index.tolist()
+
+
+def test_many_designs_have_the_bits_of_single_ones(session, monkeypatch):
+    monkeypatch.setattr(sessions, "_ROWS", 4 * CASES)  # several calls, the last one smaller
+    shares = np.linspace(0.0, 1.0, 10)
+    designs = pd.DataFrame([corner(session, t, 1.0 - t, t * t) for t in shares])
+    names = [column.name for column in session.box.outcome_columns[:3]]
+    calls = []
+    table = session.run_many(
+        designs, cases=CASES, columns=names, progress=lambda *done: calls.append(done)
+    )
+    assert calls == [(4, 10), (8, 10), (10, 10)]
+    assert table.summary[list(designs)].equals(designs)
+    for k in (0, 3, 4, 9):
+        single = session.run(designs.iloc[k].to_dict(), cases=CASES)
+        assert (table.columns["status"][k] == single.block.status).all()
+        for name in names:
+            assert table.columns[name][k].tobytes() == single.column(name).tobytes()
+        assert table.summary["ok"][k] == single.ok.sum()
+        assert table.summary["error"][k] == single.block.error[single.ok].max()
+    by_position = session.run_many(designs.to_numpy(), cases=CASES)
+    assert by_position.summary.equals(table.summary)
+    assert by_position.columns == {}
+
+
+def test_threads_and_number_of_cases_do_not_change_a_row(session):
+    design = corner(session, 0.4)
+    many, few = session.run(design, cases=CASES), session.run(design, cases=7)
+    one = session.campaign.session(
+        dict.fromkeys(BOXES[session.campaign.name])
+        | {v.key: (v.low, v.high) for v in session.box.variables},
+        threads=1,
+    ).run(design, cases=CASES)
+    assert one.block.outcomes.tobytes() == many.block.outcomes.tobytes()
+    assert few.block.outcomes.tobytes() == many.block.outcomes[:7].T.copy().T.tobytes()
+
+
+def run_in_process(session, design):
+    """Outcomes of a design, in another process."""
+    return session.run(design, cases=20).block.outcomes.copy()
+
+
+def test_session_works_in_other_processes():
+    session = sepmc.load("table2").session(BOXES["table2"])
+    design = corner(session, 0.6)
+    expected = session.run(design, cases=20).block.outcomes
+    assert pickle.loads(pickle.dumps(session)).run(design, cases=20).block.outcomes.tolist() == (
+        expected.tolist()
+    )
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        found = pool.submit(run_in_process, session, design).result(timeout=120.0)
+    assert found.tolist() == expected.tolist()
+
+
+def test_violations_are_those_of_the_requirements():
+    file = sepmc.load("table2", {"run.history_step_s": 0.0}).file
+    requirements = [
+        {"name": "speed", "metric": "separation_speed_m_s", "at_least": 1.44},
+        {"name": "free", "metric": "never-released"},
+        {"name": "any", "metric": "violation"},
+    ]
+    campaign = Campaign(parse_campaign(file.tree | {"requirement": requirements}, "table2"))
+    session = campaign.session({"body.upper.mass_kg": (440.0, 480.0)})
+    found = session.run([450.0], cases=200)
+    verdicts = session.with_design([450.0]).run(cases=200).requirements()
+    expected = verdicts["violations"].tolist()
+    assert 0 < expected[0] < 200
+    assert found.violations()["violations"].tolist() == expected
+    assert found.requirements()["violations"].tolist() == expected
+    many = session.run_many([[450.0], [470.0]], cases=200).summary
+    assert [many[f"{name}_violations"][0] for name in verdicts.index] == expected
+    assert (many["speed_unknown"] == 0).all()
+
+
+def test_masks_count_failed_cases_as_unknown():
+    from sepmc.scene.model import Requirement
+
+    item = Requirement(name="low", metric="x", at_least=1.0)
+    ok = np.array([True, True, False])
+    violates, known = masks_of(
+        item, (), ok, lambda name: np.array([0.0, 2.0, 0.0]), lambda name: ~ok
+    )
+    assert (violates & known).tolist() == [True, False, False]
+    assert known.tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("vary", "message"),
+    [
+        ({}, "must be ranges by TOML path"),
+        (["motor.retro.thrust_N"], "must be ranges by TOML path"),
+        ({3: (1, 2)}, "must be a TOML path"),
+        ({"motor.retro.thrust_N": 500.0}, "the lowest and the highest value"),
+        ({"motor.retro.thrust_N": (500.0, 500.0)}, "must be finite, and rise"),
+        ({"motor.retro.thrust_N": (500.0, float("nan"))}, "must be finite, and rise"),
+        ({"motor.retro.thrust": (400.0, 500.0)}, "unit"),
+        ({"motor.none.thrust_N": (400.0, 500.0)}, "none"),
+        ({"motors.*.thrust_N": (400.0, 500.0)}, "no table has such a name"),
+        ({"motor.*.thrust_N": (4, 5), "motor.retro.thrust_kN": (1, 2)}, "varied twice"),
+        ({"body.upper.mass_kg": (-1.0, 5.0)}, "must be > 0"),
+        ({"run.end_time_s": (0.4, 0.5)}, "setting of the scene"),
+        ({"motor.retro.deflection_clock_deg": (0.0, 90.0)}, "does not move"),
+    ],
+)
+def test_boxes_that_cannot_be_are_refused(vary, message):
+    campaign = sepmc.load("table2")
+
+    def run():
+        session = campaign.session(vary)
+        session.run([v.low for v in session.box.variables], cases=5)
+
+    with pytest.raises((sepmc.InputError, sepmc.SceneError), match=message):
+        run()
+
+
+@pytest.mark.parametrize(
+    ("design", "message"),
+    [
+        ({"motor.retro.thrust_N": 500.0}, "needs a value of body.upper.mass_kg"),
+        ({"motor.retro.thrust_kN": 0.5}, "is not varied"),
+        ([500.0], "needs 3 values"),
+        ([500.0, 450.0, 2.1], "initial.pitch_deg = 2.1: must lie in 0 to 2"),
+        ([500.0, float("nan"), 1.0], "finite"),
+        (["many", 450.0, 1.0], "must be numbers"),
+    ],
+)
+def test_designs_outside_the_box_are_refused(design, message):
+    session = sepmc.load("table2").session(BOXES["table2"])
+    with pytest.raises(sepmc.InputError, match=message):
+        session.run(design, cases=5)
+
+
+def test_other_arguments_are_checked():
+    session = sepmc.load("table2").session(BOXES["table2"])
+    design = corner(session, 0.5)
+    for arguments, message in (
+        ({"cases": 0}, "cases = 0"),
+        ({"seed": -1}, "seed"),
+        ({"cases": 1.5}, "cases"),
+    ):
+        with pytest.raises(sepmc.InputError, match=message):
+            session.run(design, **arguments)
+    with pytest.raises(sepmc.InputError, match="separation_distance_mm"):
+        session.run_many([list(design.values())], columns=["separation_distance"])
+    with pytest.raises(sepmc.InputError, match="separation_distance_mm"):
+        session.run(design, cases=3).column("separation_distance")
+    with pytest.raises(sepmc.InputError, match="one length"):
+        session.run_many({key: [value] * (k + 1) for k, (key, value) in enumerate(design.items())})
+
+
+def test_tails_beyond_the_bounds_are_failed_cases():
+    settings = {"dispersion.body.upper.mass_kg": {"normal": 200.0}}
+    campaign = sepmc.load("table2", {"run.history_step_s": 0.0}).with_settings(settings)
+    session = campaign.session({"body.upper.mass_kg": (300.0, 500.0)})
+    found = session.run([300.0], cases=400, seed=1)
+    expected = session.with_design([300.0]).run(cases=400, seed=1).to_pandas()
+    assert (found.to_pandas()["status"] == expected["status"]).all()
+    assert (found.block.status != Status.OK).sum() > 5
+
+
+def test_wildcards_set_every_table_of_a_name():
+    campaign = sepmc.load("spring-pushers")
+    several = campaign.with_settings({"spring.*.force_N": 700.0})
+    assert {spring.force for spring in several.scene.spring} == {700.0}
+    upper = campaign.with_settings({"spring.upper_*.force_N": 700.0}).scene.spring
+    assert {s.force for s in upper if s.name.startswith("upper_")} == {700.0}
+    assert {s.force for s in upper if not s.name.startswith("upper_")} == {900.0}
+    with pytest.raises(sepmc.SceneError, match="no table has such a name"):
+        campaign.with_settings({"spring.none*.force_N": 700.0})
+    with pytest.raises(sepmc.SceneError, match="set before"):
+        campaign.with_settings({"spring.upper_left.force_N": 1.0, "spring.*.force_N": 700.0})
