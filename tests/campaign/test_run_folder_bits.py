@@ -115,7 +115,7 @@ def test_a_part_whose_histories_are_gone_is_flown_again(campaign, result, tmp_pa
     count, said = pq.read_metadata(tmp_path / "cases" / part.name).num_rows, []
     part.unlink()
     same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True, announce=said.append), result)
-    assert any(f"{count} cases, or their histories, are gone" in text for text in said)
+    assert any(f"{count} cases, or their histories, are missing" in text for text in said)
 
 
 def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_path, monkeypatch):

@@ -184,7 +184,7 @@ def test_resume_makes_the_table_of_an_uninterrupted_run(copied, tmp_path, gone, 
         path.unlink()
     options = ["--no-plots", "--out", copied, "--cases", cases, "--resume"]
     said = call("campaign", "table2.toml", *options).stdout
-    assert f"{cases} cases, 20 of them run now: compile" in said
+    assert f"{cases} cases, 20 of them run now: " in said
     fly(tmp_path / "whole", "--cases", cases)
     same(copied, tmp_path / "whole")
     assert (copied / "statistics.csv").read_bytes() == (
