@@ -19,7 +19,7 @@ NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}
 
 
 @pytest.mark.parametrize(
-    ("terms", "found"),
+    ("terms", "result"),
     [
         (["in_a=1"], [1, 2]),
         (["joint.a.fails = 0"], [0, 3]),
@@ -34,14 +34,14 @@ NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}
         ([], [0, 1, 2, 3, 4]),
     ],
 )
-def test_terms(terms, found):
+def test_terms(terms, result):
     """All terms must hold, or one of several with or between them, of any name that matches; what
     is no number meets none but !=."""
-    assert np.flatnonzero(matching_rows(ROWS, NAMES, terms)).tolist() == found
+    assert np.flatnonzero(matching_rows(ROWS, NAMES, terms)).tolist() == result
 
 
 @pytest.mark.parametrize(
-    ("term", "said"),
+    ("term", "message"),
     [
         ("a", "must be NAME=VALUE"),
         ("in_a=one", "'one' must be a number"),
@@ -50,9 +50,9 @@ def test_terms(terms, found):
         ("in_b=1", "no such input or outcome; did you mean"),
     ],
 )
-def test_terms_that_cannot_be(term, said):
+def test_terms_that_cannot_be(term, message):
     """Errors of terms are reported."""
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         matching_rows(ROWS, NAMES, [term])
 
 

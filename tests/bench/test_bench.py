@@ -363,7 +363,7 @@ def test_noise_warning(spread, warns):
 def test_threads_warning(speed_up, warns):
     frame = pd.DataFrame({"threads": [2.0, 1.0, 2.0], "speed_up": [np.nan, *speed_up]})
     rendered = text.warnings("scaling", frame)
-    assert [said.partition(":")[0] for said in rendered] == ["warning"] * warns
+    assert [message.partition(":")[0] for message in rendered] == ["warning"] * warns
     assert not warns or "2 threads are 0.90 times as fast as one" in rendered[0]
     assert text.threads_warning(frame[:2]) == ""
 

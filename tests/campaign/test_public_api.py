@@ -19,14 +19,14 @@ PUBLIC["RareEventEstimate"] = RareEventEstimate
 
 def members(cls):
     """Public methods and properties that a class has from this package, by name."""
-    found = {}
+    by_name = {}
     for base in reversed(cls.__mro__):
         if base.__module__.partition(".")[0] == "sepmc":
             for name, member in vars(base).items():
                 function = getattr(member, "fget", None) or getattr(member, "func", None) or member
                 if not name.startswith("_") and inspect.isfunction(function):
-                    found[name] = member
-    return found
+                    by_name[name] = member
+    return by_name
 
 
 NAMES = {name: item for name, item in PUBLIC.items()} | {
@@ -57,7 +57,7 @@ def named(section):
 
 def faults(name, item):
     """Sentences on what the docstring of a name lacks."""
-    function, found = function_of(item), sections(function_of(item))
+    function, result = function_of(item), sections(function_of(item))
     summary = inspect.cleandoc(function.__doc__ or "").split("\n\n")[0]
     if not summary or summary.startswith(f"{name}("):  # the text that dataclasses make
         yield "no docstring"
@@ -67,20 +67,20 @@ def faults(name, item):
     if inspect.isclass(item):
         if not issubclass(item, Warning | Exception):
             wanted = list(inspect.signature(item).parameters)
-            listed = named(found.get("Parameters", [])) + named(found.get("Attributes", []))
+            listed = named(result.get("Parameters", [])) + named(result.get("Attributes", []))
             if missing := [key for key in wanted if key not in listed]:
                 yield f"undocumented: {missing}"
         return
     if function is item:
         wanted = [key for key in inspect.signature(item).parameters if key != "self"]
-        listed = named(found.get("Parameters", []))
+        listed = named(result.get("Parameters", []))
         if sorted(wanted) != sorted(listed):
             yield f"parameters {wanted}, documented {listed}"
         returns = inspect.signature(item).return_annotation
-        if returns not in (None, "None") and "Returns" not in found:
+        if returns not in (None, "None") and "Returns" not in result:
             yield "no Returns"
     tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
-    if any(isinstance(node, ast.Raise) for node in ast.walk(tree)) and "Raises" not in found:
+    if any(isinstance(node, ast.Raise) for node in ast.walk(tree)) and "Raises" not in result:
         yield "no Raises"
 
 

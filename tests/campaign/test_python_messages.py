@@ -98,7 +98,7 @@ def test_what_is_no_file_is_no_campaign(file):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ({"threads": 1.5}, "threads = 1.5: must be a whole number"),
         ({"threads": "2"}, "threads = '2': must be a whole number"),
@@ -113,13 +113,13 @@ def test_what_is_no_file_is_no_campaign(file):
         ({"out": 3}, f"path = 3: {TEXT}"),
     ],
 )
-def test_runs_that_cannot_be_meant(campaign, arguments, said):
-    with pytest.raises(ValueError, match=said):
+def test_runs_that_cannot_be_meant(campaign, arguments, message):
+    with pytest.raises(ValueError, match=message):
         campaign.run(**{"cases": 2, **arguments})
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ((0, -3), "count = -3: must be >= 0"),
         ((-1, 3), "first = -1: must be >= 0"),
@@ -129,8 +129,8 @@ def test_runs_that_cannot_be_meant(campaign, arguments, said):
         ((0, 3, None, 0), "total = 0: must be >= 1"),
     ],
 )
-def test_draws_of_cases_that_do_not_exist(campaign, arguments, said):
-    with pytest.raises(ValueError, match=said):
+def test_draws_of_cases_that_do_not_exist(campaign, arguments, message):
+    with pytest.raises(ValueError, match=message):
         campaign.sample(*arguments)
 
 
@@ -153,7 +153,7 @@ def test_history_rows_need_a_number(campaign):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         (
             {"body.upper.mass_kg": 460.0, "body.upper.mass_g": 3.0},
@@ -185,10 +185,10 @@ def test_history_rows_need_a_number(campaign):
         ({3: 4}, "settings = 3: keys must be text"),
     ],
 )
-def test_the_same_number_twice(campaign, settings, said):
-    with pytest.raises(sepmc.SceneError, match=said):
+def test_the_same_number_twice(campaign, settings, message):
+    with pytest.raises(sepmc.SceneError, match=message):
         campaign.with_settings(settings)
-    with pytest.raises(sepmc.SceneError, match=said):
+    with pytest.raises(sepmc.SceneError, match=message):
         sepmc.load("table2", settings)
 
 
@@ -223,8 +223,8 @@ def test_a_set_of_case_numbers(campaign):
 
 def test_a_filter_that_matches_nothing_warns(result):
     with pytest.warns(sepmc.RunWarning, match="mass_kg<0: satisfied by none of 40 cases") as caught:
-        found = result.statistics("body.upper.mass_kg<0")
-    assert (found["n"] == 0).all()
+        outcome = result.statistics("body.upper.mass_kg<0")
+    assert (outcome["n"] == 0).all()
     assert caught[0].filename == __file__
 
 

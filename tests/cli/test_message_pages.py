@@ -63,11 +63,11 @@ def test_every_message_has_a_remedy(site, kinds, table):
     """And every remedy has a message."""
     messages, remedies = site
     wanted = getattr(messages, kinds)
-    found = [m for m in messages.read_messages() if m.kind in wanted]
-    groups = messages.with_remedies(found, getattr(remedies, table))
+    results = [m for m in messages.read_messages() if m.kind in wanted]
+    groups = messages.with_remedies(results, getattr(remedies, table))
     assert groups.pop("") == []
     assert [pattern for pattern, group in groups.items() if not group] == []
-    assert len(found) > 50
+    assert len(results) > 50
 
 
 def test_every_error_of_a_user_is_on_the_page(site):
