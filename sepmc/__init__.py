@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from sepmc.campaign.execution.work_ranges import StaleWorkerError
     from sepmc.campaign.result import Result
     from sepmc.campaign.run_options import RunOptions
+    from sepmc.campaign.session import DesignResult, DesignTable, Session
     from sepmc.campaign.store.untrusted import StoreError
     from sepmc.scene.messages import InputError, RunWarning, SceneError, SceneWarning
 
@@ -21,12 +22,15 @@ except PackageNotFoundError:  # a source tree that is not installed
 __all__ = [
     "Campaign",
     "Case",
+    "DesignResult",
+    "DesignTable",
     "InputError",
     "Result",
     "RunOptions",
     "RunWarning",
     "SceneError",
     "SceneWarning",
+    "Session",
     "StaleWorkerError",
     "StoreError",
     "__version__",
@@ -37,12 +41,15 @@ __all__ = [
 _MODULES = {
     "Campaign": "campaign.campaign",
     "Case": "campaign.definition",
+    "DesignResult": "campaign.session",
+    "DesignTable": "campaign.session",
     "InputError": "scene.messages",
     "Result": "campaign.result",
     "RunOptions": "campaign.run_options",
     "RunWarning": "scene.messages",
     "SceneError": "scene.messages",
     "SceneWarning": "scene.messages",
+    "Session": "campaign.session",
     "StaleWorkerError": "campaign.execution.work_ranges",
     "StoreError": "campaign.store.untrusted",
     "load": "campaign.campaign",

@@ -305,6 +305,10 @@ class Contents:
         Number of pins by joint, of guides with outputs and of all guides.
     ignitions : tuple of str
         Motors with an ignition event.
+    springs : tuple of str
+        Springs with a stroke.
+    partial_releases : tuple of (str, str)
+        Joint and kind of each ``[[release]]`` to another kind than free.
     """
 
     bodies: list[str]
@@ -317,6 +321,8 @@ class Contents:
     pins: dict[str, int] = field(default_factory=dict)  # by joint, of all joints with a guide
     transverse: tuple[str, ...] = ()
     ignitions: tuple[str, ...] = ()  # motors with an ignition event
+    springs: tuple[str, ...] = ()  # with a stroke
+    partial_releases: tuple[tuple[str, str], ...] = ()  # joint and kind
 
 
 def is_yes_or_no(outcome: str) -> bool:
@@ -363,6 +369,15 @@ def outcome_columns(contents: Contents) -> list[Column]:
     for motor in contents.ignitions:
         meaning = f"time at which motor {motor} lit; NaN if it did not"
         columns.append(Column(f"{motor}_ignition_time_s", "s", meaning))
+    for spring, name in stroke_columns(contents).items():
+        meaning = f"time at which spring {spring} reached the end of its stroke; NaN if it did not"
+        columns.append(Column(name, "s", meaning))
+    for (joint, kind), name in partial_release_columns(contents).items():
+        meaning = (
+            f"time from which joint {joint} constrained no more than {kind}, whatever released it; "
+            "NaN if it constrained more to the end"
+        )
+        columns.append(Column(name, "s", meaning))
     meaning = "rate of {0} across its x axis, of yaw and pitch together{1}"
     return columns + [
         Column(f"{stem}transverse_rate_deg_s", "deg/s", meaning.format(body, when), DEG)
@@ -388,6 +403,19 @@ def event_columns(contents: Contents) -> dict[str, str]:
 def ignition_columns(contents: Contents) -> dict[str, str]:
     """Column of the ignition time of each motor with an ignition event."""
     return {motor: f"{motor}_ignition_time_s" for motor in contents.ignitions}
+
+
+def stroke_columns(contents: Contents) -> dict[str, str]:
+    """Column of the time at which the stroke of each spring ends."""
+    return {spring: f"{spring}_stroke_end_time_s" for spring in contents.springs}
+
+
+def partial_release_columns(contents: Contents) -> dict[tuple[str, str], str]:
+    """Column of the time of each partial release, by joint and kind."""
+    return {
+        (joint, kind): f"{_joint_prefix(contents, joint)}release_to_{kind.replace('-', '_')}_time_s"
+        for joint, kind in contents.partial_releases
+    }
 
 
 def _transverse_rates(contents: Contents) -> Iterator[tuple[str, str, str, str]]:

@@ -2,6 +2,7 @@
 
 import gc
 import tomllib
+from collections import Counter
 
 import pytest
 from oracles.random_scenes.interpreted import run_interpreted
@@ -9,8 +10,10 @@ from small_scenes import PAIR
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
-from sepmc.engine import compile_workers, interpreted
+from sepmc.engine import compile_workers
 from sepmc.scene.read import parse_campaign
+
+pytest_plugins = ["pytester", "support.cpu_budgets"]
 
 # Interpreted kernels make millions of small objects, hardly any of them in a cycle: the default
 # garbage collection takes an eighth of the time.
@@ -21,17 +24,11 @@ gc.set_threshold(100_000, 50, 50)
 compile_workers.IDLE_S = 1800.0
 
 
-class _Recent(dict):
-    """Recently loaded interpreted kernels by their text: tests run scenes in turn, and loading one
-    takes as long as some runs."""
-
-    def clear(self):
-        """Remove all but the last seven."""
-        for text in list(self)[:-7]:
-            del self[text]
-
-
-interpreted._loaded = _Recent(interpreted._loaded)
+def pytest_collection_modifyitems(items):
+    """Start with the files that have most slow tests: no worker is left with one of them at the
+    end."""
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: -slow[item.path])
 
 
 @pytest.fixture(scope="session")

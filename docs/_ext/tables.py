@@ -29,7 +29,7 @@ from sepmc.schema import (
 )
 
 ROOT = Path(__file__).parents[2]
-# One body, joint, clearance, event and motor, with every output that a file can ask for.
+# One body, joint, clearance, event, motor and spring, with every output that a file can ask for.
 EVERY = Contents(
     ["BODY"],
     {"JOINT": ("BODY", "OTHER")},
@@ -41,6 +41,8 @@ EVERY = Contents(
     pins={"JOINT": 1},
     transverse=("BODY",),
     ignitions=("MOTOR",),
+    springs=("SPRING",),
+    partial_releases=(("JOINT", "KIND"),),
 )
 
 

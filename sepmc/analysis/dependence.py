@@ -1,5 +1,7 @@
 """Dependence between inputs, and too even sampling, from counts in the cells of pairs of inputs."""
 
+from functools import lru_cache
+
 import numpy as np
 
 _MAX_PARTS, _MIN_EXPECTED = 8, 5.0  # parts of an input; mean cases in a cell of a pair
@@ -25,9 +27,17 @@ def dependence(x: np.ndarray) -> tuple[list[tuple[int, int]], bool]:
         True if the cases fill the cells more evenly than independent cases would, as points of a
         Sobol sequence or of a grid do.
     """
+    pairs, too_even = _dependence(np.ascontiguousarray(x).tobytes(), len(x))
+    return list(pairs), too_even
+
+
+@lru_cache(maxsize=2)  # all outcomes of a run have the same inputs
+def _dependence(data: bytes, count: int) -> tuple[tuple[tuple[int, int], ...], bool]:
+    """Result of `dependence`; ``data`` are the values of ``count`` inputs."""
     from scipy.special import chdtrc  # noqa: PLC0415  (0.1 s)
 
-    count, n = len(x), x.shape[1]
+    x = np.frombuffer(data).reshape(count, -1)
+    n = x.shape[1]
     n_parts = int(np.clip(np.sqrt(n / _MIN_EXPECTED), 2, _MAX_PARTS))
     parts = [_part_indices(row, n_parts) for row in x]
     counts = np.zeros((n_parts * count, n_parts * count))
@@ -51,7 +61,8 @@ def dependence(x: np.ndarray) -> tuple[list[tuple[int, int]], bool]:
                 pairs.append((i, j))
             elif expected.min() >= _MIN_EXPECTED - 1.0:
                 excess, degrees = excess + chi_square, degrees + cell_degrees
-    return pairs, degrees > 0 and (excess - degrees) / np.sqrt(2.0 * degrees) < _TOO_EVEN
+    is_even = degrees > 0 and (excess - degrees) / np.sqrt(2.0 * degrees) < _TOO_EVEN
+    return tuple(pairs), bool(is_even)
 
 
 def _part_indices(values: np.ndarray, n_parts: int) -> np.ndarray:

@@ -233,6 +233,10 @@ def _standard(y: np.ndarray) -> np.ndarray:
 def _order(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the indices that sort cases by an input; ties in a random order that is independent of
     the order of the rows."""
+    rows = np.argsort(x, kind="stable")
+    in_order = x[rows]
+    if (in_order[1:] != in_order[:-1]).all():
+        return rows
     rows = np.lexsort((y, x))
     return rows[np.lexsort((np.random.default_rng(1).random(len(x)), x[rows]))]
 

@@ -43,8 +43,8 @@ from sepmc.engine.dispatch import (
     thread_notes,
     using_threads,
 )
-from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.paths import as_path
+from sepmc.scene.contents import contents
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
@@ -193,8 +193,8 @@ class Campaign(Definition):
             ``units``; ``outcomes``; ``errors``, relative
             (`sepmc.campaign.execution.accuracy.errors`): at a given step twice the change at half
             of it, else the last change; ``status``; ``compiled``; ``notes``; times, s, of
-            ``releases`` by joint and ``events`` by name, NaN if they did not occur; and of ends of
-            strokes of ``springs``.
+            ``releases`` by joint, ``partial_releases`` by ``JOINT.KIND``, ``events`` by name and
+            ends of strokes of ``springs`` by name, NaN if they did not occur.
 
         Raises
         ------
@@ -205,7 +205,7 @@ class Campaign(Definition):
         """
         check_history_step(step_s, self.scene)
         if isinstance(case, Case):
-            if make_parameter_layout(case.scene).contents != self.plan.contents:
+            if contents(case.scene, self.dispersed) != self.plan.contents:
                 message = "must be a case of this campaign: it has other columns"
                 raise InputError(f"case = {case!r}: {message}")
         elif case is not None:
@@ -213,9 +213,9 @@ class Campaign(Definition):
         scene, invalid = (case or self.nominal()).scene, self._invalid_values(case)
         if invalid:
             scene = self.nominal().scene
-            result = invalid_case(scene, len(self.result_columns))
+            result = invalid_case(scene, self.plan.contents)
         else:
-            result = simulate_case(scene, self.outcome_columns, step_s, announce, plain_work)
+            result = simulate_case(scene, self.plan.contents, step_s, announce, plain_work)
         columns = schema.history_columns(result.plan.contents)
         data: dict[str, Any] = {
             "time_s": result.times,
@@ -229,6 +229,8 @@ class Campaign(Definition):
         }
         releases = schema.release_columns(result.plan.contents)
         events = schema.event_columns(result.plan.contents)
+        springs = schema.stroke_columns(result.plan.contents)
+        partial = schema.partial_release_columns(result.plan.contents)
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
         errors = (
             () if result.error is None else zip(self.outcome_columns, result.error, strict=True)
@@ -243,8 +245,11 @@ class Campaign(Definition):
             "compiled": result.compiled,
             "notes": notes,
             "releases": _NoCopyDict({j: outcomes[c] for j, c in releases.items()}),
+            "partial_releases": _NoCopyDict(
+                {f"{joint}.{kind}": outcomes[c] for (joint, kind), c in partial.items()}
+            ),
             "events": _NoCopyDict({e: outcomes[c] for e, c in events.items()}),
-            "springs": _NoCopyDict(result.springs),
+            "springs": _NoCopyDict({s: outcomes[c] for s, c in springs.items()}),
         }
         return frame
 

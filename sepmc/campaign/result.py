@@ -44,7 +44,8 @@ class Result:
     kept : RunOutput
         Statistics, and rows in memory or read from the folder on demand.
     timing : dict of str to float
-        Seconds of the stages compile, sample, kernel and write. Writing overlaps the kernel, so the
+        Seconds of the stages text (of the kernel), compile, steps (their selection), sample,
+        kernel and write. Writing overlaps the kernel, so the
         sum can exceed the elapsed time.
     seed : int
     numbers : CaseSelection

@@ -183,6 +183,16 @@ class DesignTable:
 class Session:
     """Runs designs of a campaign; made by `Campaign.session`.
 
+    Parameters
+    ----------
+    campaign : Campaign
+    vary : dict
+        Ranges of the design variables, by TOML path.
+    threads : int, optional
+        Default: all cores.
+    announce : callable (text), optional
+        Called with messages.
+
     Attributes
     ----------
     campaign : Campaign

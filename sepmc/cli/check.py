@@ -139,7 +139,7 @@ def _check_nominal(campaign: "Campaign", known: list[str]) -> bool:
         warn(f"the nominal case did not reach its end: {error}")
         return False
     click.echo(f"  nominal      {attributes['status']}")
-    springs = attributes["springs"] if attributes["status"] in ("ok", "never-released") else None
-    messages = [*attributes["notes"], *nominal_notes(campaign, attributes["outcomes"], springs)]
+    has_ended = attributes["status"] in ("ok", "never-released")
+    messages = [*attributes["notes"], *nominal_notes(campaign, attributes["outcomes"], has_ended)]
     warn(*(message for message in messages if message not in known))
     return True

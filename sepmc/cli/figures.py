@@ -158,6 +158,9 @@ def event_times(history: Mapping[Any, Any]) -> dict[str, float]:
     """Return the times (s) of releases and events by their label in figures, from the ``attrs`` of
     a history or the manifest of a single case."""
     releases = {f"release of {joint}": t for joint, t in history.get("releases", {}).items()}
+    for name, t in history.get("partial_releases", {}).items():
+        joint, _, kind = name.partition(".")
+        releases[f"release of {joint} to {kind}"] = t
     times = {**releases, **history.get("events", {})}
     return {name: float(t) for name, t in times.items() if t is not None and math.isfinite(t)}
 

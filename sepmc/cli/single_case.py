@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from sepmc.campaign.definition import Case
     from sepmc.scene.messages import Log
 
-_MANIFEST = ("status", "compiled", "outcomes", "errors", "notes", "releases", "events")
+_MANIFEST = (
+    *("status", "compiled", "outcomes", "errors", "notes"),
+    *("releases", "partial_releases", "events"),
+)
 
 
 @dataclass(frozen=True)

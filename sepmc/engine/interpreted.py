@@ -14,7 +14,7 @@ import importlib.machinery
 import math
 import sys
 from collections.abc import Iterator
-from functools import partial
+from functools import lru_cache, partial
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
@@ -24,9 +24,10 @@ from sepmc.engine.work_budget import SEARCHES, counting_lines
 from sepmc.engine.written_kernel import Kernel
 from sepmc.jit import config
 
-_COPIED = ("sepmc.jit", "sepmc.physics", "sepmc.routines")  # imported a second time
+_COPIED = ("sepmc.jit.", "sepmc.physics.", "sepmc.routines.")  # imported a second time
 _plain: dict[str, ModuleType] = {}  # second copies, by name
 _loaded: dict[str, Kernel] = {}  # kernels, by their text
+_BETWEEN = "\n\n\n"  # two functions of a kernel
 
 
 class Numbers(list[Any]):
@@ -162,6 +163,31 @@ def _compiled(text: str, name: str) -> Any:
     return compile(tree, name, "exec")
 
 
+@lru_cache(maxsize=2000)
+def _function_code(text: str) -> Any:
+    """Compile a function of a kernel: scenes that are alike share most of them."""
+    return _compiled(text, "<kernel>")
+
+
+def _run_module(text: str, names: dict[str, Any]) -> None:
+    """Run the text of a kernel function by function; the functions keep their line numbers."""
+    line = 0
+    for part in text.split(_BETWEEN):
+        before = set(names)
+        exec(_function_code(part), names)
+        for name in names.keys() - before:
+            value = names[name]
+            if _is_of_kernel(value):
+                code = value.__code__
+                value.__code__ = code.replace(co_firstlineno=code.co_firstlineno + line)
+        line += (part + _BETWEEN).count("\n")
+
+
+def _is_of_kernel(value: Any) -> bool:
+    """Return True for functions that stand in the text of a kernel."""
+    return isinstance(value, FunctionType) and value.__code__.co_filename == "<kernel>"
+
+
 class _Loader(importlib.machinery.SourceFileLoader):
     """Import a module of formulas with safe divisions, without a cache file."""
 
@@ -193,7 +219,7 @@ class _Finder(importlib.abc.MetaPathFinder):
 
 def _is_copied(name: str) -> bool:
     """Return True for modules that are imported a second time."""
-    return any(name == prefix or name.startswith(prefix + ".") for prefix in _COPIED)
+    return (name + ".").startswith(_COPIED)
 
 
 def _copied() -> dict[str, ModuleType]:
@@ -231,9 +257,9 @@ def load(text: str) -> Kernel:
         module = ModuleType("sepmc_scene")
         vars(module).update(_over=_over, _power=_power)
         with _without_compiler():
-            exec(_compiled(text, "<kernel>"), module.__dict__)
+            _run_module(text, module.__dict__)
         for name, value in vars(module).items():
-            if isinstance(value, FunctionType) and value.__code__.co_filename == "<kernel>":
+            if _is_of_kernel(value):
                 setattr(module, name, counting_lines(value, has_workspace=True))
         for plain in (module, *_plain.values()):
             _in_python(plain)

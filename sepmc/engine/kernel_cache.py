@@ -6,7 +6,6 @@ import importlib.util
 import os
 import sys
 from collections.abc import Sequence
-from functools import partial
 from types import ModuleType
 
 import msgspec
@@ -118,7 +117,10 @@ def _compile(name: str) -> None:
 
 def load(units: CompileUnits) -> Kernel:
     """Load a kernel from its compile units; units missing in the cache folder are compiled here."""
-    addresses = [cache_files.link_or_make(name, partial(_compile, name)) for name in units.names]
+    for name in units.names:
+        if not cache_files.is_stored(name):
+            _compile(name)
+    addresses = cache_files.link_all(units.names)
     return Kernel(
         addresses[-1],
         units.size,

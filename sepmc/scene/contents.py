@@ -1,11 +1,24 @@
 """Contents of a scene that result columns follow from."""
 
+import math
+
 from sepmc.scene.model import Scene
 from sepmc.schema import Contents
 
 
-def contents(scene: Scene) -> Contents:
-    """Names of the bodies, joints, outputs, events and triggered motors of a scene."""
+def contents(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Contents:
+    """Names of the parts of a scene that have columns.
+
+    Parameters
+    ----------
+    scene : Scene
+    dispersed : frozenset of str
+        paths of dispersed parameters: a spring has a stroke too if only they give it one
+
+    Returns
+    -------
+    Contents
+    """
     pins = {
         name: joint.guide.pins for name, joint in scene.joint.items() if joint.guide is not None
     }
@@ -20,4 +33,10 @@ def contents(scene: Scene) -> Contents:
         pins,
         scene.output.transverse,
         tuple(motor.name for motor in scene.motor if motor.trigger is not None),
+        tuple(
+            spring.name
+            for spring in scene.spring
+            if math.isfinite(spring.stroke) or f"spring.{spring.name}.stroke" in dispersed
+        ),
+        tuple(dict.fromkeys((r.joint, r.to) for r in scene.release if r.to != "free")),
     )

@@ -298,9 +298,10 @@ def _parse(
         scene = msgspec.structs.replace(scene, run=run)
     for dispersion in dispersions:
         check_dispersion(dispersion, scene, problems)
+    dispersed = frozenset(dispersion.parameter.path for dispersion in dispersions)
     if not problems:
         check_shapes(dispersions, scene, problems)
-        check_initial_rates(scene, frozenset(d.parameter.path for d in dispersions), problems)
+        check_initial_rates(scene, dispersed, problems)
     if len(dispersions) == len(distributions):
         copulas = resolve_correlations(correlations, scene, dispersions, problems)
         if copulas and scene.run.sampler == SALTELLI:
@@ -309,10 +310,11 @@ def _parse(
                 "needs parameters that vary independently, without [[correlation]]",
                 scene.run.sampler,
             )
+    outcomes = [column.name for column in outcome_columns(contents(scene, dispersed))]
     if reference is not None:
-        _check_reference(reference, scene, problems)
+        _check_reference(reference, outcomes, problems)
     for requirement in requirements:
-        _check_requirement(requirement, requirements, scene, problems)
+        _check_requirement(requirement, requirements, outcomes, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
     no_effect = tuple(_no_effect_notes(scene, settings, dispersions, distributions))
@@ -356,27 +358,29 @@ def _letters(name: str) -> str:
     return re.sub(r"\W", "_", name).lower().removeprefix("in_")
 
 
-def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> None:
-    """Note outcomes of a reference that the scene does not have."""
-    known = [column.name for column in outcome_columns(contents(scene))]
+def _check_reference(reference: Reference, outcomes: list[str], problems: Problems) -> None:
+    """Note outcomes of a reference that are not among those of the campaign."""
     for name in reference.outcome:
-        if name not in known:
-            problems.add(f"reference.outcome.{name}", "no such outcome; " + nearest(name, known))
+        if name not in outcomes:
+            reason = "no such outcome; " + nearest(name, outcomes)
+            problems.add(f"reference.outcome.{name}", reason)
 
 
 def _check_requirement(
-    requirement: Requirement, requirements: Sequence[Requirement], scene: Scene, problems: Problems
+    requirement: Requirement,
+    requirements: Sequence[Requirement],
+    outcomes: list[str],
+    problems: Problems,
 ) -> None:
-    """Check that a requirement bounds an outcome of the scene, or names a status or the violation
-    of the others in ``all_of``."""
+    """Check that a requirement bounds an outcome of the campaign, or names a status or the
+    violation of the others in ``all_of``."""
     place, low, high = (
         f"requirement.{requirement.name}",
         requirement.at_least,
         requirement.at_most,
     )
     statuses = [status.label for status in Status if status is not Status.OK]
-    known = [column.name for column in outcome_columns(contents(scene))]
-    metrics = [*statuses, VIOLATION, *known]
+    metrics = [*statuses, VIOLATION, *outcomes]
     if requirement.metric == VIOLATION:
         if low is not None or high is not None:
             problems.add(place, f"{VIOLATION!r} of the other requirements has no bound")
@@ -385,7 +389,7 @@ def _check_requirement(
     elif requirement.metric in statuses:
         if low is not None or high is not None:
             problems.add(place, f"{requirement.metric!r} is a status, which has no bound")
-    elif requirement.metric not in known:
+    elif requirement.metric not in outcomes:
         problems.add(
             f"{place}.metric",
             "no such outcome or status; " + nearest(requirement.metric, metrics),

@@ -119,6 +119,7 @@ def test_says_what_it_is(name):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_cases_fly(name, flown):
     table = flown(name)
@@ -126,6 +127,7 @@ def test_cases_fly(name, flown):
     assert list(table["status"]) == ["ok"] * CASES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_audit_is_small(name, flown):
     table = flown(name)
@@ -133,6 +135,7 @@ def test_audit_is_small(name, flown):
         assert table[column].abs().max() <= bound, column
 
 
+@pytest.mark.slow
 def test_boxes_keep_their_energy():
     """Nothing acts on the two boxes: the joint alone may not add or take energy."""
     settings = {"solver.formulation": "full", "solver.step_s": 0.05}
@@ -143,6 +146,7 @@ def test_boxes_keep_their_energy():
         assert abs(result["outcomes"]["energy_residual"]) <= 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "outcome", "value", "bound"), BY_HAND)
 def test_by_hand(name, outcome, value, bound, nominal):
     history = nominal(name)

@@ -243,6 +243,24 @@ def test_a_spring_pushes_its_second_body_along_its_axis(pair):
     assert slower.simulate().attrs["outcomes"]["separation_speed_m_s"] < 0.13
 
 
+def test_a_stroke_ends_at_its_extension(pair):
+    """12 N part 3 kg and 1 kg at 16 m/s2: 20 mm take 0.05 s, 600 mm more than the 0.2 s there are.
+    The joint leaves its slider at 0.1 s for a cylindrical one, whose rotation it frees too."""
+    spring = {
+        "name": "push", "bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0],
+        "axis": [-1, 0, 0], "force_N": 12.0, "stroke_m": 0.02,
+    }  # fmt: skip
+    failed = spring | {"name": "failed", "force_N": 0.0, "stroke_m": 0.6}
+    release = {"name": "roll", "joint": "pins", "to": "cylindrical", "when": {"time_s": 0.1}}
+    phase = [{"name": "guided", "joints": {"pins": "slider"}}]
+    settings = {"spring": [spring, failed], "phase": phase, "release": [release]}
+    outcomes = pair(settings | {"run.end_time_s": 0.2}).simulate().attrs["outcomes"]
+    close(outcomes["push_stroke_end_time_s"], 0.05)
+    assert math.isnan(outcomes["failed_stroke_end_time_s"])
+    close(outcomes["release_to_cylindrical_time_s"], 0.1)
+    assert math.isnan(outcomes["release_time_s"])
+
+
 def test_a_load_carried_for_no_time(pair):
     """1 kg held by 3 kg: 12 N on these are 3 N at the joint, 240 N more from 0.1 s on 63 N. It
     breaks at 50 N, so at once, and its peak is what it carried until then."""

@@ -49,6 +49,8 @@ def test_columns_of_a_campaign_are_listed(tables):
             name = name.replace(f"{clearance.name}_", "CLEARANCE_")
         for event in campaign.scene.event:
             name = name.replace(f"{event.name}_", "EVENT_")
+        for spring in campaign.scene.spring:
+            name = name.replace(f"{spring.name}_", "SPRING_")
         assert name in listed or name.removeprefix("JOINT_") in listed
 
 

@@ -14,6 +14,8 @@ from sepmc.campaign.execution import step_selection
 from sepmc.cli.app import main
 from sepmc.schema import AUDIT_BOUNDS
 
+pytestmark = pytest.mark.slow  # one of the largest kernels of all
+
 FILE = Path(__file__).parents[1] / "data" / "everything.toml"
 
 

@@ -81,6 +81,7 @@ def test_six_pairs_need_students_law():
     assert_allclose([row["low"], row["high"]], [welch.low, welch.high])
 
 
+@pytest.mark.slow
 def test_coverage_of_small_samples():
     """Of 4,000 repeats of five cases 95 % hold the true difference, paired or not."""
     rng, stored = np.random.default_rng(6), np.zeros(2)
@@ -237,6 +238,7 @@ def runs(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_command(runs, tmp_path):
     called = call("compare", runs / "light", runs / "heavy", "--out", tmp_path / "beside")
     assert called.exit_code == 0, called.output

@@ -309,6 +309,7 @@ def test_joint_error_of_two_runs():
     assert constant_outcomes.joint_error(one, two, "a_clearance_time_s") == 0.0
 
 
+@pytest.mark.slow
 def test_counted_statistics_say_constant(tmp_path):
     """So does a run that keeps no rows, whose figures are drawn from its files."""
     (tmp_path / "sliding.toml").write_text(SLIDING)

@@ -25,6 +25,7 @@ def drawn(name, size, seed=0):
     return np.exp(y) if law.of_logarithm else y
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["normal", "logistic", "extreme value, largest"])
 @pytest.mark.parametrize("n", [20, 500])
 def test_probabilities_are_those_of_simulation(name, n):

@@ -360,6 +360,7 @@ def test_violation_of_nothing(required, message):
         sepmc.load("table2", {"requirement": required})
 
 
+@pytest.mark.slow
 def test_all_together_through_a_run(tmp_path):
     """Verdict, worst case, causes and report of a run."""
     required = [

@@ -56,6 +56,7 @@ def of_function(function, sampling, seed, count=4):
     return input_sensitivities(table, names, "y", sampling.sampler).sort_index()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("function", "known"), [(ishigami, ISHIGAMI), (g_function, g_indices())], ids=["ishigami", "g"]
 )
@@ -99,6 +100,7 @@ def test_rank_correlations():
         assert_allclose(result["partial"][name], np.corrcoef(left)[0, 1], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_coverage_of_rank_intervals():
     """Of 1,000 repeats 95 % hold the rank correlation of a normal law, 6 / pi asin(r / 2), within
     two standard errors and 1 % for Bonett and Wright's approximation."""
@@ -200,6 +202,7 @@ def planted(seed):
     return dict(zip(names, x, strict=True)), violates, tuple(names[k] for k in cause)
 
 
+@pytest.mark.slow
 def test_planted_causes():
     """Of 100 campaigns at least 95 name the cause first; where they do, its region holds more
     violations than elsewhere."""

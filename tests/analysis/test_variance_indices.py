@@ -114,6 +114,7 @@ COVERED = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COVERED)
 def test_intervals_that_are_given_hold_the_index(name):
     """As often as a binomial law of 95 % lets them, but for a chance of 0.1 %."""

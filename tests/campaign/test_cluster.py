@@ -44,6 +44,7 @@ def workers():
         yield result
 
 
+@pytest.mark.slow
 def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
     result = campaign.run(cases=CASES, out=tmp_path / "run", executor=workers)
     assert same(alone.folder, tmp_path / "run")
@@ -57,9 +58,10 @@ def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
     assert (flown, more) == (CASES, [])
 
 
+@pytest.mark.slow
 def test_statistics_alone(campaign, workers, tmp_path):
     """After the cases that lay out their grids, and a last range that is no whole grain."""
-    cases = EXACT_VALUES + 9 * ACCUMULATION_BLOCK + 7
+    cases = EXACT_VALUES + 4 * ACCUMULATION_BLOCK + 7
     given = {"cases": cases, "stats_only": True}
     one = campaign.run(**given)
     other = campaign.run(**given, out=tmp_path / "run", executor=workers)
@@ -68,6 +70,7 @@ def test_statistics_alone(campaign, workers, tmp_path):
     assert one.kept.summary.failed == other.kept.summary.failed
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed(campaign, alone, workers, tmp_path):
     """Its ranges are flown by others, and it leaves no files."""
     pids = list(workers.client.run(os.getpid).values())
@@ -84,6 +87,7 @@ def test_a_worker_that_is_killed(campaign, alone, workers, tmp_path):
     assert not manifests.diagnose(tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
     class Enough(Exception):
         pass
@@ -102,11 +106,12 @@ def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
     assert same(alone.folder, tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatch):
     """By one process, which ends within a grain, and by workers again."""
     monkeypatch.setattr(runner, "_SAVE_S", 0.0)
     given = {
-        "cases": EXACT_VALUES + 12 * ACCUMULATION_BLOCK + 7,
+        "cases": EXACT_VALUES + 7 * ACCUMULATION_BLOCK + 7,
         "out": tmp_path / "run",
         "resume": True,
     }
@@ -127,6 +132,7 @@ def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatc
     assert result.status_counts == whole.status_counts
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_started_again(campaign, alone, tmp_path):
     """What it was given is handed out once more."""
     options = {"n_workers": 1, "threads_per_worker": 1, "memory_limit": 0}
@@ -187,6 +193,7 @@ def test_no_scheduler(tmp_path):
         pass
 
 
+@pytest.mark.slow
 def test_command_line(alone, tmp_path):
     options = [f"--set={path}={value}" for path, value in SETTINGS.items()]
     options += ["--cases", str(CASES), "--quiet", "--no-plots", "--out", str(tmp_path / "run")]
@@ -201,6 +208,7 @@ def test_command_line(alone, tmp_path):
     assert both.exit_code == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orders", [{"stats_only": True}, {"keep": "failed"}])
 def test_too_many_failures_among_the_first_cases(tmp_path, orders):
     """Those that lay out the grids: nobody else flies any more, and what was flown is told."""

@@ -41,6 +41,7 @@ def folder(whole, tmp_path):
     return shutil.copytree(whole, tmp_path / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_every_damage_is_told(wholes, tmp_path, seed):
     whole, rng = wholes[seed % 2], np.random.default_rng(1000 + seed)
@@ -50,6 +51,7 @@ def test_every_damage_is_told(wholes, tmp_path, seed):
     assert is_reported(folder, before, rows(whole)), done
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_what_is_damaged_is_mended(wholes, tmp_path, seed):
     whole, rng = wholes[seed % 2], np.random.default_rng(2000 + seed)
@@ -75,6 +77,7 @@ def test_titles_are_those_of_before(whole, folder):
     assert is_repaired(folder, contents(whole))
 
 
+@pytest.mark.slow
 def test_what_told_of_fewer_cases_goes(folder):
     """A run that grows keeps no table, figure or report of the cases it had; those that come later
     are known to its doctor."""
@@ -160,6 +163,7 @@ def test_a_folder_of_an_earlier_format_is_refused_with_the_remedy(folder):
     assert call("stats", str(folder)) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["edited", "edited, no manifest", "gone, no manifest"])
 def test_the_file_that_was_flown_mends_its_campaign(whole, folder, how):
     """What to do is told by name, and does it."""
@@ -220,6 +224,7 @@ def test_the_cases_that_are_flown_stay(tmp_path):
         assert shards.stored_cases(folder).tolist() == [5, 6, 7, 8, 20]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left", [0, 1])
 @pytest.mark.parametrize("kind", ["cases", "single", "statistics"])
 def test_a_shorter_list_of_files_is_told(folder, tmp_path, kind, left):

@@ -310,6 +310,7 @@ def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
 # hosts, a few answers of each; `python tests/measure/library.py` asks for a hundred
 
 
+@pytest.mark.slow
 @needs_fork
 @pytest.mark.parametrize(
     ("way", "layer"),

@@ -147,6 +147,58 @@ def test_they_are_counted_in_notes_and_manifest(run, expected):
         )
 
 
+# the spring ends where the event comes, and the release leaves the cap on a slider
+LOOSENED = {"spring.push.stroke_m": 0.02, "release.open.to": "slider", "output": {}}
+
+
+def test_strokes_and_partial_releases_are_counted(file, expected, tmp_path):
+    """A stroke that does not end, and a release to another kind than free: in the notes, in the
+    manifest and again by sepmc stats."""
+    count = expected["event.far"]
+    settings = [f"--set={key}={value}" for key, value in LOOSENED.items() if value]
+    with run_interpreted():
+        told = call(
+            *("campaign", file, "--out", tmp_path / "run", "--no-plots"),
+            *(*settings, "--set=output.tip_off=[]", "--set=requirement=[]"),
+        )
+    assert told.exit_code == 0, told.output
+    manifest = read_manifest(tmp_path / "run")
+    assert manifest["missing"] == {
+        "joint.bolt.slider": count, "event.far": count, "spring.push": count,
+        "motor.kick": expected["motor.kick"],
+    }  # fmt: skip
+    for output in (told.output, call("stats", tmp_path / "run").output):
+        assert (
+            f"joint.bolt is not released to slider (its release is optional) in {count} of 40 ok "
+            "cases" in output
+        )
+        assert (
+            f"spring.push does not reach the end of its stroke, and pushes on in {count} of 40 "
+            "ok cases" in output
+        )
+    rows = sepmc.campaign.store.shards.read_cases(tmp_path / "run")
+    waiting = rows["far_time_s"].isna()
+    assert waiting.sum() == count
+    for column in ("push_stroke_end_time_s", "bolt_release_to_slider_time_s"):
+        assert (rows[column].isna() == waiting).all()
+        assert np.allclose(rows[column][~waiting], rows["far_time_s"][~waiting], rtol=0, atol=1e-9)
+
+
+def test_requirement_on_the_end_of_a_stroke(file, expected):
+    """Cases whose stroke does not end violate it, and are counted as lacking the outcome."""
+    bound = {
+        "name": "spent", "metric": "push_stroke_end_time_s", "at_most": 1.0, "probability": 0.5,
+    }  # fmt: skip
+    with run_interpreted():
+        result = sepmc.load(file, LOOSENED | {"requirement": [bound]}).run()
+    (verdict,) = result.requirements().itertuples()
+    assert verdict.lacking == verdict.violations == expected["event.far"]
+    assert any("spring.push does not come to the end" in note for note in result.notes)
+    row = result.statistics().loc["push_stroke_end_time_s"]
+    assert row["min"] > 0.05
+    assert row["max"] <= 0.1
+
+
 @pytest.mark.parametrize("how", [{"stats_only": True}, {"keep": "every:10"}, {}])
 def test_however_it_is_flown(file, expected, tmp_path, how):
     """Statistics only, some rows kept, in memory: the same counts in the notes of the result."""
@@ -246,6 +298,22 @@ def test_check_tells_of_strokes_that_do_not_end(file):
         called = call("check", file, "--set", f"spring.push.stroke_m={stroke}")
         message = "spring.push does not reach the end of its stroke, and pushes on in the nominal"
         assert (message in called.stderr) == expected, called.stderr
+
+
+def test_check_tells_of_partial_releases(file):
+    """Of a release to a kind that does not come in the nominal case."""
+    settings = [f"--set={key}={value}" for key, value in LOOSENED.items() if value]
+    weak = call(
+        "check", file, *settings, "--set=output.tip_off=[]", "--set=requirement=[]",
+        "--set=spring.push.force_N=1.0", "--set=dispersion={}",
+    )  # fmt: skip
+    assert "joint.bolt is not released to slider (its release is optional) in the" in weak.stderr
+
+
+def test_check_passes_over_a_spring_without_a_nominal_stroke(file):
+    """Only its dispersion gives it one: the nominal spring pushes on by its nature."""
+    strokes = '--set=dispersion={"spring.push.stroke_m" = {uniform = [0.01, 0.5]}}'
+    assert "end of its stroke" not in call("check", file, strokes).stderr
 
 
 def test_a_release_that_must_come_says_what_may_be_done(file):

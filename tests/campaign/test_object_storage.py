@@ -78,6 +78,7 @@ def test_the_same_rows(campaign, alone):
     assert not manifests.diagnose(result.folder)
 
 
+@pytest.mark.slow
 def test_workers_write_it(campaign, alone):
     with dask_executor(2, threads=1) as workers:
         result = campaign.run(cases=CASES, out=as_path("s3://bucket/workers"), executor=workers)
@@ -85,6 +86,7 @@ def test_workers_write_it(campaign, alone):
     assert result.statistics().equals(alone.statistics())
 
 
+@pytest.mark.slow
 def test_what_is_lost_is_flown_again(campaign, alone):
     folder = as_path("s3://bucket/lost")
     campaign.run(cases=CASES, out=folder)
@@ -101,6 +103,7 @@ def test_what_is_lost_is_flown_again(campaign, alone):
     assert not manifests.diagnose(folder)
 
 
+@pytest.mark.slow
 def test_command_line(alone, tmp_path):
     """Commands take it by its name."""
     options = [f"--set={path}={value}" for path, value in SETTINGS.items()]

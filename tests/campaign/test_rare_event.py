@@ -43,6 +43,7 @@ def plane(p, d):
     return lambda u: stats.norm.isf(p) - u.sum(axis=1) / math.sqrt(d)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("margin", "d", "p"),
     [
@@ -283,6 +284,7 @@ def test_a_contact_is_approached_by_its_clearance():
         limit_state(touching, "x")
 
 
+@pytest.mark.slow
 def test_threads_change_nothing():
     campaign = sepmc.load("table2", {"requirement": [SLOW]})
     one, two = (campaign.rare("slow", most=FLIGHTS, seed=3, threads=n) for n in (1, 2))
@@ -310,6 +312,7 @@ def invoke(*words):
     return CliRunner().invoke(app.main, [str(word) for word in words], catch_exceptions=False)
 
 
+@pytest.mark.slow
 def test_a_folder(folder):
     run, printed = folder
     content = json.loads((run / "rare.json").read_text())
@@ -386,6 +389,7 @@ def _interrupted(campaign, folder, flights):
         campaign.rare("slow", FLIGHTS, 3, folder, resume=True, progress=_Stop(flights))
 
 
+@pytest.mark.slow
 def test_an_interrupted_estimate_is_resumed(tmp_path, monkeypatch):
     """It ends in the numbers of one that was left alone, however often it was interrupted, and
     flies what was flown before no more."""
@@ -408,6 +412,7 @@ def test_an_interrupted_estimate_is_resumed(tmp_path, monkeypatch):
     assert manifests.diagnose(folder) == []
 
 
+@pytest.mark.slow
 def test_a_damaged_log_is_flown_again(tmp_path, monkeypatch):
     """What follows a shard that was changed does not answer."""
     monkeypatch.setattr(flight_log, "_SAVE_NUMBERS", 100_000)

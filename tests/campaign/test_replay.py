@@ -38,6 +38,7 @@ def values(folder, outcome):
     return pd.read_parquet(folder / "cases").set_index("case")[outcome]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "which"),
     [
@@ -208,3 +209,12 @@ def test_figures_mark_releases_and_events(pair, tmp_path):
     history_figures._mark(ax, event_times(history.attrs))
     _, names = ax.get_legend_handles_labels()
     assert names == ["release of pins (0.2 s)", "late (0.4 s)"]
+
+
+def test_figures_mark_partial_releases(pair):
+    """A release to another kind than free has its time and its line too."""
+    loosened = {"name": "loosen", "joint": "pins", "to": "slider", "when": {"time_s": 0.1}}
+    phase = [{"name": "only", "joints": {"pins": "fixed"}}]
+    attributes = pair({"phase": phase, "release": [loosened]}).simulate(step_s=0.05).attrs
+    assert attributes["partial_releases"] == pytest.approx({"pins.slider": 0.1})
+    assert event_times(attributes) == pytest.approx({"release of pins to slider": 0.1})

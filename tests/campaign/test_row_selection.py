@@ -76,6 +76,7 @@ def expected(campaign, rows, rule):
     return rows["case"].isin(result)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("many", [False, True])
 @pytest.mark.parametrize("rule", ["failed", "every:250", "violating", "worst:7", "all"])
 def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatch):
@@ -135,12 +136,12 @@ def until(most):
 
 
 @pytest.fixture
-def often(monkeypatch):
-    """What is counted is written after every chunk, of which there are many."""
+def often(campaign, monkeypatch):
+    """The campaign, written after every chunk, of which there are many."""
     monkeypatch.setattr(runner, "_SAVE_S", 0.0)
     monkeypatch.setattr(runner, "_SHARD_S", 0.0)
     monkeypatch.setattr(runner, "_FIRST", 40)
-    monkeypatch.setattr(runner, "_CALL_S", 1e-9)
+    return campaign.with_settings({"run.chunk": 11})
 
 
 def contents(folder):
@@ -150,52 +151,55 @@ def contents(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orders", [{"stats_only": True}, {"keep": "failed,worst:7,every:100"}])
-def test_a_run_that_counts_is_resumed(campaign, tmp_path, often, orders):
+def test_a_run_that_counts_is_resumed(often, tmp_path, orders):
     """Interrupted twice, it holds what one holds that was left alone, to the last bit; and it grows
     to more cases, as if they had been asked for at once."""
     whole, folder = tmp_path / "whole", tmp_path / "run"
-    left_alone = campaign.run(cases=CASES, out=whole, **orders)
+    left_alone = often.run(cases=CASES, out=whole, **orders)
     for most in (300, 250):
         with pytest.raises(Interrupted):
-            campaign.run(cases=CASES, out=folder, progress=until(most), resume=True, **orders)
+            often.run(cases=CASES, out=folder, progress=until(most), resume=True, **orders)
         assert manifests.diagnose(folder)
         assert 0 < shards.accumulator_entry(folder).first < CASES
-    result = campaign.run(cases=CASES, out=folder, resume=True)
+    result = often.run(cases=CASES, out=folder, resume=True)
     assert result.resumed >= 500
     assert contents(folder) == contents(whole)
     assert not manifests.diagnose(folder)
     pd.testing.assert_frame_equal(result.statistics(), left_alone.statistics(), check_exact=True)
     assert result.status_counts == left_alone.status_counts
     assert result.kept.summary.counters[1].extreme == left_alone.kept.summary.counters[1].extreme
-    more = campaign.run(cases=CASES + 400, out=folder, resume=True)
-    at_once = campaign.run(cases=CASES + 400, stats_only=True)
+    more = often.run(cases=CASES + 400, out=folder, resume=True)
+    at_once = often.run(cases=CASES + 400, stats_only=True)
     pd.testing.assert_frame_equal(more.statistics(), at_once.statistics(), check_exact=True)
     assert more.status_counts == at_once.status_counts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damaged", ["accumulators", "selected"])
-def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
+def test_what_was_counted_is_damaged(often, tmp_path, damaged):
     """It is told, and all cases are flown again."""
     whole, folder = tmp_path / "whole", tmp_path / "run"
-    campaign.run(cases=CASES, out=whole, keep="every:100")
+    often.run(cases=CASES, out=whole, keep="every:100")
     with pytest.raises(Interrupted):
-        campaign.run(cases=CASES, out=folder, keep="every:100", progress=until(500))
+        often.run(cases=CASES, out=folder, keep="every:100", progress=until(500))
     (part, *_) = sorted((folder / damaged).glob("part-*.parquet"))
     part.write_bytes(part.read_bytes()[:-9] + b"123456789")
     assert any(part.name in finding.text for finding in manifests.diagnose(folder))
     texts = []
-    result = campaign.run(cases=CASES, out=folder, resume=True, announce=texts.append)
+    result = often.run(cases=CASES, out=folder, resume=True, announce=texts.append)
     assert any("all are run" in one for one in texts)
     assert result.resumed == 0
     assert contents(folder) == contents(whole)
 
 
+@pytest.mark.slow
 def test_counts_beyond_what_is_kept_exactly(tmp_path, often, monkeypatch):
     """Values in a grid, in its tails, on its points of many values; and those that wait."""
     monkeypatch.setattr(quantile_sketch, "EXACT_VALUES", 256)
     monkeypatch.setattr(streaming, "ACCUMULATION_BLOCK", 64)
-    loaded = sepmc.load("table2", {**SETTINGS, "run.chunk": 70})
+    loaded = sepmc.load("table2", {**SETTINGS, "run.chunk": 7})
     with pytest.raises(Interrupted):
         loaded.run(cases=CASES, out=tmp_path / "run", stats_only=True, progress=until(450))
     assert shards.accumulator_entry(tmp_path / "run").first % 64
@@ -254,6 +258,7 @@ def test_without_requirements(tmp_path):
             plain.run(cases=10, out=tmp_path / "run", keep=rule)
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path):
     def call(*given):
         return CliRunner().invoke(app.main, [str(one) for one in given])

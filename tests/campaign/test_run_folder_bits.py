@@ -44,6 +44,7 @@ def same(one, other):
     pd.testing.assert_frame_equal(one.statistics(), other.statistics(), check_exact=True)
 
 
+@pytest.mark.slow
 def test_calls_and_parts_change_nothing(campaign, result, tmp_path, monkeypatch):
     """A slow scene: one case a call, and a part as soon as something is flown."""
     monkeypatch.setattr(runner, "_FIRST", 3)
@@ -63,6 +64,7 @@ def test_a_part_has_a_bound_in_memory(campaign, result, tmp_path, monkeypatch):
     assert len(list((tmp_path / "run" / "cases").iterdir())) > 3
 
 
+@pytest.mark.slow
 def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monkeypatch):
     folder = tmp_path / "run"
     monkeypatch.setattr(row_statistics, "MAX_EXACT_CASES", 10)
@@ -201,6 +203,7 @@ def test_statistics_only_on_the_command_line(result, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_histograms_of_statistics_only(campaign, tmp_path):
     """Are drawn again from their bins."""
     folder = tmp_path / "run"
@@ -300,6 +303,7 @@ def test_scipy_is_left_alone_where_nothing_needs_it():
     assert done.stdout == "False\n"
 
 
+@pytest.mark.slow
 def test_numba_does_not_import_linear_algebra():
     """Its array maths asks for ``scipy.linalg``, which takes 0.24 s; whoever uses it still can."""
     import subprocess

@@ -7,7 +7,7 @@ import sepmc
 from sepmc.campaign.store import ledger
 from sepmc.cli import app
 
-SETTINGS = {"solver.step_s": 0.1, "run.history_step_s": 0.0, "run.seed": 5}
+SETTINGS = {"run.history_step_s": 0.0, "run.seed": 5}
 WORDS = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}")]
 STATISTICS = ("statistics.csv", "statistics.json")
 
@@ -15,7 +15,7 @@ STATISTICS = ("statistics.csv", "statistics.json")
 def from_command_line(folder, *words):
     called = CliRunner().invoke(
         app.main,
-        ["campaign", "residual-thrust.toml", *WORDS, "--no-plots", "--quiet", *words, "--out",
+        ["campaign", "table2.toml", *WORDS, "--no-plots", "--quiet", *words, "--out",
          str(folder)],
     )  # fmt: skip
     assert called.exit_code in (0, 3), called.output
@@ -27,7 +27,7 @@ def texts(folder):
 
 @pytest.fixture(scope="module")
 def campaign():
-    return sepmc.load("residual-thrust.toml", SETTINGS)
+    return sepmc.load("table2.toml", SETTINGS)
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def campaign():
     [
         ({}, []),
         ({"stats_only": True}, ["--stats-only"]),
-        ({"keep": "worst:3"}, ["--keep", "worst:3"]),
+        ({"keep": "every:7"}, ["--keep", "every:7"]),
         ({"until": "separation_speed_m_s:1%"}, ["--until", "separation_speed_m_s:1%"]),
         ({"max_failures": 0}, ["--fail-fast"]),
     ],

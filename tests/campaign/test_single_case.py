@@ -148,6 +148,7 @@ def test_a_number_that_may_not_be(pair):
     assert "body.aft.mass_kg" in result.attrs["notes"][0]
 
 
+@pytest.mark.slow
 def test_many_steps_are_compiled(pair, monkeypatch):
     """A body that turns once in 0.2 ms for a second: some 10^4 steps take plain Python too long; it
     is told."""

@@ -76,6 +76,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_as_the_independent_flight(pair, name, monkeypatch):
     """It says the same of every case, and has the same outcomes of those that have any."""

@@ -171,6 +171,7 @@ def test_extremes_of_a_discrete_law(table2):
     assert [scene.initial.altitude for scene in campaign.plan.extremes] == [100.0, 9000.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", ["thrust", "a law of speed", "a law of altitude"])
 def test_no_gust_is_jumped_over_that_only_loads_or_laws_lead_to(pair, by):
     """The nominal start is at rest or far away; the gust is where the motor, or the law of the

@@ -2,11 +2,13 @@
 
 import pickle
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import sepmc
+from sepmc import jit
 from sepmc.campaign.execution import step_selection, step_store
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.jit import CACHE_FOLDER
@@ -116,3 +118,12 @@ def test_files_of_steps_are_bounded(tmp_path, monkeypatch):
     step_store._prune(tmp_path)
     assert len(list(tmp_path.glob("steps_*"))) == 3
     assert (tmp_path / "text_0.sealed").exists()
+
+
+def test_steps_follow_from_every_source_that_is_not_compiled():
+    root = Path(sepmc.__file__).parent
+    in_digest = {path for pattern in step_store._SOURCES for path in root.glob(pattern)}
+    compiled = {path for pattern in jit._SOURCES for path in root.glob(pattern)}
+    rooms = ("analysis", "campaign", "engine", "kernel", "physics", "routines", "scene")
+    needed = {path for room in rooms for path in (root / room).rglob("*.py")}
+    assert needed | {root / "schema.py"} <= in_digest | compiled

@@ -115,6 +115,7 @@ def test_stats_again(copied):
     assert {p: p.read_bytes() for p in copied.glob("statistics.*")} == before
 
 
+@pytest.mark.slow
 def test_plots(copied):
     printed = call("plot", copied).stdout.split()
     figures = sorted(copied.glob("*.png"))
@@ -131,6 +132,7 @@ def test_plots(copied):
     assert re.search(r"^3/3 cases, \d+ cases/s, 0 s left, 0 failures$", result.stderr, re.M)
 
 
+@pytest.mark.slow
 def test_the_figures_that_matter(copied, monkeypatch):
     """By default of a few outcomes, the first by rank, and it says so; of all if asked."""
     for figure in copied.glob("*.png"):
@@ -382,6 +384,7 @@ def test_help_imports_nothing_heavy():
     assert not imported & {"numba", "pandas", "pyarrow", "matplotlib", "numpy", "scipy", "tqdm"}
 
 
+@pytest.mark.slow
 def test_the_program_itself(tmp_path):
     """`python -m sepmc` in a folder of its own, good and bad."""
     good = python(

@@ -105,6 +105,7 @@ def value_of(name):
 DAMAGES = ["none", "cut short", "one bit", "empty", "gone"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_damaged_code_is_compiled_again(damage):
     """Damaged code is never loaded, and is compiled again when needed."""

@@ -115,6 +115,24 @@ def test_compiled_formulas_are_unchanged(plain):
     assert type(plain.elementary.sine_cosine(0.3)[0]) is float
 
 
+def test_functions_that_kernels_share_are_compiled_once():
+    """Each has its line number in the kernel that it runs in."""
+    text = step_selection.kernel_text(sepmc.load("table2.toml"))
+    longer = text.replace("import math\n", "import math\n\nLINES = 2\n")
+    code = {}
+    for kernel_text in (text, longer):
+        kernel = interpreted.load(kernel_text)
+        lines = kernel_text.splitlines()
+        for name in ("rates_phase1", "integrate_block"):
+            function = vars(kernel.plain)[name].__wrapped__
+            assert lines[function.__code__.co_firstlineno].startswith(f"def {name}(")
+            code.setdefault(name, []).append(function.__code__)
+    for one, other in code.values():
+        assert other.co_firstlineno == one.co_firstlineno + 2
+        assert other.co_consts is one.co_consts
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["table2.toml", str(Path(__file__).parents[1] / "data" / "everything.toml"), "hyper-x.toml"],

@@ -153,6 +153,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_as_the_independent_flight(pair, name):
     agrees(pair(TURNING | SCENES[name]))
@@ -166,6 +167,7 @@ DISPERSED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DISPERSED)
 def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
     pair, name, tmp_path, monkeypatch

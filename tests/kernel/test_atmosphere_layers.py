@@ -30,6 +30,7 @@ def outcomes(campaign, step_s=0.05):
     return history.attrs["outcomes"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pitch", [30.0, -30.0])
 def test_a_border_is_passed_in_long_steps_as_in_short_ones(pair, pitch):
     """Both bodies cross at 300 m/s, free and at different times, in the middle of a step: error
@@ -49,6 +50,7 @@ def test_a_border_is_passed_in_long_steps_as_in_short_ones(pair, pitch):
     assert long["steps"] <= 10 + 2 * 4  # two borders, each with steps up to it and from there on
 
 
+@pytest.mark.slow
 def test_a_top_just_beyond_a_border(pair):
     """A trajectory that rises 4 m into the next layer and falls back, all within a step of 1 s: the
     step ends at both borders."""

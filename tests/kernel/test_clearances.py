@@ -31,12 +31,14 @@ def flown(nozzle):
     return nozzle.run(cases=40)
 
 
+@pytest.mark.slow
 def test_a_nozzle_leaving_an_interstage_meets_the_accuracy(flown):
     """The minimum clearance is at the end of the motion; a step is still found, with its error."""
     assert (flown.to_pandas()["status"] == "ok").all()
     assert flown.accuracy.errors["gap_clearance_mm"] <= 1e-9
 
 
+@pytest.mark.slow
 def test_rows_are_the_single_runs(nozzle, flown):
     rows = flown.to_pandas()
     for i in (0, 7, 31):
@@ -48,6 +50,7 @@ def test_rows_are_the_single_runs(nozzle, flown):
         )
 
 
+@pytest.mark.slow
 def test_rows_against_exact_geometry(flown):
     fine, rows = sepmc.load(NOZZLE, {"solver.step_s": 0.01}), flown.to_pandas()
     for i in (0, 5, int(rows["gap_clearance_mm"].argmin())):
@@ -90,6 +93,7 @@ def test_the_geometry_agrees_on_solids():
         assert unproved[0] <= 1e-6 or distance[0] <= 1e-6
 
 
+@pytest.mark.slow
 def test_the_geometry_agrees_on_ends_all_but_parallel():
     """As stages part: tilts of 1e-6 to 0.1 rad, gaps of 0.1 mm to 1 m."""
     rng = np.random.default_rng(5)
@@ -201,6 +205,7 @@ def test_lips_by_hand():
     assert math.isnan(edge_gap(((math.nan, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5), part)[0])
 
 
+@pytest.mark.slow
 def test_a_rim_flush_with_the_mouth_of_its_shell():
     """It leaves with no speed, so slowly that where it is was not told from round-off: a third of
     the cases were given up."""
@@ -209,6 +214,7 @@ def test_a_rim_flush_with_the_mouth_of_its_shell():
     assert (rows["nozzle_clearance_time_s"] > 0.25).mean() > 0.5
 
 
+@pytest.mark.slow
 def test_clearances_are_the_same_at_any_step(monkeypatch):
     """Of rims that leave straight or at a slant, within a step of any length."""
     monkeypatch.setattr(step_selection, "SAMPLE", 8)  # the step is given
@@ -220,6 +226,7 @@ def test_clearances_are_the_same_at_any_step(monkeypatch):
         assert_allclose(other, rows[0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [2, 102])
 def test_a_nozzle_that_leaves_at_a_slant(number):
     """Its rim crosses the mouth for a while, and the nearest point runs along the mouth faster than

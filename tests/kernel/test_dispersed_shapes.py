@@ -108,6 +108,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.usefixtures("plainly")
 def test_every_row_is_the_independent_flight_of_its_case(pair, name):
@@ -139,6 +140,7 @@ def test_a_wind_that_all_cases_have_is_multiplied_and_turned(pair):
     assert abs(plain["aft_vz_m_s"].iloc[-1] - fixed["aft_vz_m_s"].iloc[-1]) > 0.01
 
 
+@pytest.mark.slow
 def test_outlines_on_both_sides_of_a_shells_wall(pair):
     """A disc of the second body, 0.4 to 0.6 m wide, within a shell of 0.5 m: what each case has
     follows from its own radius."""
@@ -182,6 +184,7 @@ def test_axes_of_a_joint_are_those_of_the_scene():
         assert_allclose(axes, joint_axes(x, y), rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_compiled_as_in_plain_python(pair):
     """Axes and wind in one scene, whose start is too long for one loop: compiled, and as plain
     Python."""

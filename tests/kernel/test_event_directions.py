@@ -67,6 +67,7 @@ HEIGHT = {"body": "fore", "altitude_m": 1003.0}
 RISING, FALLING, EITHER = ({"direction": way} for way in ("rising", "falling", "either"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [0.02, 0.7])
 @pytest.mark.parametrize(
     ("first", "second"),
@@ -148,12 +149,14 @@ def crossed(request, pair):
     return make, condition, up, down
 
 
+@pytest.mark.slow
 def test_a_direction_counts(crossed):
     make, condition, up, down = crossed
     for way, time in (({}, up), (RISING, up), (EITHER, up), (FALLING, down)):
         assert_allclose(ends(make(condition | way))[0], [time], rtol=0, atol=EXACT)
 
 
+@pytest.mark.slow
 def test_standing_at_the_threshold_is_no_crossing(crossed):
     """The first phase ends at the threshold; the second waits for the next crossing."""
     make, condition, up, down = crossed
@@ -162,6 +165,7 @@ def test_standing_at_the_threshold_is_no_crossing(crossed):
         assert_allclose(result, [up, down], rtol=0, atol=EXACT)
 
 
+@pytest.mark.slow
 def test_on_the_other_side_as_it_is_armed(crossed):
     """Beyond the threshold when the phase begins: a rising crossing must still come, a falling one
     does."""
@@ -177,6 +181,7 @@ def test_on_the_other_side_as_it_is_armed(crossed):
         assert reported["status"] == "never-released"
 
 
+@pytest.mark.slow
 def test_a_limit_is_met_beyond_it_and_at_it(crossed):
     """Without a direction, a quantity at or beyond the threshold meets it at once; a height, which
     must be crossed, does not."""

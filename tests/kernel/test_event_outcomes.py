@@ -67,6 +67,7 @@ CONDITIONS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phases", [{}, LET_GO], ids=["free", "let go"])
 @pytest.mark.parametrize("when", CONDITIONS.values(), ids=CONDITIONS)
 def test_a_flight_that_ends_there_gives_the_same(pair, phases, when):
@@ -116,6 +117,7 @@ BROKEN = {
 BREAKS = [{"name": "break", "joint": "pins", "to": "free", "when": AT_8_N}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phases", [{}, BROKEN, {"release": BREAKS}], ids=["on", "ends", "breaks"])
 @pytest.mark.parametrize("when", LOADS.values(), ids=LOADS)
 def test_attitudes_where_a_load_is_reached(pair, when, phases):
@@ -143,6 +145,7 @@ GAPS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("when", "counts"),
     [({"time_s": 0.02}, False), ({"time_s": 0.05}, True), ({"spring": "aside"}, True)],

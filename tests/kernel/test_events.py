@@ -580,6 +580,7 @@ def test_a_release_that_does_not_come(pods, optional):
     assert math.isnan(result["outcomes"]["left_release_time_s"])
 
 
+@pytest.mark.slow
 def test_dispersed(pair, plainly):
     """Strokes within any and all, delays and failures, sampled per case: each release at the time
     of its own parameters."""
@@ -712,6 +713,7 @@ def swinging(stroke_m, force):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stroke", [0.0195, 0.019998, 0.01999999, 0.0203])
 def test_a_stroke_near_the_turning_point(pair, stroke):
     """2 f / k = 20 mm: just reached, although it was predicted much earlier; or never."""
@@ -727,6 +729,7 @@ def test_a_stroke_near_the_turning_point(pair, stroke):
     )
 
 
+@pytest.mark.slow
 def test_strokes_near_the_turning_point(pair):
     """Cases that reach it and cases that do not, all with the status and time of the closed form;
     none is rejected."""

@@ -82,6 +82,7 @@ HANGING = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["reduced", "full"])
 @pytest.mark.parametrize(("kind", "joint"), HANGING)
 def test_at_rest_the_joint_carries_the_weight(kind, joint, formulation):
@@ -169,6 +170,7 @@ def test_conical_pendulum():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "joint"),
     [(kind, joint) for kind in HELD for joint in (UP, ACROSS)] + [("rod", ROD)],
@@ -393,6 +395,7 @@ def same_motion(result, expected, bound=1e-11):
     assert (off <= bound).all(), names[int(np.argmax(off))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "joint",
     [{"joint.pins.x_axis": [1.0, 0.0, 0.0], "joint.pins.y_axis": [0.0, 1.0, 0.0]}, TILTED],
@@ -438,6 +441,7 @@ def test_rod_over_a_second(pair, formulation):
     same_motion(flown(campaign.with_settings({"solver.formulation": "reduced"})), history)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rotations", SUBSETS)
 def test_every_custom_kind(pair, rotations):
     """All sets of translations with a set of rotations: they constrain their components, and the
@@ -468,6 +472,7 @@ def test_custom_kinds_that_are_common(pair, kind):
     assert flown(campaign).equals(flown(campaign.with_settings({"phase": only(kind)["phase"]})))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [*HELD, "rod"])
 def test_ground_or_a_great_mass(pair, kind):
     """The aft body on a fore body of 1e9 kg at rest moves as on the ground, to 1e-7, the ratio of

@@ -102,6 +102,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_as_the_independent_flight(pair, name):
     """All outcomes, with pin loads, sliding time and the jamming friction coefficient."""

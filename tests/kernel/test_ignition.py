@@ -132,8 +132,9 @@ def test_an_event_called_as_an_ignition_is_told(pair):
         pair(_FREED | {"event": events, "motor": [_BURNING | waits]})
 
 
-def test_a_compiled_campaign_lights_as_a_single_run_does(pair):
-    """Rows of a campaign have the outcomes of single runs, with a dispersed delay."""
+def test_a_campaign_lights_as_a_single_run_does(pair, plainly):
+    """Rows of a campaign have the outcomes of single runs, with a dispersed delay.
+    `test_everything` compiles one."""
     path = "motor.retro.ignition.delay_s"
     campaign = pair(
         {

@@ -136,7 +136,7 @@ def test_what_joints_do_not_allow_is_refused(pair, scene, says):
         pair({"joint.pins.omega_deg_s": [0.0, 5.0, 10.0]} | scene)
 
 
-def test_a_rate_about_an_oblique_hinge_varies_by_its_components_together(pair):
+def test_a_rate_about_an_oblique_hinge_varies_by_its_components_together(pair, plainly):
     """Sampled together, rates along the hinge are valid, others are an inconsistent start."""
     laws = {f"joint.pins.omega_deg_s.{x}": {"discrete": [10.0, 20.0]} for x in "xy"}
     campaign = pair(

@@ -561,6 +561,7 @@ def test_a_stroke_just_missed(pair, monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_an_event_touched_but_not_crossed(quiet):
     """Strokes of all lengths under a weak motor: most phases last far longer than in calibration
     cases. Release times as in the independent simulation."""

@@ -129,6 +129,7 @@ def test_every_order_condition_holds(name):
     assert np.abs(order_conditions(rk, rk.order + 1)).max() >= 1e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXTENDED)
 def test_order_over_a_whole_flight(rapid, reference, name):
     """Largest relative error of all outcomes, and the error of the release time, over five halvings
@@ -149,6 +150,7 @@ def test_order_over_a_whole_flight(rapid, reference, name):
     assert order(steps, release) >= min(least, 5.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXTENDED)
 def test_order_of_the_continuous_extension(table2, name):
     """Rows inside a single step: an extension of order p leaves an error of h^(p+1), less 0.3 for

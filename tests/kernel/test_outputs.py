@@ -87,6 +87,7 @@ def test_peak_and_impulse_against_a_dense_history(pair, drift):
         assert_allclose(outcomes[f"pins_{what}_impulse_{unit}_s"], total, rtol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [80, 81, 90, 102])
 def test_peak_wherever_it_falls_in_a_step(pair, steps):
     """The aft body swings on a sphere: the force peaks at 3.21449 s, 0.29, 0.09, 0.33 or 0.97 of a
@@ -398,6 +399,7 @@ def slope(angle_deg, g=9.80665):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("formulation", "end"), [("reduced", 0.2), ("full", 0.05)])
 def test_coulomb_on_a_slope(pair, formulation, end):
     """The mass centre stands over the pin's middle, so its ends carry m g cos a in all: a = g sin a
@@ -445,6 +447,7 @@ def test_friction_near_rest(pair):
     assert_allclose(history["pins_separation_speed_m_s"].iloc[-1], end, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_friction_stops_a_slider(pair):
     """Pushed by 4 N for 0.02 s, then only 10 N across it and 0.1 of friction: 1 N against 1 kg
     stops 0.06 m/s... until it creeps at rest."""
@@ -486,6 +489,7 @@ def test_jam_friction_of_what_nothing_drives(pair):
         assert_allclose(outcomes["pins_jam_friction"], 0.0, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.05, 0.15])
 def test_jam_friction_is_that_of_the_drive(pair, friction):
     """4 N along, 10 N across: 0.4 jams, however much friction there is already."""
@@ -497,6 +501,7 @@ def test_jam_friction_is_that_of_the_drive(pair, friction):
     assert_allclose(outcomes["pins_jam_friction"], 0.4, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.02, 0.3, 0.7])
 def test_jam_friction_counts_the_loads_that_friction_causes(pair, friction):
     """Pulled apart through the mass centres, the pin 0.3 m beside them: friction f bends it, at
@@ -524,6 +529,7 @@ def test_jam_friction_counts_the_loads_that_friction_causes(pair, friction):
     flown(pair(settings | {"joint.pins.guide": rubbing(0.76, 0.5)}), status="jammed")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.2, 0.5, 0.9, 1.5, 3.0])
 def test_friction_that_lowers_its_own_load(pair, gain):
     """Pushed through the pin, the mass centre half a metre beside it: the couple is arm (F - f), so
@@ -572,6 +578,7 @@ def test_jams_when_friction_feeds_itself(pair, gain, status):
     assert math.isnan(result["outcomes"]["aft_omega_x_deg_s"]) == (status == "jammed")
 
 
+@pytest.mark.slow
 def test_work_of_friction(pair):
     """On 30 deg of slope over 0.2 s: kinetic energy is what gravity gives less what friction takes,
     to the audit's own sum."""
@@ -592,6 +599,7 @@ def test_work_of_friction(pair):
     assert outcomes["energy_residual"] <= 1e-9
 
 
+@pytest.mark.slow
 def test_dispersed_friction(pair, plainly):
     """Each case its own coefficient, integrated by scipy."""
     settings, drive, normal = slope(30.0)
@@ -860,6 +868,7 @@ def test_clearance_between_turning_bodies(pair):
     assert outcomes["gap_recontact"] == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parts", ["cones", "shell"])
 def test_least_distance_does_not_depend_on_the_step(pair, parts, monkeypatch):
     """Cones of many slopes that pass each other, tumbling, in one, two or twenty steps: 100 cases,
@@ -901,6 +910,7 @@ def test_least_distance_does_not_depend_on_the_step(pair, parts, monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_an_impulse_over_a_sudden_change_of_load():
     """A missile on a rail in a tail wind: as it outruns the wind the flow reverses within a part of
     a step. Steps that miss that have errors of 8e-6; converged ones meet the accuracy."""

@@ -120,6 +120,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_as_the_independent_flight(pair, name):
     """Motion, release and joint loads; the audit has the number of redundant rows."""

@@ -163,6 +163,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_as_the_independent_flight(pair, name):
     settings, releases, expected = SCENES[name]
@@ -263,6 +264,7 @@ UNMET = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", UNMET)
 def test_a_release_that_does_not_come(pair, name):
     """A joint that is still constrained although it should have been released; alone and as the

@@ -88,6 +88,7 @@ def spring(**keys):
     return {key: value for key, value in (PUSH | keys).items() if value is not None}
 
 
+@pytest.mark.slow
 def test_weak_and_failed(pair):
     """A factor scales the whole force, as a spring with its three coefficients scaled; a failed
     spring ends its stroke where the other one pushes the bodies."""
@@ -585,6 +586,7 @@ def test_load_at_a_point(pair, frame):
     assert_allclose(omega[:2], [1.5e-3 / 3.0, -2e-3 / 4.0], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_dispersed_loads(pair, plainly):
     """Force, start and end, each case its own: v = F (end - start) / m."""
     load = {"name": "pull", "body": "aft", "force_N": [1.0, 0.0, 0.0], "start_s": 0.1, "end_s": 0.3}

@@ -72,6 +72,7 @@ def tables(campaign, axes, share=1.0):
 ALPHA, BETA = np.linspace(-12.0, 12.0, 9).tolist(), [-15.0, -6.0, -1.0, 2.0, 9.0, 15.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("axes", "share"),
     [
@@ -201,6 +202,7 @@ def test_slower_than_a_table(pair):
     assert result["status"] == "outside-table"
 
 
+@pytest.mark.slow
 def test_air_sampled_from_the_standard(table2, plainly):
     """Every 100 m from 68.5 to 71.5 km: a spline of the logarithm, flown by 30 cases to 1e-9."""
     plain = table2.with_settings(
@@ -407,6 +409,7 @@ def test_proximity_in_all_six(pair):
     )
 
 
+@pytest.mark.slow
 def test_two_proximity_entries_add_and_vary(pair, plainly):
     """0.01 and 0.02 of C_A times factors of their own: v = v0 / (1 + v0 k t)."""
     entries = [

@@ -529,6 +529,7 @@ def test_more_bodies_than_line_styles(tmp_path, drawn):
     assert len(drawn["angles.png"].axes[0].lines) == 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reference", [None, REFERENCE])
 def test_nothing_is_clipped_and_no_legend_lies_on_data(tmp_path, drawn, reference):
     cases, histories = campaign()
@@ -565,6 +566,7 @@ def test_required_bounds_are_marked(drawn, tmp_path):
     assert "required bound" not in [line.get_label() for line in second.lines]
 
 
+@pytest.mark.slow
 def test_a_second_process_draws_the_same(tmp_path):
     """Byte for byte; and where it was killed, they are drawn all the same."""
     import sepmc

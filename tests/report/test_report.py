@@ -69,6 +69,7 @@ class Tags(HTMLParser):
         self.refers += [value for name, value in attrs if name in ("src", "href", "xlink:href")]
 
 
+@pytest.mark.slow
 def test_one_page(page):
     """It is well formed, asks nothing of other files, and shows what a file says as text."""
     tags = Tags()
@@ -83,6 +84,7 @@ def test_one_page(page):
     assert len(page) < 3e6
 
 
+@pytest.mark.slow
 def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
     """Some are not released before the end: the first of them is among the worst, by its status,
     and replayed."""
@@ -135,6 +137,7 @@ def test_content(page):
     assert "campaign.toml of the run folder" in folded[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_drawing(tmp_path, ending):
     """Of every shipped campaign; nothing is overwritten unasked."""
@@ -149,6 +152,7 @@ def test_drawing(tmp_path, ending):
     assert call("draw", "srb", "--out", tmp_path / "vehicle.txt").exit_code == 2
 
 
+@pytest.mark.slow
 def test_every_campaign_can_be_drawn(tmp_path):
     for name in (*shipped_campaigns(), str(EVERYTHING)):
         campaign = sepmc.load(name)
@@ -159,6 +163,7 @@ def test_every_campaign_can_be_drawn(tmp_path):
             assert part in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["table2", "spring-pushers", "residual-thrust", "missile-rail", "srb"]
 )
@@ -213,6 +218,7 @@ def test_thrust_is_drawn_as_it_acts():
         assert_allclose(_nozzle(motor), (-arm[0], *arm[1:]), atol=1e-15)
 
 
+@pytest.mark.slow
 def test_options(run, tmp_path):
     called = call("report", run, "--no-replay", "--quiet")
     assert (called.exit_code, called.output) == (0, "")

@@ -165,6 +165,7 @@ def test_a_pusher_that_pulls(settings, message):
     )
 
 
+@pytest.mark.slow
 def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
     """The starter campaign as it is; ended while its nozzle is inside; a bound of the wrong
     side."""
@@ -184,6 +185,7 @@ def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
     assert "requirement.clear.at_least = 95: the nominal case violates it" in wrong
 
 
+@pytest.mark.slow
 def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
     """In the notes and in the manifest of a run that ends too early; not of one that does not."""
     file = tmp_path / "rocket.toml"

@@ -12,9 +12,11 @@ from sepmc.validation.stresses.line import ACCURATE, FLAGGED, SILENT, Bound, Str
 
 LINE = Stress("input", "quantity", 1e-12, Bound(1e-10, "reason"), "ok")
 
+SLOW = ("hour", "light_link", "long_steps", "grazing", "peak_loads", "step_lengths")
+
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "hour" else n for n in stress.STRESSES]
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in stress.STRESSES]
 )
 def test_stress(name):
     """All lines of one stress pass, as many of them accurate as before."""

@@ -11,7 +11,7 @@ from sepmc.physics import joints
 from sepmc.validation import lagrange, references, verify
 from sepmc.validation.line import Line, table, worst
 
-SLOW = ("top", "orders")  # those of ten seconds and more
+SLOW = ("top", "orders", "no_work", "full_against_reduced", "cases", "phases")
 
 
 @pytest.mark.parametrize(

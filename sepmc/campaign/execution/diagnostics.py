@@ -12,7 +12,7 @@ from sepmc.campaign.cases import SIZE_DEPENDENT
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, scene_scales
 from sepmc.campaign.execution.integration import Integration
-from sepmc.campaign.execution.missing_events import missing_of_one
+from sepmc.campaign.execution.missing_events import missing_of_nominal
 from sepmc.campaign.execution.table_overshoot import overshooting
 from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene import parameters
@@ -167,7 +167,7 @@ def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
 
 
 def nominal_notes(
-    campaign: Definition, outcomes: Mapping[str, float], springs: Mapping[str, float] | None
+    campaign: Definition, outcomes: Mapping[str, float], has_ended: bool
 ) -> Iterator[str]:
     """Notes on the outcomes of the nominal case: violated, missing, or a minimum at the end time.
 
@@ -176,8 +176,8 @@ def nominal_notes(
     campaign : Definition
     outcomes : mapping of str to float
         By column, in its unit.
-    springs : mapping of str to float, optional
-        Times of the ends of strokes, s; None if the case did not reach its end.
+    has_ended : bool
+        True if the case reached its end.
 
     Yields
     ------
@@ -197,8 +197,8 @@ def nominal_notes(
                     f"requirement.{item.name}.{key} = {bound:g}: the nominal case violates it, "
                     f"{item.metric} is {value:.5g} {unit}".rstrip()
                 )
-    if springs is not None:
-        yield from missing_of_one(campaign, outcomes, springs, "the nominal case")
+    if has_ended:
+        yield from missing_of_nominal(campaign, outcomes)
     for name in min_at_end(campaign, outcomes):
         yield _min_at_end_note(name, "the nominal case ends")
 

@@ -1,8 +1,9 @@
-"""Expected events that do not occur: releases, observation events and ignitions.
+"""Expected events that do not occur: releases, observation events, ignitions and ends of strokes.
 
 A phase that does not end has the status never-released instead.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
@@ -10,19 +11,29 @@ import numpy as np
 
 from sepmc.campaign.definition import Definition
 from sepmc.scene.model import Scene
-from sepmc.schema import event_columns, ignition_columns, release_columns
+from sepmc.schema import (
+    event_columns,
+    ignition_columns,
+    partial_release_columns,
+    release_columns,
+    stroke_columns,
+)
 
 _FREE = "free"
 
 
 def expected_events(campaign: Definition) -> dict[str, str]:
-    """Time column of each expected event, by its key in the file."""
+    """Time column of each expected event, by its key in the file; of a partial release, by joint
+    and kind."""
     contents = campaign.plan.contents
     releases, freed = release_columns(contents), set(_released_joints(campaign.scene))
+    partial = partial_release_columns(contents)
     return {
         **{f"joint.{name}": releases[name] for name in contents.joints if name in freed},
+        **{f"joint.{joint}.{kind}": column for (joint, kind), column in partial.items()},
         **{f"event.{name}": column for name, column in event_columns(contents).items()},
         **{f"motor.{name}": column for name, column in ignition_columns(contents).items()},
+        **{f"spring.{name}": column for name, column in stroke_columns(contents).items()},
     }
 
 
@@ -68,33 +79,31 @@ def missing_notes(campaign: Definition, counts: Mapping[str, int], ok: int) -> l
     ]
 
 
-def missing_of_one(
-    campaign: Definition, outcomes: Mapping[str, float], springs: Mapping[str, float], case: str
-) -> list[str]:
-    """Notes on the events that do not occur in one case, and on springs whose stroke does not end.
-
-    ``springs`` are times of the ends of strokes, s, NaN if not reached; ``case`` names the case.
-    """
+def missing_of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> list[str]:
+    """Notes on the events that do not occur in the nominal case, from its outcomes by column; a
+    spring without a nominal stroke has none to end."""
+    scene = campaign.scene
+    endless = {f"spring.{spring.name}" for spring in scene.spring if math.isinf(spring.stroke)}
     values = {name: np.array([value]) for name, value in outcomes.items()}
-    end = campaign.scene.run.end_time
-    notes = [
-        _description(campaign.scene, key)
+    return [
+        f"{_description(scene, key)} in the nominal case, which ends at {scene.run.end_time:g} s"
         for key in count_missing(campaign, values, np.array([True]))
+        if key not in endless
     ]
-    notes += [
-        f"spring.{name} does not reach the end of its stroke, and pushes on"
-        for name, time in springs.items()
-        if np.isnan(time)
-    ]
-    return [f"{note} in {case}, which ends at {end:g} s" for note in notes]
 
 
 def _description(scene: Scene, key: str) -> str:
     """Describe the missing event in words."""
-    table, _, name = key.partition(".")
+    table, name, *kinds = key.split(".")
     if table == "motor":
         return f"{key} does not light"
     if table == "event":
         return f"{key} does not come"
-    optional = any(release.joint == name and release.optional for release in scene.release)
-    return f"{key} does not become free{' (its release is optional)' if optional else ''}"
+    if table == "spring":
+        return f"{key} does not reach the end of its stroke, and pushes on"
+    releases = [release for release in scene.release if release.joint == name]
+    if kinds:
+        releases = [release for release in releases if release.to in kinds]
+    what = f"is not released to {kinds[0]}" if kinds else "does not become free"
+    optional = any(release.optional for release in releases)
+    return f"{table}.{name} {what}{' (its release is optional)' if optional else ''}"

@@ -2,7 +2,7 @@
 long."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,14 +21,13 @@ from sepmc.engine.dispatch import integrate_nominal, interpreted, load_kernel, p
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, Work, WorkLimitError
 from sepmc.kernel.spec.kernel_spec import KernelSpec
-from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout, make_parameter_layout
 from sepmc.kernel.spec.structure import brief_transient, make_kernel_spec
 from sepmc.kernel.spec.variant import Variant
 from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
-from sepmc.schema import Column, Status
+from sepmc.schema import Column, Contents, Status
 
 # of a given step: the first refinement at which a case reaches its end gives the durations
 _DURATION_FACTORS = (2, 16, 128)
@@ -65,8 +64,6 @@ class SingleCase:
     error : ndarray, shape (o,), optional
         Numerical error of the outcomes.
     compiled : bool
-    springs : dict of str to float
-        Times, s, at which springs reach the end of their stroke; NaN if not.
     """
 
     plan: ParameterLayout
@@ -78,7 +75,6 @@ class SingleCase:
     notes: list[str]
     error: np.ndarray | None = None
     compiled: bool = False
-    springs: dict[str, float] = field(default_factory=dict)
 
 
 class UnknownError(Exception):
@@ -98,7 +94,7 @@ class _RejectedError(Exception):
 
 def simulate_case(
     scene: Scene,
-    columns: list[Column],
+    contents: Contents,
     row_interval_s: float,
     announce: Log | None = None,
     plain_work: float | None = None,
@@ -109,8 +105,8 @@ def simulate_case(
     ----------
     scene : Scene
         Values of the case.
-    columns : list of Column
-        Of the outcomes.
+    contents : Contents
+        What the columns of the outcomes follow from: that of its campaign.
     row_interval_s : float
         Interval of history rows; there are also two at each end of a phase.
     announce : Log, optional
@@ -127,7 +123,8 @@ def simulate_case(
     UnknownError
         If ``plain_work`` is too small.
     """
-    plan, variant = make_parameter_layout(scene), Variant.STANDARD
+    plan, variant = _layout(scene, contents), Variant.STANDARD
+    columns = schema.outcome_columns(contents)
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
         shape = make_kernel_spec(plan, variant=variant)
@@ -144,10 +141,10 @@ def simulate_case(
             )
 
 
-def invalid_case(scene: Scene, columns: int) -> SingleCase:
+def invalid_case(scene: Scene, contents: Contents) -> SingleCase:
     """Result of a case with an invalid parameter, which is not simulated."""
-    plan = make_parameter_layout(scene)
-    rows = np.empty((0, len(schema.history_columns(plan.contents))))
+    plan, columns = _layout(scene, contents), len(schema.result_columns(contents))
+    rows = np.empty((0, len(schema.history_columns(contents))))
     return SingleCase(
         plan,
         Status.INVALID_INPUT,
@@ -157,6 +154,12 @@ def invalid_case(scene: Scene, columns: int) -> SingleCase:
         rows,
         [],
     )
+
+
+def _layout(scene: Scene, contents: Contents) -> ParameterLayout:
+    """Layout of the parameters of a case, with the columns of its campaign: there, dispersions may
+    give a stroke to a spring that has none here."""
+    return replace(make_parameter_layout(scene), contents=contents)
 
 
 class _SingleRun:
@@ -333,18 +336,7 @@ class _SingleRun:
             notes,
             None,
             self.compiled,
-            self._springs(changes),
         )
-
-    def _springs(self, changes: np.ndarray) -> dict[str, float]:
-        """Times, s, of the ends of strokes by spring: the last of the times (n,) from
-        ``_event_times``.
-
-        See `sepmc.kernel.emit.context.Context.change_times`.
-        """
-        back, spent = Names(self.plan.scene).back, self.shape.stroke_springs
-        times = changes[len(changes) - len(spent) :].tolist()
-        return {back[name]: time for name, time in zip(spent, times, strict=True)}
 
     def _event_times(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends of segments (segments,) and times (n,) of changes within, s, at some steps."""

@@ -17,7 +17,7 @@ from sepmc.campaign.execution.calibration_cases import CalibrationSize
 from sepmc.campaign.execution.integration import Integration
 
 # sources that steps follow from, in addition to the compiled ones
-_SOURCES = ("analysis/**/*.py", "campaign/**/*.py", "engine/*.py", "kernel/**/*.py", "scene/*.py")
+_SOURCES = ("analysis/*.py", "campaign/**/*.py", "kernel/**/*.py", "scene/*.py", "schema.py")
 _MAX_IN_MEMORY = 32
 _MAX_FILES, _PRUNE_EVERY = 1000, 100  # some 15 kB each
 _count = itertools.count(1)  # files that this process stored

@@ -14,6 +14,7 @@ from sepmc.kernel.emit.outcomes import (
     emit_results,
     event_angle,
     event_field,
+    time_fields,
     tip_off_field,
     tip_off_fields,
 )
@@ -99,9 +100,9 @@ def _begin(out: Text, c: Context) -> None:
         "    w[NOT_FINITE + l] += w[P + slots[k] * LANES + l] - w[P + slots[k] * LANES + l]",
     )
     text("prepare(w)")
-    for field in tip_off_fields(c):
-        c.workspace.add(field, 3, optional=True)
-        text.block("for e in range(3 * LANES):")(f"w[{field} + e] = math.nan")
+    for field, count in [*((field, 3) for field in tip_off_fields(c)), *time_fields(c)]:
+        c.workspace.add(field, count, optional=True)
+        text.block(f"for e in range({count} * LANES):")(f"w[{field} + e] = math.nan")
     for event in c.spec.scene.event:
         c.workspace.add(event_field(event.name), c.size + 2 * len(c.spec.bodies), optional=True)
         text.block(f"for e in range({c.workspace.counts[event_field(event.name)]} * LANES):")(
@@ -534,12 +535,13 @@ def _release_joints(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _record_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr) -> None:
-    """Record the time of a kind change: a full history has rows on both sides."""
-    for changing_joint, number in c.spec.kind_changes if c.change_times else []:
+    """Record the time of a kind change, unless a phase before had not ended at the end time."""
+    for changing_joint, number in c.recorded_changes:
         if changing_joint == joint:
             path = change_time(joint, number)
             c.start(path, math.nan)
             changes = (before < float(number)) & (kind >= float(number))
+            changes = changes & scope.load("UNRELEASED").equals(0.0)
             scope.store(path, where(changes, scope.load("T"), scope.load(path)))
 
 

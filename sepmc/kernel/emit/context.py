@@ -12,6 +12,8 @@ from sepmc.kernel.tracer.text import Text, Workspace
 from sepmc.kernel.tracer.tracer import Expr, Scope, where
 from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 
+STROKE_END_TIMES = "STROKE_END_TIMES"  # field of the times of all springs with a column
+
 
 @dataclass
 class Context:
@@ -54,9 +56,18 @@ class Context:
         changes and stroke ends."""
         if self.history != FULL_HISTORY:
             return []
-        return [change_time(*change) for change in self.spec.kind_changes] + [
-            stroke_end_time(spring) for spring in self.spec.stroke_springs
+        return [change_time(*change) for change in self.recorded_changes] + [
+            stroke_end_time(self.spec, spring) for spring in self.spec.stroke_springs
         ]
+
+    @property
+    def recorded_changes(self) -> list[tuple[str, int]]:
+        """Joints and kind numbers whose times are recorded: all for a full history, else those of
+        partial releases, which are outcomes."""
+        changes = self.spec.kind_changes
+        if self.history == FULL_HISTORY:
+            return changes
+        return [change for change in changes if change in self.spec.partial_releases]
 
     @property
     def monitored_joints(self) -> tuple[str, ...]:
@@ -253,9 +264,9 @@ def change_time(joint: str, number: int) -> str:
     return f"CHANGE_TIME_{joint}_{number}"
 
 
-def stroke_end_time(spring: str) -> str:
-    """Field of the time at which a spring reached the end of its stroke."""
-    return f"STROKE_END_TIME_{spring}"
+def stroke_end_time(spec: KernelSpec, spring: str) -> str:
+    """Path of the time at which a spring reached the end of its stroke."""
+    return component(STROKE_END_TIMES, spec.stroke_columns.index(spring))
 
 
 def has_kind(joint: str, kinds: tuple[int, ...]) -> str:

@@ -412,9 +412,8 @@ def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
     indicator = c.indicator(name)
     scope.store(indicator, scalar.larger(scope.load(indicator), where(new, time_per_unit, 0.0)))
     scope.store(flag, where(met, 1.0, flag_before))
-    if event.quantity == at.AT_SPRING_STROKE and c.change_times:
-        path = stroke_end_time(event.item)
-        c.start(path, math.nan)
+    if event.quantity == at.AT_SPRING_STROKE:
+        path = stroke_end_time(c.spec, event.item)
         scope.store(path, where(met & flag_before.equals(0.0), scope.load("T"), scope.load(path)))
 
 

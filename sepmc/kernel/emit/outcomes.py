@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from sepmc.kernel.emit.clearances import emit_clearance_at, is_active_at_start
-from sepmc.kernel.emit.context import Context, component
+from sepmc.kernel.emit.context import STROKE_END_TIMES, Context, change_time, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import guide_outcomes
 from sepmc.kernel.emit.ignition import ignition
@@ -15,7 +15,6 @@ from sepmc.kernel.tracer.formulas import ZERO, loads, quat, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import where
 from sepmc.routines import layout as at
-from sepmc.scene.contents import contents
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status, transverse_components
 
@@ -192,7 +191,7 @@ def emit_results(text: Text, c: Context) -> None:
     for field, count in [("OUTCOMES", n_own), *_other_outcomes(c)]:
         text(f"put_columns(outcomes, {o}, w, {field}, {count}, first)")
         o += count
-    for y, z in transverse_components(contents(spec.scene)):
+    for y, z in transverse_components(spec.layout.contents):
         text.block("for i in range(first, min(first + LANES, draws.shape[1])):")(
             f"outcomes[{o}, i] = math.hypot(outcomes[{y}, i], outcomes[{z}, i])"
         )
@@ -227,6 +226,14 @@ def tip_off_fields(c: Context) -> list[str]:
     ]
 
 
+def time_fields(c: Context) -> list[tuple[str, int]]:
+    """Fields of the ends of strokes and of partial releases, in the order of the columns, with
+    their sizes."""
+    strokes = len(c.spec.stroke_columns)
+    fields = [(change_time(joint, number), 1) for joint, number in c.spec.partial_releases]
+    return [(STROKE_END_TIMES, strokes), *fields] if strokes else fields
+
+
 def _other_outcomes(c: Context) -> list[tuple[str, int]]:
     """Fields of outcomes after those of bodies and joints, in the order of the columns, with their
     sizes."""
@@ -240,7 +247,7 @@ def _other_outcomes(c: Context) -> list[tuple[str, int]]:
         fields.append(("EVENT_OUTCOMES", c.workspace.counts["EVENT_OUTCOMES"]))
     if "IGNITIONS" in c.workspace.counts:
         fields.append(("IGNITIONS", c.workspace.counts["IGNITIONS"]))
-    return fields
+    return fields + time_fields(c)
 
 
 def _audits(c: Context) -> list[str]:

@@ -364,6 +364,23 @@ class KernelSpec:
         return sorted((name, number) for name, number in pairs if number > self.initial_kinds[name])
 
     @property
+    def stroke_columns(self) -> list[str]:
+        """Springs whose end of stroke is an outcome, in the order of the columns."""
+        springs = self.names.of["spring"]
+        return [springs[name] for name in self.layout.contents.springs]
+
+    @property
+    def partial_releases(self) -> list[tuple[str, int]]:
+        """Joint and kind number of the partial releases that are outcomes, in the order of the
+        columns."""
+        joints, numbers = self.names.of["joint"], {c.event: c.to for c in self.changes}
+        kinds = {(r.joint, r.to): numbers[r.name] for r in self.scene.release}
+        return [
+            (joints[name], kinds[joints[name], kind])
+            for name, kind in self.layout.contents.partial_releases
+        ]
+
+    @property
     def stroke_springs(self) -> list[str]:
         """Springs that may reach the end of their stroke."""
         return list(

@@ -156,7 +156,7 @@ def make_parameter_layout(scene: Scene, dispersed: frozenset[str] = frozenset())
         list(scene.body),
         pairs,
         [phase.name for phase in scene.phase],
-        contents(scene),
+        contents(scene, dispersed),
         outlines,
     )
 

@@ -44,6 +44,11 @@ class Sequence:
             {table["joint"]: rows_of(table["to"], joints[table["joint"]].custom_kinds)}
             for table in scene["release"]
         ]
+        self.partial = {
+            (table["joint"], table["to"]): rows_of(table["to"], joints[table["joint"]].custom_kinds)
+            for table in scene["release"]
+            if table["to"] != "free"
+        }
         self.optional = [table["optional"] for table in scene["release"]]
         self.loads = loads
         self.springs = [
@@ -155,6 +160,13 @@ class Sequence:
             return math.isfinite(self.observed[waits["event"]].time)
         name = f"release {waits['release']}"
         return any(math.isfinite(one.time) for one in self.releases if one.name == name)
+
+    def loosened(self) -> Iterator[tuple[str, str]]:
+        """Joint and kind of the partial releases that would leave no less than the joint
+        constrains."""
+        for pair, rows in self.partial.items():
+            if not constrains_less(rows, self.active[pair[0]]):
+                yield pair
 
     def _leaves(self) -> Iterator[Leaf]:
         """Comparisons of all conditions, armed or not."""

@@ -77,6 +77,8 @@ class Simulation:
         self.follower = Follower(vehicle)
         # release time, s, of each joint, and angular rates of all bodies then
         self.released: dict[str, tuple[float, Array]] = {}
+        # time, s, from which a joint constrains no more than a kind it is released to in part
+        self.loosened: dict[tuple[str, str], float] = {}
         self.observed: dict[str, dict[str, float]] = {}  # outcomes at observed events
         self.monitor = Monitor(self.motion, scene["output"])
         self.clearances = Clearances(scene["clearance"], scene["body"], vehicle)
@@ -201,6 +203,8 @@ class Simulation:
                 and name not in self.released
             ):
                 self.released[name] = (self.t, s.w.copy())
+        for pair in self.sequence.loosened():
+            self.loosened.setdefault(pair, self.t)
         for name, event in self.sequence.observed.items():
             if math.isfinite(event.time) and name not in self.observed:
                 self.observed[name] = at_event(self, name)

@@ -32,8 +32,15 @@ def columns(scene: dict[str, Any]) -> list[str]:
         tuple(table["name"] for table in scene["event"]),
         transverse=tuple(output["transverse"]),
         ignitions=tuple(m["name"] for m in scene["motor"] if isinstance(m["ignition"], dict)),
+        springs=tuple(s["name"] for s in scene["spring"] if math.isfinite(s["stroke"])),
+        partial_releases=tuple(dict.fromkeys(_partial_releases(scene))),
     )
     return [column.name for column in outcome_columns(contents)]
+
+
+def _partial_releases(scene: dict[str, Any]) -> list[tuple[str, str]]:
+    """Joint and kind of every release to another kind than free."""
+    return [(table["joint"], table["to"]) for table in scene["release"] if table["to"] != "free"]
 
 
 class Follower:
@@ -75,6 +82,7 @@ class Progress(Protocol):
     monitor: Monitor
     clearances: Clearances
     released: dict[str, tuple[float, Array]]
+    loosened: dict[tuple[str, str], float]
     observed: dict[str, dict[str, float]]
     t: float
     y: Array
@@ -174,6 +182,13 @@ def report(flight: Progress) -> dict[str, float]:
     for motor in flight.loads.motors:
         if motor.waits and motor.start <= flight.t:
             out[f"{motor.table['name']}_ignition_time_s"] = motor.start
+    for event in flight.sequence.springs:
+        out[f"{event.leaves[0].name}_stroke_end_time_s"] = (
+            event.time if math.isfinite(event.time) else math.nan
+        )
+    for (name, kind), time in flight.loosened.items():
+        prefix = "" if len(flight.joints) == 1 else f"{name}_"
+        out[f"{prefix}release_to_{kind.replace('-', '_')}_time_s"] = time
     free = {name: 0.0 for name, rows in flight.sequence.kinds[0].items() if not rows}
     free |= {name: time for name, (time, _) in flight.released.items()}
     times = {name: values[f"{name}_time_s"] for name, values in flight.observed.items()}

@@ -281,6 +281,21 @@ def _at_event(tree: Tree) -> Iterator[tuple[str, str]]:
         yield f"{clearance['name']}_clearance_mm", f"C{clearance['name']}_clearance_mm"
 
 
+def _partial_releases(tree: Tree) -> Iterator[tuple[str, str]]:
+    """Columns of the times of partial releases, by the old and the new names."""
+    for release in tree.get("release", []):
+        joint, kind = release["joint"], release.get("to", "free")
+        custom = kind in tree["joint"][joint].get("kind", {})
+        old = f"release_to_{kind.replace('-', '_')}"
+        new = f"{old}_k" if custom else old
+        single = len(tree["joint"]) == 1
+        yield (
+            (f"{old}_time_s", f"{new}_time_s")
+            if single
+            else (f"{joint}_{old}_time_s", f"n{joint}_{new}_time_s")
+        )
+
+
 def equivalent_column(column: str, variant: str, tree: Tree) -> str | None:
     """Column of an equivalent scene that must equal ``column``; None if there is none."""
     joints, single = list(tree.get("joint", {})), len(tree.get("joint", {})) == 1
@@ -296,6 +311,9 @@ def equivalent_column(column: str, variant: str, tree: Tree) -> str | None:
     }
     for motor in (m["name"] for m in tree.get("motor", [])):
         renamed_columns[f"{motor}_ignition_time_s"] = f"m_{motor}_ignition_time_s"
+    for spring in (s["name"] for s in tree.get("spring", [])):  # springs keep their names
+        renamed_columns[f"{spring}_stroke_end_time_s"] = f"{spring}_stroke_end_time_s"
+    renamed_columns |= dict(_partial_releases(tree))
     for event in (e["name"] for e in tree.get("event", [])):
         renamed_columns |= {f"{event}_{old}": f"E{event}_{new}" for old, new in _at_event(tree)}
     if column in renamed_columns:
