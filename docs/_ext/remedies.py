@@ -27,7 +27,8 @@ OF_NOTES = {
     "both are right, most cases will violate it",
     r"should separate": "turn an axis of the joint or of a spring, or set `apart`",
     r"toward the other": "`cant_deg` of the motor is probably reversed",
-    r"outcomes that wait for it|KEY in the nominal case": "expected if the file disperses a failure; else "
+    r"outcomes that wait for it|KEY in the nominal case": "expected if the file disperses a "
+    "failure; else "
     "look at such a case: `sepmc replay`",
     r"is smallest when": "give a longer `run.end_time_s`",
     r"rows of the table are independent|only cases NUMBERS|are a part of a design": "for intervals "
