@@ -193,7 +193,7 @@ def test_requirement_on_the_end_of_a_stroke(file, expected):
         result = sepmc.load(file, LOOSENED | {"requirement": [bound]}).run()
     (verdict,) = result.requirements().itertuples()
     assert verdict.lacking == verdict.violations == expected["event.far"]
-    assert any("spring.push does not come to the end" in note for note in result.notes)
+    assert any("spring.push does not reach the end" in note for note in result.notes)
     row = result.statistics().loc["push_stroke_end_time_s"]
     assert row["min"] > 0.05
     assert row["max"] <= 0.1
