@@ -110,8 +110,8 @@ class DaskExecutor:
             elif time.monotonic() - last_seen > _TIMEOUT_S:
                 raise ClusterError(
                     f"{self.address or 'this machine'}: all workers have been gone for "
-                    f"{_TIMEOUT_S:g} s; what is flown is kept, and {switch('resume')} goes on from "
-                    "there"
+                    f"{_TIMEOUT_S:g} s; finished cases are stored, and {switch('resume')} "
+                    "continues from there"
                 )
 
     def _result(self, future: Any, cases: tuple[int, int]) -> Any:
@@ -123,8 +123,8 @@ class DaskExecutor:
         error = future.exception()
         if isinstance(error, KilledWorker):
             raise ClusterError(
-                f"cases {cases[0]} to {cases[1] - 1} ended every worker that flew them (out of "
-                f"memory?); what is flown is kept, and {switch('resume')} goes on from there"
+                f"cases {cases[0]} to {cases[1] - 1} ended every worker that ran them (out of "
+                f"memory?); finished cases are stored, and {switch('resume')} continues from there"
             )
         raise error
 
@@ -145,7 +145,7 @@ class DaskExecutor:
                 return
         raise ClusterError(
             f"{self.address}: the scheduler, or all workers, have been gone for {_TIMEOUT_S:g} s; "
-            f"what is flown is kept, and {switch('resume')} goes on from there"
+            f"finished cases are stored, and {switch('resume')} continues from there"
         ) from error
 
 

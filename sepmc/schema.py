@@ -32,40 +32,79 @@ class Status(IntEnum):
         return self.name.lower().replace("_", "-")
 
     @property
+    def meaning(self) -> str:
+        """What the status says of a case."""
+        return _MEANINGS[self][0]
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it; empty for ``OK``."""
+        return _MEANINGS[self][1]
+
+    @property
     def sentence(self) -> str:
-        """Explanation of the status."""
-        return _SENTENCES[self]
+        """Meaning and remedy."""
+        return ": ".join(filter(None, _MEANINGS[self]))
 
 
-_SENTENCES = {
-    Status.OK: "flown to the end",
-    Status.NEVER_RELEASED: "a phase had not ended, or a joint had not been released, at the end "
-    "time: a [[release]] whose condition was not met (optional = true allows that), one that was "
-    "sampled to fail, a run.end_time_s too short, or too little separation force; left "
-    "out of the statistics",
-    Status.INVALID_INPUT: "a mass is not positive, an inertia not positive definite or a number "
-    "not allowed: narrow the dispersion, or cut its normal law by truncate_sigma",
-    Status.OUTSIDE_ATMOSPHERE: "a body left the heights where the atmosphere is defined (0 to 86 "
-    "km for us1976)",
-    Status.SINGULAR_JOINT: "the constraint force equations have no solution: is a rod of no "
-    "length, or an axis parallel to another?",
-    Status.NOT_FINITE: "the motion became NaN or infinite: shorten solver.step_s and check the "
-    "loads",
-    Status.NO_ROOT: "an event could not be located in its step: shorten solver.step_s",
-    Status.UNRESOLVED: "attitude or energy were lost by more than 1e-6, or a body turned more "
-    "than 2 rad in a step: the step is too long, "
-    "shorten it",
-    Status.NOT_FLOWN: "the kernel did not reach this case",
-    Status.INCONSISTENT_START: "a joint of the first phase is violated by the initial state: does "
-    "a rod, a joint to the ground or the axis of a joint with omega_deg_s allow it?",
-    Status.OUTSIDE_TABLE: "Mach, alpha or beta left an aerodynamic table, which is not "
-    "extrapolated: widen the table",
-    Status.JAMMED: "guide friction grows faster than the load that drives it, so the pins jam: "
-    "look at J_jam_friction",
-    Status.TOO_MANY_EVENTS: "events followed each other without time passing",
-    Status.NO_CLEARANCE: "the minimum distance of two outlines was not found in a step: "
-    "move stations of outlines that are flush "
-    "at the start by 0.1 mm, or shorten the step",
+# Meaning and remedy of each status. No kernel writes NO_ROOT, NOT_FLOWN, TOO_MANY_EVENTS and
+# NO_CLEARANCE today; their numbers and names stay.
+_MEANINGS = {
+    Status.OK: ("reached the end of the run", ""),
+    Status.NEVER_RELEASED: (
+        "a phase had not ended, or a joint had not been released, at the end time",
+        "check the condition of each [[release]] (optional = true permits that it is not met), "
+        "run.end_time_s and the separation forces; a release that was sampled to fail needs no "
+        "remedy. Such cases are not in the statistics",
+    ),
+    Status.INVALID_INPUT: (
+        "a mass is not positive, an inertia not positive definite, or a number not allowed",
+        "narrow the dispersion, or truncate its normal distribution (truncate_sigma)",
+    ),
+    Status.OUTSIDE_ATMOSPHERE: (
+        "a body left the heights where the atmosphere is defined (0 to 86 km for us1976)",
+        "shorten run.end_time_s, or give environment.atmosphere a table that covers the heights",
+    ),
+    Status.SINGULAR_JOINT: (
+        "the constraint force equations have no solution",
+        "look for a rod of no length, or an axis parallel to another",
+    ),
+    Status.NOT_FINITE: (
+        "the motion became NaN or infinite",
+        "shorten solver.step_s and check the loads",
+    ),
+    Status.NO_ROOT: (
+        "an event could not be located in its step",
+        "shorten solver.step_s",
+    ),
+    Status.UNRESOLVED: (
+        "attitude or energy drifted by more than 1e-6, or a body turned more than 2 rad in a step",
+        "shorten solver.step_s, or remove it",
+    ),
+    Status.NOT_FLOWN: (
+        "the kernel did not reach this case",
+        "run it again",
+    ),
+    Status.INCONSISTENT_START: (
+        "the initial state violates a joint of the first phase",
+        "compare it with rods, joints to the ground, and axes of joints with omega_deg_s",
+    ),
+    Status.OUTSIDE_TABLE: (
+        "Mach, alpha or beta left an aerodynamic table, which is not extrapolated",
+        "widen the table",
+    ),
+    Status.JAMMED: (
+        "guide friction grows faster than the load that drives it, so the pins jam",
+        "look at JOINT_jam_friction",
+    ),
+    Status.TOO_MANY_EVENTS: (
+        "events at one instant did not end",
+        "look for conditions that are met again and again",
+    ),
+    Status.NO_CLEARANCE: (
+        "the minimum distance of two outlines was not found in a step",
+        "move stations of outlines that are flush at the start by 0.1 mm, or shorten solver.step_s",
+    ),
 }
 
 
@@ -132,7 +171,7 @@ _CLEARANCE = (
     (
         "clearance_mm",
         "mm",
-        "minimum distance of {0} over the flight, solids and rims or points in shells, not "
+        "minimum distance of {0} over the run, solids and rims or points in shells, not "
         "positive if they met; penetration of the wall of a shell is limited to 0.1 of its radius",
         1000.0,
     ),
@@ -205,8 +244,8 @@ _AUDIT = (
     (
         "redundant_rows",
         "1",
-        "constraint rows that follow from the others; joint forces are then those of least sum of "
-        "squares",
+        "constraint rows that follow from the others; joint forces are then those of minimum sum "
+        "of squares",
         math.nan,
     ),
     ("event_residual_s", "s", "largest uncertainty of the time of an event", 1e-9),
@@ -222,7 +261,7 @@ _AUDIT = (
         "error",
         "1",
         "estimate of the numerical error: the largest of its outcomes, of their size or sigma; "
-        "without times and places of extremes",
+        "without times and positions of extremes",
         math.nan,
     ),
 )
@@ -307,7 +346,7 @@ def outcome_columns(contents: Contents) -> list[Column]:
                 Column(
                     f"{joint}_pin{pin}_peak_load_N",
                     "N",
-                    f"maximum lateral load of pin {pin} of {joint} at mouth or tip",
+                    f"maximum lateral load of pin {pin} of {joint} at hole entry or tip",
                 )
             )
         meaning = (

@@ -1,4 +1,5 @@
-"""Tables of the site, generated from the package: columns, statuses, units, campaigns, modules."""
+"""Tables of the site, generated from the package: columns, statuses, messages, units, campaigns and
+modules."""
 
 import ast
 import re
@@ -6,6 +7,16 @@ import textwrap
 import tomllib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+
+from messages import (
+    ARGUMENT_ERRORS,
+    FOLDER_ERRORS,
+    NOTE,
+    PROBLEM,
+    message_list,
+    message_table,
+)
+from remedies import OF_FOLDERS, OF_NOTES
 
 from sepmc.schema import (
     AUDIT_BOUNDS,
@@ -72,8 +83,39 @@ def histories() -> str:
 
 def statuses() -> str:
     """Table of every status: label, meaning and remedy."""
-    rows = [(f"`{status.label}`", status.sentence) for status in Status]
-    return markdown(("status", "meaning, and what to do"), rows)
+    rows = [(f"`{status.label}`", status.meaning, status.remedy) for status in Status]
+    return markdown(("status", "meaning", "what to do"), rows)
+
+
+def notes() -> str:
+    """Table of every warning and note, with its remedy."""
+    return markdown(("message", "what to do"), message_table([NOTE], OF_NOTES))
+
+
+def folder_errors() -> str:
+    """Table of every error of run folders, workers and paths, with its remedy."""
+    return markdown(("message", "what to do"), message_table(FOLDER_ERRORS, OF_FOLDERS))
+
+
+def argument_errors() -> str:
+    """List of every error of an argument or option."""
+    return _message_list(ARGUMENT_ERRORS)
+
+
+def problems() -> str:
+    """List of every problem of a campaign file, by module."""
+    return _message_list([PROBLEM])
+
+
+def _message_list(kinds: Iterable[str]) -> str:
+    blocks = []
+    for module, texts in message_list(kinds):
+        wrapped = [
+            textwrap.fill(text, 96, initial_indent="  ", subsequent_indent="      ")
+            for text in texts
+        ]
+        blocks.append("\n".join([module, *wrapped, ""]))
+    return "```text\n" + "\n".join(blocks) + "```"
 
 
 def units() -> str:
@@ -162,6 +204,10 @@ TABLES = {
     "audits": audits,
     "histories": histories,
     "statuses": statuses,
+    "notes": notes,
+    "folder_errors": folder_errors,
+    "argument_errors": argument_errors,
+    "problems": problems,
     "units": units,
     "campaigns": campaigns,
     "modules": modules,

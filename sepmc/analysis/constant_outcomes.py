@@ -53,8 +53,8 @@ def with_constants(table: pd.DataFrame, errors: Mapping[str, tuple[float, float]
 
     ``error_size`` is the numerical error in the unit of the outcome; ``constant`` is True if at
     least two cases have the outcome and none differs from another by more than twice the error. The
-    time and place of an extreme are uncertain where it is flat, by an amount that varies from case
-    to case: they are constant only if the extreme is, too.
+    time and position of an extreme are uncertain where it is flat, by an amount that varies from
+    case to case: they are constant only if the extreme is, too.
 
     Parameters
     ----------
@@ -140,8 +140,8 @@ def joint_error(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
     Returns
     -------
     float
-        In the unit of the outcome; 0 if unknown, as for times and places of extremes that are not
-        flat.
+        In the unit of the outcome; 0 if unknown, as for times and positions of extremes that
+        are not flat.
     """
     both_constant = is_constant(one, name) and is_constant(two, name)
     if _extreme(name) and not both_constant:

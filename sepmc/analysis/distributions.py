@@ -82,8 +82,8 @@ DISTRIBUTIONS = {
     "logistic": Distribution("logistic", _LOGISTIC),
 }
 COLUMNS = (
-    "n", "skewness", "skewness_se", "kurtosis", "kurtosis_se", "normal_p", "law", "location",
-    "scale", "p", *ENDS,
+    "n", "skewness", "skewness_se", "kurtosis", "kurtosis_se", "normal_p", "distribution",
+    "location", "scale", "p", *ENDS,
 )  # fmt: skip
 
 
@@ -105,22 +105,22 @@ def fit_distributions(
         Columns to describe.
     constant : collection of str
         Outcomes whose values differ by no more than their numerical error
-        (`sepmc.analysis.constant_outcomes`); their ``law`` is `CONSTANT`, without numbers.
+        (`sepmc.analysis.constant_outcomes`); their ``distribution`` is `CONSTANT`, without numbers.
 
     Returns
     -------
     DataFrame, one row per outcome
         ``n``; ``skewness`` and excess ``kurtosis``, with their standard errors for normal cases;
-        ``normal_p``, the p value of a normal distribution; ``law``, the name of the nearest
-        distribution, its ``location`` and ``scale`` (of the logarithm for lognormal and Weibull),
+        ``normal_p``, the p value of a normal distribution; ``distribution``, the name of the
+        nearest one, its ``location`` and ``scale`` (of the logarithm for lognormal and Weibull),
         its p value ``p``, and its quantiles ``p0_135`` and ``p99_865`` in the outcome's unit.
-        P values are limited to 0.01 and 0.25. ``law`` is `TOO_FEW` for an outcome with fewer than
-        `MIN_CASES` values and `DISCRETE` for one with fewer than n / 2 distinct values; the other
-        columns are then NaN.
+        P values are limited to 0.01 and 0.25. ``distribution`` is `TOO_FEW` for an outcome with
+        fewer than `MIN_CASES` values and `DISCRETE` for one with fewer than n / 2 distinct values;
+        the other columns are then NaN.
     """
     ok = ok_rows(cases)
     table_rows = [
-        {"n": int(np.isfinite(column(cases, name)[ok]).sum()), "law": CONSTANT}
+        {"n": int(np.isfinite(column(cases, name)[ok]).sum()), "distribution": CONSTANT}
         if name in constant
         else _fit_nearest(column(cases, name)[ok])
         for name in outcomes
@@ -132,11 +132,11 @@ def _fit_nearest(values: np.ndarray) -> dict[str, Any]:
     """Return the row of `fit_distributions` for the values (n,) of one outcome."""
     x = np.sort(values[np.isfinite(values)])
     n = len(x)
-    row: dict[str, Any] = {"n": n, "law": ""}
+    row: dict[str, Any] = {"n": n, "distribution": ""}
     if n < MIN_CASES:
-        return row | {"law": TOO_FEW}
+        return row | {"distribution": TOO_FEW}
     if 2 * len(np.unique(x)) < n:
-        return row | {"law": DISCRETE}
+        return row | {"distribution": DISCRETE}
     z = (x - x.mean()) / x.std()
     row |= {
         "skewness": (z**3).mean(),
@@ -159,7 +159,7 @@ def _fit_nearest(values: np.ndarray) -> dict[str, Any]:
             best_likelihood = likelihood
             tails = fitted.ppf([PERCENTILES[end] / 100.0 for end in ENDS])
             tails = np.exp(tails) if distribution.of_logarithm else tails
-            row |= {"law": name, "location": location, "scale": scale, "p": p}
+            row |= {"distribution": name, "location": location, "scale": scale, "p": p}
             row |= zip(ENDS, tails, strict=True)
     return row
 
@@ -197,7 +197,7 @@ def render_fits(
         rows[0] += [f"{PERCENTILES[end]:g} %: fitted", "cases (95 %)"]
     sample = statistics.loc[list(fits.index)]
     for (outcome, row), (_, statistic_row) in zip(fits.iterrows(), sample.iterrows(), strict=True):
-        name_of_fit = str(row["law"])
+        name_of_fit = str(row["distribution"])
         cells = [str(outcome), units.get(str(outcome), "")]
         if name_of_fit == CONSTANT:
             rows.append([*cells, *3 * ["-"], CONSTANT, *5 * ["-"]])

@@ -228,6 +228,6 @@ def render_undersampled(counted: Sequence[Occurrence]) -> list[str]:
     n_more = len(rare) - _MAX_NAMED
     more = f", and {n_more} more values as rarely" if n_more > 0 else ""
     return [
-        f"{text}{more}: statistics and intervals hardly show its effect; fly more cases, or "
+        f"{text}{more}: statistics and intervals hardly show its effect; run more cases, or "
         f"estimate a requirement by {option('rare')}"
     ]

@@ -442,7 +442,7 @@ def _verdict(
     errors."""
     item, n = counter.requirement, counter.cases
     if not n:
-        return NONE, "no case was flown"
+        return NONE, "no case was run"
     if reason:
         return NONE, reason
     if counter.missing == n:
@@ -466,7 +466,7 @@ def _verdict(
         size = f" of {bounded[0][1]:.1e}" if not counter.others else ""
         return NONE, (
             f"cases nearer to the bound than the numerical error{size} determine the result; a "
-            "finer solver.accuracy may resolve it, except for times and places of extremes"
+            "finer solver.accuracy may resolve it, except for times and positions of extremes"
         )
     return results.pop(), ""
 

@@ -2,8 +2,8 @@
 
 The statistic is checked after 256, 512, ... cases, a mean or a sigma after 2,048, 4,096, ... cases.
 Its interval has a coverage of 95 % whatever the number n of checks, as each uses the confidence 1 -
-0.05 / n (Bonferroni). Intervals of proportions and percentiles hold for any distribution. That of a
-mean requires a sample that contains what determines it: every value that the file gives a
+0.05 / n (Bonferroni). Intervals of proportions and percentiles are valid for any distribution.
+That of a mean requires a sample that contains what determines it: every value that the file gives a
 probability, and a sigma known itself. Coverage on fifteen problems: tests/measure/until.py.
 """
 

@@ -28,7 +28,7 @@ _MAX_LEVELS = 16  # a probability of 1e-16, the resolution of floats near 1
 _TRIAL_CASES = (300, 3000)  # cases of a level of trial chains, at least and at most
 _MIN_CASES = 100  # smallest number of cases of a level of a replica
 _MAX_UNKNOWN = 0.5  # largest fraction of trial cases beyond the bound without a margin
-_MAX_SPREAD = 0.8  # relative spread of replicas: typically 0.35, with 1e5 flights for 1e-6
+_MAX_SPREAD = 0.8  # relative spread of replicas: typically 0.35, with 1e5 cases for 1e-6
 _MIN_ACCEPTED = 0.15  # smallest acceptance rate without a warning
 _MIN_ORIGINS = 5  # ancestors of violating cases per replica; typically 20
 
@@ -40,7 +40,7 @@ NamedGenerator = Callable[[str], np.random.Generator]  # random generators by na
 @dataclass(frozen=True)
 class ChainStates:
     """States of chains: ``scores`` (n, d), ``margin`` (n,), ``records`` (n, k), ``number`` (n,) of
-    the flight, ``level`` (n,) it was flown for, and ``origin`` (n,), the index of the first
+    the case, ``level`` (n,) it was run for, and ``origin`` (n,), the index of the first
     ancestor."""
 
     scores: np.ndarray
@@ -219,7 +219,7 @@ def equivalent_direct_cases(probability: float, interval: tuple[float, float]) -
 
 
 def estimate(
-    limit: LimitFunction, dimensions: int, random: NamedGenerator, max_flights: int
+    limit: LimitFunction, dimensions: int, random: NamedGenerator, max_cases: int
 ) -> tuple[Estimate, Estimate, int]:
     """Estimate the probability of a negative margin.
 
@@ -230,24 +230,25 @@ def estimate(
         Number of scores, independent standard normal variables.
     random : NamedGenerator
         A name that was used before starts anew.
-    max_flights : int
+    max_cases : int
 
     Returns
     -------
     known, all_of : Estimate
         Of violating cases, and of these and those without a margin: the same, unless the latter are
         so many that they hide the others.
-    flights : int
+    n_cases : int
+        Number of cases run.
     """
-    counter = _FlightCounter(limit)
-    trial_cases = LENGTH * round(float(np.clip(max_flights // 100, *_TRIAL_CASES)) / LENGTH)
-    depth = _depth(max_flights, trial_cases)
+    counter = _CaseCounter(limit)
+    trial_cases = LENGTH * round(float(np.clip(max_cases // 100, *_TRIAL_CASES)) / LENGTH)
+    depth = _depth(max_cases, trial_cases)
     schedules = [_levels(counter, dimensions, random("levels"), trial_cases, depth, -math.inf)]
     if schedules[0].unknown > _MAX_UNKNOWN * (schedules[0].known + schedules[0].unknown):
         generator = random("levels without unknown")
-        depth = _depth((max_flights - counter.count) // 2, trial_cases)
+        depth = _depth((max_cases - counter.count) // 2, trial_cases)
         schedules.insert(0, _levels(counter, dimensions, generator, trial_cases, depth, math.inf))
-    per_schedule = (max_flights - counter.count) // len(schedules)
+    per_schedule = (max_cases - counter.count) // len(schedules)
     estimates = [
         _replicas(counter, dimensions, random, _level_size(schedule, per_schedule), schedule)
         for schedule in schedules
@@ -255,9 +256,9 @@ def estimate(
     return estimates[0], estimates[-1], counter.count
 
 
-def _depth(flights: int, trial_cases: int) -> int:
-    """Return the number of levels that ``flights`` allow."""
-    levels = (flights / (trial_cases + _MIN_CASES * REPLICAS) - 1.0) / (1.0 - 1.0 / LENGTH)
+def _depth(n_cases: int, trial_cases: int) -> int:
+    """Return the number of levels that ``n_cases`` allow."""
+    levels = (n_cases / (trial_cases + _MIN_CASES * REPLICAS) - 1.0) / (1.0 - 1.0 / LENGTH)
     return max(0, min(_MAX_LEVELS, int(levels)))
 
 
@@ -268,22 +269,22 @@ def estimate_warnings(estimate: Estimate) -> list[str]:
         threshold = estimate.levels[-2].threshold if len(estimate.levels) > 1 else math.inf
         margin = f" a margin of {threshold:.4g}" if math.isfinite(threshold) else " all cases"
         warnings.append(
-            f"few of the cases that trial chains reached violate, within{margin}: more flights "
+            f"few of the cases that trial chains reached violate, within{margin}: more cases "
             "may improve the estimate"
             if estimate.known.any()
             else f"trial chains did not reach the bound, only{margin}: it may be out of reach, lie "
-            "at a jump of the margin, or take more flights"
+            "at a jump of the margin, or need more cases"
         )
     if estimate.known.any() and len(estimate.levels) > 1:
         if low == 0.0 or estimate.spread > _MAX_SPREAD:
             warnings.append(
                 f"replicas disagree, from {low:.2e} to {high:.2e}: the interval may be too narrow, "
-                "as some may have missed a failure mode; allow more flights"
+                "as some may have missed a failure mode; allow more cases"
             )
         if estimate.origins < _MIN_ORIGINS * len(estimate.known):
             warnings.append(
                 f"all violating cases descend from {estimate.origins} first cases in "
-                f"{len(estimate.known)} replicas: allow more flights"
+                f"{len(estimate.known)} replicas: allow more cases"
             )
     stuck = [
         f"{level.acceptance:.2f} at a margin of {level.threshold:.4g}"
@@ -295,7 +296,7 @@ def estimate_warnings(estimate: Estimate) -> list[str]:
     return warnings
 
 
-class _FlightCounter:
+class _CaseCounter:
     """Evaluates the limit function and numbers its evaluations."""
 
     def __init__(self, limit: LimitFunction):
@@ -315,7 +316,7 @@ def _ordering(states: ChainStates, worst: float) -> np.ndarray:
 
 
 def _levels(
-    flights: _FlightCounter,
+    counter: _CaseCounter,
     dimensions: int,
     random: np.random.Generator,
     size: int,
@@ -324,7 +325,7 @@ def _levels(
 ) -> LevelSchedule:
     """Find thresholds and step sizes with trial chains of ``size`` cases a level, at most ``depth``
     levels."""
-    states = flights.evaluate(random.standard_normal((size, dimensions)), 0, np.arange(size))
+    states = counter.evaluate(random.standard_normal((size, dimensions)), 0, np.arange(size))
     thresholds: list[float] = []
     steps: list[np.ndarray] = []
     scale, chains = _FIRST_STEP, size // LENGTH
@@ -344,7 +345,7 @@ def _levels(
         for k in range(1, LENGTH):
             step = np.minimum(1.0, scale * sigma)
             noise = random.standard_normal(seeds.scores.shape)
-            states, accepted = _moved(flights, chain[-1], step, noise, threshold, worst, len(steps))
+            states, accepted = _moved(counter, chain[-1], step, noise, threshold, worst, len(steps))
             chain.append(states)
             scale *= math.exp((accepted - _ACCEPTED) / math.sqrt(k))
         steps.append(np.minimum(1.0, scale * sigma))
@@ -370,7 +371,7 @@ def _resample(indices: np.ndarray, count: int, random: np.random.Generator) -> n
 
 
 def _moved(
-    flights: _FlightCounter,
+    counter: _CaseCounter,
     states: ChainStates,
     step: np.ndarray,
     noise: np.ndarray,
@@ -381,20 +382,20 @@ def _moved(
     """Make a conditional move of size ``step`` (d,), which preserves the normal distribution; all
     moves within the threshold are accepted. Return states and acceptance rate."""
     scores = np.sqrt(1.0 - step**2) * states.scores + step * noise
-    proposed = flights.evaluate(scores, level + 1, states.origin)
+    proposed = counter.evaluate(scores, level + 1, states.origin)
     accepted = _ordering(proposed, worst) <= threshold
     return states.moved(proposed, accepted), float(accepted.mean())
 
 
-def _level_size(schedule: LevelSchedule, flights: int) -> int:
-    """Return the cases of a level of a replica for a number of flights; seeds are not flown
+def _level_size(schedule: LevelSchedule, n_cases: int) -> int:
+    """Return the cases of a level of a replica for a number of cases; seeds are not run
     again."""
     cases_per_seed = 1.0 + len(schedule.thresholds) * (1.0 - 1.0 / LENGTH)
-    return LENGTH * max(1, int(flights / REPLICAS / cases_per_seed / LENGTH))
+    return LENGTH * max(1, int(n_cases / REPLICAS / cases_per_seed / LENGTH))
 
 
 def _replicas(
-    flights: _FlightCounter,
+    counter: _CaseCounter,
     dimensions: int,
     random: NamedGenerator,
     size: int,
@@ -408,7 +409,7 @@ def _replicas(
     def noise(count: int) -> np.ndarray:
         return np.concatenate([one.standard_normal((count, dimensions)) for one in generators])
 
-    states = flights.evaluate(noise(size), 0, np.arange(size * REPLICAS))
+    states = counter.evaluate(noise(size), 0, np.arange(size * REPLICAS))
     replica = np.repeat(np.arange(REPLICAS), size)
     levels: list[Level] = []
     acceptance = math.nan
@@ -428,7 +429,7 @@ def _replicas(
         chain, acceptances = [states.at(np.concatenate(indices))], []
         for _ in range(1, LENGTH):
             after, accepted = _moved(
-                flights, chain[-1], step, noise(chains), threshold, schedule.worst, number
+                counter, chain[-1], step, noise(chains), threshold, schedule.worst, number
             )
             chain.append(after)
             acceptances.append(accepted)

@@ -100,9 +100,9 @@ def _study(
     """Select steps and sample cases; without a number of cases fewer, if the reference takes too
     long."""
     bare = campaign.with_settings({"run.history_step_s": 0.0})
-    flight = select_steps(bare, announce=say)
+    integration = select_steps(bare, announce=say)
     requested = cases or (QUICK_CASES if quick else CASES)
-    study = Study(bare, flight, sample_inputs(bare, requested), repeats, threads, quick, say)
+    study = Study(bare, integration, sample_inputs(bare, requested), repeats, threads, quick, say)
     affordable = max(QUICK_CASES, int(_MAX_REFERENCE_S / (reference_times() * study.seconds)))
     if cases is None and affordable < requested:
         say(

@@ -8,7 +8,7 @@ import numpy as np
 from sepmc.bench.study import SolverVariant, Study
 from sepmc.engine.dispatch import use_threads
 
-MAX_CASES = 2000  # cases flown each time
+MAX_CASES = 2000  # cases run each time
 CHUNKS = (1, 7, 64, 1000)
 ALONE = (0, 3, -1)
 
@@ -17,7 +17,7 @@ def same_bits(study: Study) -> dict[str, bool]:
     """Return, for each kind of change (threads, chunks, order, one case alone), True if outcomes
     and statuses stay the same to the last bit."""
     inputs = study.inputs[: min(MAX_CASES, study.own_cases)]
-    variant = SolverVariant(study.flight, study.campaign, len(inputs))
+    variant = SolverVariant(study.integration, study.campaign, len(inputs))
     use_threads(study.threads)
     expected = _integrate(variant, inputs)
     return {

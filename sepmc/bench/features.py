@@ -97,7 +97,7 @@ def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
         counts = dict(
             zip(
                 unique,
-                pool.map(lambda v: flops.count(v.campaign, study.flight), unique.values()),
+                pool.map(lambda v: flops.count(v.campaign, study.integration), unique.values()),
                 strict=True,
             )
         )
@@ -118,16 +118,16 @@ def _run_of(study: Study, variant: Variant) -> Callable[[], object]:
         if settings.history_step > 0.0 and campaign.plan.joints
         else 0
     )
-    flight, kernel = study.flight, study.flight.kernel
+    integration, kernel = study.integration, study.integration.kernel
     if variant.feature != ALL:
-        text = kernel_text(campaign, flight.one_method, history=history_rows > 0)
+        text = kernel_text(campaign, integration.one_method, history=history_rows > 0)
         kernel = load_kernel(text, study.say)
-    methods = by_name(kernel, flight.method_names)
+    methods = by_name(kernel, integration.method_names)
     return lambda: integrate_cases(
         kernel,
         campaign.plan,
-        flight.steps,
-        flight.durations,
+        integration.steps,
+        integration.durations,
         campaign.slots,
         inputs,
         history_rows,
@@ -139,7 +139,7 @@ def _has_same_segments(study: Study, campaign: Campaign) -> bool:
     """Return True if the kernel of a campaign has as many segments as the study's, so that the
     steps apply."""
     spec = kernel_spec(campaign)
-    return len(spec.segments) == study.flight.kernel.n_segments
+    return len(spec.segments) == study.integration.kernel.n_segments
 
 
 def _variants(study: Study, history_step: float) -> list[Variant]:
@@ -171,7 +171,7 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
                 continue
             if not _has_same_segments(study, campaign):
                 study.say(
-                    f"cost of {feature}: without it the flight has other segments, so its steps "
+                    f"cost of {feature}: without it a case has other segments, so its steps "
                     "are not those of the whole scene"
                 )
                 continue

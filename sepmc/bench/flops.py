@@ -63,11 +63,11 @@ class Flops:
         return self.rates / max(1, sum(self.evaluations.values()))
 
 
-def count(campaign: Campaign, flight: Integration) -> Flops | None:
+def count(campaign: Campaign, integration: Integration) -> Flops | None:
     """Count the operations of a case; None if the compiled code does not show them."""
     shape = make_kernel_spec(campaign.plan, campaign.dispersed)
     phase_names = shape.names.of["phase"]
-    solver = flight.one_method
+    solver = integration.one_method
     context = Context(shape, solver or campaign.scene.solver.method, NO_HISTORY)
     segment_of_phase = {
         s.phase: context.alias_of(s) or s.name for s in shape.segments if not s.late
@@ -79,16 +79,16 @@ def count(campaign: Campaign, flight: Integration) -> Flops | None:
     arguments = [
         campaign.file.tree,
         campaign.name,
-        flight.steps.tolist(),
-        flight.durations.tolist(),
+        integration.steps.tolist(),
+        integration.durations.tolist(),
     ]
-    arguments += [solver, flight.method_names]
+    arguments += [solver, integration.method_names]
     evaluations = subprocess_calls.call(
         "flops:count_evaluations", arguments, {"NUMBA_DISABLE_JIT": "1"}
     )
     rates = sum(evaluations[name] * each[name] for name in names)
     sums = 0.0
-    for segment, name in zip(shape.segments, flight.method_names, strict=True):
+    for segment, name in zip(shape.segments, integration.method_names, strict=True):
         if not segment.late:
             rk = method(name)
             rows = (*rk.a[1 : rk.stages, : rk.stages], rk.b)
@@ -101,25 +101,25 @@ def count(campaign: Campaign, flight: Integration) -> Flops | None:
 def _flops_by_phase(text: str, segment_of_phase: dict[str, str]) -> dict[str, float]:
     """Return the flops of an evaluation by phase, where the code shows them, from the cache if
     possible."""
-    texts = {piece.name: piece.text for piece in split(text)}
+    texts = {unit.name: unit.text for unit in split(text)}
     by_phase: dict[str, float | None] = {}
     for phase, segment in segment_of_phase.items():
-        piece = texts[f"rates_{segment}"]
+        unit = texts[f"rates_{segment}"]
         cache_file = (
-            kernel_cache.CACHE_FOLDER / f"{kernel_cache.write_modules([piece])[0]}.flops.json"
+            kernel_cache.CACHE_FOLDER / f"{kernel_cache.write_modules([unit])[0]}.flops.json"
         )
         if cache_file.is_file():
             by_phase[phase] = json.loads(cache_file.read_text(encoding="utf-8"))
             continue
-        by_phase[phase] = subprocess_calls.call("flops:count_flops", [piece], {BARE: "1"})
+        by_phase[phase] = subprocess_calls.call("flops:count_flops", [unit], {BARE: "1"})
         if by_phase[phase] is not None:
             cache_file.write_text(json.dumps(by_phase[phase]), encoding="utf-8")
     return {phase: flops for phase, flops in by_phase.items() if flops is not None}
 
 
-def count_flops(piece: str) -> float | None:
+def count_flops(unit: str) -> float | None:
     """Return the flops of an evaluation by a compile unit, compiled in this process."""
-    module = kernel_cache.load_module(kernel_cache.write_modules([piece])[0])
+    module = kernel_cache.load_module(kernel_cache.write_modules([unit])[0])
     return flops_in_llvm(getattr(module, ENTRY)._library.get_llvm_str(), ENTRY)
 
 

@@ -11,7 +11,7 @@ from sepmc.schema import Status
 
 METHOD = "dop853"
 _DOUBLINGS = 6
-_MAX_CHECKED = 500  # cases flown by the other formulation for the second opinion
+_MAX_CHECKED = 500  # cases run by the other formulation for the second opinion
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,12 @@ def reference_times() -> int:
 def make_reference(study: Study) -> Reference:
     """Return the reference of a study."""
     campaign = study.with_settings({"solver.method": METHOD})
-    flight = study.flight if study.method == METHOD else select_steps(campaign, announce=study.say)
-    first = SolverVariant(flight, campaign, study.own_cases)
+    integration = (
+        study.integration if study.method == METHOD else select_steps(campaign, announce=study.say)
+    )
+    first = SolverVariant(integration, campaign, study.own_cases)
     outcomes, valid, change, refined = _refined(study, first)
-    factor = int(refined.flight.steps[0] // first.flight.steps[0])
+    factor = int(refined.integration.steps[0] // first.integration.steps[0])
     other = _second_opinion(study, first, factor)
     difference, _ = study.error(other.fly(study.inputs), outcomes, valid)
     how, opinion = (
@@ -85,7 +87,7 @@ def _refined(
     previous = variant.fly(study.inputs)
     best = None
     for _ in range(_DOUBLINGS):
-        variant = replace(variant, flight=variant.flight.refined())
+        variant = replace(variant, integration=variant.integration.refined())
         block = variant.fly(study.inputs)
         outcomes, valid = block.outcomes[:, : len(study.names)], block.status == Status.OK
         change, _ = study.error(previous, outcomes, valid)
@@ -102,4 +104,4 @@ def _second_opinion(study: Study, own: SolverVariant, factor: int) -> SolverVari
     other = "reduced" if own.formulation == FULL else FULL
     variant = own.by_formulation(study, other)
     cases = min(own.cases, _MAX_CHECKED // (10 if study.quick else 1))
-    return replace(variant, flight=variant.flight.refined(factor), cases=cases)
+    return replace(variant, integration=variant.integration.refined(factor), cases=cases)

@@ -21,7 +21,7 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
     """
     block, names = study.default.fly(study.inputs), np.array(study.names)
     rows = np.flatnonzero(block.has_outcomes & reference.valid[: len(block.status)])
-    counted, scale = decisive(study.campaign.outcome_columns), study.flight.scale
+    counted, scale = decisive(study.campaign.outcome_columns), study.integration.scale
     assert scale is not None
     assert block.refinement is not None
     all_errors = errors(

@@ -18,7 +18,7 @@ from sepmc.scene.messages import no_log
 from sepmc.scene.read import parse_campaign
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
-_MAX_S = 20.0  # kernel time of one flight
+_MAX_S = 20.0  # kernel time of one run
 
 
 def measure(study: Study) -> pd.DataFrame:

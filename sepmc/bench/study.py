@@ -29,7 +29,7 @@ class Study:
     ----------
     campaign : Campaign
         Without histories.
-    flight : Integration
+    integration : Integration
         Kernel, methods and steps selected for the campaign.
     inputs : ndarray, shape (cases, d)
         SI, stored by column, as a campaign passes them to the kernel.
@@ -41,7 +41,7 @@ class Study:
     """
 
     campaign: Campaign
-    flight: Integration
+    integration: Integration
     inputs: np.ndarray
     repeats: int
     threads: int
@@ -95,7 +95,11 @@ class Study:
     def default(self) -> "SolverVariant":
         """Variant with the selected steps."""
         return SolverVariant(
-            self.flight, self.campaign, self.own_cases, self.campaign.scene.solver.accuracy, True
+            self.integration,
+            self.campaign,
+            self.own_cases,
+            self.campaign.scene.solver.accuracy,
+            True,
         )
 
     @cached_property
@@ -114,7 +118,7 @@ class Study:
 
     def error(self, block: Block, reference: np.ndarray, valid: np.ndarray) -> tuple[float, str]:
         """Return the largest error of the outcomes of a block, and the outcome; over the cases that
-        finished in it and in the reference, without times and places of extremes, which do not
+        finished in it and in the reference, without times and positions of extremes, which do not
         converge with the steps."""
         n = min(len(block.status), len(valid))
         return self.error_of(
@@ -145,10 +149,10 @@ class Study:
 class SolverVariant:
     """Method, formulation and steps, and the number of cases to run."""
 
-    flight: Integration
+    integration: Integration
     campaign: Campaign
     cases: int
-    asked: float = np.nan  # accuracy requested of the step selection
+    requested: float = np.nan  # accuracy requested of the step selection
     default: bool = False
 
     @property
@@ -164,9 +168,9 @@ class SolverVariant:
     @property
     def setting(self) -> str:
         """Steps in words: the scene's fixed step, or the number of each segment."""
-        if self.flight.step is not None:
-            return f"step {self.flight.step:.4g} s"
-        steps, names = self.flight.steps.tolist(), self.flight.method_names
+        if self.integration.step is not None:
+            return f"step {self.integration.step:.4g} s"
+        steps, names = self.integration.steps.tolist(), self.integration.method_names
         if len(set(names)) == 1:
             return "steps " + " ".join(map(str, steps))
         return "steps " + " ".join(
@@ -176,24 +180,24 @@ class SolverVariant:
     @property
     def evaluations(self) -> int:
         """Approximate evaluations of a case; for a fixed step only in proportion."""
-        return self.flight.evaluations
+        return self.integration.evaluations
 
     def by_formulation(self, study: Study, other: str) -> "SolverVariant":
         """Return the same steps with the other formulation of the equations."""
         settings = {"solver.method": self.method, "solver.formulation": other}
         campaign = study.with_settings(settings)
-        flight = replace(
-            unpacked(campaign, self.flight.packed, history=False, announce=study.say),
+        integration = replace(
+            unpacked(campaign, self.integration.packed, history=False, announce=study.say),
             limits=None,
             angles={},
             estimate=None,
             error_limit=np.inf,
         )
-        return SolverVariant(flight, campaign, study.part(other), self.asked)
+        return SolverVariant(integration, campaign, study.part(other), self.requested)
 
     def fly(self, inputs: np.ndarray) -> Block:
         """Integrate the first ``cases`` of the inputs (n, d), SI."""
-        return integrate(self.campaign, self.flight, inputs[: self.cases])
+        return integrate(self.campaign, self.integration, inputs[: self.cases])
 
 
 def sample_inputs(campaign: Campaign, count: int) -> np.ndarray:

@@ -8,7 +8,7 @@ import pandas as pd
 from sepmc.text_table import text_table
 
 _FORMATS = {
-    "error": "{:.1e}", "asked": "{:.0e}", "ms": "{:.3g}",
+    "error": "{:.1e}", "requested": "{:.0e}", "ms": "{:.3g}",
     "best_ms": "{:.3g}", "us_per_case": "{:.3g}", "time_ratio": "{:.3f}", "flop_ratio": "{:.3f}",
     "flops_per_evaluation": "{:.0f}", "flops_per_case": "{:.0f}", "evaluations": "{:.0f}",
     "s": "{:.4f}", "best_s": "{:.4f}",
@@ -19,7 +19,7 @@ MAX_QUIET_SPREAD = 0.1  # largest median spread of repeats without a warning
 MIN_SPEED_UP = 1.1  # smallest speed-up of several threads without a warning
 _COLUMNS = {
     "work_precision": (
-        "formulation method setting asked error worst_outcome ms spread cases repeats scaled "
+        "formulation method setting requested error worst_outcome ms spread cases repeats scaled "
         "default"
     ),
     "features": (

@@ -35,7 +35,7 @@ def measure(study: Study, reference: Reference) -> pd.DataFrame:
     if study.formulation == FULL:
         variants += _variants(study, FULL)
     else:  # at the steps of the reduced formulation, which agrees to round-off
-        own = [v for v in variants if v.method == study.method and np.isfinite(v.asked)]
+        own = [v for v in variants if v.method == study.method and np.isfinite(v.requested)]
         variants += [variant.by_formulation(study, FULL) for variant in own]
     return rows_of(study, reference, _without_reference(reference, study, variants))
 
@@ -94,7 +94,7 @@ def _row(
         "formulation": variant.formulation,
         "method": variant.method,
         "setting": variant.setting,
-        "asked": variant.asked,
+        "requested": variant.requested,
         "error": error,
         "worst_outcome": worst,
         "ms": scale * median(times),
@@ -124,12 +124,12 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
         first = study.default
     else:
         first = SolverVariant(
-            select_steps(campaign, announce=study.say), campaign, cases, study.default.asked
+            select_steps(campaign, announce=study.say), campaign, cases, study.default.requested
         )
     variants = [first]
-    if first.flight.step is None:  # steps are selected, not fixed
+    if first.integration.step is None:  # steps are selected, not fixed
         for accuracy in ACCURACIES[::8] if study.quick else ACCURACIES:
-            if accuracy != first.asked:
+            if accuracy != first.requested:
                 variants.append(
                     SolverVariant(
                         select_steps(campaign.with_settings({"solver.accuracy": accuracy})),
@@ -141,10 +141,15 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
             if variants[-1].evaluations > max_evaluations:
                 break  # the next accuracies take still more
     if formulation != FULL:
-        variants += [SolverVariant(flight, campaign, cases) for flight in _multiples(first.flight)]
+        variants += [
+            SolverVariant(integration, campaign, cases)
+            for integration in _multiples(first.integration)
+        ]
     unique: dict[tuple[Any, ...], SolverVariant] = {}
     for variant in variants:
-        unique.setdefault((*variant.flight.steps.tolist(), *variant.flight.method_names), variant)
+        unique.setdefault(
+            (*variant.integration.steps.tolist(), *variant.integration.method_names), variant
+        )
     for variant in unique.values():
         if variant.evaluations > max_evaluations:
             study.say(
@@ -160,12 +165,12 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
     return sorted(affordable, key=lambda variant: variant.evaluations)
 
 
-def _multiples(flight: Integration) -> list[Integration]:
+def _multiples(integration: Integration) -> list[Integration]:
     """Return an integration in half, twice and four times the steps; a fixed step is only
     divided."""
-    half = np.maximum(1, np.round(0.5 * flight.steps)).astype(np.int64)
-    fewer = [replace(flight, steps=half)] if flight.step is None else []
+    half = np.maximum(1, np.round(0.5 * integration.steps)).astype(np.int64)
+    fewer = [replace(integration, steps=half)] if integration.step is None else []
     return [
         replace(multiple, limits=None, angles={}, error_limit=np.inf)
-        for multiple in (*fewer, flight.refined(2), flight.refined(4))
+        for multiple in (*fewer, integration.refined(2), integration.refined(4))
     ]

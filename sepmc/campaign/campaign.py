@@ -98,7 +98,14 @@ class _NoCopyDict(dict[str, Any]):
 
 
 class Campaign(Definition):
-    """Scene, dispersions and run settings of a campaign."""
+    """Scene, dispersions and run settings of a campaign; `load` makes one of a file.
+
+    Parameters
+    ----------
+    file : CampaignFile
+    settings : mapping of str to str, optional
+        Texts of the values that replaced those of the file, by TOML path.
+    """
 
     def __repr__(self) -> str:
         scene = self.scene
@@ -109,7 +116,17 @@ class Campaign(Definition):
         )
 
     def with_settings(self, settings: dict[str, Any]) -> "Campaign":
-        """Campaign with other values, by TOML path: ``{"body.upper.mass_kg": 460.0}``."""
+        """Campaign with other values.
+
+        Parameters
+        ----------
+        settings : dict
+            Values by TOML path: ``{"body.upper.mass_kg": 460.0}``.
+
+        Returns
+        -------
+        Campaign
+        """
         tree, folder, name = self.file.tree, self.file.folder, self.name
         read = parse_campaign(tree, name, settings, name, folder, read_input_table)
         return Campaign(read, self.settings | as_text(settings or {}))
@@ -165,7 +182,7 @@ class Campaign(Definition):
         step_s : float
             Interval of history rows; there are also two rows at each phase boundary.
         announce : Log, optional
-            Told if a kernel is compiled.
+            Called with a message if a kernel is compiled.
         plain_work : float, optional
             Kernel lines that plain Python may run (1e7 in 5 s); nothing is compiled then.
 
@@ -237,7 +254,7 @@ class Campaign(Definition):
         return frame
 
     def _invalid_values(self, case: Case | None) -> list[str]:
-        """Reasons reason sampled values of a case are invalid."""
+        """Reasons why sampled values of a case are invalid."""
         reasons = []
         for dispersion in self.file.dispersions:
             parameter, field = dispersion.parameter, dispersion.parameter.field
@@ -282,10 +299,14 @@ class Campaign(Definition):
             Fields of `RunOptions` by name, in place of those of ``options``:
             ``run(out="runs/a", resume=True)``.
 
+        Returns
+        -------
+        Result
+
         Raises
         ------
         StoreError
-            If ``out`` cannot be used as asked.
+            If ``out`` cannot be used as requested.
         ValueError
             If cases, seed, threads or an option is out of range.
         TypeError
@@ -370,7 +391,7 @@ class Campaign(Definition):
             timing,
         )
         if announce and previous.n_stored:
-            announce(f"{folder}: {previous.n_stored} cases are there, {n_left} are left to fly")
+            announce(f"{folder}: {previous.n_stored} cases are stored, {n_left} are left to run")
         runner = Runner(self, flight, spec, timing, previous, folder, options)
         if folder:
             if self.file.input_table:
@@ -489,7 +510,24 @@ class Campaign(Definition):
         return estimate
 
     def until(self, text: str, numbers: CaseSelection) -> StoppingRule:
-        """Parse a stopping rule. Raises InputError if it does not apply to these cases."""
+        """Parse a stopping rule.
+
+        Parameters
+        ----------
+        text : str
+            ``METRIC:TOLERANCE``, as ``until`` of `RunOptions`.
+        numbers : CaseSelection
+            Cases of the run.
+
+        Returns
+        -------
+        StoppingRule
+
+        Raises
+        ------
+        InputError
+            If it does not apply to these cases.
+        """
         check_text("until", text, "separation_speed_m_s:0.01")
         rule = parse_stopping_rule(text, [column.name for column in self.outcome_columns])
         if not numbers.are_first or self.scene.run.sampler in SIZE_DEPENDENT:
@@ -509,7 +547,7 @@ def _check_executor(
     if out is None:
         raise InputError("executor: workers write into a folder; give it as out")
     if until is not None:
-        raise InputError(f"until = {until}: excludes workers, who fly ahead of what is known")
+        raise InputError(f"until = {until}: excludes workers, which run ahead of what is known")
     if some_counted:
         raise InputError("stats_only of cases that are named: excludes workers")
 

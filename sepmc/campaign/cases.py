@@ -127,7 +127,7 @@ def size_fault(sampling: Sampling, dimensions: int) -> str:
     if sampling.sampler in SIZE_DEPENDENT and sampling.cases * dimensions > DESIGN_NUMBERS:
         max_cases = DESIGN_NUMBERS // dimensions
         return (
-            f"sampler {sampling.sampler!r} draws all cases at once: must be at most {max_cases:,}"
+            f"sampler {sampling.sampler!r} samples all cases at once: must be at most {max_cases:,}"
         )
     if sampling.sampler != SALTELLI or (dimensions and sampling.cases % size == 0):
         return ""
@@ -227,7 +227,7 @@ def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
             u < mode_probability, rising, high - np.sqrt((1.0 - u) * (high - low) * (high - mode))
         )
     if dispersion.distribution == "normal":
-        from scipy.special import ndtr, ndtri  # noqa: PLC0415  (0.1 s that other laws do not need)
+        from scipy.special import ndtr, ndtri  # noqa: PLC0415  (0.1 s that other distributions do not need)
 
         mean, sigma, cut = numbers
         tail = ndtr(-cut)
@@ -321,8 +321,8 @@ def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ..
     return tuple(parameters.replace(scene, each) for each in values)
 
 
-def _range(law: Dispersion) -> np.ndarray:
+def _range(dispersion: Dispersion) -> np.ndarray:
     """Minimum and maximum (2,) of a distribution, in the unit of the parameter's key."""
-    if law.distribution == "discrete":
-        return np.array([min(law.numbers), max(law.numbers)])
-    return quantile(law, np.array([_TAIL_PROBABILITY, 1.0 - _TAIL_PROBABILITY]))
+    if dispersion.distribution == "discrete":
+        return np.array([min(dispersion.numbers), max(dispersion.numbers)])
+    return quantile(dispersion, np.array([_TAIL_PROBABILITY, 1.0 - _TAIL_PROBABILITY]))

@@ -70,7 +70,13 @@ class Case:
         return f"<p>{head}</p><table>{rows}</table>"
 
     def to_dict(self) -> dict[str, Any]:
-        """Scene as nested dicts and lists, in SI and radians, without unset values."""
+        """Scene of the case as nested data.
+
+        Returns
+        -------
+        dict
+            Nested dicts and lists, in SI and radians, without unset values.
+        """
         return _without_none(msgspec.to_builtins(self.scene))
 
 
@@ -106,8 +112,13 @@ class Definition:
 
     @cached_property
     def plan(self) -> ParameterLayout:
-        """Layout of the kernel parameters. Raises SceneError if two columns of the case table have
-        one name."""
+        """Layout of the kernel parameters.
+
+        Raises
+        ------
+        SceneError
+            If two columns of the case table have one name.
+        """
         plan = make_parameter_layout(self.scene, dispersed=self.dispersed)
         plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
         names = Counter(
@@ -134,8 +145,17 @@ class Definition:
         return self.scene.run.history_step > 0.0 and bool(self.scene.joint)
 
     def stored_history_columns(self, wanted: bool = True) -> list[Column]:
-        """Columns of the stored separations over time; empty if there are none or they are not
-        ``wanted``."""
+        """Columns of the stored separations over time.
+
+        Parameters
+        ----------
+        wanted : bool
+            If False, there are none.
+
+        Returns
+        -------
+        list of Column
+        """
         joints = list(self.plan.joints)
         return schema.separation_columns(joints) if wanted and self.has_histories else []
 
@@ -220,7 +240,17 @@ class Definition:
         return inputs_si
 
     def ends_before_start(self, inputs_si: np.ndarray) -> np.ndarray:
-        """Mask (n,) of rows of inputs in SI with a load that ends before it starts."""
+        """Find cases with a load that ends before it starts.
+
+        Parameters
+        ----------
+        inputs_si : ndarray, shape (n, d)
+            Dispersed inputs, SI.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
         index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         is_early = np.zeros(len(inputs_si), dtype=bool)
         for load in self.scene.load:
@@ -335,7 +365,22 @@ class Definition:
         return selection, total
 
     def sampling_of(self, total: int | None = None) -> cases.Sampling:
-        """Sampling of ``total`` cases. Raises InputError if the sampler cannot have this number."""
+        """Sampling of cases.
+
+        Parameters
+        ----------
+        total : int, optional
+            Number of cases; default that of the file.
+
+        Returns
+        -------
+        Sampling
+
+        Raises
+        ------
+        InputError
+            If the sampler cannot have this number of cases.
+        """
         run = self.scene.run
         size = run.cases if total is None else check_int("total", total, 1, CASES)
         sampling = cases.Sampling(run.sampler, size, self.file.copulas)
@@ -389,8 +434,14 @@ class Definition:
         )
 
     def nominal(self) -> Case:
-        """Nominal case, number -1, with the values that all cases share: the zero of ``alpha_ref``,
-        and the separation signs."""
+        """Nominal case, with the values that all cases share: the zero of ``alpha_ref``, and the
+        separation signs.
+
+        Returns
+        -------
+        Case
+            Its number is -1.
+        """
         initial = self.scene.initial
         if initial.path_reference is None:
             initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
@@ -401,12 +452,36 @@ class Definition:
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
     def checked_seed(self, seed: int | None) -> int:
-        """Seed, of the file if None. Raises InputError if it is out of range."""
+        """Check a seed.
+
+        Parameters
+        ----------
+        seed : int or None
+            None: the seed of the file.
+
+        Returns
+        -------
+        int
+
+        Raises
+        ------
+        InputError
+            If it is out of range.
+        """
         return self.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
 
     def implausible_inertias(self, inputs: np.ndarray) -> int:
-        """Number of rows of inputs (n, d) in which the inertia of a body breaks the triangle
-        inequality."""
+        """Count cases in which the inertia of a body breaks the triangle inequality.
+
+        Parameters
+        ----------
+        inputs : ndarray, shape (n, d)
+            Dispersed inputs in the units of the campaign file.
+
+        Returns
+        -------
+        int
+        """
         index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         is_broken = np.zeros(len(inputs), dtype=bool)
         for name in self.scene.body:

@@ -55,7 +55,7 @@ class Result:
     folder : Path or None
     notes : list of str
         Notes for the user, such as an accuracy that is not met.
-    flight : Integration
+    integration : Integration
         Kernel and steps.
     accuracy : AchievedAccuracy
         Numerical error.
@@ -75,7 +75,7 @@ class Result:
     total: int  # number of cases of the sample
     folder: Path | None = None
     notes: list[str] = field(default_factory=list)
-    flight: Integration | None = None
+    integration: Integration | None = None
     accuracy: AchievedAccuracy | None = None
     resumed: int = 0  # cases of the run that was resumed
     stopped: bool = False  # more cases failed than allowed
@@ -100,7 +100,13 @@ class Result:
 
     @property
     def table(self) -> dict[str, np.ndarray]:
-        """Case table by column, read-only. Raises ValueError if no rows were stored."""
+        """Case table by column, read-only.
+
+        Raises
+        ------
+        ValueError
+            If no rows were stored.
+        """
         views = {name: column.view() for name, column in self._rows().items()}
         for view in views.values():
             view.flags.writeable = False
@@ -167,11 +173,11 @@ class Result:
             )
             if not is_selected.any():
                 warn(
-                    f"{describe_filter(where)}: holds in none of {len(is_selected)} cases",
+                    f"{describe_filter(where)}: satisfied by none of {len(is_selected)} cases",
                     RunWarning,
                 )
             elif not ok_rows(rows)[is_selected].any():
-                reason = "none of them came to its end as asked, so there are no statistics"
+                reason = "none of them has the status ok, so no statistics exist"
                 warn(
                     f"{describe_filter(where)}: {is_selected.sum()} of {len(rows['case'])} cases; "
                     + reason,
@@ -270,17 +276,32 @@ class Result:
         return [column.name for column in self.campaign.input_columns]
 
     def case(self, number: int) -> Case:
-        """Resolve case ``number`` of the run in SI. Raises ValueError if it is not in the run."""
-        number, flown = check_int("case", number, 0, CASES - 1), self._flown
-        if number not in flown:
-            raise InputError(f"case = {number}: must be one of those flown, {flown}")
+        """Resolve a case of the run.
+
+        Parameters
+        ----------
+        number : int
+
+        Returns
+        -------
+        Case
+            In SI.
+
+        Raises
+        ------
+        ValueError
+            If it is not in the run.
+        """
+        number, numbers = check_int("case", number, 0, CASES - 1), self._finished
+        if number not in numbers:
+            raise InputError(f"case = {number}: must be one of those run, {numbers}")
         case = self.campaign.case(number, self.seed, self.total)
         run = msgspec.structs.replace(case.scene.run, cases=self.total, seed=self.seed)
         return replace(case, scene=msgspec.structs.replace(case.scene, run=run))
 
     @property
-    def _flown(self) -> CaseSelection:
-        """Cases run: fewer than asked if too many failed."""
+    def _finished(self) -> CaseSelection:
+        """Cases run: fewer than requested if too many failed."""
         if not self.stopped:
             return self.numbers
         if self.kept.rows is not None:
@@ -305,7 +326,7 @@ class Result:
     def _rows(self) -> Mapping[str, np.ndarray]:
         if self.kept.rows is None:
             raise InputError(
-                "this run kept statistics only, so it has no rows; run without stats_only, or fly "
-                "single cases by case(number)"
+                "this run stored statistics only, so it has no rows; run without stats_only, or "
+                "simulate single cases by case(number)"
             )
         return self.kept.rows

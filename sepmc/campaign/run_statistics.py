@@ -104,8 +104,8 @@ def read_summary(folder: Path, campaign: Definition) -> TableStatistics | Stream
     names = ("case", "status", *campaign.summary_inputs[0])
     if missing := [name for name in names if name not in cases]:
         raise StoreError(
-            f"{folder}: its cases have no column {missing[0]}: they were flown by another version "
-            "of sepmc, or changed; fly them again"
+            f"{folder}: its cases have no column {missing[0]}: they were run by another version "
+            "of sepmc, or changed; run them again"
         )
     return summarise(cases, *campaign.summary_inputs)
 
@@ -143,6 +143,6 @@ def write(
             written.append(result_files.write_histograms(folder, bins))
         manifests.record_derived(folder, written)
     except OSError as error:
-        said = error.strerror or error
-        raise StoreError(f"{folder}: cannot be written: {said}") from None
+        reason = error.strerror or error
+        raise StoreError(f"{folder}: cannot be written: {reason}") from None
     return run

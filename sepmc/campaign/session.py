@@ -133,7 +133,9 @@ class DesignResult:
             By name of the requirement: ``verdict``, ``violations`` and ``missing`` (cases without
             the outcome, which count as violations), as in `sepmc.analysis.requirements.Verdict`.
         """
-        return _verdicts(self.box, _errors(self.integration, self.block, self.box), self.block)
+        rows = _verdicts(self.box, _errors(self.integration, self.block, self.box), self.block)
+        columns = ["verdict", "violations", "missing"]
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
 
     @cached_property
     def accuracy(self) -> AchievedAccuracy:
@@ -187,6 +189,16 @@ class DesignTable:
 
 class Session:
     """Runs designs of a campaign; made by `Campaign.session`.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    vary : dict
+        Ranges of the design variables, by TOML path.
+    threads : int, optional
+        Default: all cores.
+    announce : callable (text), optional
+        Called with messages.
 
     Attributes
     ----------
@@ -457,7 +469,9 @@ def _numbers(values: Any) -> np.ndarray:
     return array
 
 
-def _verdicts(box: Definition, errors: Mapping[str, float], block: Block) -> pd.DataFrame:
+def _verdicts(
+    box: Definition, errors: Mapping[str, float], block: Block
+) -> dict[str, tuple[str, int, int]]:
     """Verdict on each requirement, with the violations that it counts and the missing outcomes.
 
     Parameters
@@ -470,7 +484,7 @@ def _verdicts(box: Definition, errors: Mapping[str, float], block: Block) -> pd.
 
     Returns
     -------
-    DataFrame
+    dict of str to (str, int, int)
         By name of the requirement: verdict, violations, missing.
     """
     codes = {status.label: status for status in Status}
@@ -491,7 +505,7 @@ def _verdicts(box: Definition, errors: Mapping[str, float], block: Block) -> pd.
     )
     reason = _no_verdict_reason(box, block, is_ok)
     scaled = _with_scales(box, errors, block, is_ok)
-    rows = {
+    return {
         one.requirement.name: (
             requirements.brief_verdict(one, scaled, reason),
             one.violations,
@@ -499,9 +513,6 @@ def _verdicts(box: Definition, errors: Mapping[str, float], block: Block) -> pd.
         )
         for one in counters
     }
-    return pd.DataFrame.from_dict(
-        rows, orient="index", columns=["verdict", "violations", "missing"]
-    )
 
 
 def _no_verdict_reason(box: Definition, block: Block, is_ok: np.ndarray) -> str:
@@ -550,9 +561,7 @@ def _summarise(
         part = _part(block, first, first + cases)
         is_ok = part.status == Status.OK
         row: dict[str, Any] = {"ok": int(np.count_nonzero(is_ok))}
-        if box.file.requirements:
-            for name, verdict in _verdicts(box, errors, part).to_dict("index").items():
-                row |= {name: verdict["verdict"]}
-                row |= {f"{name}_{key}": verdict[key] for key in ("violations", "missing")}
+        for name, (verdict, violations, missing) in _verdicts(box, errors, part).items():
+            row |= {name: verdict, f"{name}_violations": violations, f"{name}_missing": missing}
         rows.append(row | {"error": float(part.error[is_ok].max(initial=0.0))})
     return rows

@@ -125,9 +125,9 @@ def campaign(
     """Run the dispersed cases of FILE (a path, a run folder, or a shipped campaign) into a run
     folder.
 
-    With --stats-only the folder holds statistics, histograms, audit and counts, but no cases/ and
-    no histories/, for millions of cases. Percentiles are then those of a fine grid of bins, exact
-    up to 65,536 cases and within 0.41 % of sigma beyond.
+    With --stats-only the folder contains statistics, histograms, audit and counts, but no cases/
+    and no histories/, for millions of cases. Percentiles are then those of a fine grid of bins,
+    exact up to 65,536 cases and within 0.41 % of sigma beyond.
 
     \b
     Examples:

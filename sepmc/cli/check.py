@@ -51,9 +51,9 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
     warnings_shown = _input_warnings(campaign)
     warn(*warnings_shown)
     if no_flight or _check_nominal(campaign, warnings_shown):
-        click.echo("can be flown")
+        click.echo("can be run")
     else:
-        click.echo("can be read; whether it can be flown is not known")
+        click.echo("can be read; whether it runs is not known")
 
 
 def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
@@ -135,8 +135,8 @@ def _check_nominal(campaign: "Campaign", known: list[str]) -> bool:
         history = rough.simulate(step_s=rough.scene.run.end_time, announce=no_log, plain_work=_WORK)
         attributes = history.attrs
     except UnknownError as error:
-        click.echo("  nominal      not flown to its end")
-        warn(f"nominal flight not flown to its end: {error}")
+        click.echo("  nominal      did not reach its end")
+        warn(f"the nominal case did not reach its end: {error}")
         return False
     click.echo(f"  nominal      {attributes['status']}")
     has_ended = attributes["status"] in ("ok", "never-released")

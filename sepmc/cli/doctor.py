@@ -72,7 +72,7 @@ def _repair(folder: Path, findings: "Sequence[Finding]", log: "Log") -> int:
         resume=True,
         announce=log,
     )
-    flown = sum(result.status_counts.values()) - result.resumed
+    n_run = sum(result.status_counts.values()) - result.resumed
     run = result.written
     assert run is not None
     figures = not known or any(finding.file.endswith(_FIGURES) for finding in findings)
@@ -82,7 +82,7 @@ def _repair(folder: Path, findings: "Sequence[Finding]", log: "Log") -> int:
         )
         manifests.record_derived(folder, drawn)
     exit_code(run, must_pass=False)
-    log(f"{folder}: {flown} cases flown again{', figures drawn again' if figures else ''}")
+    log(f"{folder}: {n_run} cases run again{', figures drawn again' if figures else ''}")
     if lost := manifests.forget_damaged(folder, _FIGURES + _TABLES):
         log(f"not made again: {', '.join(lost)}; sepmc plot, sensitivity, fit and report make them")
     left = manifests.diagnose(folder)

@@ -16,7 +16,7 @@ RARE = click.option(
     "--rare",
     metavar="REQUIREMENT",
     help="Estimate the probability that a requirement is violated, down to 1e-6 and below, by "
-    "subset simulation with at most --cases flights (default 1e5).",
+    "subset simulation with at most --cases cases (default 1e5).",
 )
 # parameters of `sepmc campaign` that have no meaning with --rare, and their options
 _EXCLUDED = {
@@ -42,7 +42,7 @@ def estimate_rare_event(requirement: str, parameters: Mapping[str, Any]) -> int:
         if parameters[other]:
             raise click.UsageError(f"--rare and --{name} exclude each other")
     if not isinstance(parameters["cases"], int | None):
-        raise click.UsageError("--rare takes a number of flights, --cases 1e5, not a selection")
+        raise click.UsageError("--rare takes a number of cases, --cases 1e5, not a selection")
     log = logger(parameters["quiet"])
     campaign = load_campaign(parameters["file"], parameters["settings"])
     from sepmc.campaign.execution import limit_state, rare_event
@@ -54,7 +54,7 @@ def estimate_rare_event(requirement: str, parameters: Mapping[str, Any]) -> int:
     folder = parameters["out"] or folders.next_folder(f"{campaign.name}-rare")
     if parameters["dry_run"]:
         folders.check_folder(folder, overwrite, resume)
-        click.echo(f"{campaign.name}: {limit.sentence}; at most {flights} flights, into {folder}")
+        click.echo(f"{campaign.name}: {limit.sentence}; at most {flights} cases, into {folder}")
         return 0
     with folders.opened(folder, overwrite, resume):
         with progress_bar(flights, parameters["quiet"]) as progress:
@@ -72,7 +72,7 @@ def estimate_rare_event(requirement: str, parameters: Mapping[str, Any]) -> int:
             except KeyboardInterrupt as error:
                 word, code = stopped(error)
                 click.echo(
-                    f"\n{word}; finished flights are stored. Continue with the same command and "
+                    f"\n{word}; finished cases are stored. Continue with the same command and "
                     f"--out {folder} --resume",
                     err=True,
                 )
@@ -90,7 +90,7 @@ def estimate_rare_event(requirement: str, parameters: Mapping[str, Any]) -> int:
             manifests.record_derived(folder, [rare_figure(estimate, folder, keys, title)])
         log(f"wrote {folder}")
     return first_fault(
-        (not estimate.statuses.get("ok"), FAILED, "no case was flown to the end"),
+        (not estimate.statuses.get("ok"), FAILED, "no case reached its end"),
         (manifest["audit_beyond"], INVALID, "the audit failed; shorten solver.step_s"),
         (not accuracy.get("met", True), INVALID, ACCURACY_FAULT),
     )

@@ -62,8 +62,8 @@ def warn(*messages: str) -> None:
 def render_timing(result: "Result") -> str:
     """Return the number of cases of a run, and the seconds of each stage."""
     total = sum(result.status_counts.values())
-    flown = f", {total - result.resumed} of them flown now" if result.resumed else ""
-    return f"{total} cases{flown}: " + ", ".join(
+    n_run = f", {total - result.resumed} of them run now" if result.resumed else ""
+    return f"{total} cases{n_run}: " + ", ".join(
         f"{_STAGES.get(stage, stage)} {seconds:.3f} s" for stage, seconds in result.timing.items()
     )
 
@@ -83,7 +83,7 @@ def render_accuracy(accuracy: Mapping[str, Any], phases: Sequence[str]) -> str:
     how = how if accuracy["formulation"] == "reduced" else f"full system, {how}"
     if not accuracy["cases"]:
         return f"numerical error not known: no calibration case completed; {how}"
-    asked = (
+    requested = (
         f"; requested {accuracy['asked']:g}" + ("" if accuracy.get("met", True) else ": NOT MET")
         if "asked" in accuracy
         else ""
@@ -91,7 +91,7 @@ def render_accuracy(accuracy: Mapping[str, Any], phases: Sequence[str]) -> str:
     history = f"; of histories {_error(accuracy['history'])}" if "history" in accuracy else ""
     flat = accuracy.get("worst_place")
     extremes = (
-        f"; of times and places of flat extremes, which are ill-conditioned, "
+        f"; of times and positions of flat extremes, which are ill-conditioned, "
         f"{_error(accuracy['errors'][flat])} ({flat})"
         if flat
         else ""
@@ -102,8 +102,8 @@ def render_accuracy(accuracy: Mapping[str, Any], phases: Sequence[str]) -> str:
     others += f"; {fallback} cases by a fallback kernel" if fallback else ""
     return (
         f"numerical error <= {_error(accuracy['achieved'])} ({accuracy['worst_outcome']}), "
-        f"relative to size or sigma{asked}{extremes}{history}. Estimated per case (column error, "
-        f"within a factor of 2), calibrated on {accuracy['cases']} cases, corners of the "
+        f"relative to size or sigma{requested}{extremes}{history}. Estimated per case (column "
+        f"error, within a factor of 2), calibrated on {accuracy['cases']} cases, corners of the "
         f"distributions included; {how}{others}"
     )
 
@@ -158,7 +158,7 @@ def render_rare_event(estimate: "RareEventEstimate") -> str:
         *text_table(rows, left=()),
         "",
         f"{estimate.requirement}: probability of violation {mean:.3e}, 95 % interval {low:.2e} "
-        f"to {high:.2e}; {estimate.flights} flights",
+        f"to {high:.2e}; {estimate.flights} cases",
     ]
     if estimate.unknown:
         lines.append(

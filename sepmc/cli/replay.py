@@ -58,11 +58,11 @@ def replay(
     """
     log = logger(quiet)
     check_rows(folder)
-    asked = {way: target for way, target in ways.items() if target}
-    if len(asked) + (number is not None) != 1:
+    targets = {way: target for way, target in ways.items() if target}
+    if len(targets) + (number is not None) != 1:
         raise click.UsageError("give exactly one of --case, --worst, --min, --max and --nearest")
     campaign = load_run(folder)
-    for way, target in asked.items():
+    for way, target in targets.items():
         number, sentence = _select(folder, campaign, way, target)
         log(f"{folder}: case {number} {sentence}")
     check_stored(folder, number, None)

@@ -83,7 +83,7 @@ def _content(
         name=campaign.name,
         title=campaign.file.title,
         facts=f"{campaign.name}, {manifest['cases']:,} cases, seed {manifest['seed']}, sampler "
-        f"{campaign.scene.run.sampler}; flown {last['finished'][:10]} by sepmc {last['sepmc']}; "
+        f"{campaign.scene.run.sampler}; run {last['finished'][:10]} by sepmc {last['sepmc']}; "
         f"campaign {manifest['digest']}{of_settings(campaign.settings).replace(chr(10), '; ')}",
         notes=[*manifest.get("notes", ()), *redundant(campaign)],
         verdicts=run.verdicts,
@@ -125,7 +125,7 @@ def _draw_worst(
     replays = []
     for number, v in list(reversed(worst.items()))[: min(max(_WORST, failing), _MOST_WORST)]:
         which = "the first that violates" if v.worst is None else "the worst of"
-        log(f"flies case {number} again, {which} {v.name}")
+        log(f"running case {number} again, {which} {v.name}")
         every_s = campaign.scene.run.end_time / _ROWS
         case = campaign.case(number, run.manifest["seed"])
         history = campaign.simulate(case, every_s, log)

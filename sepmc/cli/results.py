@@ -27,22 +27,22 @@ def check_rows(folder: Path) -> dict[str, Any]:
     manifest = manifests.read_manifest(folder)
     if "rare" in manifest:
         raise folders.StoreError(
-            f"{folder}: holds {folders.RARE} and no run: see rare.json and rare.png; sepmc "
-            f"campaign {folder} --samples {folder / 'rare.parquet'} flies its cases as a run"
+            f"{folder}: contains {folders.RARE} and no run: see rare.json and rare.png; sepmc "
+            f"campaign {folder} --samples {folder / 'rare.parquet'} runs its cases"
         )
     if manifest.get("stats_only"):
         stored = "with the rows selected by --keep" if manifest.get("keep") else "without case rows"
         advice = (
-            "see statistics.csv and statistics.json; any case can be flown again: sepmc run "
+            "see statistics.csv and statistics.json; any case can be run again: sepmc run "
             f"{folder} --case N"
             if manifest.get("complete")
-            else f"it was interrupted; to go on: sepmc campaign {folder} --out {folder} --resume"
+            else f"it was interrupted; to continue: sepmc campaign {folder} --out {folder} --resume"
         )
         raise folders.StoreError(
-            f"{folder}: holds statistics {stored}, but this command needs all rows; {advice}"
+            f"{folder}: contains statistics {stored}, but this command needs all rows; {advice}"
         )
     if "cases" not in manifest:
-        raise folders.StoreError(f"{folder}: holds a single case; give the folder of a campaign")
+        raise folders.StoreError(f"{folder}: contains a single case; give the folder of a campaign")
     return manifest
 
 
@@ -90,7 +90,7 @@ def exit_code(run: "RunStatistics", must_pass: bool) -> int:
         (
             not run.summary.counts.get(Status.OK.label, 0),
             FAILED,
-            "no case was flown to the end; see the column status",
+            "no case reached its end; see the column status",
         ),
         (
             (run.audit["beyond"] > 0).any(),
@@ -126,7 +126,7 @@ def show_selected(
     selected = row_filter.matching_rows(cases, names, terms)
     condition = row_filter.describe_filter(terms)
     if not selected.any():
-        raise InputError(f"{condition}: holds in none of {cases.rows} cases")
+        raise InputError(f"{condition}: satisfied by none of {cases.rows} cases")
     outcomes, audits, bounds, required = campaign.summary_inputs
     rows = {name: cases[name][selected] for name in ("case", "status", *outcomes, *audits)}
     run = run_statistics.evaluate(

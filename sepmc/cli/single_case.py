@@ -176,13 +176,13 @@ def check_stored(
         if has_samples:
             return
         raise folders.StoreError(
-            f"{path}: holds {folders.RARE}, whose cases are those of rare.parquet: add "
+            f"{path}: contains {folders.RARE}, whose cases are those of rare.parquet: add "
             "--set run.samples=rare.parquet"
         )
     count, which = manifest.get("cases"), manifest.get("numbers")
     if which and number not in parse(which):
-        raise folders.StoreError(f"{path}: holds cases {which}; --case {number} is none of them")
+        raise folders.StoreError(f"{path}: contains cases {which}; --case {number} is none of them")
     if not which and isinstance(count, int) and number >= count:
         raise folders.StoreError(
-            f"{path}: holds cases 0 to {count - 1}; --case {number} is none of them"
+            f"{path}: contains cases 0 to {count - 1}; --case {number} is none of them"
         )

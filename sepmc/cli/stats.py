@@ -24,7 +24,7 @@ from sepmc.cli.results import check_rows, exit_code, show_results, show_selected
     metavar="TERM",
     help="Use only the cases that satisfy a condition, such as joint.bolt.fails=1 or "
     "spring.*.fails=1 (any of them), or several with ' or ' between them. If given twice, both "
-    "must hold. Writes nothing.",
+    "must be satisfied. Writes nothing.",
 )
 @click.option(
     "--json", "as_json", is_flag=True, help="Print the content of statistics.json, not tables."

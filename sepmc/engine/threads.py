@@ -26,7 +26,7 @@ _forked = _noted = False
 
 
 def _reset_after_fork() -> None:
-    """Reset after a fork: another thread may have held the lock, and Numba's threads do not
+    """Reset after a fork: another thread may have had the lock, and Numba's threads do not
     exist."""
     global _region_lock, _forked, _noted  # noqa: PLW0603
     _region_lock, _noted = threading.Lock(), False
@@ -54,7 +54,7 @@ def fork_notes(threads: int | None) -> list[str]:
     Parameters
     ----------
     threads : int, optional
-        Number of threads that were asked for; None: all.
+        Requested number of threads; None: all.
     """
     global _noted  # noqa: PLW0603
     if _noted or not _forked or (threads or max_threads()) == 1:
@@ -72,7 +72,7 @@ def is_forked() -> bool:
 
 
 def max_threads() -> int:
-    """Return the largest number of threads that may be asked for."""
+    """Return the largest number of threads that can be requested."""
     return int(config.NUMBA_NUM_THREADS)
 
 

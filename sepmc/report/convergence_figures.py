@@ -110,7 +110,7 @@ def _exceedance(ax: Axes, values: np.ndarray, upper: bool) -> None:
     else:
         ax.fill_between(
             points, np.maximum(low, floor), high, step=step, color="#a9cdea", linewidth=0,
-            label="95 % at each value",
+            label="95 % interval at each value",
         )  # fmt: skip
         fractions = np.where(k > 0, k / n, np.nan)
         ax.step(points, fractions, where=step, color=BLUE, lw=1.6, label="cases")

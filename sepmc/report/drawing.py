@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Polygon
+from matplotlib.ticker import MaxNLocator
 
 from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, save, set_title
 from sepmc.scene.dispersion import Dispersion
@@ -183,6 +184,8 @@ def draw_vehicle(scene: Scene, dispersions: Sequence[Dispersion], title: str, pa
         ax.set_aspect("equal", adjustable="datalim")
         # in rear view the vehicle fills the width, and labels stand beside it
         ax.margins(0.16 if view is _END else 0.08, 0.12)
+        if view is _END:  # narrow: labels such as -0.004 would overlap
+            ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
         ax.grid(True, color="#e4e4e4", linewidth=0.5)
         ax.set_axisbelow(True)
         ax.spines[["top", "right"]].set_visible(False)

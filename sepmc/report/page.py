@@ -131,7 +131,8 @@ def write_report(
     return path
 
 
-_HALF_WIDTH = 700.0  # points: figures up to this width stand side by side
+# points: figures up to this width stand side by side, at 0.79 of their size or more
+_HALF_WIDTH = 560.0
 
 
 def _embedded(paths: Sequence[Path]) -> list[dict[str, str]]:
@@ -142,7 +143,7 @@ def _embedded(paths: Sequence[Path]) -> list[dict[str, str]]:
         svg = text[text.index("<svg") :]
         width = float(svg.partition(' width="')[2].partition("pt")[0])
         figures.append({"svg": svg, "style": "half" if width <= _HALF_WIDTH else "whole"})
-    return figures
+    return sorted(figures, key=lambda figure: figure["style"])  # pairs first
 
 
 def _statistics(table: pd.DataFrame, names: Sequence[str]) -> tuple[list[str], list[list[str]]]:

@@ -66,7 +66,7 @@ def inertia_tensor(body: Body) -> np.ndarray:
 
 
 def breaks_triangle(principal: np.ndarray) -> np.ndarray:
-    """True where principal moments (..., 3), rising, violate A + B >= C, which holds for every
+    """True where principal moments (..., 3), rising, violate A + B >= C, which is true for every
     solid body (Goldstein, Classical Mechanics, ch. 5)."""
     return principal[..., 0] + principal[..., 1] < principal[..., 2] * (1.0 - 1e-9)
 

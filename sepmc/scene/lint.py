@@ -157,7 +157,7 @@ def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
             yield (
                 f"dispersion of {each.sentence}: about {count:{'.0f' if count >= 100.0 else '.2g'}}"
                 f" of {cases} cases have a value, {nearest:.3g} sigma or more off the mean, that "
-                "the key may not have, and are not flown (invalid-input): truncate the "
+                "the key may not have, and are not run (invalid-input): truncate the "
                 "distribution by truncate_sigma"
             )
 
@@ -316,7 +316,7 @@ def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterato
                 yield f"{place}: spring {name} has no stroke_m, so it pushes on and never ends"
     for place, condition in waiting:
         if _is_past(condition, scene.run.end_time) and f"{place}.time" not in varied:
-            yield f"{place}: comes after the end of the flight, {scene.run.end_time:g} s"
+            yield f"{place}: comes after the end of the run, {scene.run.end_time:g} s"
     last = scene.phase[-1].joints
     released = {name for name in scene.joint if last.get(name, "free") == "free"}
     released |= {release.joint for release in scene.release}

@@ -187,18 +187,18 @@ def _check_sample_path(tree: dict[str, Any], path: Path) -> None:
     """Reject a table of samples outside the folder of the campaign file, which may be untrusted.
     Raises SceneError."""
     run = tree.get("run")
-    plan = run.get("samples") if isinstance(run, dict) else None
-    if not isinstance(plan, str) or not plan.isprintable():
+    samples = run.get("samples") if isinstance(run, dict) else None
+    if not isinstance(samples, str) or not samples.isprintable():
         return
     try:
         folder = path.parent.resolve()
-        is_beside = (folder / plan).resolve().is_relative_to(folder)
+        is_beside = (folder / samples).resolve().is_relative_to(folder)
     except (OSError, ValueError, RuntimeError):  # a loop of links, no valid file name
         is_beside = False
     if not is_beside:
         reason = "must lie beside the campaign, or in a folder there"
         any_other = f"{setting('run.samples', 'PATH')} takes any"
-        raise SceneError([f"{path.name}: run.samples = {shorten(plan)}: {reason}; {any_other}"])
+        raise SceneError([f"{path.name}: run.samples = {shorten(samples)}: {reason}; {any_other}"])
 
 
 def parse_campaign(

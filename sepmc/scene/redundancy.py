@@ -43,7 +43,7 @@ class Redundancy:
             f"phase {self.phase}: {self.redundant} of {self.rows} constraint rows are redundant, "
             f"among {', '.join(self.joints)}: the "
             "motion is that of the others; the forces of these joints are not unique, the ones of "
-            "least sum of squares are given "
+            "minimum sum of squares are given "
             "(column redundant_rows), and a break load of one of them is compared with that"
         )
 

@@ -141,9 +141,9 @@ def test_boxes_keep_their_energy():
     settings = {"solver.formulation": "full", "solver.step_s": 0.05}
     campaign = sepmc.load("nasa-fixed-joint", settings)
     for number in range(2):
-        found = campaign.simulate(campaign.case(number), step_s=0.5).attrs
-        assert found["status"] == "ok"
-        assert abs(found["outcomes"]["energy_residual"]) <= 1e-12
+        result = campaign.simulate(campaign.case(number), step_s=0.5).attrs
+        assert result["status"] == "ok"
+        assert abs(result["outcomes"]["energy_residual"]) <= 1e-12
 
 
 @pytest.mark.slow

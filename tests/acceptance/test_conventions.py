@@ -402,7 +402,7 @@ def test_nan_is_never_replaced():
 
 def test_status_of_a_failed_case(pair):
     """A joint that still guides at the end: not `ok`, and the time that does not exist is NaN."""
-    found = (
+    result = (
         pair(
             {
                 "phase": [
@@ -414,5 +414,5 @@ def test_status_of_a_failed_case(pair):
         .simulate()
         .attrs
     )
-    assert found["status"] == "never-released"
-    assert math.isnan(found["outcomes"]["release_time_s"])
+    assert result["status"] == "never-released"
+    assert math.isnan(result["outcomes"]["release_time_s"])

@@ -40,9 +40,9 @@ def result(campaign, tmp_path_factory):
 
 def test_check_says_what_is_in_it():
     """A line for every kind of thing, with the names."""
-    found = CliRunner().invoke(main, ["check", str(FILE), "--no-flight"])
-    assert found.exit_code == 0, found.output
-    for said in (
+    called = CliRunner().invoke(main, ["check", str(FILE), "--no-flight"])
+    assert called.exit_code == 0, called.output
+    for message in (
         "3: upper, lower, half (and the ground)",
         "pins (upper - lower)",
         "pad (ground - lower)",
@@ -64,7 +64,7 @@ def test_check_says_what_is_in_it():
         "hinge turned by 3 deg or upper at 2990 m height or pins 1500 mm away",
         "hinge becomes free when hinge turned by 12 deg or moment of hinge 1e+06 N m",
     ):
-        assert any(said in line for line in found.output.splitlines()), said
+        assert any(message in line for line in called.output.splitlines()), message
 
 
 # places and times of least distances and peaks
@@ -117,12 +117,12 @@ def assert_row(status, outcomes, errors, result, number):
         # round bodies are as near in many places
         if name.endswith(AS_SHARP_AS_A_ROOT) and not name.endswith("release_time_s"):
             continue
-        told = errors.get(name, 0.0) + result.accuracy.errors.get(name, 0.0)
+        reported = errors.get(name, 0.0) + result.accuracy.errors.get(name, 0.0)
         assert_allclose(
             outcomes[name],
             result.table[name][number],
             rtol=0,
-            atol=(1e-9 + told) * np.nanmax(np.abs(result.table[name]), initial=1e-6),
+            atol=(1e-9 + reported) * np.nanmax(np.abs(result.table[name]), initial=1e-6),
             err_msg=name,
         )
 
@@ -130,17 +130,17 @@ def assert_row(status, outcomes, errors, result, number):
 def test_full_gives_the_same(campaign, result):
     """Both formulations on everything there is."""
     full = campaign.with_settings({"solver.formulation": "full"})
-    found = full.simulate(full.case(0), step_s=0.05).attrs
-    assert_row(found["status"], found["outcomes"], found["errors"], result, 0)
+    outcome = full.simulate(full.case(0), step_s=0.05).attrs
+    assert_row(outcome["status"], outcome["outcomes"], outcome["errors"], result, 0)
 
 
 def test_replayed_by_the_command(result, tmp_path):
     """``sepmc run FOLDER --case 19`` prints and writes the outcomes of the row, within the errors
     told."""
     arguments = ["run", result.folder, "--case", 19, "--every-s", 0.05, "--no-plots"]
-    found = CliRunner().invoke(main, [*map(str, arguments), "--out", str(tmp_path / "one")])
-    assert found.exit_code == 0, found.output
-    assert f"{result.table['upper_omega_z_deg_s'][19]:.9g}" in found.output
+    called = CliRunner().invoke(main, [*map(str, arguments), "--out", str(tmp_path / "one")])
+    assert called.exit_code == 0, called.output
+    assert f"{result.table['upper_omega_z_deg_s'][19]:.9g}" in called.output
     written = json.loads((tmp_path / "one" / "manifest.json").read_text(encoding="utf-8"))
     outcomes = {k: np.nan if v is None else v for k, v in written["outcomes"].items()}
     assert_row(written["status"], outcomes, written["errors"], result, 19)

@@ -95,10 +95,10 @@ def measure(sample):
     """Largest |difference| / max(|expected|, sigma of the outcome over 2,000 cases); printed with
     its outcome."""
 
-    def worst(found, expected, names=None):
+    def worst(result, expected, names=None):
         scaled = {
             name: np.max(
-                np.abs(found[name] - expected[name])
+                np.abs(result[name] - expected[name])
                 / np.maximum(np.abs(expected[name]), sample.table[name].std(ddof=1))
             )
             for name in names or sample.outcomes
@@ -246,9 +246,9 @@ def test_conservation_in_all_phases(pair, formulation):
 
 def test_never_released(pair):
     """Nothing pushes: the status says so, the release time is NaN, all other outcomes are there."""
-    found = pair({"phase": until(10.0)}).simulate().attrs
-    assert found["status"] == "never-released"
-    assert [name for name, value in found["outcomes"].items() if math.isnan(value)] == [
+    result = pair({"phase": until(10.0)}).simulate().attrs
+    assert result["status"] == "never-released"
+    assert [name for name, value in result["outcomes"].items() if math.isnan(value)] == [
         "release_time_s"
     ]
 
@@ -266,10 +266,10 @@ def test_release_at_the_end_of_a_step(pair, ulps):
     """10 mm at 2 m/s2 takes 0.1 s, two steps of 0.05 s; a stroke some units in the last place off
     must not matter."""
     stroke = 10.0 * (1.0 + ulps * 2.0**-52)
-    found = pair({"phase": until(stroke), "motor": [RETRO]}).simulate().attrs
-    assert found["status"] == "ok"
+    result = pair({"phase": until(stroke), "motor": [RETRO]}).simulate().attrs
+    assert result["status"] == "ok"
     # the tolerance of the root
-    assert_allclose(found["outcomes"]["release_time_s"], 0.1, rtol=0, atol=1e-13)
+    assert_allclose(result["outcomes"]["release_time_s"], 0.1, rtol=0, atol=1e-13)
 
 
 def test_table2_against_the_oracle(table2, quiet, sample, measure):
@@ -285,9 +285,9 @@ def test_table2_against_the_oracle(table2, quiet, sample, measure):
         history = quiet.simulate(quiet.case(i))
         last = history[history["phase"] == "guided"].iloc[-1]
         for what, unit in (("force", "N"), ("moment", "N_m")):
-            found = [last[f"pins_{what}_on_lower_{axis}_{unit}"] for axis in "xyz"]
+            results = [last[f"pins_{what}_on_lower_{axis}_{unit}"] for axis in "xyz"]
             reference = case[f"release_{what}_on_lower_{unit}"]
-            assert np.linalg.norm(found - reference) <= 1e-8 * np.linalg.norm(reference)
+            assert np.linalg.norm(results - reference) <= 1e-8 * np.linalg.norm(reference)
 
 
 def test_full_against_reduced(quiet, sample, measure):
@@ -397,9 +397,9 @@ def test_order_of_the_bodies_in_the_file(quiet, sample, measure):
 def test_axes_carried_by_either_body(quiet, sample, measure):
     """The joint's axes fixed in the lower stage: the same motion; only the free separation is then
     measured along another axis."""
-    found = quiet.with_settings({"joint.pins.bodies": ["lower", "upper"]}).run(cases=200).table
+    result = quiet.with_settings({"joint.pins.bodies": ["lower", "upper"]}).run(cases=200).table
     names = [name for name in sample.outcomes if not name.startswith("separation")]
-    assert measure(found, {name: sample.table[name][:200] for name in names}, names) <= 1e-12
+    assert measure(result, {name: sample.table[name][:200] for name in names}, names) <= 1e-12
 
 
 def test_masses_no_body_can_have(quiet):
@@ -438,21 +438,21 @@ def test_leaving_the_atmosphere(quiet, start, locked):
     height, speed, pitch = start
     calm |= {"initial.altitude_m": height, "initial.speed_m_s": speed, "initial.pitch_deg": pitch}
     tree = {key: value for key, value in quiet.file.tree.items() if key != "dispersion"}
-    found = Campaign(parse_campaign(tree, "calm", calm)).simulate(step_s=0.1).attrs
-    assert found["status"] == "outside-atmosphere"
-    assert math.isnan(found["outcomes"]["upper_omega_z_deg_s"])
+    result = Campaign(parse_campaign(tree, "calm", calm)).simulate(step_s=0.1).attrs
+    assert result["status"] == "outside-atmosphere"
+    assert math.isnan(result["outcomes"]["upper_omega_z_deg_s"])
 
 
 def test_a_step_too_long_is_told(quiet):
     """A pitch rate that the aerodynamics make explode: never a number that looks like an answer."""
     tree = {key: value for key, value in quiet.file.tree.items() if key != "dispersion"}
-    found = (
+    result = (
         Campaign(parse_campaign(tree, "wild", {"initial.omega_deg_s": [0.0, 0.0, 60.0]}))
         .simulate(step_s=0.1)
         .attrs
     )
-    assert found["status"] in ("unresolved", "not-finite")
-    assert math.isnan(found["outcomes"]["upper_omega_z_deg_s"])
+    assert result["status"] in ("unresolved", "not-finite")
+    assert math.isnan(result["outcomes"]["upper_omega_z_deg_s"])
 
 
 def test_sign_of_apart_is_that_of_the_nominal(monkeypatch):

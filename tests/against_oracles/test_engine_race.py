@@ -28,9 +28,9 @@ def ours(campaign):
 
 
 def off(flight, ours):
-    found = flight.outcomes(flight.fly())
-    assert set(found) == set(ours[0])
-    return worst(found, *ours)
+    result = flight.outcomes(flight.fly())
+    assert set(result) == set(ours[0])
+    return worst(result, *ours)
 
 
 @pytest.mark.parametrize(
@@ -60,15 +60,15 @@ def test_exudyn(campaign, ours):
 
 
 def test_race_with_scipy(campaign, ours):
-    told = []
-    entries = race(campaign, 1, told.append, {**NONE, "scipy": 2}, 1)
-    assert len(told) == len(entries)
+    calls = []
+    entries = race(campaign, 1, calls.append, {**NONE, "scipy": 2}, 1)
+    assert len(calls) == len(entries)
     assert all(
         isinstance(e, Entry) and e.seconds_per_case > 0.0 and e.extrapolated for e in entries
     )
-    found = {e.setting: error(e, *ours) for e in entries}
-    assert found["rtol 1e-12"] < 1e-9
-    assert found["rtol 1e-12"] < found["rtol 1e-06"]
+    by_name = {e.setting: error(e, *ours) for e in entries}
+    assert by_name["rtol 1e-12"] < 1e-9
+    assert by_name["rtol 1e-12"] < by_name["rtol 1e-06"]
 
 
 def test_race_in_processes(campaign, ours, monkeypatch):

@@ -34,9 +34,9 @@ def apart(data, one, two, times):
 @pytest.mark.parametrize("name", compare.ENGINES)
 def test_engine_against_external_engines(name):
     """Table 2: fixed, slider, free; air, wind, gravity and a motor."""
-    found = compare.compare(sepmc.load("table2.toml"), [0], 0.05, engines(name))
-    assert set(found["quantity"]) == set(compare.FLOORS)
-    assert (found["verdict"] == "agrees").all(), found.to_string()
+    result = compare.compare(sepmc.load("table2.toml"), [0], 0.05, engines(name))
+    assert set(result["quantity"]) == set(compare.FLOORS)
+    assert (result["verdict"] == "agrees").all(), result.to_string()
 
 
 @pytest.mark.parametrize(
@@ -52,25 +52,25 @@ def test_minimal_coordinates_twice(campaign, number, times):
     """Kane's equations in heyoka, the articulated-body algorithm in Pinocchio: round-off (measured:
     6e-14)."""
     flown = engines(*TREES)
-    found = apart(sepmc.load(campaign).case(number).to_dict(), *flown.values(), times)
-    assert max(found.values()) < 1e-11, found
+    result = apart(sepmc.load(campaign).case(number).to_dict(), *flown.values(), times)
+    assert max(result.values()) < 1e-11, result
 
 
 def test_multipliers_and_minimal_coordinates():
     """Exudyn has redundant coordinates and multipliers, heyoka neither."""
     flown = engines("heyoka", "exudyn")
-    found = apart(
+    result = apart(
         sepmc.load("missile-rail.toml").case(0).to_dict(), *flown.values(), [0.0, 0.1, 0.17, 0.3]
     )
-    assert max(found.values()) < 1e-6, found
+    assert max(result.values()) < 1e-6, result
 
 
 def test_exudyn_is_of_second_order():
     """Halving the step divides the error by four, before extrapolation."""
     fly = engines("exudyn")["exudyn"]
-    found = fly(sepmc.load("missile-rail.toml").case(0).to_dict(), [0.3])
+    result = fly(sepmc.load("missile-rail.toml").case(0).to_dict(), [0.3])
     coarse, fine, _ = (
-        abs(level.release["shoe"] - found.flight.release["shoe"]) for level in found.levels
+        abs(level.release["shoe"] - result.flight.release["shoe"]) for level in result.levels
     )
     assert 3.5 < coarse / fine < 4.5
 
@@ -89,5 +89,5 @@ def test_thrust_of_a_profile_that_begins_late(time, expected):
     after."""
     profile = {"time": [0.1, 0.2], "fraction": [0.5, 0.7]}
     motor = {"thrust": 2.0, "ignition": 0.1, "burn": 0.2, "profile": profile}
-    found = loads.thrust(motor, loads.motor_piece(motor, time), time, math)
-    assert found == pytest.approx(expected, abs=1e-12)
+    result = loads.thrust(motor, loads.motor_piece(motor, time), time, math)
+    assert result == pytest.approx(expected, abs=1e-12)

@@ -90,9 +90,9 @@ def test_scenes_are_rarely_refused_and_have_every_feature():
             continue
         kinds |= {kind for phase in tree["phase"] for kind in phase["joints"].values()}
         ends |= {key for phase in tree["phase"] for key in phase.get("until", {})}
-        found = {".".join(path.parts): kind_of(path) for path in paths(campaign.scene)}
-        all_paths |= set(found.values())
-        dispersed |= {found[d.parameter.path] for d in campaign.file.dispersions}
+        by_name = {".".join(path.parts): kind_of(path) for path in paths(campaign.scene)}
+        all_paths |= set(by_name.values())
+        dispersed |= {by_name[d.parameter.path] for d in campaign.file.dispersions}
     assert refused <= 4
     assert {
         "fixed",
@@ -121,7 +121,7 @@ def test_scenes_are_rarely_refused_and_have_every_feature():
 def test_later_kinds_occur_and_are_read():
     """Of 30 scenes with all later kinds hardly one is refused; all kinds occur, and the columns of
     equivalent scenes are known."""
-    refused, found = 0, set()
+    refused, result = 0, set()
     for seed in range(30):
         tree = scene(seed, LATE)
         with warnings.catch_warnings():
@@ -140,7 +140,7 @@ def test_later_kinds_occur_and_are_read():
             equivalent_column(column.name, "other names", tree)
             for column in campaign.outcome_columns
         } <= known
-        found |= set(compare.features(tree))
+        result |= set(compare.features(tree))
     assert refused <= 2
     assert {
         "until any",
@@ -150,15 +150,15 @@ def test_later_kinds_occur_and_are_read():
         "release",
         "proximity",
         "clearance",
-    } <= found
+    } <= result
     assert {
         "wind profile",
         "table of the air",
         "aerodynamic table",
         "guide",
         "guide friction",
-    } <= found
-    assert {f"output {kind}" for kind in ("loads", "guide", "tip_off", "transverse")} <= found
+    } <= result
+    assert {f"output {kind}" for kind in ("loads", "guide", "tip_off", "transverse")} <= result
 
 
 def test_later_kinds_leave_the_rest_of_a_seed():
@@ -213,9 +213,9 @@ def test_the_time_of_a_flat_peak_may_be_any_on_it():
         SimpleNamespace(name="pins_peak_force_time_s"),
         SimpleNamespace(name="release_time_s"),
     ]
-    for found, expected in ((0.05, 0.1), (0.15, 0.15), (0.3, 0.2), (np.nan, 0.12)):
+    for result, expected in ((0.05, 0.1), (0.15, 0.15), (0.3, 0.2), (np.nan, 0.12)):
         assert compare.nearest_reached(
-            flown, np.array([found, 0.3]), np.array([0.12, 0.4]), columns
+            flown, np.array([result, 0.3]), np.array([0.12, 0.4]), columns
         ).tolist() == [expected, 0.4]
 
 
@@ -257,8 +257,8 @@ def test_random_scenes():
     flown += [set(compare.features(scene(seed, kinds=NAMED))) for seed in NAMED_SEEDS]
     assert set().union(*flown) >= set().union(*kinds.values())
     jobs = [{"seed": seed, "cases": 1, "entry_points": seed in ENTRY_POINT_SEEDS} for seed in SEEDS]
-    found = list(judge_all(jobs))
-    assert not [v for v in found if run.fails(v) or v.get("not_flown")], run.table(found)
+    result = list(judge_all(jobs))
+    assert not [v for v in result if run.fails(v) or v.get("not_flown")], run.table(result)
 
 
 @pytest.mark.slow
@@ -275,9 +275,9 @@ def test_random_scenes_of_named_kinds():
         "until direction",
         "until vertical_speed",
     } <= set().union(*map(compare.features, trees))
-    found = list(judge_all([{"seed": s, "cases": 1, "kinds": NAMED} for s in NAMED_SEEDS]))
-    assert not [v for v in found if run.fails(v) or v.get("not_flown")], run.table(found)
-    assert {"ok", "never-released"} == set().union(*(v["statuses"] for v in found))
+    result = list(judge_all([{"seed": s, "cases": 1, "kinds": NAMED} for s in NAMED_SEEDS]))
+    assert not [v for v in result if run.fails(v) or v.get("not_flown")], run.table(result)
+    assert {"ok", "never-released"} == set().union(*(v["statuses"] for v in result))
 
 
 def test_an_unknown_kind_is_refused():
@@ -300,9 +300,9 @@ def test_a_swapped_joint_leaves_the_spring_along_it():
 @pytest.mark.slow
 def test_compiled_scenes():
     """Compiled kernels agree as well."""
-    found = list(judge_all([{"seed": seed, "compiled": True} for seed in COMPILED]))
-    assert not [v for v in found if run.fails(v) or v.get("not_flown")], run.table(found)
-    assert all(v["compiled"] for v in found)
+    result = list(judge_all([{"seed": seed, "compiled": True} for seed in COMPILED]))
+    assert not [v for v in result if run.fails(v) or v.get("not_flown")], run.table(result)
+    assert all(v["compiled"] for v in result)
 
 
 @pytest.mark.slow
@@ -318,10 +318,10 @@ def test_a_scene_that_failed_once(path):
 def test_a_scene_that_takes_too_long_is_reported_and_no_fault():
     """A scene without a verdict in time is counted and listed by its seed, and none of its rows
     counts as same."""
-    found = list(judge_all([{"seed": 5, "cases": 2}], processes=1, limit_s=0.05))
-    assert [v["not_flown"] for v in found] == ["no verdict within 0.05 s"]
-    assert not any(map(run.fails, found))
-    text = run.table(found)
+    result = list(judge_all([{"seed": 5, "cases": 2}], processes=1, limit_s=0.05))
+    assert [v["not_flown"] for v in result] == ["no verdict within 0.05 s"]
+    assert not any(map(run.fails, result))
+    text = run.table(result)
     assert "not compared: 1 x no verdict within 0.05 s (seeds 5)" in text
     assert text.splitlines()[1].split() == ["all", *["0"] * (len(text.splitlines()[1].split()) - 1)]
 
@@ -350,9 +350,9 @@ def test_a_fault_beyond_the_time_limit_stays_a_fault(monkeypatch, decided, rows)
         kill = close
 
     monkeypatch.setattr(workers, "Worker", Worker)
-    found = list(workers.judge_all([{"seed": 5, "cases": 1}], processes=1, limit_s=1.0))
-    assert [v["rows"] for v in found] == [rows]
-    assert run.fails(found[0]) == ("silent" in rows)
+    result = list(workers.judge_all([{"seed": 5, "cases": 1}], processes=1, limit_s=1.0))
+    assert [v["rows"] for v in result] == [rows]
+    assert run.fails(result[0]) == ("silent" in rows)
     assert asked == [(False, 1.0), (True, workers.COMPILED_LIMIT_S)]
 
 

@@ -213,15 +213,15 @@ def test_a_number_in_another_unit_is_one_difference_or_none():
         "spring": [{"name": "a", "stroke_m": 0.02}],
         "dispersion": {"body.upper.cg_mm.x": {"normal": [100.0, 10.0], "truncate_sigma": 3.0}},
     }
-    found = tree_differences(one, two)
-    assert found == [
+    result = tree_differences(one, two)
+    assert result == [
         "body.upper.mass_kg: 1.0 -> mass_g = 1500.0",
         "body.x_mm: {'mass_kg': 1.0} -> -",
         "body.x_m: - -> {}",
     ]
-    assert len(tree_differences(one, two, units=True)) == len(found) + 3
+    assert len(tree_differences(one, two, units=True)) == len(result) + 3
     two["dispersion"]["body.upper.cg_mm.x"]["truncate_sigma"] = 2.0
-    assert len(tree_differences(one, two)) == len(found) + 1
+    assert len(tree_differences(one, two)) == len(result) + 1
 
 
 @pytest.fixture(scope="module")

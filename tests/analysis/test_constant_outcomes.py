@@ -174,7 +174,8 @@ def test_drivers_and_laws_of_noise():
     with pytest.raises(ValueError, match="is constant, as its values differ by"):
         sensitivity.input_sensitivities(cases, ["in_x"], "y_mm", spread=within)
     assert (
-        distributions.fit_distributions(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
+        distributions.fit_distributions(cases, ["y_mm"], ["y_mm"]).at["y_mm", "distribution"]
+        == "constant"
     )
     table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-11, 1.0)})
     assert constant_outcomes.max_spread(table, "y_mm") == 0.0
@@ -247,7 +248,7 @@ def test_no_drivers_and_no_law_of_a_constant(run):
     cells = [cell for line in lines if line.startswith(GAP) for cell in line.split()[1:]]
     assert "constant" in cells  # in the second part of a table that is split at 80 columns
     frame = pd.read_csv(folder / "distributions.csv", index_col="outcome")
-    assert frame.at[SPEED, "law"] == "constant"
+    assert frame.at[SPEED, "distribution"] == "constant"
     assert np.isnan(frame.at[SPEED, "skewness"])
 
 
@@ -260,7 +261,7 @@ def test_python_says_so_too():
     assert not table.at[VARIES, "constant"]
     with pytest.raises(ValueError, match="is constant"):
         result.sensitivity(SPEED)
-    assert result.fit().at[SPEED, "law"] == "constant"
+    assert result.fit().at[SPEED, "distribution"] == "constant"
     assert "e-16" not in result._repr_html_()
 
 

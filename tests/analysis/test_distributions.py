@@ -45,7 +45,7 @@ def test_probabilities_are_those_of_simulation(name, n):
 def test_a_planted_law_is_found(name):
     """The nearest, with its parameters and ends, and nothing speaks against it."""
     row = distributions.fit_distributions(cases(x=drawn(name, 4000, seed=5)), ["x"]).loc["x"]
-    assert row["law"] == name
+    assert row["distribution"] == name
     assert row["p"] > distributions.LEVEL
     law = distributions.DISTRIBUTIONS[name]
     location, scale = (0.3, 0.4) if law.of_logarithm else (-2.0, 3.0)
@@ -72,7 +72,7 @@ def test_no_fit():
     table = cases(few=np.where(np.arange(100) < 10, x, np.nan), same=np.repeat(x[:5], 20), x=x)
     table["status"] = np.where(np.arange(100) < 60, "ok", "unresolved")
     result = distributions.fit_distributions(table, ["few", "same", "x"])
-    assert list(result["law"]) == ["too few cases", "discrete", "normal"]
+    assert list(result["distribution"]) == ["too few cases", "discrete", "normal"]
     assert list(result["n"]) == [10, 60, 60]
     assert result.loc["same", ["skewness", "p"]].isna().all()
 
@@ -110,7 +110,7 @@ def test_through_a_run_folder(pair, plainly, tmp_path):
     assert "not independent" not in called.stdout
     kept = pd.read_csv(tmp_path / "run" / "distributions.csv", index_col="outcome")
     row = result.fit().loc["separation_speed_m_s"]
-    assert kept.loc["separation_speed_m_s", "law"] == row["law"] != ""
+    assert kept.loc["separation_speed_m_s", "distribution"] == row["distribution"] != ""
     assert kept.loc["separation_speed_m_s", "p"] == row["p"] > distributions.LEVEL
     wrong = CliRunner().invoke(app.main, ["fit", str(tmp_path / "run"), "separation_sped_m_s"])
     assert wrong.exit_code == 2

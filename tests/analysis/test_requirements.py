@@ -49,7 +49,7 @@ def verdict(values, requirement=CLEAR, statuses=None, error=1e-9, audit=None):
 
 
 @pytest.mark.parametrize(
-    ("violations", "count", "said", "allowed", "more"),
+    ("violations", "count", "message", "allowed", "more"),
     [
         (0, 230, PASS, 0, 0),  # 230 cases show 99 % with 90 %, 388 do in spite of one violation
         (0, 229, NOT_SHOWN, -1, 1),
@@ -61,12 +61,12 @@ def verdict(values, requirement=CLEAR, statuses=None, error=1e-9, audit=None):
         (1, 11, NOT_SHOWN, -1, 377),
     ],
 )
-def test_verdicts(violations, count, said, allowed, more):
+def test_verdicts(violations, count, message, allowed, more):
     values = np.linspace(6.0, 9.0, count)
     values[:violations] = 4.0
     result = verdict(values)
     assert (result.verdict, result.violations, result.cases, result.allowed) == (
-        said,
+        message,
         violations,
         count,
         allowed,
@@ -156,13 +156,13 @@ def test_two_bounds():
     assert result.nearest == 0.0
     assert result.design_value == 0.0  # two of ten may lie outside, the third margin
     item = Requirement(name="in", metric="gap_mm", at_least=5.0, at_most=8.0, probability=0.9)
-    for outer, margin, said in (
+    for outer, margin, message in (
         (9.25, -1.25, "are at most 1.250 mm beyond a bound"),
         (7.25, 0.75, "are at least 0.7500 mm within both bounds"),
     ):
         result = verdict([outer] * 20 + [6.5] * 80, item)
         assert result.design_value == margin
-        assert f"90 % of all cases {said}, with 90 %" in render_verdicts(
+        assert f"90 % of all cases {message}, with 90 %" in render_verdicts(
             [result], {"gap_mm": "mm"}, 200
         )
 
@@ -223,13 +223,13 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("table", "said"), BAD)
-def test_bad_requirements(table, said):
+@pytest.mark.parametrize(("table", "message"), BAD)
+def test_bad_requirements(table, message):
     table = {"name": "a", "metric": "separation_speed_m_s"} | table
     tree = sepmc.load("residual-thrust" if "gap" in table["metric"] else "table2").file.tree
     with pytest.raises(SceneError, match=r"t\.toml: ") as error:
         parse_campaign(tree | {"requirement": [table]}, "t.toml")
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.fixture(scope="module")
@@ -253,15 +253,15 @@ def test_from_the_command_line(file, tmp_path):
     """The verdicts stand on the screen and in statistics.json, from the run and from its files;
     with --check one that is not passed ends with 1."""
     options = ["campaign", str(file), "--cases", "20", "--no-plots", "--out", str(tmp_path / "r")]
-    said = CliRunner().invoke(app.main, [*options, "--check"])
-    assert said.exit_code == 1, said.output
-    assert "PASS        apart: separation_speed_m_s >= 0.1 m/s in 80 %" in said.stdout
-    assert "FAIL        level" in said.stdout
-    assert "error: the cases do not show all that is required" in said.stderr
+    called = CliRunner().invoke(app.main, [*options, "--check"])
+    assert called.exit_code == 1, called.output
+    assert "PASS        apart: separation_speed_m_s >= 0.1 m/s in 80 %" in called.stdout
+    assert "FAIL        level" in called.stdout
+    assert "error: the cases do not show all that is required" in called.stderr
     again = CliRunner().invoke(app.main, ["stats", str(tmp_path / "r")])
     assert again.exit_code == 0
     assert CliRunner().invoke(app.main, ["stats", str(tmp_path / "r"), "--check"]).exit_code == 1
-    for line in said.stdout[said.stdout.index("requirements") :].splitlines()[:6]:
+    for line in called.stdout[called.stdout.index("requirements") :].splitlines()[:6]:
         assert line in again.stdout
     text = json.loads((tmp_path / "r" / "statistics.json").read_text(encoding="utf-8"))
     assert [item["verdict"] for item in text["requirements"]] == [PASS, FAIL]
@@ -270,8 +270,8 @@ def test_from_the_command_line(file, tmp_path):
 
 
 def test_nothing_to_check():
-    said = CliRunner().invoke(app.main, ["campaign", "table2", "--check"])
-    assert (said.exit_code, "--check needs a [[requirement]]" in said.stderr) == (2, True)
+    called = CliRunner().invoke(app.main, ["campaign", "table2", "--check"])
+    assert (called.exit_code, "--check needs a [[requirement]]" in called.stderr) == (2, True)
 
 
 def test_in_python(file):
@@ -329,11 +329,11 @@ def test_all_requirements_together():
     text = " ".join(render_verdicts([result], {}).split())
     assert "clean: no other requirement is violated in 90 % of all cases" in text
     assert "1 of them did not finish or have no such outcome" in text
-    for doubtful, said in ((5, PASS), (30, NONE)):  # of 200 cases 14 may violate
+    for doubtful, message in ((5, PASS), (30, NONE)):  # of 200 cases 14 may violate
         near = speed.copy()
         near[100 : 100 + doubtful] = 1.0 + 1e-6
         wrong = errors | {"speed_m_s": (1e-5, 1.0)}
-        assert together(gap, near, statuses, wrong)[0].verdict == said
+        assert together(gap, near, statuses, wrong)[0].verdict == message
     faster = Requirement(name="faster", metric="speed_m_s", at_least=1.0, probability=0.5)
     twice = (ALL, CLEAR, FAST, faster)  # what is in doubt for both is so once
     near = speed.copy()
@@ -345,7 +345,7 @@ def test_all_requirements_together():
 
 
 @pytest.mark.parametrize(
-    ("required", "said"),
+    ("required", "message"),
     [
         ([{"name": "a", "metric": "violation"}], "needs other requirements"),
         (
@@ -355,8 +355,8 @@ def test_all_requirements_together():
         ),
     ],
 )  # fmt: skip
-def test_violation_of_nothing(required, said):
-    with pytest.raises(SceneError, match=said):
+def test_violation_of_nothing(required, message):
+    with pytest.raises(SceneError, match=message):
         sepmc.load("table2", {"requirement": required})
 
 

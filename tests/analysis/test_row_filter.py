@@ -19,7 +19,7 @@ NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}
 
 
 @pytest.mark.parametrize(
-    ("terms", "found"),
+    ("terms", "result"),
     [
         (["in_a=1"], [1, 2]),
         (["joint.a.fails = 0"], [0, 3]),
@@ -34,14 +34,14 @@ NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}
         ([], [0, 1, 2, 3, 4]),
     ],
 )
-def test_terms(terms, found):
+def test_terms(terms, result):
     """All terms must hold, or one of several with or between them, of any name that matches; what
     is no number meets none but !=."""
-    assert np.flatnonzero(matching_rows(ROWS, NAMES, terms)).tolist() == found
+    assert np.flatnonzero(matching_rows(ROWS, NAMES, terms)).tolist() == result
 
 
 @pytest.mark.parametrize(
-    ("term", "said"),
+    ("term", "message"),
     [
         ("a", "must be NAME=VALUE"),
         ("in_a=one", "'one' must be a number"),
@@ -50,9 +50,9 @@ def test_terms(terms, found):
         ("in_b=1", "no such input or outcome; did you mean"),
     ],
 )
-def test_terms_that_cannot_be(term, said):
+def test_terms_that_cannot_be(term, message):
     """Errors of terms are reported."""
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         matching_rows(ROWS, NAMES, [term])
 
 
@@ -90,7 +90,7 @@ def test_filter_by_an_input(tmp_path):
     assert "selected by outcomes" not in CliRunner().invoke(main, words).output
     nobody = CliRunner().invoke(main, ["stats", str(folder), "--where", "case<0", "--json"])
     assert nobody.exit_code == 2
-    assert "case<0: holds in none of 60 cases" in nobody.output
+    assert "case<0: satisfied by none of 60 cases" in nobody.output
 
 
 def test_filter_by_a_failure_of_all_cases(tmp_path):

@@ -167,8 +167,8 @@ def test_more_steps_are_more_exact(table):
 def test_full_flies_as_the_reduced_does(table, reference):
     """In the same steps the same errors, by fewer cases."""
     of = {
-        name: rows.set_index("asked")
-        for name, rows in table[table["asked"].notna()].groupby("formulation")
+        name: rows.set_index("requested")
+        for name, rows in table[table["requested"].notna()].groupby("formulation")
     }
     assert of["full"]["scaled"].all()
     assert set(of["full"].index) == set(of["reduced"].index)
@@ -243,9 +243,9 @@ def test_flops_in_code():
 @pytest.mark.slow
 def test_flops_of_a_case(study):
     steps, names = np.array([1, 1, 1]), ["tp7", "sharp9", "sharp9"]
-    methods = by_name(study.flight.kernel, names)
+    methods = by_name(study.integration.kernel, names)
     flight = dataclasses.replace(
-        study.flight, steps=steps, durations=np.full(3, np.inf), methods=methods
+        study.integration, steps=steps, durations=np.full(3, np.inf), methods=methods
     )
     assert flight.method_names == names
     counted = flops.count(study.campaign, flight)
@@ -364,7 +364,7 @@ def test_noise_warning(spread, warns):
 def test_threads_warning(speed_up, warns):
     frame = pd.DataFrame({"threads": [2.0, 1.0, 2.0], "speed_up": [np.nan, *speed_up]})
     rendered = text.warnings("scaling", frame)
-    assert [said.partition(":")[0] for said in rendered] == ["warning"] * warns
+    assert [message.partition(":")[0] for message in rendered] == ["warning"] * warns
     assert not warns or "2 threads are 0.90 times as fast as one" in rendered[0]
     assert text.threads_warning(frame[:2]) == ""
 

@@ -52,31 +52,31 @@ def flown(campaign, *args, **kwargs):
 
 def command(*words):
     """Exit code and output of a command."""
-    found = CliRunner().invoke(main, [str(word) for word in words])
-    assert found.exception is None or isinstance(found.exception, SystemExit), found.output
-    return found.exit_code, found.output
+    called = CliRunner().invoke(main, [str(word) for word in words])
+    assert called.exception is None or isinstance(called.exception, SystemExit), called.output
+    return called.exit_code, called.output
 
 
 @settings(deadline=None)
 @given(st.sets(st.integers(0, 60), min_size=1), st.sets(st.integers(0, 70)), st.integers(1, 9))
 def test_numbers_are_a_set(numbers, others, size):
     """Ranges behave as the set of the numbers that they stand for, and as text they come back."""
-    found, held = CaseSelection.of(numbers), np.array(sorted(others), dtype=np.int64)
-    assert [i for a, b in found.ranges for i in range(a, b)] == sorted(numbers)
-    assert all(b < c for (_, b), (c, _) in zip(found.ranges, found.ranges[1:], strict=False))
-    assert (found.count, found.end) == (len(numbers), max(numbers) + 1)
-    assert found.are_first == (numbers == set(range(len(numbers))))
-    left = found.without(held)
+    result, held = CaseSelection.of(numbers), np.array(sorted(others), dtype=np.int64)
+    assert [i for a, b in result.ranges for i in range(a, b)] == sorted(numbers)
+    assert all(b < c for (_, b), (c, _) in zip(result.ranges, result.ranges[1:], strict=False))
+    assert (result.count, result.end) == (len(numbers), max(numbers) + 1)
+    assert result.are_first == (numbers == set(range(len(numbers))))
+    left = result.without(held)
     assert [i for a, b in left.split(size) for i in range(a, b)] == sorted(numbers - others)
     assert all(0 < b - a <= size for a, b in left.split(size))
-    assert found.omits(held) == bool(others - numbers)
-    assert found.count_common(CaseSelection.of(others)) == len(numbers & others)
-    assert [i in found for i in range(75)] == [i in numbers for i in range(75)]
-    assert read(f"{found},{found}") == found
+    assert result.omits(held) == bool(others - numbers)
+    assert result.count_common(CaseSelection.of(others)) == len(numbers & others)
+    assert [i in result for i in range(75)] == [i in numbers for i in range(75)]
+    assert read(f"{result},{result}") == result
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("text", "result"),
     [
         ("1e4", 10_000),
         (" 300 ", 300),
@@ -93,10 +93,10 @@ def test_numbers_are_a_set(numbers, others, size):
         ("0", None),
     ],
 )
-def test_cases_as_text(text, found):
+def test_cases_as_text(text, result):
     """What the command line takes, and what it refuses."""
-    if found is not None:
-        assert read(text) == found
+    if result is not None:
+        assert read(text) == result
     else:
         with pytest.raises(InputError, match="cases = "):
             read(text)
@@ -112,10 +112,10 @@ def test_some_cases_are_those_of_the_whole(file, sampler, tmp_path):
     assert flown(campaign, [9, 3, 4]).equals(some.to_pandas())
     pd.testing.assert_frame_equal(some.to_pandas(), every.loc[[3, 4, 9]])
     assert some.case(9).inputs == campaign.case(9).inputs
-    with pytest.raises(InputError, match="case = 5: must be one of those flown, 3:5,9"):
+    with pytest.raises(InputError, match="case = 5: must be one of those run, 3:5,9"):
         some.case(5)
-    told = read_manifest(folder)
-    assert (told["cases"], told["numbers"], told["of"]) == (3, "3:5,9", 12)
+    manifest = read_manifest(folder)
+    assert (manifest["cases"], manifest["numbers"], manifest["of"]) == (3, "3:5,9", 12)
     with pytest.raises(StoreError, match="would leave some out"):
         campaign.run("3:5", out=folder, resume=True)
     pd.testing.assert_frame_equal(flown(campaign, None, out=folder, resume=True), every)
@@ -127,8 +127,8 @@ def test_figures_of_cases_far_down(file, tmp_path):
     text = SPRUNG.replace("cases = 12", "history_step_s = 0.1")
     file.write_text(text, encoding="utf-8")
     folder = tmp_path / "run"
-    code, said = command("campaign", file, "--cases", "30000:30004", "--out", folder)
-    assert (code, (folder / "separation_speed.png").is_file()) == (0, True), said
+    code, message = command("campaign", file, "--cases", "30000:30004", "--out", folder)
+    assert (code, (folder / "separation_speed.png").is_file()) == (0, True), message
 
 
 def test_a_hypercube_has_no_other_cases(file):
@@ -141,8 +141,8 @@ def test_a_hypercube_has_no_other_cases(file):
 def test_a_part_of_a_hypercube_is_told_from_a_smaller_one(file):
     """A range takes cases of the file's design; a number of cases makes a design of its own."""
     campaign = sepmc.load(file, {"run.sampler": "lhs"})
-    said = "cases 0:4 are a part of a design of 12 cases"
-    assert any(said in note for note in campaign.run("0:4").notes)
+    message = "cases 0:4 are a part of a design of 12 cases"
+    assert any(message in note for note in campaign.run("0:4").notes)
     assert not any("a part of a design" in note for note in campaign.run(4).notes)
 
 
@@ -151,8 +151,8 @@ def test_a_plan_is_flown_exactly(file, tmp_path, ending):
     """A table that ``sample`` writes gives all inputs to the last bit, whatever the laws of the
     file now say; its run folder replays, resumes and is refused to another plan."""
     table, folder = tmp_path / f"plan.{ending}", tmp_path / "run"
-    code, said = command("sample", file, "--cases", "2:6,9", "--out", table)
-    assert (code, "5 cases, 2 inputs" in said) == (0, True), said
+    code, message = command("sample", file, "--cases", "2:6,9", "--out", table)
+    assert (code, "5 cases, 2 inputs" in message) == (0, True), message
     assert command("sample", file, "--out", table)[0] == 2  # is not overwritten
     drawn = sepmc.load(file)
     other = {"run.samples": str(table), "dispersion": {"body.fore.mass_kg": {"constant": 3.0}}}
@@ -209,7 +209,7 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("table", "law", "said"),
+    ("table", "law", "message"),
     [
         ({"V": [1.0, -1.0]}, "V", "the distribution reaches -1, but the value must be >= 0"),
         ({"V": [1.0, np.nan]}, "V", "column V of plan.csv is no number in case 1"),
@@ -218,8 +218,12 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
         ({"V": ["1.0", "2.0", "3,5"]}, "V", "column V of plan.csv: '3,5' in case 2 is no number"),
         ({"case": [10**12], "V": [1.0]}, "V", "whole numbers from 0 to 999999999"),
         ({"V": [1.0, 2.0]}, "W", "no such column of numbers in plan.csv; did you mean|known here"),
-        ({"case": [0, 0], "V": [1.0, 2.0]}, "V", "column case: holds a number twice"),
-        ({"case": [0.5, 1], "V": [1.0, 2.0]}, "V", "column case = '0.5': must hold whole numbers"),
+        ({"case": [0, 0], "V": [1.0, 2.0]}, "V", "column case: contains a number twice"),
+        (
+            {"case": [0.5, 1], "V": [1.0, 2.0]},
+            "V",
+            "column case = '0.5': must contain whole numbers",
+        ),
         ({"V": [1.0], "in_body_fore_mas_kg": [1.0]}, "V", "no such input here: did you mean"),
         ({"V": [1.0], "body.fore.mass_kg": [3.0]}, "V", "must be called in_body_fore_mass_kg"),
         ({"V": [1.0], "IN_Body_fore_mass_kg": [3.0]}, "V", "must be called in_body_fore_mass_kg"),
@@ -228,14 +232,14 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
         ({"V": []}, "V", "has no rows"),
     ],
 )
-def test_plans_that_cannot_be(file, tmp_path, table, law, said):
+def test_plans_that_cannot_be(file, tmp_path, table, law, message):
     """What is wrong with a table is told with its place, before anything is flown."""
     pd.DataFrame(table).to_csv(tmp_path / "plan.csv", index=False)
     text = SPRUNG.replace(
         "[dispersion]", f'[dispersion]\n"initial.speed_m_s" = {{ column = "{law}" }}'
     )
     file.write_text(text.replace("cases = 12", 'samples = "plan.csv"'), encoding="utf-8")
-    with pytest.raises(SceneError, match=said):
+    with pytest.raises(SceneError, match=message):
         sepmc.load(file)
 
 
@@ -269,10 +273,16 @@ def test_until_a_statistic_is_known(file, tmp_path, monkeypatch):
     result = campaign.run(200, out=tmp_path / "run", until=f"separation_speed_m_s:{half * 1.01}")
     assert result.numbers.count == 128
     assert result.to_pandas().equals(flown(campaign, 128))
-    told = read_manifest(tmp_path / "run")
-    assert told["until"].startswith("after 128 of 200 cases the mean of separation_speed_m_s is")
+    manifest = read_manifest(tmp_path / "run")
+    assert manifest["until"].startswith(
+        "after 128 of 200 cases the mean of separation_speed_m_s is"
+    )
     assert not [note for note in result.notes if note.startswith("after")]
-    assert (told["cases"], told["complete"], sepmc.load(tmp_path / "run").scene.run.cases) == (
+    assert (
+        manifest["cases"],
+        manifest["complete"],
+        sepmc.load(tmp_path / "run").scene.run.cases,
+    ) == (
         128,
         True,
         128,
@@ -292,14 +302,14 @@ def test_intervals_that_until_looks_at():
     assert parse_stopping_rule("speed_m_s:1", names).interval(summary) == pytest.approx(
         (row["mean"], row["mean"] - half, row["mean"] + half)
     )
-    found = parse_stopping_rule("speed_m_s.p95:1%", names)
-    assert (found.tolerance, found.relative) == (0.01, True)
-    assert found.interval(summary) == (row["p95"], row["p95_low"], row["p95_high"])
+    result = parse_stopping_rule("speed_m_s.p95:1%", names)
+    assert (result.tolerance, result.relative) == (0.01, True)
+    assert result.interval(summary) == (row["p95"], row["p95_low"], row["p95_high"])
     ends = binomial_interval(0, 400)
     for tolerance, enough in ((0.99 * ends[1], False), (1.01 * ends[1], True)):
-        found = parse_stopping_rule(f"never-released:{tolerance}", names)
-        assert found.interval(summary) == (0.0, *ends)
-        assert found.is_met(*found.interval(summary)) == enough
+        result = parse_stopping_rule(f"never-released:{tolerance}", names)
+        assert result.interval(summary) == (0.0, *ends)
+        assert result.is_met(*result.interval(summary)) == enough
 
 
 def test_a_mean_is_not_known_before_a_rare_value_occurred(file):
@@ -310,8 +320,8 @@ def test_a_mean_is_not_known_before_a_rare_value_occurred(file):
     law = '"spring.push.factor" = { discrete = [1.0, 0.5], weights = [0.9999, 0.0001] }\n'
     file.write_text(text.replace(at, at + law), encoding="utf-8")
     campaign = sepmc.load(file)
-    said = r"push\.factor = 0\.5 \(probability 0\.0001\) occurs 10 times, in about 100,000 cases"
-    with pytest.raises(InputError, match=said):
+    message = r"push\.factor = 0\.5 \(probability 0\.0001\) occurs 10 times, in about 100,000 cases"
+    with pytest.raises(InputError, match=message):
         campaign.run(4000, until="separation_speed_m_s:10%")
     with pytest.warns(RunWarning, match=r"push\.factor = 0\.5 .* occurred in 0 of 256 cases"):
         campaign.run(300, until="separation_speed_m_s.p50:10%", stats_only=True)
@@ -325,7 +335,7 @@ def test_until_holds_what_it_states(name):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("separation_speed_m_s", "must be METRIC:TOLERANCE"),
         ("separation_speed_m_s:-1", "must be METRIC:TOLERANCE"),
@@ -334,41 +344,41 @@ def test_until_holds_what_it_states(name):
         ("never-released.mean:1", "no such statistic as 'mean'; share"),
     ],
 )
-def test_what_until_refuses(file, text, said):
+def test_what_until_refuses(file, text, message):
     """What cannot be asked for is told before anything is flown."""
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         sepmc.load(file).run(4, until=text)
 
 
 def test_dry_run_names_a_command_that_compiles(file, tmp_path, monkeypatch):
     """The file as it was given, what was set and the table, so that the command can be copied."""
-    table, told = tmp_path / "plan.csv", {}
+    table, reported = tmp_path / "plan.csv", {}
     assert call("sample", file, "--cases", 3, "--out", table).exit_code == 0
     more = ["--set", "run.end_time_s=0.2", "--samples", table, "--stats-only"]
     monkeypatch.setattr(
         "sepmc.campaign.execution.step_selection.units_to_compile", lambda text: (1, 2)
     )
     monkeypatch.setattr(
-        "sepmc.engine.dispatch.load_kernel", lambda text, say: told.update(text=text)
+        "sepmc.engine.dispatch.load_kernel", lambda text, say: reported.update(text=text)
     )
     dry = call("campaign", file, *more, "--dry-run")
     assert dry.exit_code == 0, dry.output
     (line,) = [one for one in dry.output.splitlines() if "sepmc compile" in one]
     program, *words = shlex.split(line.partition("compiled: ")[2])
     assert program == "sepmc"
-    found = call(*words)
-    assert found.exit_code == 0, found.output
+    called = call(*words)
+    assert called.exit_code == 0, called.output
     campaign = sepmc.load(file, {"run.end_time_s": 0.2, "run.samples": str(table)})
-    assert told["text"] == kernel_text(campaign, history=False)
+    assert reported["text"] == kernel_text(campaign, history=False)
 
 
 def test_dry_run_writes_nothing(file, tmp_path):
     """A dry run says how many cases would go where, and leaves no folder."""
     folder = tmp_path / "run"
-    code, said = command("campaign", file, "--cases", "1e3", "--out", folder, "--dry-run")
-    assert (code, folder.exists()) == (0, False), said
-    assert "sprung: 1000 cases, seed 4, sampler random" in said
-    assert "2 inputs" in said
+    code, message = command("campaign", file, "--cases", "1e3", "--out", folder, "--dry-run")
+    assert (code, folder.exists()) == (0, False), message
+    assert "sprung: 1000 cases, seed 4, sampler random" in message
+    assert "2 inputs" in message
     folder.mkdir()
     (folder / "mine").write_text("x", encoding="utf-8")
     for more in (["--out", folder], ["--until", "separation_speed_m_s:0"]):

@@ -237,9 +237,9 @@ def test_streams_are_uncorrelated():
     paths = [d.parameter.path for d in parse_campaign(TREE, "t.toml").dispersions]
     table = np.array([cases.stream(seed, path, 0, N) for seed in (2019, 2020) for path in paths])
     lagged = np.vstack([table[:, 1:], table[: len(paths), :-1]])
-    found = np.corrcoef(lagged)[np.triu_indices(len(lagged), 1)] * math.sqrt(N)
-    assert np.abs(found).max() < 5.0
-    assert abs(found.std() - 1.0) < 4.0 / math.sqrt(2.0 * found.size)
+    result = np.corrcoef(lagged)[np.triu_indices(len(lagged), 1)] * math.sqrt(N)
+    assert np.abs(result).max() < 5.0
+    assert abs(result.std() - 1.0) < 4.0 / math.sqrt(2.0 * result.size)
 
 
 def test_independent_inertias_warn_and_are_counted():

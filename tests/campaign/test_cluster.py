@@ -40,15 +40,15 @@ def alone(campaign, tmp_path_factory):
 
 @pytest.fixture
 def workers():
-    with dask_executor(2, threads=1) as found:
-        yield found
+    with dask_executor(2, threads=1) as result:
+        yield result
 
 
 @pytest.mark.slow
 def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
-    found = campaign.run(cases=CASES, out=tmp_path / "run", executor=workers)
+    result = campaign.run(cases=CASES, out=tmp_path / "run", executor=workers)
     assert same(alone.folder, tmp_path / "run")
-    assert statistics_of(found) == statistics_of(alone)
+    assert statistics_of(result) == statistics_of(alone)
     assert not manifests.diagnose(tmp_path / "run")
     one, other = (manifests.read_manifest(folder) for folder in (alone.folder, tmp_path / "run"))
     for name in ("failures", "accuracy", "notes", "complete", "n_stored"):
@@ -80,10 +80,10 @@ def test_a_worker_that_is_killed(campaign, alone, workers, tmp_path):
             os.kill(pids.pop(), signal.SIGKILL)
             pids.clear()
 
-    found = campaign.run(cases=CASES, out=tmp_path / "run", executor=workers, progress=progress)
+    result = campaign.run(cases=CASES, out=tmp_path / "run", executor=workers, progress=progress)
     assert not pids
     assert same(alone.folder, tmp_path / "run")
-    assert statistics_of(found) == statistics_of(alone)
+    assert statistics_of(result) == statistics_of(alone)
     assert not manifests.diagnose(tmp_path / "run")
 
 
@@ -171,16 +171,16 @@ def test_a_worker_that_sees_another_folder(campaign, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ({}, "give it as out"),
         ({"out": "run", "until": "release_time_s:0.1"}, "excludes workers"),
         ({"out": "run", "cases": "5:9", "stats_only": True}, "excludes workers"),
     ],
 )
-def test_what_workers_do_not_fly(campaign, tmp_path, monkeypatch, given, said):
+def test_what_workers_do_not_fly(campaign, tmp_path, monkeypatch, given, message):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         campaign.run(**{"cases": 9} | given, executor=DaskExecutor(None, None, 1, 1))
     assert not (tmp_path / "run").exists()
 
@@ -197,11 +197,11 @@ def test_no_scheduler(tmp_path):
 def test_command_line(alone, tmp_path):
     options = [f"--set={path}={value}" for path, value in SETTINGS.items()]
     options += ["--cases", str(CASES), "--quiet", "--no-plots", "--out", str(tmp_path / "run")]
-    found = CliRunner().invoke(app.main, ["campaign", "table2", *options, "--workers", "2"])
-    assert found.exit_code == 0, found.output
+    called = CliRunner().invoke(app.main, ["campaign", "table2", *options, "--workers", "2"])
+    assert called.exit_code == 0, called.output
     assert same(alone.folder, tmp_path / "run")
-    told = json.loads((tmp_path / "run" / "manifest.json").read_text())
-    assert told["sessions"][0]["workers"]
+    content = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert content["sessions"][0]["workers"]
     both = CliRunner().invoke(
         app.main, ["campaign", "table2", "--workers", "2", "--cluster", "tcp://h:1"]
     )
@@ -214,11 +214,11 @@ def test_too_many_failures_among_the_first_cases(tmp_path, orders):
     """Those that lay out the grids: nobody else flies any more, and what was flown is told."""
     loaded = sepmc.load("table2", {**SETTINGS, "run.end_time_s": 0.26})
     with dask_executor(2, threads=1) as workers:
-        found = loaded.run(
+        result = loaded.run(
             cases=100_000, out=tmp_path / "run", executor=workers, max_failures=50, **orders
         )
-    assert found.stopped
-    assert 50 < sum(found.status_counts.values()) < 100_000
+    assert result.stopped
+    assert 50 < sum(result.status_counts.values()) < 100_000
     assert (tmp_path / "run" / "manifest.json").is_file()
 
 
@@ -240,7 +240,7 @@ def test_workers_that_are_gone_are_not_waited_for(monkeypatch):
     monkeypatch.setattr(cluster, "wait", wait)
     monkeypatch.setattr(cluster, "_TIMEOUT_S", 0.0)
     with pytest.raises(
-        ClusterError, match="all workers have been gone for 0 s; what is flown is kept"
+        ClusterError, match="all workers have been gone for 0 s; finished cases are stored"
     ):
         DaskExecutor(Client(), None, 1, 1)._completed({"future": 0})
     assert len(looks) == 3

@@ -81,20 +81,20 @@ def test_titles_are_those_of_before(whole, folder):
 def test_what_told_of_fewer_cases_goes(folder):
     """A run that grows keeps no table, figure or report of the cases it had; those that come later
     are known to its doctor."""
-    told = ["causes.csv", "distributions.csv", "report.html"]
+    reported = ["causes.csv", "distributions.csv", "report.html"]
     for words in (["sensitivity", folder], ["fit", folder], ["report", folder, "--no-replay"]):
         assert call(*map(str, words)) == 0
-    assert all((folder / name).is_file() for name in told)
+    assert all((folder / name).is_file() for name in reported)
     assert call("doctor", str(folder)) == 0
     settings = [f"--set={path}={value}" for path, value in SETTINGS.items()]
     words = ["campaign", "table2.toml", *settings, "--quiet", "--out", str(folder), "--resume"]
     assert call(*words, "--cases", "14") == 0
-    assert all((folder / name).is_file() for name in told)
+    assert all((folder / name).is_file() for name in reported)
     (folder / "notes.txt").write_text("mine")  # whatever the list of files says
     manifests.record_derived(folder, [folder / "notes.txt"])
     assert call(*words, "--cases", "20") == 0
     assert (folder / "notes.txt").read_text() == "mine"
-    assert not any((folder / name).exists() for name in told)
+    assert not any((folder / name).exists() for name in reported)
     assert (folder / "statistics.csv").is_file()
     assert call("doctor", str(folder)) == 0
     assert call("fit", str(folder)) == 0
@@ -111,7 +111,7 @@ def test_another_campaign_is_not_replayed(folder):
     """One edited number in the run's own file: neither a case nor the run goes on with it."""
     path = folder / folders.CAMPAIGN
     path.write_text(path.read_text(encoding="utf-8").replace("458", "459", 1), encoding="utf-8")
-    with pytest.raises(folders.StoreError, match="is not the campaign that was flown"):
+    with pytest.raises(folders.StoreError, match="is not the campaign that was run"):
         sepmc.load(folder)
     for words in (["run", folder, "--case", "5"], ["stats", folder], ["doctor", folder]):
         assert call(*map(str, words)) in (1, 2)
@@ -120,8 +120,10 @@ def test_another_campaign_is_not_replayed(folder):
 def test_a_part_that_is_gone_is_told_with_its_cases(folder):
     part = folder / "cases" / "part-0000000004.parquet"
     part.unlink()
-    said = r"part-0000000004\.parquet: is gone; it held cases 4 to 7\. To fly .*, resume=True\)"
-    with pytest.raises(folders.StoreError, match=said):
+    message = (
+        r"part-0000000004\.parquet: is gone; it contained cases 4 to 7\. To run .*, resume=True\)"
+    )
+    with pytest.raises(folders.StoreError, match=message):
         shards.read_cases(folder)
     assert call("stats", str(folder)) == 2
 
@@ -135,15 +137,15 @@ def test_what_differs_is_named(folder):
 
 def test_a_run_that_was_killed_knows_its_errors(whole, folder):
     """Without a last manifest: what was counted of its parts stands in them."""
-    told = manifests.read_manifest(folder)
+    manifest = manifests.read_manifest(folder)
     lost = shards.entries(folder, folders.CASES)[-1]
     ledger.rewrite(folder, [one for one in ledger.read(folder).values() if one != lost])
-    said = told | {"complete": False, "accuracy": {}, "failures": 0}
-    manifests.seal(folder, said)
+    message = manifest | {"complete": False, "accuracy": {}, "failures": 0}
+    manifests.seal(folder, message)
     campaign = sepmc.load("table2", {"run.chunk": 4, "run.history_step_s": 0.1})
     campaign.run(cases=14, out=folder, resume=True)
     again = manifests.read_manifest(folder)
-    assert again["accuracy"] == told["accuracy"]
+    assert again["accuracy"] == manifest["accuracy"]
     assert [again[key] for key in ("failures", "complete", "n_stored")] == [0, True, 14]
 
 
@@ -172,9 +174,9 @@ def test_the_file_that_was_flown_mends_its_campaign(whole, folder, how):
         path.unlink()
     if "no manifest" in how:
         (folder / folders.MANIFEST).unlink()
-    told = CliRunner().invoke(app.main, ["doctor", str(folder), "--repair"])
-    assert told.exit_code == 2
-    assert f"sepmc campaign FILE --out {folder} --resume" in told.stderr
+    called = CliRunner().invoke(app.main, ["doctor", str(folder), "--repair"])
+    assert called.exit_code == 2
+    assert f"sepmc campaign FILE --out {folder} --resume" in called.stderr
     settings = [f"--set={path}={value}" for path, value in SETTINGS.items()]
     words = [
         "campaign",
@@ -245,8 +247,8 @@ def test_figures_of_a_single_run_are_told(tmp_path):
     folder = str(tmp_path / "one")
     assert call("run", "table1.toml", "--every-s", "0.05", "--quiet", "--out", folder) == 0
     (tmp_path / "one" / "angles.png").write_bytes(b"")
-    (told,) = manifests.diagnose(tmp_path / "one")
-    assert "angles.png: was changed" in told.text
+    (reported,) = manifests.diagnose(tmp_path / "one")
+    assert "angles.png: was changed" in reported.text
 
 
 @pytest.mark.parametrize("with_ledger", [False, True])
@@ -261,16 +263,16 @@ def test_the_campaign_and_manifest_of_another_run(wholes, tmp_path, with_ledger)
     for name in names:
         shutil.copy(other / name, folder / name)
     before = contents(folder)
-    said = f"was flown with seed {seed}, not {seed + 1}"
-    told = CliRunner().invoke(app.main, ["doctor", str(folder)])
-    assert said in " ".join(told.output.split())
+    message = f"was run with seed {seed}, not {seed + 1}"
+    completed = CliRunner().invoke(app.main, ["doctor", str(folder)])
+    assert message in " ".join(completed.output.split())
     if with_ledger:
         return
     for words in (
         ["doctor", str(folder), "--repair"],
         ["campaign", str(folder), "--out", str(folder), "--resume", "--seed", str(seed + 1)],
     ):
-        found = CliRunner().invoke(app.main, words)
-        assert found.exit_code == 2, found.output
-        assert "are of another run" in " ".join(found.output.split())
+        called = CliRunner().invoke(app.main, words)
+        assert called.exit_code == 2, called.output
+        assert "are of another run" in " ".join(called.output.split())
     assert contents(folder) == before

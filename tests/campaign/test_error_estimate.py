@@ -23,10 +23,10 @@ def estimate(guards, errors, floor, decides, left_out=None):
     return estimate_of(guards, errors, floor, none if left_out is None else left_out, decides)
 
 
-def largest(found, guards):
+def largest(result, guards):
     """The largest error (o,) of each outcome over cases with some guards."""
-    return found.largest(
-        found.of_leading(guards), guards.max(axis=0) if len(guards) else guards[0:0].ravel()
+    return result.largest(
+        result.of_leading(guards), guards.max(axis=0) if len(guards) else guards[0:0].ravel()
     )
 
 
@@ -41,10 +41,10 @@ def trials(count=400):
 def test_sums_are_found():
     """Errors that are sums of powers of guards are told as they are, but for the margin."""
     guards, true = trials()
-    found = estimate(guards, true, np.zeros(3), ALL)
-    assert_allclose(found.of_cases(guards), 4.0 / 3.0 * true.max(axis=1), rtol=1e-6)
-    assert_allclose(largest(found, guards), 4.0 / 3.0 * true.max(axis=0), rtol=1e-6)
-    assert (found.weights >= 0.0).all()
+    result = estimate(guards, true, np.zeros(3), ALL)
+    assert_allclose(result.of_cases(guards), 4.0 / 3.0 * true.max(axis=1), rtol=1e-6)
+    assert_allclose(largest(result, guards), 4.0 / 3.0 * true.max(axis=0), rtol=1e-6)
+    assert (result.weights >= 0.0).all()
 
 
 @pytest.mark.parametrize("spread", [0.1, 1.0, 3.0])
@@ -53,8 +53,8 @@ def test_no_trial_case_is_beyond(spread):
     guards, true = trials()
     true = true * np.exp(RANDOM.normal(scale=spread, size=true.shape))
     true[7, 1] = 1e-9
-    told = estimate(guards, true, np.zeros(3), ALL).of_cases(guards)
-    assert (told >= true.max(axis=1)).all()
+    reported = estimate(guards, true, np.zeros(3), ALL).of_cases(guards)
+    assert (reported >= true.max(axis=1)).all()
 
 
 def test_one_case_does_not_raise_all():
@@ -71,8 +71,8 @@ def test_one_case_does_not_raise_all():
 def test_floor_and_what_decides():
     guards, true = trials()
     floor = np.array([0.0, 5e-7, 0.0])
-    told = estimate(guards, true, floor, ALL)
-    assert_allclose(told.of_cases(guards)[true.max(axis=1) < 1e-9], 5e-7, rtol=5e-3)
+    reported = estimate(guards, true, floor, ALL)
+    assert_allclose(reported.of_cases(guards)[true.max(axis=1) < 1e-9], 5e-7, rtol=5e-3)
     rest = estimate(guards, true, floor, np.array([True, False, True]))
     assert rest.of_cases(guards).max() < 5e-7
     assert largest(rest, guards)[1] > 5e-7  # told of the outcome all the same
@@ -83,34 +83,34 @@ def test_what_guards_say_by_themselves():
     guards, true = trials()
     left_out = np.zeros((3, 4))
     left_out[1, 3] = 1e-6
-    told = estimate(guards, true, np.zeros(3), ALL, left_out)
+    reported = estimate(guards, true, np.zeros(3), ALL, left_out)
     alone = estimate(guards, true[:, 1:2], np.zeros(1), ALL[:1])
     expected = alone.of_cases(guards) + 1e-6 * guards[:, 3]
-    assert_allclose(told.of_cases(guards), expected, rtol=1e-12)
-    assert largest(told, guards)[1] == pytest.approx(expected.max(), rel=1e-12)
+    assert_allclose(reported.of_cases(guards), expected, rtol=1e-12)
+    assert largest(reported, guards)[1] == pytest.approx(expected.max(), rel=1e-12)
 
 
 def test_harder_cases_have_larger_errors():
     guards, true = trials()
-    found = estimate(guards, true, np.zeros(3), ALL)
-    assert_allclose(found.of_cases(4.0 * guards), 8.0 * found.of_cases(guards), rtol=1e-12)
+    result = estimate(guards, true, np.zeros(3), ALL)
+    assert_allclose(result.of_cases(4.0 * guards), 8.0 * result.of_cases(guards), rtol=1e-12)
 
 
 def test_bits_do_not_depend_on_the_batch():
     guards, true = trials()
-    found = estimate(guards, true, np.full(3, 1e-13), ALL)
-    whole = found.of_cases(guards)
-    alone = np.concatenate([found.of_cases(guards[i : i + 1]) for i in range(len(guards))])
+    result = estimate(guards, true, np.full(3, 1e-13), ALL)
+    whole = result.of_cases(guards)
+    alone = np.concatenate([result.of_cases(guards[i : i + 1]) for i in range(len(guards))])
     assert_array_equal(whole, alone)
 
 
 def test_what_is_told_does_not_depend_on_groups():
     guards, true = trials()
-    found = estimate(guards, true, np.full(3, 1e-13), ALL)
+    result = estimate(guards, true, np.full(3, 1e-13), ALL)
     parts = [guards[:150], guards[150:151], guards[151:]]
-    leading = np.max([found.of_leading(part) for part in parts], axis=0)
+    leading = np.max([result.of_leading(part) for part in parts], axis=0)
     most = np.max([part.max(axis=0) for part in parts], axis=0)
-    assert_array_equal(found.largest(leading, most), largest(found, guards))
+    assert_array_equal(result.largest(leading, most), largest(result, guards))
 
 
 def test_what_is_infinitely_wrong_is_left_out():
@@ -118,15 +118,15 @@ def test_what_is_infinitely_wrong_is_left_out():
     guards, true = trials()
     expected = estimate(guards[1:], true[1:], np.zeros(3), ALL)
     true[0, 1] = np.inf
-    found = estimate(guards, true, np.zeros(3), ALL)
-    assert np.isfinite(found.of_cases(guards)).all()
-    assert_allclose(found.of_cases(guards), expected.of_cases(guards), rtol=1e-6)
+    result = estimate(guards, true, np.zeros(3), ALL)
+    assert np.isfinite(result.of_cases(guards)).all()
+    assert_allclose(result.of_cases(guards), expected.of_cases(guards), rtol=1e-6)
 
 
 def test_without_trial_cases():
-    found = estimate(np.empty((0, 2)), np.empty((0, 3)), np.array([1e-12, 2e-12, 0.0]), ALL)
-    assert_array_equal(found.of_cases(np.ones((4, 2))), 2e-12)
-    assert_array_equal(largest(found, np.empty((0, 2))), 0.0)
+    result = estimate(np.empty((0, 2)), np.empty((0, 3)), np.array([1e-12, 2e-12, 0.0]), ALL)
+    assert_array_equal(result.of_cases(np.ones((4, 2))), 2e-12)
+    assert_array_equal(largest(result, np.empty((0, 2))), 0.0)
 
 
 @pytest.fixture(scope="module", params=["table2", "spring-pushers"])

@@ -28,10 +28,10 @@ def test_too_much_for_a_disk_is_refused(tmp_path, monkeypatch):
     usage = namedtuple("usage", "total used free")
     asked = []
     monkeypatch.setattr(shutil, "disk_usage", lambda path: asked.append(path) or usage(0, 0, 10**6))
-    with pytest.raises(StoreError, match=r"take 11 MB to .*, and 1 MB are free") as said:
+    with pytest.raises(StoreError, match=r"take 11 MB to .*, and 1 MB are free") as caught:
         sepmc.load("table2").run(cases=10_000, out=tmp_path / "new" / "run")
-    assert "stats_only=True" in str(said.value)
-    assert 'run.history_step_s": 0' in str(said.value)
+    assert "stats_only=True" in str(caught.value)
+    assert 'run.history_step_s": 0' in str(caught.value)
     assert Path(asked[0]) in (tmp_path, tmp_path / "new", tmp_path / "new" / "run")
     assert not (tmp_path / "new" / "run").exists()
     sepmc.load("table2").run(cases=100, out=tmp_path / "run")
@@ -41,6 +41,8 @@ def test_too_much_for_a_disk_is_refused(tmp_path, monkeypatch):
 def test_what_takes_long_is_said():
     takes = forecast(sepmc.load("table2"), 10**7, True)
     assert takes.sentence(1e-9, on_disk=False) == ""
-    said = takes.sentence(1e-4, on_disk=True)
-    assert said.startswith("about 17 min for 10000000 cases (100 us each), up to 21.3 GB on disk, ")
+    message = takes.sentence(1e-4, on_disk=True)
+    assert message.startswith(
+        "about 17 min for 10000000 cases (100 us each), up to 21.3 GB on disk, "
+    )
     assert takes.memory_bytes < 1e9

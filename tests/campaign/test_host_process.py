@@ -66,7 +66,7 @@ def test_copies_of_results(campaign, way, kind, tmp_path):
             campaign.run(cases="3:9").to_pandas(),
             check_exact=True,
         )
-    assert again.flight.method_names == result.flight.method_names
+    assert again.integration.method_names == result.integration.method_names
 
 
 def test_copies_of_histories(campaign):
@@ -79,7 +79,7 @@ def test_copies_of_histories(campaign):
 
 def test_a_copied_kernel_holds_no_address(campaign):
     """It would be that of another process."""
-    flight = campaign.run(cases=2).flight
+    flight = campaign.run(cases=2).integration
     assert flight.kernel.address
     for way in WAYS.values():
         assert (way(flight).kernel.address, len(way(flight).kernel.table)) == (0, 0)

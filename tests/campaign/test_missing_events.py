@@ -105,8 +105,8 @@ def file(tmp_path_factory):
 def run(file):
     """Its run, and what the command printed."""
     with run_interpreted():
-        told = call("campaign", file, "--out", file.parent / "run", "--no-plots")
-    return file.parent / "run", told
+        called = call("campaign", file, "--out", file.parent / "run", "--no-plots")
+    return file.parent / "run", called
 
 
 @pytest.fixture(scope="module")
@@ -115,10 +115,10 @@ def expected(run):
     rows = sepmc.campaign.store.shards.read_cases(run[0])
     ok = rows[rows["status"] == "ok"]
     columns = {"event.far": "far", "joint.bolt": "bolt_release", "motor.kick": "kick_ignition"}
-    found = {name: int(ok[f"{start}_time_s"].isna().sum()) for name, start in columns.items()}
+    by_name = {name: int(ok[f"{start}_time_s"].isna().sum()) for name, start in columns.items()}
     assert len(ok) == 40
-    assert 5 < found["event.far"] < 35
-    return found
+    assert 5 < by_name["event.far"] < 35
+    return by_name
 
 
 def test_what_is_waited_for(file):
@@ -135,10 +135,10 @@ def test_what_is_waited_for(file):
 
 def test_they_are_counted_in_notes_and_manifest(run, expected):
     """On the screen, in the manifest, and again by sepmc stats."""
-    folder, told = run
+    folder, reported = run
     manifest = read_manifest(folder)
     assert manifest["missing"] == expected
-    for output in (told.output, call("stats", folder).output):
+    for output in (reported.output, call("stats", folder).output):
         assert f"event.far does not come in {expected['event.far']} of 40 ok cases" in output
         assert f"motor.kick does not light in {expected['motor.kick']} of 40 ok" in output
         assert (
@@ -173,7 +173,7 @@ def test_strokes_and_partial_releases_are_counted(file, expected, tmp_path):
             "cases" in output
         )
         assert (
-            f"spring.push does not come to the end of its stroke, and pushes on in {count} of 40 "
+            f"spring.push does not reach the end of its stroke, and pushes on in {count} of 40 "
             "ok cases" in output
         )
     rows = sepmc.campaign.store.shards.read_cases(tmp_path / "run")
@@ -193,7 +193,7 @@ def test_requirement_on_the_end_of_a_stroke(file, expected):
         result = sepmc.load(file, LOOSENED | {"requirement": [bound]}).run()
     (verdict,) = result.requirements().itertuples()
     assert verdict.lacking == verdict.violations == expected["event.far"]
-    assert any("spring.push does not come to the end" in note for note in result.notes)
+    assert any("spring.push does not reach the end" in note for note in result.notes)
     row = result.statistics().loc["push_stroke_end_time_s"]
     assert row["min"] > 0.05
     assert row["max"] <= 0.1
@@ -205,9 +205,9 @@ def test_however_it_is_flown(file, expected, tmp_path, how):
     out = {} if not how else {"out": tmp_path / "run"}
     with run_interpreted():
         result = sepmc.load(file).run(**how, **out)
-    said = [note for note in result.notes if " ok cases: outcomes that wait for it" in note]
-    assert len(said) == 3
-    assert any(f"in {expected['event.far']} of 40" in note for note in said)
+    texts = [note for note in result.notes if " ok cases: outcomes that wait for it" in note]
+    assert len(texts) == 3
+    assert any(f"in {expected['event.far']} of 40" in note for note in texts)
 
 
 def test_a_run_that_is_resumed_counts_all_of_them(file, expected, tmp_path):
@@ -216,16 +216,16 @@ def test_a_run_that_is_resumed_counts_all_of_them(file, expected, tmp_path):
         part = sepmc.load(file).run(cases="0:16", out=tmp_path / "run")
         assert sum("ok cases: outcomes that wait" in note for note in part.notes) == 3
         call("campaign", file, "--out", tmp_path / "other", "--no-plots", "--cases", 20)
-        told = call(
+        called = call(
             "campaign", file, "--out", tmp_path / "other", "--no-plots", "--resume", "--cases", 40
         )
-    assert told.exit_code in (0, 1), told.output
+    assert called.exit_code in (0, 1), called.output
     assert read_manifest(tmp_path / "other")["missing"] == expected
 
 
 def test_missing_does_not_pass(run, expected):
     """Cases without the outcome count against a requirement, and are told by number."""
-    folder, told = run
+    folder, reported = run
     verdicts = {
         one["name"]: one
         for one in json.loads((folder / "statistics.json").read_text())["requirements"]
@@ -234,9 +234,9 @@ def test_missing_does_not_pass(run, expected):
         one = verdicts[name]
         assert one["violations"] == one["missing"] == one["lacking"] == expected[place]
         assert one["verdict"] != "pass"
-        said = f"{expected[place]} of them have no such outcome"
-        assert said in " ".join(told.output.split())
-    assert "did not finish" not in told.output
+        message = f"{expected[place]} of them have no such outcome"
+        assert message in " ".join(reported.output.split())
+    assert "did not finish" not in reported.output
 
 
 def test_what_did_not_end_is_told_apart():
@@ -250,8 +250,8 @@ def test_what_did_not_end_is_told_apart():
     summary = TableStatistics(rows, ["x_mm"], [], {}, [item])
     (verdict,) = summary.verdicts({"x_mm": (0.0, 1.0)}, summary.audit())
     assert (verdict.violations, verdict.missing, verdict.lacking) == (3, 3, 2)
-    told = "2 of them have no such outcome, 1 of them did not finish"
-    assert render_missing(verdict) == told
+    reported = "2 of them have no such outcome, 1 of them did not finish"
+    assert render_missing(verdict) == reported
 
 
 def test_rare_events_count_them_too(file):
@@ -272,21 +272,21 @@ def _nothing(count, failures):
 
 def test_what_sets_them_apart(run, expected):
     """The causes of a missing outcome are looked for, among cases that came to their end."""
-    told = call("sensitivity", run[0], "--no-plots").output
+    called = call("sensitivity", run[0], "--no-plots").output
     count = expected["event.far"]
-    assert f"calm, {count} ok cases without far_fore_omega_z_deg_s: inputs that" in told
-    assert "spring.push.force_N explains " in told
+    assert f"calm, {count} ok cases without far_fore_omega_z_deg_s: inputs that" in called
+    assert "spring.push.force_N explains " in called
 
 
 def test_check_tells_it_of_the_nominal_case(file):
     """`check` of a nominal that is too weak, and of one that is not."""
     weak = call("check", file, "--set", "spring.push.force_N=1.0", "--set", "dispersion={}")
-    for said in (
+    for message in (
         "event.far does not come in the nominal case, which ends at 0.1 s",
         "motor.kick does not light in the nominal case",
         "joint.bolt does not become free (its release is optional) in the nominal case",
     ):
-        assert said in weak.stderr
+        assert message in weak.stderr
     assert "spring.push" not in weak.stderr
     strong = call("check", file, "--set", "spring.push.force_N=30.0")
     assert "nominal case, which ends" not in strong.stderr
@@ -295,9 +295,9 @@ def test_check_tells_it_of_the_nominal_case(file):
 def test_check_tells_of_strokes_that_do_not_end(file):
     """A spring that is still within its stroke as the nominal case ends, and one that is not."""
     for stroke, expected in ((0.5, True), (0.01, False)):
-        told = call("check", file, "--set", f"spring.push.stroke_m={stroke}")
-        said = "spring.push does not come to the end of its stroke, and pushes on in the nominal"
-        assert (said in told.stderr) == expected, told.stderr
+        called = call("check", file, "--set", f"spring.push.stroke_m={stroke}")
+        message = "spring.push does not reach the end of its stroke, and pushes on in the nominal"
+        assert (message in called.stderr) == expected, called.stderr
 
 
 def test_check_tells_of_partial_releases(file):
@@ -324,9 +324,9 @@ def test_a_release_that_must_come_says_what_may_be_done(file):
     text = file.read_text().replace("optional = true\n", "")
     (file.parent / "must.toml").write_text(text)
     with run_interpreted():
-        told = call(
+        called = call(
             "campaign", file.parent / "must.toml", "--out", file.parent / "must", "--no-plots"
         )
-    assert "never-released: a phase had not ended" in told.output
+    assert "never-released: a phase had not ended" in called.output
     # what comes in all cases that are left is not told of
     assert "joint.bolt" not in read_manifest(file.parent / "must")["missing"]

@@ -23,9 +23,9 @@ CASES = 900
 @pytest.fixture(scope="module", autouse=True)
 def server():
     """A server of S3 on this machine, for this process and those it starts."""
-    found = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-    found.start()
-    host, port = found.get_host_and_port()
+    result = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    result.start()
+    host, port = result.get_host_and_port()
     before = dict(os.environ)
     os.environ.update(
         AWS_ACCESS_KEY_ID="some",
@@ -37,7 +37,7 @@ def server():
     yield
     os.environ.clear()
     os.environ.update(before)
-    found.stop()
+    result.stop()
 
 
 @pytest.fixture(scope="module")
@@ -72,18 +72,18 @@ def test_storage_that_is_not_reached_is_told(monkeypatch, words):
 
 
 def test_the_same_rows(campaign, alone):
-    found = campaign.run(cases=CASES, out=as_path("s3://bucket/one"))
-    same(found.folder, alone.folder)
-    assert found.statistics().equals(alone.statistics())
-    assert not manifests.diagnose(found.folder)
+    result = campaign.run(cases=CASES, out=as_path("s3://bucket/one"))
+    same(result.folder, alone.folder)
+    assert result.statistics().equals(alone.statistics())
+    assert not manifests.diagnose(result.folder)
 
 
 @pytest.mark.slow
 def test_workers_write_it(campaign, alone):
     with dask_executor(2, threads=1) as workers:
-        found = campaign.run(cases=CASES, out=as_path("s3://bucket/workers"), executor=workers)
-    same(found.folder, alone.folder)
-    assert found.statistics().equals(alone.statistics())
+        result = campaign.run(cases=CASES, out=as_path("s3://bucket/workers"), executor=workers)
+    same(result.folder, alone.folder)
+    assert result.statistics().equals(alone.statistics())
 
 
 @pytest.mark.slow
@@ -93,9 +93,9 @@ def test_what_is_lost_is_flown_again(campaign, alone):
     first, second, *_ = sorted((folder / "cases").glob("part-*"))
     first.unlink()
     second.write_bytes(b"some bytes")
-    said = [finding.text for finding in manifests.diagnose(folder)]
-    assert any("is gone" in text for text in said)
-    assert any("was changed" in text for text in said)
+    texts = [finding.text for finding in manifests.diagnose(folder)]
+    assert any("is gone" in text for text in texts)
+    assert any("was changed" in text for text in texts)
     with pytest.raises(folders.StoreError, match="resume=True"):
         shards.read_cases(folder)
     campaign.run(cases=CASES, out=folder, resume=True)
@@ -115,9 +115,9 @@ def test_command_line(alone, tmp_path):
     again = call("campaign", "table2", *options, "--out", where)
     assert again.exit_code == 2
     assert "add --resume" in again.stderr
-    told = call("stats", where)
-    assert told.exit_code == 0, told.output
-    assert f"wrote {where}" in told.output
+    called = call("stats", where)
+    assert called.exit_code == 0, called.output
+    assert f"wrote {where}" in called.output
     assert "is as it was written" in call("doctor", where).output
     assert call("plot", where).exit_code == 0
     assert call("sensitivity", where).exit_code == 0
@@ -144,13 +144,13 @@ def test_command_line(alone, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("where", "said"),
+    ("where", "message"),
     [
         ("s3://nowhere/run", "s3://nowhere/run: cannot be"),
         ("s4://bucket/run", "s4://bucket/run: cannot be reached"),
     ],
 )
-def test_what_cannot_be_reached(where, said):
+def test_what_cannot_be_reached(where, message):
     done = call("campaign", "table2", "--cases", 5, "--out", where)
     assert done.exit_code == 2, done.output
-    assert said in done.stderr
+    assert message in done.stderr

@@ -45,5 +45,5 @@ def test_an_interruption_while_they_start(tmp_path):
         assert asked.stdout.readline() == "ready\n"
         time.sleep(0.03 * k)
         os.killpg(asked.pid, signal.SIGINT)
-        said, failed = asked.communicate(timeout=30.0)
-        assert (said, failed) == ("interrupted\n", "")
+        message, failed = asked.communicate(timeout=30.0)
+        assert (message, failed) == ("interrupted\n", "")

@@ -68,11 +68,11 @@ def test_statistics(campaign, result):
     expected = statistics(
         result.to_pandas(), [c.name for c in campaign.outcome_columns], campaign.reference
     )
-    found = result.statistics()
-    assert found.pop("error").to_dict() == result.accuracy.errors
-    assert not found.pop("constant").any()
-    assert (found.pop("error_size") > 0.0).all()
-    pd.testing.assert_frame_equal(found, expected)
+    outcome = result.statistics()
+    assert outcome.pop("error").to_dict() == result.accuracy.errors
+    assert not outcome.pop("constant").any()
+    assert (outcome.pop("error_size") > 0.0).all()
+    pd.testing.assert_frame_equal(outcome, expected)
     assert result.statistics().loc["upper_roll_deg", "ref_sigma"] == 2.2514
 
 
@@ -164,11 +164,11 @@ def test_a_case_alone_at_a_given_step_is_its_row(campaign):
 
 
 def test_progress_is_told_after_each_chunk(campaign):
-    told = []
+    calls = []
     campaign.with_settings({"run.chunk": 4}).run(
-        cases=10, progress=lambda *numbers: told.append(numbers)
+        cases=10, progress=lambda *numbers: calls.append(numbers)
     )
-    assert told == [(0, 10, 0), (4, 10, 0), (8, 10, 0), (10, 10, 0)]
+    assert calls == [(0, 10, 0), (4, 10, 0), (8, 10, 0), (10, 10, 0)]
 
 
 def test_with_settings(campaign):
@@ -185,7 +185,7 @@ def test_with_settings(campaign):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ({"cases": 0}, "cases = 0: must be >= 1"),
         ({"seed": -1}, "seed = -1: must be >= 0"),
@@ -195,8 +195,8 @@ def test_with_settings(campaign):
         ({"seed": True}, "seed = True"),
     ],
 )
-def test_arguments_out_of_range(campaign, arguments, said, tmp_path):
-    with pytest.raises(ValueError, match=said):
+def test_arguments_out_of_range(campaign, arguments, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
         campaign.run(**{"cases": 2, **arguments}, out=tmp_path / "run")
     assert not (tmp_path / "run").exists()
     with pytest.raises(ValueError, match="case = -1: must be >= 0"):
@@ -331,10 +331,10 @@ def test_a_nominal_case_that_goes_together(pair, tmp_path, settings):
         json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))["notes"]
         == result.notes
     )
-    with pytest.warns(sepmc.RunWarning) as told:
+    with pytest.warns(sepmc.RunWarning) as caught:
         assert campaign.simulate().attrs["notes"] == [note]
-    assert [str(each.message) for each in told] == [note]
-    assert all(each.filename == __file__ for each in told)
+    assert [str(each.message) for each in caught] == [note]
+    assert all(each.filename == __file__ for each in caught)
     with warnings.catch_warnings():
         warnings.simplefilter("error", sepmc.RunWarning)  # who listens is not told twice
         campaign.simulate(announce=lambda _: None)
@@ -351,11 +351,11 @@ def test_a_hinge_does_not_separate_along_its_axis(pair, kind, notes):
         {"name": "held", "joints": {"pins": kind}, "until": {"time_s": 0.1}},
         {"name": "free"},
     ]
-    found = (
+    outcome = (
         pair(PUSHED | {"phase": phases, "solver": {"accuracy": 1e-6}}).simulate(step_s=0.5).attrs
     )
-    assert found["outcomes"]["separation_distance_mm"] < -100.0
-    assert len(found["notes"]) == notes
+    assert outcome["outcomes"]["separation_distance_mm"] < -100.0
+    assert len(outcome["notes"]) == notes
 
 
 @pytest.mark.parametrize("law", [{"normal": 0.3}, {"uniform": [0.5, 0.9]}])
@@ -365,8 +365,8 @@ def test_a_coefficient_of_a_polynomial_varies(law):
     campaign = sepmc.load(
         "table2.toml", {"dispersion": {"body.upper.aerodynamics.normal.alpha": law}}
     )
-    found = campaign.simulate(campaign.case(3), step_s=0.25).attrs
-    assert (found["status"], found["notes"]) == ("ok", [])
+    outcome = campaign.simulate(campaign.case(3), step_s=0.25).attrs
+    assert (outcome["status"], outcome["notes"]) == ("ok", [])
 
 
 def test_a_spread_relative_to_a_negative_nominal():

@@ -69,7 +69,7 @@ def test_rows_of_a_folder_are_indexed_too(campaign, tmp_path):
 
 @pytest.mark.parametrize("number", [0, 99, 140, 5000])
 def test_a_case_that_was_not_flown_is_refused(result, number):
-    with pytest.raises(ValueError, match=f"case = {number}: must be one of those flown, 100:140"):
+    with pytest.raises(ValueError, match=f"case = {number}: must be one of those run, 100:140"):
         result.case(number)
 
 
@@ -82,7 +82,7 @@ def test_nor_one_that_a_stop_left_out(campaign, stats_only):
     flown = sum(result.status_counts.values())
     assert flown < 90
     assert result.case(10 + flown - 1).number == 10 + flown - 1
-    with pytest.raises(ValueError, match=f"case = {10 + flown}: must be one of those flown"):
+    with pytest.raises(ValueError, match=f"case = {10 + flown}: must be one of those run"):
         result.case(10 + flown)
 
 
@@ -98,7 +98,7 @@ def test_what_is_no_file_is_no_campaign(file):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ({"threads": 1.5}, "threads = 1.5: must be a whole number"),
         ({"threads": "2"}, "threads = '2': must be a whole number"),
@@ -113,13 +113,13 @@ def test_what_is_no_file_is_no_campaign(file):
         ({"out": 3}, f"path = 3: {TEXT}"),
     ],
 )
-def test_runs_that_cannot_be_meant(campaign, arguments, said):
-    with pytest.raises(ValueError, match=said):
+def test_runs_that_cannot_be_meant(campaign, arguments, message):
+    with pytest.raises(ValueError, match=message):
         campaign.run(**{"cases": 2, **arguments})
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ((0, -3), "count = -3: must be >= 0"),
         ((-1, 3), "first = -1: must be >= 0"),
@@ -129,8 +129,8 @@ def test_runs_that_cannot_be_meant(campaign, arguments, said):
         ((0, 3, None, 0), "total = 0: must be >= 1"),
     ],
 )
-def test_draws_of_cases_that_do_not_exist(campaign, arguments, said):
-    with pytest.raises(ValueError, match=said):
+def test_draws_of_cases_that_do_not_exist(campaign, arguments, message):
+    with pytest.raises(ValueError, match=message):
         campaign.sample(*arguments)
 
 
@@ -153,7 +153,7 @@ def test_history_rows_need_a_number(campaign):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         (
             {"body.upper.mass_kg": 460.0, "body.upper.mass_g": 3.0},
@@ -185,10 +185,10 @@ def test_history_rows_need_a_number(campaign):
         ({3: 4}, "settings = 3: keys must be text"),
     ],
 )
-def test_the_same_number_twice(campaign, settings, said):
-    with pytest.raises(sepmc.SceneError, match=said):
+def test_the_same_number_twice(campaign, settings, message):
+    with pytest.raises(sepmc.SceneError, match=message):
         campaign.with_settings(settings)
-    with pytest.raises(sepmc.SceneError, match=said):
+    with pytest.raises(sepmc.SceneError, match=message):
         sepmc.load("table2", settings)
 
 
@@ -222,15 +222,15 @@ def test_a_set_of_case_numbers(campaign):
 
 
 def test_a_filter_that_matches_nothing_warns(result):
-    with pytest.warns(sepmc.RunWarning, match="mass_kg<0: holds in none of 40 cases") as caught:
-        found = result.statistics("body.upper.mass_kg<0")
-    assert (found["n"] == 0).all()
+    with pytest.warns(sepmc.RunWarning, match="mass_kg<0: satisfied by none of 40 cases") as caught:
+        outcome = result.statistics("body.upper.mass_kg<0")
+    assert (outcome["n"] == 0).all()
     assert caught[0].filename == __file__
 
 
 def test_a_filter_that_matches_failures_only_warns(campaign):
     never = campaign.with_settings({"run.end_time_s": 0.06}).run(cases=4)
-    with pytest.warns(sepmc.RunWarning, match="4 of 4 cases; none of them came to its end"):
+    with pytest.warns(sepmc.RunWarning, match="4 of 4 cases; none of them has the status ok"):
         never.statistics("case>=0")
 
 
@@ -255,7 +255,7 @@ def test_a_resumed_run_keeps_its_cases(campaign, tmp_path):
     campaign.run(cases="7:19", out=tmp_path / "run").to_pandas()
     again = sepmc.load(tmp_path / "run").run(out=tmp_path / "run", resume=True)
     assert (again.resumed, list(again.to_pandas().index)) == (12, list(range(7, 19)))
-    with pytest.raises(StoreError, match=r"holds|fewer"):
+    with pytest.raises(StoreError, match=r"contains|fewer"):
         sepmc.load(tmp_path / "run").run(cases=9, out=tmp_path / "run", resume=True)
 
 

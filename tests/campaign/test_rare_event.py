@@ -58,11 +58,11 @@ def plane(p, d):
 def test_probabilities_that_are_known(margin, d, p):
     """Forty estimates: their intervals hold the probability as often as they say, and their mean is
     it to its own error."""
-    found = [estimate(margin, d, seed, 20_000) for seed in range(100, 140)]
-    assert all(known is all_of and flights <= 20_000 for known, all_of, flights in found)
-    inside = [known.interval[0] <= p <= known.interval[1] for known, _, _ in found]
+    results = [estimate(margin, d, seed, 20_000) for seed in range(100, 140)]
+    assert all(known is all_of and flights <= 20_000 for known, all_of, flights in results)
+    inside = [known.interval[0] <= p <= known.interval[1] for known, _, _ in results]
     assert sum(inside) >= 34  # of 38; fewer by chance in one of a hundred
-    each = np.array([known.probability for known, _, _ in found])
+    each = np.array([known.probability for known, _, _ in results])
     assert abs(each.mean() - p) < 3.5 * each.std(ddof=1) / math.sqrt(len(each))
 
 
@@ -146,7 +146,9 @@ def test_what_is_doubtful_is_told():
         return np.minimum(6.0 - u[:, 0], late)
 
     known, _, _ = estimate(margin, 4, 3)
-    assert any("replicas disagree" in said for said in subset_simulation.estimate_warnings(known))
+    assert any(
+        "replicas disagree" in message for message in subset_simulation.estimate_warnings(known)
+    )
 
 
 def test_what_is_too_rare_for_so_few_flights():
@@ -154,7 +156,7 @@ def test_what_is_too_rare_for_so_few_flights():
     assert flights <= FLIGHTS
     assert known.probability == 0.0
     assert 1e-13 < known.interval[1] < 1e-5
-    assert "or take more flights" in subset_simulation.estimate_warnings(known)[0]
+    assert "or need more cases" in subset_simulation.estimate_warnings(known)[0]
 
 
 def test_scores_follow_the_laws(pair):
@@ -199,24 +201,24 @@ def spinning(pair):
 
 @pytest.mark.parametrize("name", ["quiet", "level"])
 def test_a_campaign_of_known_probability(spinning, name):
-    found = spinning.rare(name, most=40_000, seed=5)
-    low, high = found.interval
+    result = spinning.rare(name, most=40_000, seed=5)
+    low, high = result.interval
     assert low < 1e-6 < high < 4.0 * low
-    assert found.flights <= 40_000
-    assert (found.unknown, found.bounds) == (0.0, found.interval)
-    assert found.statuses == {"ok": found.flights}
-    rows = found.to_pandas()
+    assert result.flights <= 40_000
+    assert (result.unknown, result.bounds) == (0.0, result.interval)
+    assert result.statuses == {"ok": result.flights}
+    rows = result.to_pandas()
     violate = rows["margin"] < 0.0
-    assert_allclose(rows["weight"][violate].sum(), found.probability, rtol=1e-12)
+    assert_allclose(rows["weight"][violate].sum(), result.probability, rtol=1e-12)
     if name == "quiet":
         rate = np.hypot(rows["in_initial_omega_y_deg_s"], rows["in_initial_omega_z_deg_s"])
         assert_allclose(rows["fore_transverse_rate_deg_s"], rate, rtol=1e-9)
         assert rows["margin"].is_monotonic_increasing
     else:
-        assert next(iter(found.inputs)) == "in_initial_omega_x_deg_s"
-        assert found.inputs["in_initial_omega_x_deg_s"][0] < -4.5
-    assert repr(found).startswith(f"<RareEventEstimate {name}: probability 1.") or "e-0" in repr(
-        found
+        assert next(iter(result.inputs)) == "in_initial_omega_x_deg_s"
+        assert result.inputs["in_initial_omega_x_deg_s"][0] < -4.5
+    assert repr(result).startswith(f"<RareEventEstimate {name}: probability 1.") or "e-0" in repr(
+        result
     )
 
 
@@ -225,24 +227,26 @@ def test_a_value_that_levels_do_not_see_is_told(spinning):
     law = {"discrete": [0.0, 50.0], "weights": [1.0 - 1e-6, 1e-6]}
     with_one = spinning.with_settings({"dispersion.initial.omega_deg_s.x": law})
     item = {"name": "slow", "metric": "fore_omega_x_deg_s", "at_most": 1.0}
-    found = with_one.with_settings({"requirement": [item]}).rare("slow", most=FLIGHTS)
-    assert found.probability == 0.0
-    said = "initial.omega_deg_s.x = 50 has a probability of 1e-06, and of such cases 100 % violate"
-    assert any(note.startswith(said) for note in found.notes)
+    result = with_one.with_settings({"requirement": [item]}).rare("slow", most=FLIGHTS)
+    assert result.probability == 0.0
+    message = (
+        "initial.omega_deg_s.x = 50 has a probability of 1e-06, and of such cases 100 % violate"
+    )
+    assert any(note.startswith(message) for note in result.notes)
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("ends", "is a status, which no case comes nearer to by degrees"),
         ("all", "is about several outcomes; seek each by itself: quiet, level, ends"),
         ("loud", "rare = loud: no such requirement; known here: quiet, level, ends, all"),
     ],
 )
-def test_what_cannot_be_sought(spinning, name, said):
+def test_what_cannot_be_sought(spinning, name, message):
     with pytest.raises(InputError) as error:
         spinning.rare(name)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_what_else_is_refused(spinning, pair, tmp_path):
@@ -256,7 +260,7 @@ def test_what_else_is_refused(spinning, pair, tmp_path):
         pair({"requirement": still}).rare("quiet")
     plan = tmp_path / "plan.csv"
     plan.write_text("case,in_initial_omega_x_deg_s\n0,0.1\n1,0.2\n")
-    with pytest.raises(InputError, match=r"run.samples = plan.csv: a rare event is sought"):
+    with pytest.raises(InputError, match=r"run.samples = plan.csv: a rare event is estimated"):
         spinning.with_settings({"run.samples": str(plan)}).rare("quiet")
 
 
@@ -276,7 +280,7 @@ def test_a_contact_is_approached_by_its_clearance():
     assert_allclose(margin, [200.0, 0.0, -1e-9, -100.0, np.inf, np.nan, np.nan])
     other = {"name": "x", "metric": "gap_recontact", "at_least": 1.0}
     touching = residual.with_settings({"requirement": [other]})
-    with pytest.raises(InputError, match="can be sought with at_most = 0 only: that it is 0"):
+    with pytest.raises(InputError, match="a rare event needs at_most = 0, that it is 0"):
         limit_state(touching, "x")
 
 
@@ -311,9 +315,9 @@ def invoke(*words):
 @pytest.mark.slow
 def test_a_folder(folder):
     run, printed = folder
-    told = json.loads((run / "rare.json").read_text())
+    content = json.loads((run / "rare.json").read_text())
     assert "slow: probability of violation" in printed
-    assert f"{told['flights']} flights" in printed
+    assert f"{content['flights']} cases" in printed
     assert "numerical error <= " in printed
     assert {path.name for path in run.iterdir()} == {
         "campaign.toml", "manifest.json", "checksums.jsonl", "rare.json", "rare.parquet",
@@ -326,9 +330,9 @@ def test_a_folder(folder):
     rows = pd.read_parquet(run / "rare.parquet")
     violate = rows["separation_speed_m_s"] < SLOW["at_least"]
     assert (violate == (rows["margin"] < 0.0)).all()
-    assert violate.sum() == told["violating_cases_kept"]
-    assert_allclose(rows["weight"][violate].sum(), told["probability"])
-    assert len(told["levels"][-1]["replicas"]) == len(told["replicas"]) == 10
+    assert violate.sum() == content["violating_cases_kept"]
+    assert_allclose(rows["weight"][violate].sum(), content["probability"])
+    assert len(content["levels"][-1]["replicas"]) == len(content["replicas"]) == 10
 
 
 def test_its_cases_fly_again(folder, tmp_path):
@@ -344,8 +348,8 @@ def test_its_cases_fly_again(folder, tmp_path):
     one = invoke("run", run, "--case", 2, "--set", "run.samples=rare.parquet", "--out",
                  tmp_path / "one", "--no-plots")  # fmt: skip
     assert one.exit_code == 0, one.output
-    said = next(line for line in one.output.splitlines() if name in line)
-    assert_allclose(float(said.split()[-1]), kept[name][2], rtol=1e-8)
+    message = next(line for line in one.output.splitlines() if name in line)
+    assert_allclose(float(message.split()[-1]), kept[name][2], rtol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -353,20 +357,20 @@ def test_its_cases_fly_again(folder, tmp_path):
 )
 def test_what_reads_runs_says_what_it_is(folder, words):
     run, _ = folder
-    said = invoke(words[0], run, *words[1:])
-    assert said.exit_code == 2
-    assert "holds the estimate of a rare event and no run: see rare.json" in said.output
+    called = invoke(words[0], run, *words[1:])
+    assert called.exit_code == 2
+    assert "contains the estimate of a rare event and no run: see rare.json" in called.output
 
 
 def test_it_is_not_gone_on_with(folder, tmp_path):
     run, _ = folder
-    said = invoke("campaign", run, "--out", run, "--resume")
-    assert said.exit_code == 2
-    assert "so there are no cases to go on from" in said.output
-    said = invoke("run", run, "--case", 1, "--out", tmp_path / "one")
-    assert "add --set run.samples=rare.parquet" in said.output
-    said = invoke("campaign", run, "--rare", "slow", "--out", run)
-    assert "exists; add --overwrite to replace it" in said.output
+    called = invoke("campaign", run, "--out", run, "--resume")
+    assert called.exit_code == 2
+    assert "so no cases can be continued" in called.output
+    called = invoke("run", run, "--case", 1, "--out", tmp_path / "one")
+    assert "add --set run.samples=rare.parquet" in called.output
+    called = invoke("campaign", run, "--rare", "slow", "--out", run)
+    assert "exists; add --overwrite to replace it" in called.output
 
 
 class _Stop:
@@ -394,16 +398,16 @@ def test_an_interrupted_estimate_is_resumed(tmp_path, monkeypatch):
     for flights in (1, 5_000, 8_000):
         _interrupted(campaign, folder, flights)
     assert not manifests.read_manifest(folder)["complete"]
-    found = campaign.rare("slow", FLIGHTS, 3, folder, resume=True)
+    result = campaign.rare("slow", FLIGHTS, 3, folder, resume=True)
     alone = campaign.rare("slow", FLIGHTS, 3)
-    assert (found.replicas, found.statuses, found.flights) == (
+    assert (result.replicas, result.statuses, result.flights) == (
         alone.replicas, alone.statuses, alone.flights
     )  # fmt: skip
-    assert found.notes == alone.notes
-    pd.testing.assert_frame_equal(found.to_pandas(), alone.to_pandas(), check_exact=True)
+    assert result.notes == alone.notes
+    pd.testing.assert_frame_equal(result.to_pandas(), alone.to_pandas(), check_exact=True)
     manifest = manifests.read_manifest(folder)
     assert manifest["complete"]
-    assert manifest["sessions"][-1]["cases_flown"] <= found.flights - 5_000
+    assert manifest["sessions"][-1]["cases_flown"] <= result.flights - 5_000
     assert not (folder / "accumulators").exists()
     assert manifests.diagnose(folder) == []
 
@@ -416,24 +420,27 @@ def test_a_damaged_log_is_flown_again(tmp_path, monkeypatch):
     _interrupted(campaign, folder, 8_000)
     first, second, *_ = sorted((folder / "accumulators").iterdir())
     second.write_bytes(first.read_bytes())
-    found = campaign.rare("slow", FLIGHTS, 3, folder, resume=True)
-    assert found.replicas == campaign.rare("slow", FLIGHTS, 3).replicas
+    result = campaign.rare("slow", FLIGHTS, 3, folder, resume=True)
+    assert result.replicas == campaign.rare("slow", FLIGHTS, 3).replicas
 
 
 def test_another_estimate_is_not_resumed(folder, tmp_path):
     """Another seed, number of flights, requirement or folder is refused by name."""
     campaign, other = sepmc.load("table2", {"requirement": [SLOW]}), tmp_path / "run"
     _interrupted(campaign, other, 1)
-    for words, seed, most in (("another seed", 4, FLIGHTS), ("another flights", 3, 2 * FLIGHTS)):
+    for words, seed, most in (
+        ("another seed", 4, FLIGHTS),
+        ("another number of cases", 3, 2 * FLIGHTS),
+    ):
         with pytest.raises(StoreError, match=words):
             campaign.rare("slow", most, seed, other, resume=True)
     run, _ = folder
-    with pytest.raises(StoreError, match="holds an estimate that is complete"):
+    with pytest.raises(StoreError, match="contains an estimate that is complete"):
         campaign.rare("slow", FLIGHTS, 3, run, resume=True)
     with pytest.raises(InputError, match="resume: needs out"):
         campaign.rare("slow", FLIGHTS, 3, resume=True)
     campaign.run(8, out=tmp_path / "cases")
-    with pytest.raises(StoreError, match="holds no estimate of a rare event"):
+    with pytest.raises(StoreError, match="contains no estimate of a rare event"):
         campaign.rare("slow", FLIGHTS, 3, tmp_path / "cases", resume=True)
 
 
@@ -444,40 +451,40 @@ def test_doctor_looks_at_it(folder, tmp_path):
     for path in run.iterdir():
         (other / path.name).write_bytes(path.read_bytes())
     (other / "rare.json").write_text("{}")
-    said = invoke("doctor", other)
-    assert said.exit_code == 1
-    assert "rare.json: was changed" in said.output
-    said = invoke("doctor", other, "--repair")
-    assert said.exit_code == 2
-    assert "cannot be repaired; fly it again" in said.output
+    called = invoke("doctor", other)
+    assert called.exit_code == 1
+    assert "rare.json: was changed" in called.output
+    called = invoke("doctor", other, "--repair")
+    assert called.exit_code == 2
+    assert "cannot be repaired; run it again" in called.output
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["--until", "separation_speed_m_s:1%"], "--rare and --until exclude each other"),
         (["--stats-only"], "--rare and --stats-only exclude each other"),
         (["--sampler", "lhs"], "--rare and --sampler exclude each other"),
         (["--check"], "--rare and --check exclude each other"),
-        (["--cases", "3:9"], "takes a number of flights"),
-        (["--cases", "77"], "flights = 77: must be >= 10000"),
-        (["--dry-run"], "separation_speed_m_s >= 0.378 m/s; at most 100000 flights, into"),
+        (["--cases", "3:9"], "takes a number of cases"),
+        (["--cases", "77"], "cases = 77: must be >= 10000"),
+        (["--dry-run"], "separation_speed_m_s >= 0.378 m/s; at most 100000 cases, into"),
     ],
 )
-def test_options_beside_it(folder, tmp_path, words, said):
+def test_options_beside_it(folder, tmp_path, words, message):
     run, _ = folder
     ran = invoke("campaign", run, "--rare", "slow", "--out", tmp_path / "none", *words)
-    assert said in ran.output
+    assert message in ran.output
     assert ran.exit_code == (0 if words == ["--dry-run"] else 2)
     assert not (tmp_path / "none").exists()
 
 
-@pytest.mark.parametrize(("bound", "told"), [(0.47, True), (0.378, False)])
-def test_what_is_not_rare_is_told(bound, told):
+@pytest.mark.parametrize(("bound", "reported"), [(0.47, True), (0.378, False)])
+def test_what_is_not_rare_is_told(bound, reported):
     """Violated by 6 % of the cases, plain ones tell it with fewer flights; by 1e-5, they do not."""
     campaign = sepmc.load("table2", {"requirement": [{**SLOW, "at_least": bound}]})
-    found = campaign.rare("slow", most=FLIGHTS, announce=lambda said: None)
-    assert any("this is not rare: " in said for said in found.notes) == told
+    result = campaign.rare("slow", most=FLIGHTS, announce=lambda message: None)
+    assert any("this is not rare: " in message for message in result.notes) == reported
     assert subset_simulation.equivalent_direct_cases(1e-6, (0.8e-6, 1.25e-6)) == pytest.approx(
         7.7e7, rel=0.01
     )
@@ -505,11 +512,11 @@ def test_levels_at_one_margin_are_a_jump(tmp_path, monkeypatch):
         subset_simulation.Level(margin, share, share, share * spread, 0.4, 9)
         for margin, share in ((100.0, 0.4), (100.0 - 1e-7, 0.1), (40.0, 0.03), (0.0, 0.01))
     )
-    found = SimpleNamespace(
+    result = SimpleNamespace(
         inputs={}, levels=levels, metric="gap_clearance_mm", unit="mm", probability=0.01,
         interval=(0.008, 0.012),
     )  # fmt: skip
-    rare_figure(found, tmp_path, {}, "title")
+    rare_figure(result, tmp_path, {}, "title")
     (ax,) = caught[0].axes
     drawn = {}
     for line in ax.lines:

@@ -28,9 +28,9 @@ def folder(tmp_path_factory):
 
 def command(*words):
     """Exit code and output of a command."""
-    found = CliRunner().invoke(main, [str(word) for word in words])
-    assert found.exception is None or isinstance(found.exception, SystemExit), found.output
-    return found.exit_code, found.output
+    called = CliRunner().invoke(main, [str(word) for word in words])
+    assert called.exception is None or isinstance(called.exception, SystemExit), called.output
+    return called.exit_code, called.output
 
 
 def values(folder, outcome):
@@ -65,14 +65,14 @@ def test_the_case_that_is_asked_for(folder, tmp_path, words, which):
     """The worst, least, greatest, nearest or named case is flown again, and its row comes out the
     same; its outcomes alone agree with the row to the accuracy of both."""
     out = tmp_path / "case"
-    code, said = command("replay", folder, *words, "--out", out, "--no-plots", "--every-s", 0.01)
+    code, message = command("replay", folder, *words, "--out", out, "--no-plots", "--every-s", 0.01)
     number = int(which(folder))
-    assert (code, f"row {number} is the same bit by bit" in said) == (0, True), said
-    told = manifests.read_manifest(out)
-    assert told["case"] == number
+    assert (code, f"row {number} is the same bit by bit" in message) == (0, True), message
+    manifest = manifests.read_manifest(out)
+    assert manifest["case"] == number
     row = shards.read_row(folder, number)
     for name in ("separation_speed_m_s", "upper_omega_x_deg_s"):
-        assert told["outcomes"][name] == pytest.approx(row[name], rel=1e-7)
+        assert manifest["outcomes"][name] == pytest.approx(row[name], rel=1e-7)
 
 
 def test_a_row_that_was_changed(folder, tmp_path):
@@ -84,19 +84,19 @@ def test_a_row_that_was_changed(folder, tmp_path):
     table.loc[table["case"] == 7, "upper_pitch_deg"] *= 1.0 + 2.0**-52
     table.to_parquet(folder / one.file)
     words = ("--case", 7, "--out", tmp_path / "a", "--no-plots", "--every-s", 0.01)
-    code, said = command("replay", folder, *words)
-    assert (code, "was changed" in said) == (2, True), said
+    code, message = command("replay", folder, *words)
+    assert (code, "was changed" in message) == (2, True), message
     content = (folder / one.file).read_bytes()
     ledger.add(folder, ledger.make_entry(one.file, content, one.first, one.cases))
     manifests.seal(folder, manifest)
-    code, said = command("replay", folder, *words, "--overwrite")
-    assert (code, "row 7 differs in 1 columns: upper_pitch_deg" in said) == (1, True), said
+    code, message = command("replay", folder, *words, "--overwrite")
+    assert (code, "row 7 differs in 1 columns: upper_pitch_deg" in message) == (1, True), message
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
-        (["--case", 4], "holds cases 5:45; --case 4 is none of them"),
+        (["--case", 4], "contains cases 5:45; --case 4 is none of them"),
         ([], "one of --case, --worst"),
         (["--case", 5, "--min", "upper_pitch_deg"], "one of --case, --worst"),
         (["--min", "upper_pich_deg"], "did you mean 'upper_pitch_deg'"),
@@ -105,10 +105,10 @@ def test_a_row_that_was_changed(folder, tmp_path):
         (["--nearest", "upper_pitch_deg:p101"], "must be a percentile from p0 to p100"),
     ],
 )
-def test_what_replay_refuses(folder, words, said):
+def test_what_replay_refuses(folder, words, message):
     """What there is not is told before anything is flown."""
     code, text = command("replay", folder, *words)
-    assert (code, said in text) == (2, True), text
+    assert (code, message in text) == (2, True), text
 
 
 def test_replay_needs_a_run():
@@ -146,9 +146,9 @@ def test_film(folder, tmp_path, monkeypatch):
 def test_a_single_flight_has_no_rows(tmp_path):
     """It is refused before anything is flown."""
     command("run", "table1.toml", "--out", tmp_path / "one", "--no-plots", "--every-s", 0.1)
-    code, said = command("replay", tmp_path / "one", "--case", 0)
+    code, message = command("replay", tmp_path / "one", "--case", 0)
     assert code == 2
-    assert "holds a single case; give the folder of a campaign" in said
+    assert "contains a single case; give the folder of a campaign" in message
 
 
 # a hinge of which a release, apart from the only phase, lets go

@@ -65,15 +65,15 @@ def expected(campaign, rows, rule):
     if rule == "every:250":
         return rows["case"] % 250 == 0
     if rule == "violating":
-        found = [violates(campaign, rows, name) for name in ("fast", "turn", "released")]
-        return np.any(found, axis=0)
+        result = [violates(campaign, rows, name) for name in ("fast", "turn", "released")]
+        return np.any(result, axis=0)
     if rule == "all":
         return np.ones(len(rows), dtype=bool)
-    found = set()
+    result = set()
     for one in campaign.file.requirements[:2]:
         margin = pd.Series(np.where(ok, margins(rows[one.metric].to_numpy(), one), np.nan))
-        found |= set(margin.dropna().sort_values(kind="stable").index[:7])
-    return rows["case"].isin(found)
+        result |= set(margin.dropna().sort_values(kind="stable").index[:7])
+    return rows["case"].isin(result)
 
 
 @pytest.mark.slow
@@ -101,14 +101,14 @@ def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatc
 
 def test_why_rows_are_kept(campaign, rows, kept):
     _, frame = kept("failed,worst:2,violating,every:300")
-    said = frame.set_index("case")["kept_as"].astype(str)
+    reasons = frame.set_index("case")["kept_as"].astype(str)
     for name in ("fast", "turn"):
-        of_it = frame[said.str.contains(f"worst {name}").to_numpy()]
+        of_it = frame[reasons.str.contains(f"worst {name}").to_numpy()]
         assert len(of_it) == 2
         assert violates(campaign, of_it, name).all()
     failed = rows["case"][rows["status"] == "never-released"]
-    assert (said[failed].str.startswith("failed; violating released")).all()
-    assert "every" in said[300]
+    assert (reasons[failed].str.startswith("failed; violating released")).all()
+    assert "every" in reasons[300]
 
 
 def test_columns_and_precision(rows, kept):
@@ -187,9 +187,9 @@ def test_what_was_counted_is_damaged(often, tmp_path, damaged):
     (part, *_) = sorted((folder / damaged).glob("part-*.parquet"))
     part.write_bytes(part.read_bytes()[:-9] + b"123456789")
     assert any(part.name in finding.text for finding in manifests.diagnose(folder))
-    said = []
-    result = often.run(cases=CASES, out=folder, resume=True, announce=said.append)
-    assert any("all are flown" in one for one in said)
+    texts = []
+    result = often.run(cases=CASES, out=folder, resume=True, announce=texts.append)
+    assert any("all are run" in one for one in texts)
     assert result.resumed == 0
     assert contents(folder) == contents(whole)
 
@@ -226,7 +226,7 @@ def test_statistics_are_written_again(campaign, tmp_path):
     (folder / "statistics.csv").write_text("outcome,unit")
     mended = CliRunner().invoke(app.main, ["doctor", str(folder), "--repair"])
     assert mended.exit_code == 0, mended.output
-    assert "0 cases flown again" in mended.output
+    assert "0 cases run again" in mended.output
     assert contents(folder) == before
     (folder / "manifest.json").unlink()
     assert manifests.read_provenance(folder)["stats_only"]
@@ -235,7 +235,7 @@ def test_statistics_are_written_again(campaign, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ({"keep": "most"}, "must be of all, failed, violating, worst:20, every:1000"),
         ({"keep": "worst:0"}, "must be of all"),
@@ -245,8 +245,8 @@ def test_statistics_are_written_again(campaign, tmp_path):
         ({"keep": "failed", "out": None}, "give it as out"),
     ],
 )
-def test_what_cannot_be_kept(campaign, tmp_path, given, said):
-    with pytest.raises(InputError, match=said):
+def test_what_cannot_be_kept(campaign, tmp_path, given, message):
+    with pytest.raises(InputError, match=message):
         campaign.run(**{"cases": 10, "out": tmp_path / "run"} | given)
     assert not (tmp_path / "run").exists()
 
@@ -273,9 +273,9 @@ def test_command_line(tmp_path):
     assert not (tmp_path / "run" / "cases").exists()
     assert call("plot", tmp_path / "run").exit_code == 0
     for command in ("stats", "sensitivity"):
-        said = call(command, tmp_path / "run")
-        assert said.exit_code == 2
-        assert "the rows selected by --keep" in said.stderr
+        called = call(command, tmp_path / "run")
+        assert called.exit_code == 2
+        assert "the rows selected by --keep" in called.stderr
     assert call("doctor", tmp_path / "run").exit_code == 0
     again = call("campaign", *options, "--keep", "failed", "--overwrite")
     assert again.exit_code == 0, again.output
@@ -283,7 +283,7 @@ def test_command_line(tmp_path):
     assert call("campaign", *options, "--keep", "failed", "--resume").exit_code == 0
     other = call("campaign", *options, "--keep", "all", "--resume")
     assert other.exit_code == 2
-    assert "was flown keeping failed, and is to go on keeping all" in other.stderr
+    assert "was run keeping failed, and is to be continued keeping all" in other.stderr
 
 
 @pytest.mark.parametrize(

@@ -33,9 +33,9 @@ def campaign():
 
 @pytest.fixture(scope="module")
 def result(campaign):
-    found = campaign.run(cases=50, seed=7)
-    assert 0 < found.status_counts["never-released"] < 50
-    return found
+    outcome = campaign.run(cases=50, seed=7)
+    assert 0 < outcome.status_counts["never-released"] < 50
+    return outcome
 
 
 def same(one, other):
@@ -68,10 +68,10 @@ def test_a_part_has_a_bound_in_memory(campaign, result, tmp_path, monkeypatch):
 def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monkeypatch):
     folder = tmp_path / "run"
     monkeypatch.setattr(row_statistics, "MAX_EXACT_CASES", 10)
-    found = campaign.run(cases=50, seed=7, out=folder)
-    pd.testing.assert_frame_equal(found.statistics(), result.statistics(), rtol=1e-9)
+    outcome = campaign.run(cases=50, seed=7, out=folder)
+    pd.testing.assert_frame_equal(outcome.statistics(), result.statistics(), rtol=1e-9)
     before = campaign.run(cases=50, seed=7, out=tmp_path / "again").statistics()
-    pd.testing.assert_frame_equal(before, found.statistics(), check_exact=True)
+    pd.testing.assert_frame_equal(before, outcome.statistics(), check_exact=True)
     assert call("stats", folder).exit_code == 0
     assert call("plot", folder).exit_code == 0
     assert (folder / "histograms.png").exists()
@@ -103,8 +103,8 @@ def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
             "Traceback" in failed.output,
         ) == (2, True, False)
     same(campaign.run(cases=50, seed=7, out=folder, resume=True), result)
-    told = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    assert (told["complete"], told["n_stored"], told["failures"]) == (
+    entries = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    assert (entries["complete"], entries["n_stored"], entries["failures"]) == (
         True,
         50,
         result.status_counts["never-released"],
@@ -114,10 +114,10 @@ def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
 def test_a_part_whose_histories_are_gone_is_flown_again(campaign, result, tmp_path):
     campaign.run(cases=50, seed=7, out=tmp_path)
     part = tmp_path / "histories" / "part-0000000020.parquet"
-    count, said = pq.read_metadata(tmp_path / "cases" / part.name).num_rows, []
+    count, texts = pq.read_metadata(tmp_path / "cases" / part.name).num_rows, []
     part.unlink()
-    same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True, announce=said.append), result)
-    assert any(f"{count} cases, or their histories, are gone" in text for text in said)
+    same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True, announce=texts.append), result)
+    assert any(f"{count} cases, or their histories, are missing" in text for text in texts)
 
 
 def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_path, monkeypatch):
@@ -136,16 +136,16 @@ def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_p
 
 def test_statistics_only(campaign, result, tmp_path):
     """Those of the rows, without the rows, in memory and in a folder."""
-    found = campaign.run(cases=50, seed=7, stats_only=True, out=tmp_path / "run")
-    table, expected = found.statistics(), result.statistics()
+    outcome = campaign.run(cases=50, seed=7, stats_only=True, out=tmp_path / "run")
+    table, expected = outcome.statistics(), result.statistics()
     pd.testing.assert_frame_equal(table[FIGURES], expected[FIGURES], rtol=1e-9)
     assert (table["n"] == expected["n"]).all()
-    assert found.status_counts == result.status_counts
-    assert list(found.timing) == ["text", "compile", "steps", "sample", "kernel", "write"]
-    for rows_of in (found.to_pandas, found.histories, lambda: found.table):
+    assert outcome.status_counts == result.status_counts
+    assert list(outcome.timing) == ["text", "compile", "steps", "sample", "kernel", "write"]
+    for rows_of in (outcome.to_pandas, outcome.histories, lambda: outcome.table):
         with pytest.raises(ValueError, match="statistics only"):
             rows_of()
-    assert found.case(3).inputs == result.case(3).inputs
+    assert outcome.case(3).inputs == result.case(3).inputs
     other = campaign.with_settings({"run.chunk": 7}).run(
         cases=50, seed=7, stats_only=True, threads=1
     )
@@ -164,12 +164,12 @@ def test_statistics_only_on_the_command_line(result, tmp_path):
         7,
     ]
     folder = tmp_path / "run"
-    told = call("campaign", "table2.toml", *options, "--stats-only", "--out", folder)
-    assert told.exit_code == 0, told.output
+    called = call("campaign", "table2.toml", *options, "--stats-only", "--out", folder)
+    assert called.exit_code == 0, called.output
     failures = result.status_counts["never-released"]
     first = result.to_pandas().query("status == 'never-released'")["case"].iloc[0]
-    assert f"{failures} cases never-released" in told.stdout
-    assert f"(case {first}" in told.stdout
+    assert f"{failures} cases never-released" in called.stdout
+    assert f"(case {first}" in called.stdout
     names = {path.name for path in folder.iterdir()}
     assert {
         "campaign.toml",
@@ -210,9 +210,9 @@ def test_histograms_of_statistics_only(campaign, tmp_path):
     options = ["--cases", 300, "--set", "run.end_time_s=0.26", "--quiet", "--out", folder]
     assert call("campaign", "table2", *options, "--stats-only").exit_code == 0
     counted = campaign.run(cases=300, stats_only=True).kept.summary
-    told, names = result_files.read_stored_statistics(folder), campaign.outcome_columns
+    reported, names = result_files.read_stored_statistics(folder), campaign.outcome_columns
     for name in (column.name for column in names):
-        one, other = told.histogram(name), counted.histogram(name)
+        one, other = reported.histogram(name), counted.histogram(name)
         assert (one is None) == (other is None)
         for ours, theirs in zip(one or (), other or (), strict=True):
             np.testing.assert_allclose(ours, theirs, rtol=1e-14)
@@ -232,16 +232,18 @@ def test_a_folder_of_statistics_only(tmp_path):
     folder = tmp_path / "run"
     options = ["table2.toml", "--cases", 5, "--no-plots", "--quiet", "--out", folder]
     assert call("campaign", *options, "--stats-only").exit_code == 0
-    said = call("stats", folder)
-    assert (said.exit_code, "statistics without case rows" in said.stderr) == (2, True), said.output
+    called = call("stats", folder)
+    assert (called.exit_code, "statistics without case rows" in called.stderr) == (2, True), (
+        called.output
+    )
     assert call("campaign", *options, "--resume").exit_code == 0
-    said = call("campaign", *options, "--resume", "--keep", "failed")
+    called = call("campaign", *options, "--resume", "--keep", "failed")
     assert (
-        said.exit_code,
-        "was flown with --stats-only, and is to go on keeping failed" in said.stderr,
+        called.exit_code,
+        "was run with --stats-only, and is to be continued keeping failed" in called.stderr,
     ) == (2, True)
     manifests.seal(folder, manifests.read_manifest(folder) | {"complete": False})
-    assert "it was interrupted; to go on" in call("stats", folder).stderr
+    assert "it was interrupted; to continue" in call("stats", folder).stderr
     assert (
         call(
             "run", folder, "--case", 3, "--no-plots", "--quiet", "--out", tmp_path / "one"
@@ -252,13 +254,13 @@ def test_a_folder_of_statistics_only(tmp_path):
     assert len(pd.read_parquet(folder / "cases")) == 5
     assert call("campaign", *options, "--overwrite", "--stats-only").exit_code == 0
     assert not (folder / "cases").exists()
-    said = call("campaign", *options, "--resume", "--cases", 3)
-    assert (said.exit_code, "--cases 3 would leave some out" in said.stderr) == (2, True)
+    called = call("campaign", *options, "--resume", "--cases", 3)
+    assert (called.exit_code, "--cases 3 would leave some out" in called.stderr) == (2, True)
 
 
 def test_an_interrupt_of_statistics_only(tmp_path, monkeypatch):
     monkeypatch.setattr(runner.Runner, "run", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-    said = call(
+    called = call(
         "campaign",
         "table2.toml",
         "--cases",
@@ -268,7 +270,7 @@ def test_an_interrupt_of_statistics_only(tmp_path, monkeypatch):
         "--out",
         tmp_path / "run",
     )
-    assert (said.exit_code, "--resume" in said.stderr) == (130, True)
+    assert (called.exit_code, "--resume" in called.stderr) == (130, True)
 
 
 def test_status_of_a_part_is_a_dictionary_of_what_occurs(result, campaign, tmp_path):
@@ -327,7 +329,7 @@ def test_too_many_failures_stop_a_run(campaign, result, tmp_path, monkeypatch):
     stopped = campaign.run(cases=50, seed=7, out=tmp_path / "run", max_failures=2)
     assert stopped.stopped
     assert 2 < stopped.status_counts["never-released"] < failed
-    assert any("did not come to their end and no more than 2 may" in n for n in stopped.notes)
+    assert any("did not reach their end and no more than 2 may" in n for n in stopped.notes)
     manifest = manifests.read_manifest(tmp_path / "run")
     assert not manifest["complete"]
     assert manifest["n_stored"] == len(stopped.to_pandas()) < 50
@@ -342,5 +344,5 @@ def test_fail_fast(tmp_path):
     options = ["table2", "--cases", 300, "--seed", 7, "--no-plots", "--set", "run.end_time_s=0.26"]
     done = call("campaign", *options, "--out", tmp_path / "run", "--fail-fast")
     assert done.exit_code == 1
-    assert "did not come to their end and none may" in done.stderr
+    assert "did not reach their end and none may" in done.stderr
     assert "not complete" in call("stats", tmp_path / "run").stderr

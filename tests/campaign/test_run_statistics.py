@@ -13,12 +13,12 @@ STATISTICS = ("statistics.csv", "statistics.json")
 
 
 def from_command_line(folder, *words):
-    told = CliRunner().invoke(
+    called = CliRunner().invoke(
         app.main,
         ["campaign", "table2.toml", *WORDS, "--no-plots", "--quiet", *words, "--out",
          str(folder)],
     )  # fmt: skip
-    assert told.exit_code in (0, 3), told.output
+    assert called.exit_code in (0, 3), called.output
 
 
 def texts(folder):

@@ -105,9 +105,9 @@ def test_correlation_of_normal_scores(pair, sampler, rho):
             "run.cases": n,
         }
     ).sample(0, n)
-    found = stats.spearmanr(ranks[:, 0], ranks[:, 1]).statistic
+    result = stats.spearmanr(ranks[:, 0], ranks[:, 1]).statistic
     assert (
-        abs(found - 6.0 / math.pi * math.asin(0.5 * rho))
+        abs(result - 6.0 / math.pi * math.asin(0.5 * rho))
         <= 5.0 / math.sqrt(n) * (1 - abs(rho)) + 1e-6
     )
     assert abs(stats.spearmanr(ranks[:, 0], ranks[:, 2]).statistic) < 4.5 / math.sqrt(n)
@@ -126,7 +126,7 @@ def test_a_matrix_of_correlations(pair):
 
 
 @pytest.mark.parametrize(
-    ("correlation", "said"),
+    ("correlation", "message"),
     [
         ([{"parameters": ["body.fore.mass_kg"], "coefficient": 0.1}], "at least two"),
         ([{"parameters": ["body.fore.mass_kg", "body.aft.cg_m.x"], "coefficient": 0.1}],
@@ -148,11 +148,11 @@ def test_a_matrix_of_correlations(pair):
         ({"parameters": []}, "[[correlation]]"),
     ],
 )  # fmt: skip
-def test_bad_correlations(pair, correlation, said):
+def test_bad_correlations(pair, correlation, message):
     with pytest.raises(SceneError) as raised:
         pair(VARIED | {"correlation": correlation})
     assert "correlation" in str(raised.value)
-    assert said in str(raised.value)
+    assert message in str(raised.value)
 
 
 def test_a_constant_varies_with_nothing(pair):
@@ -196,22 +196,22 @@ def test_dependent_cases_get_no_verdict():
     errors = {"gap_mm": (1e-9, 1.0)}
     assert rows.verdicts(errors, rows.audit())[0].verdict == requirements.PASS
     for sampler in ("lhs", "sobol"):
-        found = rows.verdicts(errors, rows.audit(), sampler)[0]
-        assert found.verdict == requirements.NONE
-        assert repr(sampler) in found.why
+        result = rows.verdicts(errors, rows.audit(), sampler)[0]
+        assert result.verdict == requirements.NONE
+        assert repr(sampler) in result.why
 
 
 def test_command(tmp_path):
     """``--sampler`` is the file's ``run.sampler``, kept in the run folder; what its cases are not
     is told."""
     with run_interpreted():
-        found = call(
+        called = call(
             "campaign", "table2", "--cases", 6, "--sampler", "sobol", "--out", tmp_path / "run",
             "--no-plots", "--set", "run.end_time_s=0.3",
         )  # fmt: skip
-    assert found.exit_code == 0
-    assert "mostly too wide; requirements get no verdict" in found.stderr
-    assert "fly 4 or 8 cases, not 6" in found.stderr
+    assert called.exit_code == 0
+    assert "mostly too wide; requirements get no verdict" in called.stderr
+    assert "fly 4 or 8 cases, not 6" in called.stderr
     assert 'sampler = "sobol"' in (tmp_path / "run" / "campaign.toml").read_text()
     notes = json.loads((tmp_path / "run" / "manifest.json").read_text())["notes"]
     assert any("power of two" in note for note in notes)

@@ -43,11 +43,11 @@ def corner(session, *shares):
 @pytest.mark.parametrize("shares", [(0.0,), (1.0,), (0.31, 0.77, 0.5)])
 def test_design_has_the_rows_of_its_campaign(session, shares):
     design = corner(session, *shares)
-    found, expected = (
+    result, expected = (
         session.run(design, cases=CASES, seed=3),
         session.with_design(design).run(cases=CASES, seed=3),
     )
-    table, rows = found.to_pandas(), expected.to_pandas()
+    table, rows = result.to_pandas(), expected.to_pandas()
     assert (table["status"] == rows["status"]).all()
     for column in expected.campaign.input_columns:
         values = rows[column.name]
@@ -63,8 +63,8 @@ def test_design_has_the_rows_of_its_campaign(session, shares):
     decisive = [i for i, c in enumerate(columns) if c.unit not in ("", "s")]
     asked = session.campaign.scene.solver.accuracy
     assert np.nanmax(errors(a, b, scale)[:, decisive]) < 2.0 * asked
-    assert found.accuracy.worst[1] < asked
-    assert found.statistics().index.tolist() == expected.statistics().index.tolist()
+    assert result.accuracy.worst[1] < asked
+    assert result.statistics().index.tolist() == expected.statistics().index.tolist()
 
 
 def test_many_designs_have_the_bits_of_single_ones(session, monkeypatch):
@@ -115,8 +115,8 @@ def test_session_works_in_other_processes():
         expected.tolist()
     )
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        found = pool.submit(run_in_process, session, design).result(timeout=120.0)
-    assert found.tolist() == expected.tolist()
+        outcome = pool.submit(run_in_process, session, design).result(timeout=120.0)
+    assert outcome.tolist() == expected.tolist()
 
 
 def test_verdicts_are_those_of_a_run():
@@ -131,15 +131,15 @@ def test_verdicts_are_those_of_a_run():
     requirements[0]["at_least"] = float(speeds.median())
     campaign = Campaign(parse_campaign(file.tree | {"requirement": requirements}, "table2"))
     session = campaign.session({"body.upper.mass_kg": (440.0, 480.0)})
-    found = session.run([450.0], cases=200)
+    result = session.run([450.0], cases=200)
     verdicts = session.with_design([450.0]).run(cases=200).requirements()
     expected = verdicts["violations"].tolist()
     assert 0 < expected[0] < 200
-    brief = found.verdicts()
+    brief = result.verdicts()
     assert brief["violations"].tolist() == expected
     assert brief["missing"].tolist() == verdicts["missing"].tolist()
     assert brief["verdict"].tolist() == verdicts["verdict"].tolist()
-    full = found.requirements()
+    full = result.requirements()
     assert full["violations"].tolist() == expected
     assert full["verdict"].tolist() == verdicts["verdict"].tolist()
     many = session.run_many([[450.0], [470.0]], cases=200).summary
@@ -225,10 +225,10 @@ def test_tails_beyond_the_bounds_are_failed_cases():
     settings = {"dispersion.body.upper.mass_kg": {"normal": 200.0}}
     campaign = sepmc.load("table2", {"run.history_step_s": 0.0}).with_settings(settings)
     session = campaign.session({"body.upper.mass_kg": (300.0, 500.0)})
-    found = session.run([300.0], cases=400, seed=1)
+    result = session.run([300.0], cases=400, seed=1)
     expected = session.with_design([300.0]).run(cases=400, seed=1).to_pandas()
-    assert (found.to_pandas()["status"] == expected["status"]).all()
-    assert (found.block.status != Status.OK).sum() > 5
+    assert (result.to_pandas()["status"] == expected["status"]).all()
+    assert (result.block.status != Status.OK).sum() > 5
 
 
 def test_wildcards_set_every_table_of_a_name():

@@ -58,18 +58,18 @@ def test_the_error_of_a_case_is_told(solver):
     learnt at finer steps, if the one that is given is as long as a phase and tells nothing."""
     table1 = sepmc.load("table1.toml")
     columns = [column.name for column in table1.outcome_columns]
-    found, right = (
+    result, right = (
         table1.with_settings({"solver": s}).simulate(step_s=0.5).attrs
         for s in (solver, {"step_s": 0.005})
     )
-    assert found["status"] == right["status"] == "ok"
-    told = np.array([found["errors"][name] for name in columns])
+    assert result["status"] == right["status"] == "ok"
+    reported = np.array([result["errors"][name] for name in columns])
     values, exact = (
-        np.array([attrs["outcomes"][name] for name in columns]) for attrs in (found, right)
+        np.array([attrs["outcomes"][name] for name in columns]) for attrs in (result, right)
     )
     true = np.abs(values - exact) / np.maximum(np.abs(exact), 1e-3)
-    assert (true <= told + 1e-11).all()
-    assert told.max() <= solver.get("accuracy", 100.0 * true.max())
+    assert (true <= reported + 1e-11).all()
+    assert reported.max() <= solver.get("accuracy", 100.0 * true.max())
 
 
 @pytest.mark.slow
@@ -105,25 +105,25 @@ LEAVES = {
 @pytest.mark.slow
 def test_a_case_that_fails(pair):
     """It has rows as far as it got: to where alpha, 2 deg to begin with, leaves its table."""
-    found = pair(LEAVES).simulate(step_s=0.02)
+    result = pair(LEAVES).simulate(step_s=0.02)
     assert (
-        found.attrs["status"]
+        result.attrs["status"]
         == simulate(pair(LEAVES).nominal().to_dict()).status
         == "outside-table"
     )
-    assert np.isnan(found.attrs["outcomes"]["fore_omega_z_deg_s"])
-    assert 3 < len(found) < 26
-    alpha = found["aft_alpha_deg"].to_numpy()
+    assert np.isnan(result.attrs["outcomes"]["fore_omega_z_deg_s"])
+    assert 3 < len(result) < 26
+    alpha = result["aft_alpha_deg"].to_numpy()
     assert (np.abs(alpha) <= 5.0 + 1e-6).all()
     assert np.abs(alpha).max() > 4.0
 
 
 @pytest.mark.slow
 def test_a_case_that_is_never_released():
-    found = sepmc.load("table2.toml", {"phase.guided.until.stroke_mm": 1e5}).simulate(step_s=0.1)
-    assert found.attrs["status"] == "never-released"
-    assert np.isfinite(found.attrs["outcomes"]["upper_omega_z_deg_s"])
-    assert_allclose(found["time_s"].iloc[-1], 0.5)
+    result = sepmc.load("table2.toml", {"phase.guided.until.stroke_mm": 1e5}).simulate(step_s=0.1)
+    assert result.attrs["status"] == "never-released"
+    assert np.isfinite(result.attrs["outcomes"]["upper_omega_z_deg_s"])
+    assert_allclose(result["time_s"].iloc[-1], 0.5)
 
 
 def test_rows_on_both_sides_of_a_release_in_part(pair):
@@ -131,9 +131,9 @@ def test_rows_on_both_sides_of_a_release_in_part(pair):
     and lets go of the force along x."""
     push = {"name": "push", "body": "aft", "force_N": [-6.0, 0.0, 0.0], "point_m": [3.0, 0.0, 0.0]}
     release = {"name": "cut", "joint": "pins", "when": {"time_s": 0.13}, "to": "slider"}
-    found = pair({"load": [push], "release": [release]}).simulate(step_s=0.1)
-    force = found["pins_force_on_aft_x_N"].to_numpy()
-    at = np.flatnonzero(np.abs(found["time_s"] - 0.13) < 1e-9)
+    result = pair({"load": [push], "release": [release]}).simulate(step_s=0.1)
+    force = result["pins_force_on_aft_x_N"].to_numpy()
+    at = np.flatnonzero(np.abs(result["time_s"] - 0.13) < 1e-9)
     assert len(at) == 2
     assert_allclose(force[: at[1]], 4.5, rtol=1e-9)  # of the 6 N, what moves the 3 kg of 4 kg
     assert_allclose(force[at[1] :], 0.0, atol=1e-12)
@@ -143,9 +143,9 @@ def test_a_number_that_may_not_be(pair):
     """A mass below zero, drawn: nothing is flown, and the note says why."""
     campaign = pair({"dispersion": {"body.aft.mass_kg": {"normal": 5.0}}})
     number = next(i for i in range(50) if campaign.case(i).scene.body["aft"].mass <= 0.0)
-    found = campaign.simulate(campaign.case(number))
-    assert (found.attrs["status"], len(found)) == ("invalid-input", 0)
-    assert "body.aft.mass_kg" in found.attrs["notes"][0]
+    result = campaign.simulate(campaign.case(number))
+    assert (result.attrs["status"], len(result)) == ("invalid-input", 0)
+    assert "body.aft.mass_kg" in result.attrs["notes"][0]
 
 
 @pytest.mark.slow
@@ -163,11 +163,11 @@ def test_many_steps_are_compiled(pair, monkeypatch):
             "solver": {"accuracy": 1e-6},
         }
     )
-    found = campaign.simulate(step_s=0.5, announce=heard.append)
-    assert found.attrs["compiled"]
+    result = campaign.simulate(step_s=0.5, announce=heard.append)
+    assert result.attrs["compiled"]
     assert any("compiling" in text for text in heard)
     assert any(re.fullmatch(r"compiled (\d+) of \1", text) for text in heard)
-    assert_allclose(found.attrs["outcomes"]["fore_roll_deg"], 1.8e6, rtol=1e-6)
+    assert_allclose(result.attrs["outcomes"]["fore_roll_deg"], 1.8e6, rtol=1e-6)
 
 
 def test_nothing_is_compiled(tmp_path, monkeypatch):
@@ -184,7 +184,7 @@ def test_nothing_is_compiled(tmp_path, monkeypatch):
 def test_a_long_flight_says_that_it_goes_on(pair, monkeypatch):
     """Now and then, with what it is at."""
     monkeypatch.setattr(single_case, "REPORT_EVERY_S", -1.0)
-    told = []
-    pair({"solver": {"accuracy": 1e-9}}).simulate(announce=told.append)
-    assert told[0] == "still flying after 0 s, now in 2 steps a phase ..."
-    assert len(told) > 3
+    calls = []
+    pair({"solver": {"accuracy": 1e-9}}).simulate(announce=calls.append)
+    assert calls[0] == "still running after 0 s, now in 2 steps a phase ..."
+    assert len(calls) > 3

@@ -90,9 +90,9 @@ def test_as_the_independent_flight(pair, name, monkeypatch):
     assert 5 < np.count_nonzero(status == expected.label) < CASES - 5
     assert set(status) == {"ok", expected.label}
     columns = campaign.outcome_columns
-    found = np.column_stack([result.table[c.name] / c.scale for c in columns])
+    outcome = np.column_stack([result.table[c.name] / c.scale for c in columns])
     failed = status == expected.label
-    assert np.isnan(found[failed]).all() == (expected != Status.NEVER_RELEASED)
+    assert np.isnan(outcome[failed]).all() == (expected != Status.NEVER_RELEASED)
     has_outcomes = ~failed | (expected == Status.NEVER_RELEASED)
     assert_array_equal(np.isfinite(result.table["error"]), has_outcomes)
     if expected != Status.INVALID_INPUT:  # the independent flight knows no limits of parameters
@@ -103,7 +103,7 @@ def test_as_the_independent_flight(pair, name, monkeypatch):
         scale = scene_scales(campaign.scene, units)  # some outcomes are zero but for round-off
         assert (
             step_selection.relative_error(
-                found[:COMPARED][there], outcomes[there], units, scale
+                outcome[:COMPARED][there], outcomes[there], units, scale
             ).max()
             < 1e-6
         )

@@ -36,31 +36,31 @@ def test_each_case_settles_by_itself():
     """An error of order 4, ten times as large in each case: the step told is the one each case was
     flown at last."""
     integrate, flown = flier(lambda step, case: 10.0**case * step**4)
-    found = step_refinement.refine_steps(integrate, 4, 0.1, 1e-9, ONE, BOTH)
-    assert found.converged.all()
-    assert np.all(np.diff(found.step) <= 0.0)
-    assert found.step[3] < found.step[0]
+    result = step_refinement.refine_steps(integrate, 4, 0.1, 1e-9, ONE, BOTH)
+    assert result.converged.all()
+    assert np.all(np.diff(result.step) <= 0.0)
+    assert result.step[3] < result.step[0]
     for case, steps in flown.items():
-        assert steps[0] == found.step[case]
+        assert steps[0] == result.step[case]
         assert 10.0**case * steps[0] ** 4 <= 1e-9
-    assert_array_equal(found.change[:, 1], 0.0)
+    assert_array_equal(result.change[:, 1], 0.0)
 
 
 def test_one_agreement_may_be_luck():
     """Halving changes nothing once, between 0.1 and 0.05, and a lot afterwards: that is not
     settled."""
     integrate, _ = flier(lambda step, case: 1e-3 if step > 0.04 else step**4)
-    found = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
-    assert found.converged[0]
-    assert found.step[0] ** 4 <= 1e-9
+    result = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
+    assert result.converged[0]
+    assert result.step[0] ** 4 <= 1e-9
 
 
 def test_a_case_that_does_not_settle_is_given_up():
     """Noise of 1e-6: not after all halvings, and its change is told."""
     integrate, flown = flier(lambda step, case: 1e-6 * np.sin(1.0 / step))
-    found = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
-    assert not found.converged[0]
-    assert 1e-8 < found.change[0, 0] <= 2e-6
+    result = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
+    assert not result.converged[0]
+    assert 1e-8 < result.change[0, 0] <= 2e-6
     assert len(flown[0]) < 8
 
 
@@ -95,10 +95,10 @@ def test_a_status_that_only_long_steps_give_is_no_result(status):
         outcomes = np.array([[1.0 + step**4, 2.0] for _ in which])
         return np.where(lost[:, None], np.nan, outcomes), np.where(lost, status, Status.OK)
 
-    found = step_refinement.refine_steps(integrate, 2, 0.5, 1e-9, ONE, BOTH)
-    assert_array_equal(found.status, [Status.OK, status])
-    assert_array_equal(found.converged, [True, True])
-    assert found.step[0] < 0.01 < found.step[1]
+    result = step_refinement.refine_steps(integrate, 2, 0.5, 1e-9, ONE, BOTH)
+    assert_array_equal(result.status, [Status.OK, status])
+    assert_array_equal(result.converged, [True, True])
+    assert result.step[0] < 0.01 < result.step[1]
 
 
 def test_a_case_that_ends_otherwise_has_not_settled():
@@ -107,9 +107,9 @@ def test_a_case_that_ends_otherwise_has_not_settled():
             len(which), Status.OK if step < 0.06 else Status.NEVER_RELEASED
         )
 
-    found = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
-    assert found.converged[0]
-    assert found.step[0] == 0.0125
+    result = step_refinement.refine_steps(integrate, 1, 0.1, 1e-9, ONE, BOTH)
+    assert result.converged[0]
+    assert result.step[0] == 0.0125
 
 
 def test_a_status_that_does_not_last_is_infinitely_wrong():
@@ -130,11 +130,11 @@ def test_a_status_that_does_not_last_is_infinitely_wrong():
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-9])
 def test_a_single_run_is_as_accurate_as_asked(table2, accuracy):
     campaign = table2.with_settings({"solver.accuracy": accuracy})
-    found = campaign.simulate(step_s=0.1).attrs
+    result = campaign.simulate(step_s=0.1).attrs
     fine = table2.with_settings({"solver.accuracy": 1e-11}).simulate(step_s=0.1).attrs
-    assert found["notes"] == []
+    assert result["notes"] == []
     for name in ("upper_omega_z_deg_s", "separation_distance_mm", "release_time_s"):
-        assert found["outcomes"][name] == pytest.approx(fine["outcomes"][name], rel=accuracy)
+        assert result["outcomes"][name] == pytest.approx(fine["outcomes"][name], rel=accuracy)
 
 
 def test_no_gust_is_jumped_over(pair):
@@ -157,10 +157,10 @@ def test_no_gust_is_jumped_over(pair):
     }
     campaign = pair(settings)
     assert longest_step(campaign.scene) <= 1.0 / 1000.0
-    found = campaign.run(cases=1).table["fore_omega_x_deg_s"][0]
+    result = campaign.run(cases=1).table["fore_omega_x_deg_s"][0]
     expected = simulate(campaign.case(0).to_dict()).outcomes["fore_omega_x_deg_s"]
     assert abs(expected) > 0.1
-    assert_allclose(found, expected, rtol=1e-5)
+    assert_allclose(result, expected, rtol=1e-5)
 
 
 def test_extremes_of_a_discrete_law(table2):
@@ -200,12 +200,12 @@ def test_no_gust_is_jumped_over_that_only_loads_or_laws_lead_to(pair, by):
         settings["initial"] = {"altitude_m": 9000.0, "speed_m_s": 100.0, "pitch_deg": 90.0}
         settings |= {"dispersion": {"initial.altitude_m": {"uniform": [2010.0, 2020.0]}}}
     campaign = pair(settings)
-    found = campaign.run(cases=3).table["fore_omega_x_deg_s"]
+    result = campaign.run(cases=3).table["fore_omega_x_deg_s"]
     expected = np.array(
         [simulate(campaign.case(i).to_dict()).outcomes["fore_omega_x_deg_s"] for i in range(3)]
     )
     assert np.abs(expected).min() > 1e-3
-    assert_allclose(found, expected, rtol=1e-5)
+    assert_allclose(result, expected, rtol=1e-5)
 
 
 def test_the_bound_of_speed_holds_for_any_mix_of_extremes(pair):

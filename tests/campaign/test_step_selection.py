@@ -26,13 +26,13 @@ from sepmc.schema import Status
 INF, NAN = np.inf, np.nan
 
 
-def error(found, reference, units=None):
+def error(result, reference, units=None):
     """`relative_error` of plain rows."""
-    found, reference = (
-        np.atleast_2d(np.array(found, dtype=float)),
+    result, reference = (
+        np.atleast_2d(np.array(result, dtype=float)),
         np.atleast_2d(np.array(reference, dtype=float)),
     )
-    return step_selection.relative_error(found, reference, units or ["m"] * reference.shape[1])
+    return step_selection.relative_error(result, reference, units or ["m"] * reference.shape[1])
 
 
 # -- corners
@@ -52,10 +52,10 @@ def test_corners_do_not_depend_on_the_seed(table2):
 def test_corners_are_the_nominal_and_the_edges(table2):
     """The middle of every law first; then of each parameter a thousandth of the probability from
     either end, both ends often."""
-    found = step_selection.corner_cases(table2) / table2.factors
+    result = step_selection.corner_cases(table2) / table2.factors
     middle = [cases.quantile(d, np.array([0.5]))[0] for d in table2.file.dispersions]
-    assert_allclose(found[0], middle, rtol=1e-12, atol=1e-12)
-    for values, law in zip(found[1:].T, table2.file.dispersions, strict=True):
+    assert_allclose(result[0], middle, rtol=1e-12, atol=1e-12)
+    for values, law in zip(result[1:].T, table2.file.dispersions, strict=True):
         if law.numbers == (0.0, 360.0):
             continue
         low, high = cases.quantile(law, np.array([0.001, 0.999]))
@@ -63,7 +63,7 @@ def test_corners_are_the_nominal_and_the_edges(table2):
             np.unique(np.round((values - low) / (high - low), 9)), [0.0, 1.0], atol=1e-9
         )
         assert 4 <= np.sum(values > 0.5 * (low + high)) <= step_selection.CORNERS - 4
-    assert len(np.unique(found[1:] > found[0], axis=0)) == step_selection.CORNERS
+    assert len(np.unique(result[1:] > result[0], axis=0)) == step_selection.CORNERS
 
 
 @pytest.mark.parametrize(
@@ -78,18 +78,18 @@ def test_corners_are_the_nominal_and_the_edges(table2):
 def test_corners_of_an_angle_all_round(table2, law, wide):
     """Both ends of a full turn are one direction: angles that spread over more than 90 deg are
     spaced over all of it."""
-    found = np.sort(
+    result = np.sort(
         step_selection.corner_cases(
             table2.with_settings({"dispersion": {"environment.wind.direction_deg": law}})
         )[1:, 0]
     )
     if not wide:
-        assert len(np.unique(found)) == 2
+        assert len(np.unique(result)) == 2
         return
-    assert len(np.unique(found)) == step_selection.CORNERS
-    assert np.diff(found).max() <= 0.25 * (found[-1] - found[0])
+    assert len(np.unique(result)) == step_selection.CORNERS
+    assert np.diff(result).max() <= 0.25 * (result[-1] - result[0])
     if law == {"uniform": [0.0, 360.0]}:
-        assert_allclose(np.degrees(found), 7.5 + 15.0 * np.arange(24))
+        assert_allclose(np.degrees(result), 7.5 + 15.0 * np.arange(24))
 
 
 def test_corners_have_every_value_of_a_discrete_law(table2):
@@ -102,9 +102,9 @@ def test_corners_have_every_value_of_a_discrete_law(table2):
         "body.lower.mass_kg": {"uniform": 25.0},
     }
     campaign = table2.with_settings({"dispersion": laws})
-    found = step_selection.corner_cases(campaign)
-    assert len(found) == 3 * 11 + 1
-    assert [np.count_nonzero(found[1:, 0] == value) for value in values] == [3] * 11 + [0]
+    result = step_selection.corner_cases(campaign)
+    assert len(result) == 3 * 11 + 1
+    assert [np.count_nonzero(result[1:, 0] == value) for value in values] == [3] * 11 + [0]
     drawn = step_selection.calibration_sample(campaign, 40)
     assert set(drawn[:, 0]) == set(values[:-1])
     assert set(drawn[:20, 0]) <= set(values[:10])
@@ -113,11 +113,11 @@ def test_corners_have_every_value_of_a_discrete_law(table2):
 def test_the_sample_covers_every_law(table2):
     """A Latin hypercube in each half: one case in every share of the probability of each parameter;
     not of the seed."""
-    found = step_selection.calibration_sample(table2, 32)
+    result = step_selection.calibration_sample(table2, 32)
     assert_array_equal(
-        found, step_selection.calibration_sample(table2.with_settings({"run.seed": 5}), 32)
+        result, step_selection.calibration_sample(table2.with_settings({"run.seed": 5}), 32)
     )
-    for values, law, factor in zip(found.T, table2.file.dispersions, table2.factors, strict=True):
+    for values, law, factor in zip(result.T, table2.file.dispersions, table2.factors, strict=True):
         low, high = law.numbers
         for half in (values[:16], values[16:]):
             assert_array_equal(
@@ -144,11 +144,11 @@ def test_corners_without_dispersion(table2):
 def test_corners_of_every_law(table2, law):
     """Finite: tails are cut at a thousandth, a discrete law gives its own values."""
     campaign = table2.with_settings({"dispersion": {"body.upper.mass_kg": law}})
-    found = step_selection.corner_cases(campaign)
-    assert np.isfinite(found).all()
-    assert np.all((found > 400.0) & (found < 500.0))
+    result = step_selection.corner_cases(campaign)
+    assert np.isfinite(result).all()
+    assert np.all((result > 400.0) & (result < 500.0))
     if "discrete" in law:
-        assert set(found[1:, 0]) == {450.0, 460.0}
+        assert set(result[1:, 0]) == {450.0, 460.0}
 
 
 # -- relative errors
@@ -172,8 +172,10 @@ def test_error_is_over_scatter_if_that_is_larger():
 def test_error_of_what_cancels():
     """Zero but for round-off: measured against a ten-thousandth of the largest of the same unit,
     and only of the same."""
-    reference, found = [[5.0, 1e-16, 1e-16]], [[5.0, 2e-16, 2e-16]]
-    assert_allclose(error(found, reference, ["m", "m", "rad"]), [0.0, 1e-16 / 5e-4, 1.0], rtol=1e-9)
+    reference, results = [[5.0, 1e-16, 1e-16]], [[5.0, 2e-16, 2e-16]]
+    assert_allclose(
+        error(results, reference, ["m", "m", "rad"]), [0.0, 1e-16 / 5e-4, 1.0], rtol=1e-9
+    )
 
 
 def test_error_of_nan():
@@ -199,9 +201,9 @@ def test_error_of_no_cases():
 
 
 def test_error_does_not_change_what_it_is_given():
-    found, reference = np.array([[1.0, NAN]]), np.array([[1.0, NAN]])
-    step_selection.relative_error(found, reference, ["m", "m"])
-    assert_array_equal(found, reference)
+    result, reference = np.array([[1.0, NAN]]), np.array([[1.0, NAN]])
+    step_selection.relative_error(result, reference, ["m", "m"])
+    assert_array_equal(result, reference)
 
 
 # -- how a campaign is flown
@@ -314,10 +316,10 @@ def test_a_run_tells_its_error(table2, settings, tmp_path):
     assert given or (written["asked"], written["met"]) == (1e-9, worst <= 1e-9)
     assert written["errors"] == achieved.errors
     if not given:
-        assert written["steps"] == result.flight.steps.tolist()
+        assert written["steps"] == result.integration.steps.tolist()
         assert worst <= 1e-9
     else:
-        assert written["step_s"] == result.flight.step
+        assert written["step_s"] == result.integration.step
     printed = (
         CliRunner()
         .invoke(app.main, ["stats", str(tmp_path / "run")], catch_exceptions=False)
@@ -374,9 +376,9 @@ def test_the_error_told_is_the_error_there_is(table2, name):
     it is not."""
     campaign = table2.with_settings({"run.history_step_s": 0.0} | HARD[name])
     result = campaign.run(cases=2000)
-    error, again = true_error(campaign, result.flight, 2000)
+    error, again = true_error(campaign, result.integration, 2000)
     told = result.accuracy.worst[1]
-    print(f"{name}: told {told:.1e}, true {error:.1e}, steps {result.flight.steps}, {again}")
+    print(f"{name}: told {told:.1e}, true {error:.1e}, steps {result.integration.steps}, {again}")
     assert told >= error / 3.0
     assert not result.accuracy.met or error <= result.accuracy.asked
     assert result.accuracy.met
@@ -390,10 +392,10 @@ def test_the_error_told_is_the_error_there_is(table2, name):
 def test_what_trial_cases_tell_does_not_depend_on_seed_or_cases(table2):
     campaign = table2.with_settings({"run.history_step_s": 0.0})
     one, two = campaign.run(cases=5), campaign.run(cases=700, seed=3)
-    assert one.flight.achieved == two.flight.achieved
+    assert one.integration.achieved == two.integration.achieved
     for result in (one, two):
         told = result.accuracy.errors
-        assert all(told[name] >= error for name, error in one.flight.achieved.errors.items())
+        assert all(told[name] >= error for name, error in one.integration.achieved.errors.items())
         assert result.accuracy.worst[1] >= result.to_pandas()["error"].max()
 
 
@@ -430,10 +432,10 @@ def test_the_program_tells_it(tmp_path):
         "--out",
         str(tmp_path / "run"),
     ]
-    found = CliRunner().invoke(app.main, arguments, catch_exceptions=False)
-    assert found.exit_code == 0, found.output
-    assert "numerical error <= " in found.output
-    assert "requested 1e-09" in found.output
+    called = CliRunner().invoke(app.main, arguments, catch_exceptions=False)
+    assert called.exit_code == 0, called.output
+    assert "numerical error <= " in called.output
+    assert "requested 1e-09" in called.output
     checked = CliRunner().invoke(app.main, ["check", "table2.toml"], catch_exceptions=False).stdout
     assert "1e-09" in checked
     code = (
@@ -510,8 +512,8 @@ def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch, tmp_pa
     settings = {"run.history_step_s": 0.0, "solver.accuracy": 1e-12, "solver.method": "dopri5"}
     result = table2.with_settings(settings).run(cases=20)
     coarse = table2.with_settings(settings | {"solver.accuracy": 1e-3}).run(cases=20)
-    assert (result.flight.steps >= coarse.flight.steps).all()
-    assert result.flight.steps.sum() > 1.3 * coarse.flight.steps.sum()
+    assert (result.integration.steps >= coarse.integration.steps).all()
+    assert result.integration.steps.sum() > 1.3 * coarse.integration.steps.sum()
     assert not result.accuracy.met
     assert result.accuracy.worst[1] > 1e-12
     (note,) = result.notes
@@ -521,9 +523,9 @@ def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch, tmp_pa
     arguments = ["campaign", "table2.toml", "--cases", "20", "--no-plots", "--out", tmp_path / "a"]
     for path, value in settings.items():
         arguments += ["--set", f"{path}={value}"]
-    found = CliRunner().invoke(app.main, list(map(str, arguments)), catch_exceptions=False)
+    called = CliRunner().invoke(app.main, list(map(str, arguments)), catch_exceptions=False)
     again = CliRunner().invoke(app.main, ["stats", str(tmp_path / "a")], catch_exceptions=False)
-    for one in (found, again):
+    for one in (called, again):
         assert one.exit_code == 3
         assert "accuracy was not met" in one.stderr
 
@@ -690,13 +692,13 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
     assert (block.status == Status.OK).all()
     for name, right in (("separation_speed_m_s", speed), ("separation_distance_mm", distance)):
         k = names.index(name)
-        found = errors(block.outcomes[:, [k]], right[:, None], flight.scale[[k]])[:, 0]
+        result = errors(block.outcomes[:, [k]], right[:, None], flight.scale[[k]])[:, 0]
         # a row's own error is known to a factor of 3
-        assert (found <= np.maximum(3.0 * block.error, 1e-12)).all()
+        assert (result <= np.maximum(3.0 * block.error, 1e-12)).all()
         if not settings:
             of_cases = flight.estimate.largest(block.refinement.error, block.refinement.indicators)
             told = max(flight.achieved.errors[name], of_cases[k])
-            assert found.max() <= max(told, 1e-12)
+            assert result.max() <= max(told, 1e-12)
 
 
 def test_a_trial_case_that_would_be_flown_again_tells_no_error():
@@ -742,8 +744,8 @@ def test_a_flow_almost_from_the_side(pair):
 def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
     """Sideslip of still air; one beyond what trial cases had is."""
     usual = Integration(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
-    found = np.array([[0.4], [0.6], [NAN]])
-    block = Block(found, *np.zeros((5, 3)), indicators=np.zeros((3, 1)))
+    result = np.array([[0.4], [0.6], [NAN]])
+    block = Block(result, *np.zeros((5, 3)), indicators=np.zeros((3, 1)))
     assert_array_equal(_is_calibrated(usual, block), [True, False, True])
 
 

@@ -95,9 +95,9 @@ def test_it_goes_on_as_if_it_had_not_stopped(written, tmp_path, orders, again):
     result = campaign.run(CASES, out=folder, until=asked if again else None, resume=True)
     assert result.numbers.count == end
     assert 0 < result.resumed < end
-    told = [read_manifest(place) for place in (whole, folder)]
+    manifest = [read_manifest(place) for place in (whole, folder)]
     for key in ("until", "stopping_rule", "cases", "complete", "rarely_drawn", "notes"):
-        assert told[0][key] == told[1][key], key
+        assert manifest[0][key] == manifest[1][key], key
     pd.testing.assert_frame_equal(result.statistics(), left_alone.statistics(), check_exact=True)
     if not orders:
         pd.testing.assert_frame_equal(result.to_pandas(), left_alone.to_pandas(), check_exact=True)
@@ -168,10 +168,10 @@ def test_values_that_were_rarely_drawn_are_told_beside_statistics(written, tmp_p
         ],
     )
     assert called.exit_code == 0, called.output
-    said = "spring.push.factor = 0.5 (probability 0.002) occurred in 0 of 60 cases"
-    assert said in " ".join(called.stderr.split())
-    (told,) = json.loads((tmp_path / "run" / "statistics.json").read_text())["rarely_drawn"]
-    assert said in told
+    message = "spring.push.factor = 0.5 (probability 0.002) occurred in 0 of 60 cases"
+    assert message in " ".join(called.stderr.split())
+    (reported,) = json.loads((tmp_path / "run" / "statistics.json").read_text())["rarely_drawn"]
+    assert message in reported
     figures.draw_fractions(
         tmp_path / "run",
         sepmc.load(tmp_path / "run"),
@@ -181,7 +181,7 @@ def test_values_that_were_rarely_drawn_are_told_beside_statistics(written, tmp_p
         ".png",
         {},
     )
-    assert any(title.startswith("Convergence of") and said in title for title in titles)
+    assert any(title.startswith("Convergence of") and message in title for title in titles)
 
 
 def test_a_run_without_rare_values_tells_of_none(written, tmp_path):

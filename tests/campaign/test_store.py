@@ -99,9 +99,9 @@ def test_every_column_has_unit_and_meaning(run_folder):
     for field in schema:
         unit, meaning = field.metadata[b"unit"].decode(), field.metadata[b"meaning"].decode()
         assert len(meaning) >= 10, field.name
-        said = next((u for pattern, u in UNIT if re.search(pattern, field.name)), None)
-        assert said is None or said == unit, field.name
-        assert said or field.name in PLAIN or field.name.endswith("_factor"), field.name
+        expected_unit = next((u for pattern, u in UNIT if re.search(pattern, field.name)), None)
+        assert expected_unit is None or expected_unit == unit, field.name
+        assert expected_unit or field.name in PLAIN or field.name.endswith("_factor"), field.name
     for field in pq.read_schema(run_folder / "histories" / "part-0000000004.parquet"):
         assert field.metadata[b"unit"]
         assert field.metadata[b"meaning"]
@@ -279,8 +279,8 @@ def test_statistics_files(tmp_path):
         index=pd.Index(["speed_m_s", "release_time_s"], name="outcome"),
     )
     units = {"speed_m_s": "m/s", "release_time_s": "s"}
-    told = result_files.statistics_as_json(table, {"ok": 2}, units, pd.DataFrame())
-    result_files.write_statistics(tmp_path, table, units, told)
+    rows = result_files.statistics_as_json(table, {"ok": 2}, units, pd.DataFrame())
+    result_files.write_statistics(tmp_path, table, units, rows)
     csv = (tmp_path / "statistics.csv").read_text(encoding="utf-8")
     assert csv.splitlines() == [
         "outcome,unit,n,mean",
@@ -302,7 +302,7 @@ def test_statistics_files(tmp_path):
 )
 def test_resume_of_another_campaign_is_refused(run_folder, other):
     before = {p: p.read_bytes() for p in run_folder.rglob("*") if p.is_file()}
-    with pytest.raises(StoreError, match="was flown with another"):
+    with pytest.raises(StoreError, match="was run with another"):
         sepmc.load("table2", other).run(cases=20, out=run_folder, resume=True)
     with pytest.raises(StoreError, match="resume=True"):
         sepmc.load("table2").run(cases=20, out=run_folder)
@@ -313,7 +313,7 @@ def test_resume_with_fewer_cases(run_folder, tmp_path):
     """Refused: the folder would hold more cases than its manifest says."""
     folder = shutil.copytree(run_folder, tmp_path / "run")
     before = (folder / folders.MANIFEST).read_bytes()
-    with pytest.raises(StoreError, match="holds cases up to 9; cases=5 would leave some out"):
+    with pytest.raises(StoreError, match="contains cases up to 9; cases=5 would leave some out"):
         sepmc.load("table2", {"run.chunk": 4}).run(cases=5, out=folder, resume=True)
     assert (folder / folders.MANIFEST).read_bytes() == before
 
@@ -340,14 +340,15 @@ def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
     with pytest.raises(StoreError, match="another version of sepmc, whose rows differ in error"):
         campaign.run(cases=12, out=folder, resume=True)
     again = sepmc.load(str(folder))
-    found = compare_row(again, earlier_integration(again), folder, 7, campaign.scene.run.seed, 10)
-    assert (found.flown, found.columns) == (True, ())
+    result = compare_row(again, earlier_integration(again), folder, 7, campaign.scene.run.seed, 10)
+    assert (result.was_run, result.columns) == (True, ())
     assert CliRunner().invoke(app.main, ["stats", str(folder)]).exit_code == 0
 
 
 def test_a_disk_that_is_full_at_once_leaves_nothing(table2, tmp_path, monkeypatch):
     """No folder that the same command then refuses; nor does what a killed process left."""
     folder = tmp_path / "run"
+    table2.run(cases=10)  # writes its kernel into the cache, which has other errors
 
     def full(*paths):
         raise OSError(28, "No space left on device")

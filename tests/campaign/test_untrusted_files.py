@@ -70,7 +70,7 @@ def deep(depth):
 
 
 @pytest.mark.parametrize(
-    ("tree", "said"),
+    ("tree", "message"),
     [
         (with_body(mass_kg=16**5000), "body.a.mass_kg: is a whole number of 20001 bits"),
         (with_body(mass_kg=2**63), "at most 64; write a larger one with a point"),
@@ -89,8 +89,8 @@ def deep(depth):
         (small(run={"end_time_s": 0.5, "samples": "x\0.csv"}), "without control characters"),
     ],
 )
-def test_what_is_too_large_is_refused_with_its_size(tree, said):
-    assert said in refused(tree)
+def test_what_is_too_large_is_refused_with_its_size(tree, message):
+    assert message in refused(tree)
 
 
 @pytest.mark.parametrize("size", [1e-300, 5e-324])
@@ -153,7 +153,9 @@ def test_a_small_table_that_unpacks_to_a_vast_one_is_refused(tmp_path):
         for _ in range(101):
             writer.write_table(pa.table({"a": column}))
     assert path.stat().st_size < 10**6
-    assert "has 101,000,000 rows of 1 columns: must hold at most 100,000,000" in read_plan(path)[1]
+    assert (
+        "has 101,000,000 rows of 1 columns: must contain at most 100,000,000" in read_plan(path)[1]
+    )
 
 
 def test_a_pipe_is_no_table(tmp_path):
@@ -162,7 +164,7 @@ def test_a_pipe_is_no_table(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("column", "said"),
+    ("column", "message"),
     [
         (pa.array([1, 2], pa.duration("ns")), "is no number"),
         (pa.array([1, 2], pa.timestamp("us", "Nowhere/X")), "is no number"),
@@ -171,11 +173,11 @@ def test_a_pipe_is_no_table(tmp_path):
         (pa.array(["1.5", "\x1b[2J"]), "'\\x1b[2J' in case 1 is no number"),
     ],
 )
-def test_what_is_no_number_becomes_none(tmp_path, column, said):
+def test_what_is_no_number_becomes_none(tmp_path, column, message):
     pq.write_table(pa.table({"x": column, "y": [1.0, 2.0]}), tmp_path / "x.parquet")
     table, _ = read_plan(tmp_path / "x.parquet")
     assert list(table.columns) == ["y"]
-    assert said in table.words["x"]
+    assert message in table.words["x"]
 
 
 def test_metadata_of_a_table_is_not_followed(tmp_path):
@@ -284,7 +286,7 @@ def test_lines_that_tell_of_what_cannot_be_say_nothing(folder, entry):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"cases": 10**15}, "<= 1000000000"),
         ({"cases": "x"}, "Expected `int`"),
@@ -294,14 +296,14 @@ def test_lines_that_tell_of_what_cannot_be_say_nothing(folder, entry):
         ({"accuracy": {"errors": {"x": "y"}}}, "Expected `float | null`"),
     ],
 )
-def test_a_forged_manifest_is_told(folder, changes, said):
+def test_a_forged_manifest_is_told(folder, changes, message):
     """With the checksum that it should have."""
     run_folders._seal(
         folder, manifest_schema.read((folder / folders.MANIFEST).read_bytes()) | changes
     )
     with pytest.raises(folders.StoreError) as caught:
         manifests.read_manifest(folder)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_manifest_that_is_deep_is_told(folder):
@@ -323,7 +325,7 @@ def _changed(table, way):
 
 
 @pytest.mark.parametrize(
-    ("way", "said"),
+    ("way", "message"),
     [
         ("status", "unknown status: 'fine'"),
         ("rows", "has 8 rows, and should have 4"),
@@ -332,11 +334,11 @@ def _changed(table, way):
         ("lost", "differ in columns|no column separation_distance_mm"),
     ],
 )
-def test_forged_parts_are_told(folder, way, said):
+def test_forged_parts_are_told(folder, way, message):
     path = folder / "cases" / "part-0000000000.parquet"
     pq.write_table(_changed(pq.read_table(path), way), path)
     run_folders._reseal(folder)
-    with pytest.raises(folders.StoreError, match=said):
+    with pytest.raises(folders.StoreError, match=message):
         shards.CaseColumns(folder)["separation_distance_mm"]
     for words in READERS[0], READERS[3]:
         assert call(words[0], str(folder)) == 2

@@ -62,21 +62,21 @@ def test_check_tells_what_it_knows_before_it_flies(tmp_path, monkeypatch):
     assert result.exit_code == 0
     assert seen
     assert "load.idle does nothing" in result.stderr
-    said = result.stderr.index("nominal flight not flown to its end: a flight of ")
-    assert result.stderr.index("load.idle does nothing") < said
-    assert re.search(r"stopped at [\d.e-]+ of 10 s", result.stderr[said:])
-    assert "solver.step_s" in result.stderr[said:]
-    assert "can be flown\n" not in result.stdout
-    assert "whether it can be flown is not known" in result.stdout
+    position = result.stderr.index("the nominal case did not reach its end: an integration of ")
+    assert result.stderr.index("load.idle does nothing") < position
+    assert re.search(r"stopped at [\d.e-]+ of 10 s", result.stderr[position:])
+    assert "solver.step_s" in result.stderr[position:]
+    assert "can be run\n" not in result.stdout
+    assert "whether it runs is not known" in result.stdout
 
 
 def test_work_is_counted_alike_each_time(pair):
     """In lines of kernels; no seconds are in it."""
     texts = []
     for _ in range(2):
-        with pytest.raises(single_case.UnknownError) as told:
+        with pytest.raises(single_case.UnknownError) as caught:
             pair(TURNING).simulate(step_s=0.5, announce=no_log, plain_work=2e5)
-        texts.append(str(told.value))
+        texts.append(str(caught.value))
     assert texts[0] == texts[1]
     assert "steps a phase takes too long here" in texts[0]
 
@@ -103,12 +103,12 @@ def test_a_case_whose_work_is_spent_says_so(pair, monkeypatch):
 
     load = single_case.load_kernel
     monkeypatch.setattr(single_case, "load_kernel", plainly)
-    found = pair(
+    result = pair(
         TURNING | {"initial.omega_deg_s": [180.0, 0.0, 90.0], "solver": {"accuracy": 1e-12}}
     ).simulate(step_s=0.5, announce=heard.append)
-    assert found.attrs["status"] == "ok"
-    assert any("its flights take up to about" in text for text in heard)
-    note = found.attrs["notes"][0]
+    assert result.attrs["status"] == "ok"
+    assert any("its integrations take up to about" in text for text in heard)
+    note = result.attrs["notes"][0]
     assert re.search(r"work of this case was spent at \d+ steps a phase, before it converged", note)
 
 
@@ -123,11 +123,11 @@ def test_a_case_that_no_steps_suffice_is_unresolved(pair, monkeypatch):
             return load(text)
 
     monkeypatch.setattr(single_case, "load_kernel", plainly)
-    found = pair(TURNING | {"initial.omega_deg_s": [1.8e6, 0.0, 0.0]}).simulate(
+    result = pair(TURNING | {"initial.omega_deg_s": [1.8e6, 0.0, 0.0]}).simulate(
         step_s=0.5, announce=no_log
     )
-    assert found.attrs["status"] == "unresolved"
-    assert any("steps a phase do not suffice" in note for note in found.attrs["notes"])
+    assert result.attrs["status"] == "unresolved"
+    assert any("steps a phase do not suffice" in note for note in result.attrs["notes"])
 
 
 def test_a_long_flight_is_foretold(pair, monkeypatch):
@@ -136,7 +136,7 @@ def test_a_long_flight_is_foretold(pair, monkeypatch):
     heard = []
     pair({"solver": {"accuracy": 1e-9}}).simulate(step_s=0.1, announce=heard.append)
     assert any(
-        re.fullmatch(r"the next flight takes plain Python about \d+ s ...", t) for t in heard
+        re.fullmatch(r"the next integration takes plain Python about \d+ s ...", t) for t in heard
     )
 
 
@@ -154,11 +154,11 @@ def test_trial_cases_are_flown_no_more_than_needed(plainly, pair, monkeypatch):
         {"solver": {"accuracy": 1e-6}, "run.history_step_s": 0.1,
          "dispersion": {"body.aft.mass_kg": {"uniform": 0.1}}}
     )  # fmt: skip
-    found = step_selection.select_steps(campaign, history=True)
+    result = step_selection.select_steps(campaign, history=True)
     all_of_them = step_selection.CORNERS + 1 + step_selection.SAMPLE
     assert sum(n >= step_selection.SAMPLE for n in flights) == 2
     assert flights.count(all_of_them) == 2
-    assert np.isfinite(found.achieved.history)
+    assert np.isfinite(result.achieved.history)
 
 
 def test_a_search_of_steps_that_is_spent_makes_do(monkeypatch):

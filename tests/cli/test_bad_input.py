@@ -764,17 +764,17 @@ ACCEPTED = [  # the range of the law is looked at, not its values
 
 
 @pytest.mark.parametrize(
-    ("text", "old", "new", "said"),
+    ("text", "old", "new", "message"),
     [(TEXT, *row) for row in BROKEN] + [(RICH, *row) for row in OTHERS] + ACCEPTED,
 )
-def test_file(sepmc, text, old, new, said):
+def test_file(sepmc, text, old, new, message):
     """One line starts with the file and names the place and what is allowed; no other line is
     longer than a line."""
     assert text.count(old) >= 1, "the file has changed: this test breaks nothing"
     Path("bad.toml").write_text(text.replace(old, new, 1), encoding="utf-8")
     lines = sepmc("campaign", "bad.toml", "--cases", "2", "--no-plots", "--quiet").splitlines()
     assert all(line.startswith("error: ") for line in lines)
-    assert any(all(part in line for part in said) for line in lines), lines
+    assert any(all(part in line for part in message) for line in lines), lines
 
 
 def test_every_problem_is_told_at_once(sepmc):
@@ -805,15 +805,15 @@ def test_no_toml(sepmc, content):
 
 # OSError
 def test_a_folder_that_is_no_run(sepmc, tmp_path):
-    said = sepmc("campaign", str(tmp_path))
-    assert f"{tmp_path}: is a folder, and not that of a run" in said
+    message = sepmc("campaign", str(tmp_path))
+    assert f"{tmp_path}: is a folder, and not that of a run" in message
 
 
 @pytest.mark.parametrize("file", ["nowhere.toml", "folder/nowhere.toml", "", "x" * 5000])
 def test_no_such_file(sepmc, file):
-    said = sepmc("campaign", file)
-    assert "no such file, nor a shipped campaign" in said
-    assert "did you mean" not in said  # of names that only end alike
+    message = sepmc("campaign", file)
+    assert "no such file, nor a shipped campaign" in message
+    assert "did you mean" not in message  # of names that only end alike
 
 
 def test_almost_the_name_of_a_shipped_campaign(sepmc):
@@ -821,7 +821,7 @@ def test_almost_the_name_of_a_shipped_campaign(sepmc):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--cases", "0"], "--cases"),
         (["--cases", "-5"], "--cases"),
@@ -853,9 +853,9 @@ def test_almost_the_name_of_a_shipped_campaign(sepmc):
         (["--cases", "9" * 20, "--out", "x"], "--cases"),  # writes a manifest, then numpy's message
     ],
 )
-def test_options(sepmc, options, said):
+def test_options(sepmc, options, message):
     Path("plan.md").write_text("a text", encoding="utf-8")
-    assert said in sepmc("campaign", "table2", "--quiet", "--no-plots", "--cases", "2", *options)
+    assert message in sepmc("campaign", "table2", "--quiet", "--no-plots", "--cases", "2", *options)
 
 
 @pytest.mark.parametrize(
@@ -881,9 +881,9 @@ def test_folder_that_cannot_be_used(sepmc):
             assert "file/below: cannot be written" in sepmc(
                 command, "table2", "--quiet", "--out", "file/below", *flag
             )
-            said = sepmc(command, "table2", "--quiet", "--out", "mine", *flag)
-            assert said.startswith("error: mine: ")
-            assert "is not a run" in said
+            message = sepmc(command, "table2", "--quiet", "--out", "mine", *flag)
+            assert message.startswith("error: mine: ")
+            assert "is not a run" in message
     for command in ("stats", "plot"):
         assert "mine" in sepmc(command, "mine")
         assert "nowhere" in sepmc(command, "nowhere")

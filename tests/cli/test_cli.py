@@ -61,10 +61,10 @@ def test_compile_fills_the_cache(tmp_path):
     """A campaign then compiles nothing."""
     cold = ("--set", "run.history_step_s=0.0")
     assert "table2: its kernel is in the cache" in call("compile", "table2.toml", *cold).stdout
-    said = call(
+    called = call(
         "campaign", "table2.toml", *cold, "--cases", 10, "--no-plots", "--out", tmp_path / "run"
     ).stdout
-    assert "compiling" not in said
+    assert "compiling" not in called
 
 
 def test_run_folder(campaign):
@@ -78,11 +78,17 @@ def test_run_folder(campaign):
         "statistics.json",
     ]
     assert sorted(p.name for p in campaign.iterdir()) == files
-    frame, told, loaded = rows(campaign), manifest(campaign), package.load(campaign)
+    frame, entries, loaded = rows(campaign), manifest(campaign), package.load(campaign)
     assert frame["case"].tolist() == list(range(CASES))
     assert (frame["status"] == "ok").all()
-    assert told["digest"] == loaded.digest == package.load("table2").digest
-    assert (told["campaign"], told["seed"], told["cases"], told["complete"], told["failures"]) == (
+    assert entries["digest"] == loaded.digest == package.load("table2").digest
+    assert (
+        entries["campaign"],
+        entries["seed"],
+        entries["cases"],
+        entries["complete"],
+        entries["failures"],
+    ) == (
         "table2",
         2019,
         CASES,
@@ -90,10 +96,10 @@ def test_run_folder(campaign):
         0,
     )
     assert (loaded.scene.run.cases, loaded.scene.run.seed) == (CASES, 2019)
-    (session,) = told["sessions"]
+    (session,) = entries["sessions"]
     assert set(session["timing_s"]) == {"text", "compile", "steps", "sample", "kernel", "write"}
     assert {"python", "numpy", "numba", "pandas", "pyarrow"} <= set(session["versions"])
-    assert (told["n_stored"], session["cases_flown"]) == (CASES, CASES)
+    assert (entries["n_stored"], session["cases_flown"]) == (CASES, CASES)
     table = pd.read_csv(campaign / "statistics.csv", index_col="outcome")
     assert table.loc["upper_roll_deg", "max"] == pytest.approx(
         frame["upper_roll_deg"].max(), rel=1e-12
@@ -185,21 +191,21 @@ def test_resume_makes_the_table_of_an_uninterrupted_run(copied, tmp_path, gone, 
     for path in copied.rglob(gone):
         path.unlink()
     options = ["--no-plots", "--out", copied, "--cases", cases, "--resume"]
-    said = call("campaign", "table2.toml", *options).stdout
-    assert f"{cases} cases, 20 of them flown now: compile" in said
+    called = call("campaign", "table2.toml", *options).stdout
+    assert f"{cases} cases, 20 of them run now: " in called
     fly(tmp_path / "whole", "--cases", cases)
     same(copied, tmp_path / "whole")
     assert (copied / "statistics.csv").read_bytes() == (
         tmp_path / "whole" / "statistics.csv"
     ).read_bytes()
-    told = manifest(copied)
-    assert (told["cases"], told["complete"], told["n_stored"], told["failures"]) == (
+    entries = manifest(copied)
+    assert (entries["cases"], entries["complete"], entries["n_stored"], entries["failures"]) == (
         cases,
         True,
         cases,
         0,
     )
-    assert [session["cases_flown"] for session in told["sessions"]] == [CASES, 20]
+    assert [session["cases_flown"] for session in entries["sessions"]] == [CASES, 20]
 
 
 def interrupt(monkeypatch, *arguments):
@@ -288,12 +294,16 @@ def test_replay(campaign, tmp_path, from_folder):
         "--no-plots",
     ).stdout
     assert f"{row['separation_distance_mm']:.9g}" in printed
-    told = manifest(tmp_path)
-    assert (told["case"], told["status"], told["digest"]) == (3, "ok", manifest(campaign)["digest"])
-    assert told["inputs"] == row.filter(like="in_").to_dict()
+    entries = manifest(tmp_path)
+    assert (entries["case"], entries["status"], entries["digest"]) == (
+        3,
+        "ok",
+        manifest(campaign)["digest"],
+    )
+    assert entries["inputs"] == row.filter(like="in_").to_dict()
     scatter = rows(campaign).std(numeric_only=True)
     for name in (column.name for column in package.load(campaign).outcome_columns):
-        assert told["outcomes"][name] == pytest.approx(
+        assert entries["outcomes"][name] == pytest.approx(
             row[name], rel=0, abs=2e-9 * max(abs(row[name]), scatter[name])
         ), name
     if from_folder:  # and its figures, from its files alone
@@ -316,10 +326,10 @@ def test_replay_at_a_given_step(tmp_path):
         "solver.formulation=full",
     )
     call("run", tmp_path / "run", "--case", 3, "--out", tmp_path / "one", "--no-plots")
-    told, row = manifest(tmp_path / "one"), rows(tmp_path / "run").iloc[3]
-    assert told["inputs"] == row.filter(like="in_").to_dict()
+    entries, row = manifest(tmp_path / "one"), rows(tmp_path / "run").iloc[3]
+    assert entries["inputs"] == row.filter(like="in_").to_dict()
     for name in (column.name for column in package.load("table2").outcome_columns):
-        assert told["outcomes"][name] == pytest.approx(row[name], rel=1e-9, abs=1e-9), name
+        assert entries["outcomes"][name] == pytest.approx(row[name], rel=1e-9, abs=1e-9), name
 
 
 def test_the_line_to_go_on_with_goes_on(tmp_path, monkeypatch):
@@ -502,11 +512,11 @@ def test_a_fault_of_its_own_is_not_called_bad_input(monkeypatch, tmp_path):
         raise ValueError("operands could not be broadcast together")
 
     monkeypatch.setattr(Campaign, "run", broken)
-    found = CliRunner().invoke(
+    called = CliRunner().invoke(
         app.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
     )
-    assert isinstance(found.exception, ValueError)
-    assert found.exit_code != 2
+    assert isinstance(called.exception, ValueError)
+    assert called.exit_code != 2
 
 
 def test_check_names_the_time_in_which_joints_are_late():
@@ -530,6 +540,6 @@ def test_check_names_the_time_in_which_joints_are_late():
     ],
 )
 def test_renamed_words_name_their_successors(words, new):
-    told = CliRunner().invoke(app.main, words)
-    assert told.exit_code == 2
-    assert f"was renamed: {new}" in told.output
+    called = CliRunner().invoke(app.main, words)
+    assert called.exit_code == 2
+    assert f"was renamed: {new}" in called.output

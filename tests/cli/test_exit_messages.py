@@ -32,7 +32,7 @@ def command(tmp_path, *words, **environment):
 
 
 @pytest.mark.parametrize(
-    ("name", "given", "said"),
+    ("name", "given", "message"),
     [
         ("NUMBA_NUM_THREADS", "0", "must be a whole number >= 1"),
         ("NUMBA_NUM_THREADS", "-2", "must be a whole number >= 1"),
@@ -41,12 +41,12 @@ def command(tmp_path, *words, **environment):
         ("NUMBA_THREADING_LAYER_PRIORITY", "omp foo", "must name tbb, omp and workqueue"),
     ],
 )
-def test_settings_of_threads(tmp_path, name, given, said):
+def test_settings_of_threads(tmp_path, name, given, message):
     """Also where the number of cases, an option, is what needs the package first."""
     code, errors = command(tmp_path, *FLY, **{name: given})
     assert (code, errors.count("\n")) == (2, 1)
     assert errors.startswith(f"error: {name} = {given}: ")
-    assert said in errors
+    assert message in errors
     assert not (tmp_path / "run" / "cases").exists()
 
 
@@ -110,9 +110,9 @@ def test_missing_engines_are_told_first(monkeypatch):
     from oracles.external_engines import compare
 
     monkeypatch.setattr(compare, "installed", lambda say: {})
-    said = CliRunner().invoke(main, ["engines"])
-    assert said.exit_code == 2
-    assert "none of heyoka, pinocchio, exudyn is installed" in said.output
+    called = CliRunner().invoke(main, ["engines"])
+    assert called.exit_code == 2
+    assert "none of heyoka, pinocchio, exudyn is installed" in called.output
 
 
 # whose options

@@ -195,12 +195,12 @@ def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
     statuses, outcomes = by_independent_flights(campaign, COMPARED)
     assert_array_equal(status[:COMPARED], statuses)
     columns = campaign.outcome_columns
-    found = np.column_stack([result.table[c.name] / c.scale for c in columns])[:COMPARED]
+    outcome = np.column_stack([result.table[c.name] / c.scale for c in columns])[:COMPARED]
     sharp = [
         k for k, c in enumerate(columns) if not c.name.endswith(("force_time_s", "moment_time_s"))
     ]
     units = [columns[k].unit for k in sharp]
-    assert step_selection.relative_error(found[:, sharp], outcomes[:, sharp], units).max() < 1e-6
+    assert step_selection.relative_error(outcome[:, sharp], outcomes[:, sharp], units).max() < 1e-6
     assert_allclose(result.accuracy.worst[1], 0.0, atol=2e-8)
 
 

@@ -82,20 +82,20 @@ def test_a_start_on_a_border(pair):
     one = {name: value for name, value in CLIMBING.items() if name != "body.aft.aerodynamics"}
     for pitch in (30.0, -30.0):
         ahead = 0.5 * math.sin(math.radians(pitch))  # of the mass centre
-        found = outcomes(
+        result = outcomes(
             pair(one).with_settings(
                 {"initial.altitude_m": BORDER - ahead, "initial.pitch_deg": pitch}
             )
         )
-        assert found["steps"] == 10.0
-        assert np.isfinite(found["fore_alpha_deg"])
+        assert result["steps"] == 10.0
+        assert np.isfinite(result["fore_alpha_deg"])
 
 
 def test_layers_are_nothing_to_bodies_without_aerodynamics(pair):
     """They cross a border of the default atmosphere without an event."""
     bare = {name: value for name, value in CLIMBING.items() if not name.endswith("aerodynamics")}
-    found = outcomes(pair(bare))
+    result = outcomes(pair(bare))
     empty = outcomes(
         pair(bare | {"environment": {"atmosphere": "none", "gravity": "inverse-square"}})
     )
-    assert found == pytest.approx(empty, rel=1e-13, nan_ok=True)
+    assert result == pytest.approx(empty, rel=1e-13, nan_ok=True)

@@ -34,11 +34,11 @@ def followed(omega, count=20_001):
         np.outer(np.linspace(0.0, END, count), omega)
     )
     m = turns.as_matrix()
-    found = [
+    results = [
         np.degrees(np.unwrap(np.arctan2(y, x)))[-1]
         for y, x in ((m[:, 1, 0], m[:, 0, 0]), (m[:, 2, 1], m[:, 2, 2]))
     ]
-    return *found, np.hypot(m[:, 0, 0], m[:, 1, 0]).min()
+    return *results, np.hypot(m[:, 0, 0], m[:, 1, 0]).min()
 
 
 @pytest.mark.slow

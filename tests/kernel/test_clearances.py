@@ -140,10 +140,10 @@ def test_the_geometry_agrees_on_rims():
             ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), *shell[2:]),
             0.0,
         )[0]
-        found = geometry.rim_distance(rim, shell)[0]
-        assert math.isinf(ours) == math.isinf(found)
+        result = geometry.rim_distance(rim, shell)[0]
+        assert math.isinf(ours) == math.isinf(result)
         if math.isfinite(ours):
-            assert_allclose(found, ours, rtol=0, atol=1e-10)
+            assert_allclose(result, ours, rtol=0, atol=1e-10)
 
 
 def tuples(*vectors):
@@ -218,12 +218,12 @@ def test_a_rim_flush_with_the_mouth_of_its_shell():
 def test_clearances_are_the_same_at_any_step(monkeypatch):
     """Of rims that leave straight or at a slant, within a step of any length."""
     monkeypatch.setattr(step_selection, "SAMPLE", 8)  # the step is given
-    found = [
+    rows = [
         sepmc.load(FLUSH, {"solver.step_s": step_s}).run().to_pandas()["nozzle_clearance_mm"]
         for step_s in (0.001, 0.0041, 0.01)
     ]
-    for other in found[1:]:
-        assert_allclose(other, found[0], rtol=0, atol=1e-9)
+    for other in rows[1:]:
+        assert_allclose(other, rows[0], rtol=0, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -119,12 +119,12 @@ def test_every_row_is_the_independent_flight_of_its_case(pair, name):
     assert set(statuses) == {"ok"}
     varied = 0
     for k, column in enumerate(campaign.outcome_columns):
-        found, expected = table[column.name] / column.scale, outcomes[:, k]
+        result, expected = table[column.name] / column.scale, outcomes[:, k]
         if column.name.endswith(("force_time_s", "moment_time_s", "_x_mm", "_y_mm", "_z_mm")):
             continue  # as sharp as the peak, or the face, is
         if np.isfinite(expected).all():
             size = max(1e-3, float(np.abs(expected).max()))
-            assert_allclose(found, expected, rtol=0, atol=2e-7 * size, err_msg=column.name)
+            assert_allclose(result, expected, rtol=0, atol=2e-7 * size, err_msg=column.name)
             varied += np.ptp(expected) > 1e-4 * size
     assert varied >= {"outlines": 1, "wind over height": 4}.get(name, 10)
 
@@ -204,7 +204,7 @@ def test_compiled_as_in_plain_python(pair):
             "joint.pins.omega_deg_s.z": {"normal": 5.0},
         },
     }
-    campaign, found = pair(scene), []
+    campaign, results = pair(scene), []
     text, draws = step_selection.kernel_text(campaign), campaign.in_si(campaign.sample(0, 9))
     assert text.split("def prepare(w):")[1].count("for l in range(LANES):") > 2
     for interpreting in (False, True):
@@ -212,8 +212,8 @@ def test_compiled_as_in_plain_python(pair):
             kernel = load_kernel(text)
         steps = np.full(kernel.n_segments, 16), np.full(kernel.n_segments, 0.1)
         block, _ = integrate_cases(kernel, campaign.plan, *steps, campaign.slots, draws)
-        found.append(block)
-    compiled, plain = found
+        results.append(block)
+    compiled, plain = results
     assert list(compiled.status) == list(plain.status) == [0] * 9
     for k, column in enumerate(schema.result_columns(campaign.plan.contents)):
         if not column.name.endswith(("force_time_s", "moment_time_s")):

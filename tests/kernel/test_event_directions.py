@@ -41,24 +41,26 @@ def at_height(height, sign):
 
 def phases(*untils, kind="fixed"):
     """Phases p0, p1, ... in which the pins are of a kind, and a last one without them."""
-    found = [
+    results = [
         {"name": f"p{i}", "joints": {"pins": kind}, "until": until}
         for i, until in enumerate(untils)
     ]
-    return [*found, {"name": "apart"}]
+    return [*results, {"name": "apart"}]
 
 
 def ends(campaign, step_s=0.1):
     """End times of phases, s, by the kernel and by the independent simulation."""
     history = campaign.simulate(step_s=step_s)
     time, phase = history["time_s"].to_numpy(), history["phase"].to_numpy()
-    found = [time[i] for i in np.flatnonzero(phase[1:] != phase[:-1])]
+    results = [time[i] for i in np.flatnonzero(phase[1:] != phase[:-1])]
     other = simulate(campaign.nominal().to_dict())
     assert history.attrs["status"] == other.status
-    told = [time for time, what in other.events if what.endswith("ended")]
-    if told:  # phases that end at one instant are one change of phase in a history
-        assert_allclose(np.unique(np.round(found, 9)), np.unique(np.round(told, 9)), atol=2e-9)
-    return found, history.attrs
+    reported = [time for time, what in other.events if what.endswith("ended")]
+    if reported:  # phases that end at one instant are one change of phase in a history
+        assert_allclose(
+            np.unique(np.round(results, 9)), np.unique(np.round(reported, 9)), atol=2e-9
+        )
+    return results, history.attrs
 
 
 HEIGHT = {"body": "fore", "altitude_m": 1003.0}
@@ -81,8 +83,8 @@ def test_the_same_height_twice(pair, first, second, step):
     """The crossing that ends the first phase does not end the second, which ends on the way
     down."""
     settings = UP | {"phase": phases(first, second), "solver.step_s": step}
-    found, _ = ends(pair(settings))
-    assert_allclose(found, [at_height(1003.0, -1.0), at_height(1003.0, 1.0)], rtol=0, atol=EXACT)
+    result, _ = ends(pair(settings))
+    assert_allclose(result, [at_height(1003.0, -1.0), at_height(1003.0, 1.0)], rtol=0, atol=EXACT)
 
 
 def retro(**keys):
@@ -159,8 +161,8 @@ def test_standing_at_the_threshold_is_no_crossing(crossed):
     """The first phase ends at the threshold; the second waits for the next crossing."""
     make, condition, up, down = crossed
     for then in (FALLING, EITHER):
-        found = ends(make(condition | RISING, condition | then))[0]
-        assert_allclose(found, [up, down], rtol=0, atol=EXACT)
+        result = ends(make(condition | RISING, condition | then))[0]
+        assert_allclose(result, [up, down], rtol=0, atol=EXACT)
 
 
 @pytest.mark.slow
@@ -171,12 +173,12 @@ def test_on_the_other_side_as_it_is_armed(crossed):
     middle = {"time_s": 0.5 * (up + down)}
     assert_allclose(ends(make(middle, condition | FALLING))[0][1], down, rtol=0, atol=EXACT)
     assert_allclose(ends(make(middle, condition | EITHER))[0][1], down, rtol=0, atol=EXACT)
-    found, told = ends(make(middle, condition | RISING))
+    result, reported = ends(make(middle, condition | RISING))
     again = up + 2.0 * math.pi / RATE  # of what swings
     if "stroke_m" in condition or "distance_m" in condition:
-        assert_allclose(found[1], again, rtol=0, atol=EXACT)
+        assert_allclose(result[1], again, rtol=0, atol=EXACT)
     else:
-        assert told["status"] == "never-released"
+        assert reported["status"] == "never-released"
 
 
 @pytest.mark.slow
@@ -186,11 +188,11 @@ def test_a_limit_is_met_beyond_it_and_at_it(crossed):
     make, condition, up, down = crossed
     middle = 0.5 * (up + down)
     at_once = "altitude_m" not in condition
-    found, told = ends(make(condition, condition))
-    assert_allclose(found, [up] if at_once else [up, down], rtol=0, atol=EXACT)
-    found, told = ends(make({"time_s": middle}, condition))
-    assert_allclose(found, [middle] if at_once else [middle, down], rtol=0, atol=EXACT)
-    assert told["outcomes"]["release_time_s"] == (pytest.approx(middle if at_once else down))
+    result, reported = ends(make(condition, condition))
+    assert_allclose(result, [up] if at_once else [up, down], rtol=0, atol=EXACT)
+    result, reported = ends(make({"time_s": middle}, condition))
+    assert_allclose(result, [middle] if at_once else [middle, down], rtol=0, atol=EXACT)
+    assert reported["outcomes"]["release_time_s"] == (pytest.approx(middle if at_once else down))
 
 
 APEX = {"body": "fore", "vertical_speed_m_s": 0.0}
@@ -201,9 +203,9 @@ FALL = {**UP, "initial.speed_m_s": 0.0}
 @pytest.mark.parametrize("way", [{}, FALLING, EITHER])
 def test_release_at_the_apex(pair, way, step):
     settings = UP | {"phase": phases(APEX | way), "solver.step_s": step}
-    found, told = ends(pair(settings))
-    assert_allclose(found, [10.0 / G], rtol=0, atol=EXACT)
-    assert_allclose(told["outcomes"]["release_time_s"], 10.0 / G, rtol=0, atol=EXACT)
+    result, reported = ends(pair(settings))
+    assert_allclose(result, [10.0 / G], rtol=0, atol=EXACT)
+    assert_allclose(reported["outcomes"]["release_time_s"], 10.0 / G, rtol=0, atol=EXACT)
 
 
 @pytest.mark.parametrize("speed", [4.0, -4.0])
@@ -215,8 +217,8 @@ def test_a_vertical_speed_up_is_positive(pair, speed):
 def test_no_apex_of_what_only_falls(pair):
     """Dropped from rest: the vertical speed is 0 at the start and decreases."""
     for way in ({}, FALLING, RISING):
-        _, told = ends(pair(FALL | {"phase": phases(APEX | way)}))
-        assert told["status"] == "never-released"
+        _, reported = ends(pair(FALL | {"phase": phases(APEX | way)}))
+        assert reported["status"] == "never-released"
 
 
 def test_apex_after_a_rise_from_rest(pair):
@@ -260,10 +262,10 @@ def test_what_stood_long_at_its_threshold(pair):
         )
     ]
     campaign = pair(settings | {"event": events})
-    found = campaign.simulate(step_s=0.1).attrs["outcomes"]
+    result = campaign.simulate(step_s=0.1).attrs["outcomes"]
     other = simulate(campaign.nominal().to_dict()).outcomes
     for name in ("here", "down", "raised"):
-        assert math.isnan(found[f"{name}_time_s"])
+        assert math.isnan(result[f"{name}_time_s"])
         assert math.isnan(other[f"{name}_time_s"])
-    for told in (found, other):
-        assert_allclose(told["lower_time_s"], 0.3 + math.sqrt(0.2 / G), rtol=0, atol=EXACT)
+    for reported in (result, other):
+        assert_allclose(reported["lower_time_s"], 0.3 + math.sqrt(0.2 / G), rtol=0, atol=EXACT)

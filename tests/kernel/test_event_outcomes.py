@@ -42,16 +42,18 @@ def test_the_end_of_a_spring(pair):
     """12 N over 0.1 m on 0.75 kg: at rest first, 16 m/s2, so after sqrt(0.2 / 16) s, at sqrt(3.2)
     m/s."""
     event = {"name": "pushed", "when": {"spring": "push"}}
-    found = event_values(
+    result = event_values(
         pair(FREE | {"spring": [PUSH], "event": [event], "initial.omega_deg_s": [0, 0, 0]}),
         "pushed",
     )
-    assert_allclose(found["time_s"], math.sqrt(0.2 / 16.0), rtol=1e-12)
+    assert_allclose(result["time_s"], math.sqrt(0.2 / 16.0), rtol=1e-12)
     assert_allclose(
-        found["separation_speed_m_s"], math.sqrt(2.0 * 12.0 * 0.1 / REDUCED), rtol=1e-11
+        result["separation_speed_m_s"], math.sqrt(2.0 * 12.0 * 0.1 / REDUCED), rtol=1e-11
     )
-    assert_allclose(found["separation_distance_mm"], 100.0, rtol=1e-11)
-    assert_allclose([found["fore_pitch_deg"], found["fore_omega_z_deg_s"]], [30.0, 0.0], atol=1e-12)
+    assert_allclose(result["separation_distance_mm"], 100.0, rtol=1e-11)
+    assert_allclose(
+        [result["fore_pitch_deg"], result["fore_omega_z_deg_s"]], [30.0, 0.0], atol=1e-12
+    )
 
 
 CONDITIONS = {
@@ -73,12 +75,12 @@ def test_a_flight_that_ends_there_gives_the_same(pair, phases, when):
     simulation."""
     scene = FREE | phases | {"spring": [PUSH, ASIDE], "event": [{"name": "now", "when": when}]}
     campaign = pair(scene)
-    found = event_values(campaign, "now")
-    shorter = pair({**scene, "event": [], "run.end_time_s": found["time_s"]})
+    result = event_values(campaign, "now")
+    shorter = pair({**scene, "event": [], "run.end_time_s": result["time_s"]})
     ended = shorter.simulate().attrs["outcomes"]
     apart = simulate(campaign.case(0).to_dict()).outcomes
-    assert len(found) == 1 + 6 * 2 + 2
-    for name, value in found.items():
+    assert len(result) == 1 + 6 * 2 + 2
+    for name, value in result.items():
         assert_allclose(value, apart[f"now_{name}"], rtol=1e-8, atol=1e-8)
         if name != "time_s":
             assert_allclose(value, ended[name], rtol=1e-8, atol=1e-8)
@@ -154,13 +156,13 @@ def test_clearances_at_an_event(pair, when, counts):
     simulation."""
     scene = FREE | LET_GO | OUTLINES | {"spring": [PUSH, ASIDE], "clearance": GAPS}
     campaign = pair(scene | {"event": [{"name": "now", "when": when}]})
-    found, apart = event_values(campaign, "now"), simulate(campaign.case(0).to_dict()).outcomes
+    result, apart = event_values(campaign, "now"), simulate(campaign.case(0).to_dict()).outcomes
     names = ("gap_clearance_mm", "freed_clearance_mm")
     assert_allclose(
-        [found[name] for name in names], [apart[f"now_{name}"] for name in names], atol=1e-7
+        [result[name] for name in names], [apart[f"now_{name}"] for name in names], atol=1e-7
     )
-    assert math.isfinite(found["gap_clearance_mm"])
-    assert math.isfinite(found["freed_clearance_mm"]) == counts
+    assert math.isfinite(result["gap_clearance_mm"])
+    assert math.isfinite(result["freed_clearance_mm"]) == counts
 
 
 def test_tip_off_equals_the_outcomes_at_a_release(pair):
@@ -200,9 +202,9 @@ def test_what_never_comes_has_no_value_and_ends_no_case(pair):
 def test_an_event_at_the_start(pair):
     """A condition met at the start has the outcomes of the start."""
     event = {"name": "first", "when": {"time_s": 0.0}}
-    found = event_values(pair(FREE | {"spring": [PUSH], "event": [event]}), "first")
-    assert found["time_s"] == 0.0
-    assert_allclose(found["aft_omega_x_deg_s"], 20.0, rtol=1e-14)
+    result = event_values(pair(FREE | {"spring": [PUSH], "event": [event]}), "first")
+    assert result["time_s"] == 0.0
+    assert_allclose(result["aft_omega_x_deg_s"], 20.0, rtol=1e-14)
 
 
 def test_a_phase_ends_with_a_spring(pair):
@@ -238,7 +240,7 @@ def test_a_threshold_may_vary(pair, plainly):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"event": [{"name": "now"}]}, "event.now: table [when] is missing"),
         ({"event": [{"name": "now", "when": {}}]}, "event.now.when: never ends: give time_s"),
@@ -267,9 +269,9 @@ def test_a_threshold_may_vary(pair, plainly):
         ),
     ],
 )
-def test_what_is_refused(pair, settings, said):
+def test_what_is_refused(pair, settings, message):
     """The message has the place and the allowed values."""
-    with pytest.raises(SceneError, match=re.escape(said)):
+    with pytest.raises(SceneError, match=re.escape(message)):
         pair(FREE | {"spring": [PUSH]} | settings)
 
 
@@ -277,4 +279,6 @@ def test_a_spring_without_an_end_is_a_slip(pair):
     """It never ends, so the event never occurs, unless its stroke is dispersed."""
     event = {"name": "pushed", "when": {"any": [{"spring": "push"}]}}
     campaign = pair(FREE | {"spring": [ENDLESS], "event": [event]})
-    assert any("spring push has no stroke_m" in said for said in lint_scene(campaign.scene, ()))
+    assert any(
+        "spring push has no stroke_m" in message for message in lint_scene(campaign.scene, ())
+    )

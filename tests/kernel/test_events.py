@@ -242,9 +242,9 @@ def test_height_grazed_within_a_step(pair):
 def test_never_that_high(pair):
     """The top is 1005.1 m."""
     never = {"phase": phases((FIXED, {"body": "fore", "altitude_m": 1005.2}), (FREE, None))}
-    found = pair(UP | never | {"run.end_time_s": 3.0}).simulate(step_s=0.1)
-    assert found.attrs["status"] == "never-released"
-    assert changes(found) == []
+    result = pair(UP | never | {"run.end_time_s": 3.0}).simulate(step_s=0.1)
+    assert result.attrs["status"] == "never-released"
+    assert changes(result) == []
 
 
 @pytest.mark.parametrize(
@@ -320,15 +320,15 @@ def test_several_in_one_step(pair, step):
     history, outcomes = flown(
         pair({"motor": [RETRO], "phase": phases(*steps, (FREE, None)), "solver.step_s": step})
     )
-    found = changes(history)
-    assert [(before, then) for _, before, then in found] == [
+    result = changes(history)
+    assert [(before, then) for _, before, then in result] == [
         ("p0", "p1"),
         ("p1", "p2"),
         ("p2", "p3"),
         ("p3", "p4"),
     ]
     assert_allclose(
-        [time for time, _, _ in found], np.sqrt(np.array(strokes) / 1e3), rtol=0, atol=EXACT
+        [time for time, _, _ in result], np.sqrt(np.array(strokes) / 1e3), rtol=0, atol=EXACT
     )
     assert_allclose(outcomes["release_time_s"], 0.3, rtol=0, atol=EXACT)
 
@@ -537,13 +537,13 @@ def test_late_by_nothing_changes_nothing(pair):
 
 def test_late_beyond_the_end(pair):
     """The release would be after the end: status never released; the other outcomes are valid."""
-    found = (
+    result = (
         pair({"phase": phases((FIXED, {"time_s": 0.1}), (FREE, None)), "joint.pins.delay_s": 0.5})
         .simulate()
         .attrs
     )
-    assert found["status"] == "never-released"
-    assert [name for name, value in found["outcomes"].items() if math.isnan(value)] == [
+    assert result["status"] == "never-released"
+    assert [name for name, value in result["outcomes"].items() if math.isnan(value)] == [
         "release_time_s"
     ]
 
@@ -575,9 +575,9 @@ def test_fails(pods):
 def test_a_release_that_does_not_come(pods, optional):
     """A joint whose break load is never reached: an error, unless the release is optional."""
     release = {"name": "break", "joint": "left", "when": {"joint": "left", "force_N": 1e3}}
-    found = pods({"release": [release | {"optional": optional}]}).simulate().attrs
-    assert found["status"] == ("ok" if optional else "never-released")
-    assert math.isnan(found["outcomes"]["left_release_time_s"])
+    result = pods({"release": [release | {"optional": optional}]}).simulate().attrs
+    assert result["status"] == ("ok" if optional else "never-released")
+    assert math.isnan(result["outcomes"]["left_release_time_s"])
 
 
 @pytest.mark.slow
@@ -673,11 +673,11 @@ def test_no_release_time_after_an_inconsistent_start(pair):
             "phase": phases((SLIDER, None)),
         }
     )
-    found = campaign.simulate(
+    result = campaign.simulate(
         Case(-1, msgspec.structs.replace(case.scene, initial=turning), {})
     ).attrs
-    assert found["status"] == "inconsistent-start"
-    assert all(math.isnan(found["outcomes"][column.name]) for column in campaign.outcome_columns)
+    assert result["status"] == "inconsistent-start"
+    assert all(math.isnan(result["outcomes"][column.name]) for column in campaign.outcome_columns)
 
 
 def test_a_load_that_comes_while_another_joint_is_late():
@@ -717,15 +717,15 @@ def swinging(stroke_m, force):
 @pytest.mark.parametrize("stroke", [0.0195, 0.019998, 0.01999999, 0.0203])
 def test_a_stroke_near_the_turning_point(pair, stroke):
     """2 f / k = 20 mm: just reached, although it was predicted much earlier; or never."""
-    found = pair(swinging(stroke, 6.75)).simulate(step_s=0.5).attrs
+    result = pair(swinging(stroke, 6.75)).simulate(step_s=0.5).attrs
     if stroke > 0.02:
-        assert found["status"] == "never-released"
+        assert result["status"] == "never-released"
         return
-    assert found["status"] == "ok"
+    assert result["status"] == "ok"
     release = math.acos(1.0 - stroke / 0.01) / 30.0
     # known as well as round-off of the stroke lets it be
     assert_allclose(
-        found["outcomes"]["release_time_s"], release, rtol=0, atol=1e-12 + 1e-18 / (0.02 - stroke)
+        result["outcomes"]["release_time_s"], release, rtol=0, atol=1e-12 + 1e-18 / (0.02 - stroke)
     )
 
 

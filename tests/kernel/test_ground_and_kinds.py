@@ -386,10 +386,10 @@ def check_held(history, held, joint):
     )
 
 
-def same_motion(found, expected, bound=1e-11):
+def same_motion(result, expected, bound=1e-11):
     """All columns of two histories, over their own size, or 1 m, s, deg, N."""
     names = list(expected.columns[2:])
-    ours, theirs = (history[names].to_numpy(dtype=float) for history in (found, expected))
+    ours, theirs = (history[names].to_numpy(dtype=float) for history in (result, expected))
     least = np.array([1e3 if name.endswith("_mm") else 1.0 for name in names])
     off = np.abs(ours - theirs).max(axis=0) / np.maximum(least, np.abs(theirs).max(axis=0))
     assert (off <= bound).all(), names[int(np.argmax(off))]

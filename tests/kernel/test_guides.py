@@ -154,21 +154,21 @@ def balance(guide_ends, shares, forces):
         numbers += [share, *np.ravel(ends)]
     w = np.zeros((len(numbers) + len(shares)) * LANES)
     w[: len(numbers) * LANES : LANES] = numbers
-    found = settled(w, guide_ends, len(numbers) * LANES)
-    return found, w[len(numbers) * LANES :: LANES]
+    result = settled(w, guide_ends, len(numbers) * LANES)
+    return result, w[len(numbers) * LANES :: LANES]
 
 
 def test_balance_of_one_end():
     """Load a + F b, all in line: F = -s (a + F b), so F = -s a / (1 + s b)."""
-    found, friction = balance((1,), [-0.2], [[[10.0, 0.0, 3.0, 0.0]]])
-    assert found
+    result, friction = balance((1,), [-0.2], [[[10.0, 0.0, 3.0, 0.0]]])
+    assert result
     assert_allclose(friction, -2.0 / 1.6, rtol=1e-14)
 
 
 def test_balance_of_one_end_across():
     """Load (a, F b): F = -s sqrt(a^2 + b^2 F^2), so F = -s a / sqrt(1 - s^2 b^2)."""
-    found, friction = balance((1,), [-0.2], [[[10.0, 0.0, 0.0, 3.0]]])
-    assert found
+    result, friction = balance((1,), [-0.2], [[[10.0, 0.0, 0.0, 3.0]]])
+    assert result
     assert_allclose(friction, -2.0 / math.sqrt(1.0 - 0.36), rtol=1e-13)
 
 
@@ -176,8 +176,8 @@ def test_balance_of_two_guides():
     """Each load is its own plus half of the other's friction, in line and of one sign: two linear
     equations."""
     forces = [[[10.0, 0.0, 0.0, 0.0, 0.5, 0.0]], [[8.0, 0.0, 0.5, 0.0, 0.0, 0.0]]]
-    found, friction = balance((1, 1), [-0.2, -0.3], forces)
-    assert found
+    result, friction = balance((1, 1), [-0.2, -0.3], forces)
+    assert result
     assert_allclose(friction, np.linalg.solve([[1.0, 0.1], [0.15, 1.0]], [-2.0, -2.4]), rtol=1e-12)
 
 

@@ -81,7 +81,7 @@ def _waits(**ignition):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         (_waits(event="cus"), "ignition.event = 'cus': no such event; did you mean 'cue'?"),
         (_waits(release="cut"), "ignition.release = 'cut': no such release; known here: nothing"),
@@ -116,11 +116,11 @@ def _waits(**ignition):
          "the distribution reaches -0.1, but the value must be >= 0"),
     ],
 )  # fmt: skip
-def test_an_ignition_that_cannot_be(pair, settings, said):
+def test_an_ignition_that_cannot_be(pair, settings, message):
     """The message has the place, the value and the allowed values."""
     with pytest.raises(SceneError) as refused:
         pair(_FREED | settings)
-    line = next(line for line in str(refused.value).splitlines() if said in line)
+    line = next(line for line in str(refused.value).splitlines() if message in line)
     assert "motor.retro.ignition" in line
 
 

@@ -83,7 +83,7 @@ def test_translation_row(seed):
     arm_a, arm_b, gamma = joints.translation(
         *(tuple(v) for v in (d, d_rate, ge, ga, gb, a.omega, b.omega))
     )
-    found = ge @ (b.a - a.a) + np.dot(arm_b, b.omega_rate) + np.dot(arm_a, a.omega_rate) - gamma
+    result = ge @ (b.a - a.a) + np.dot(arm_b, b.omega_rate) + np.dot(arm_a, a.omega_rate) - gamma
     expected = second_difference(lambda t: (b.point(t, rho_b) - a.point(t, rho_a)) @ a.turn(t, e))
     terms = [
         d @ np.cross(a.omega_rate, ge),
@@ -91,7 +91,7 @@ def test_translation_row(seed):
         d @ np.cross(a.omega, np.cross(a.omega, ge)),
     ]
     assert np.min(np.abs(terms)) > 1e-6  # leaving out any term of d would show
-    assert_allclose(found, expected, rtol=0, atol=1e-9)
+    assert_allclose(result, expected, rtol=0, atol=1e-9)
 
 
 # axis of B, axis of A: rows against roll, yaw and pitch, and the one that leaves yaw free
@@ -138,11 +138,11 @@ def test_rod_row(seed):
     d = b.x + gb - a.x - ga
     d_rate = b.v + np.cross(b.omega, gb) - a.v - np.cross(a.omega, ga)
     e, arm_a, arm_b, gamma = joints.rod(*(tuple(v) for v in (d, d_rate, ga, gb, a.omega, b.omega)))
-    found = e @ (b.a - a.a) + np.dot(arm_b, b.omega_rate) + np.dot(arm_a, a.omega_rate) - gamma
+    result = e @ (b.a - a.a) + np.dot(arm_b, b.omega_rate) + np.dot(arm_a, a.omega_rate) - gamma
     expected = second_difference(lambda t: np.linalg.norm(b.point(t, rho_b) - a.point(t, rho_a)))
     scale = (d_rate @ d_rate) / np.linalg.norm(d)  # what turning adds: large for a short rod
     # high derivatives grow with it
-    assert_allclose(found, expected, rtol=0, atol=1e-9 * max(1.0, scale) ** 3)
+    assert_allclose(result, expected, rtol=0, atol=1e-9 * max(1.0, scale) ** 3)
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -257,12 +257,12 @@ def test_redundant_joints_are_reported(pair, formulation):
     turning = {"initial.omega_deg_s": [10.0, 20.0, 30.0], "solver.formulation": formulation}
     twice = turning | {"joint.again": {"bodies": ["fore", "aft"], "point_m": [2.1, 0.2, 0.0]}}
     twice["phase"] = [{"name": "locked", "joints": {"pins": "fixed", "again": "fixed"}}]
-    found, once = pair(twice).simulate().attrs, pair(turning).simulate().attrs
-    assert found["status"] == once["status"] == "ok"
-    assert (found["outcomes"]["redundant_rows"], once["outcomes"]["redundant_rows"]) == (6, 0)
+    result, once = pair(twice).simulate().attrs, pair(turning).simulate().attrs
+    assert result["status"] == once["status"] == "ok"
+    assert (result["outcomes"]["redundant_rows"], once["outcomes"]["redundant_rows"]) == (6, 0)
     for axis in "xyz":
         name = f"fore_omega_{axis}_deg_s"
-        assert found["outcomes"][name] == pytest.approx(once["outcomes"][name], rel=1e-11)
+        assert result["outcomes"][name] == pytest.approx(once["outcomes"][name], rel=1e-11)
 
 
 def solve(solver, matrix, right):
@@ -287,11 +287,11 @@ def test_solvers_against_numpy(solver, n):
     matrix = square @ square.T + 0.1 * np.eye(n) if solver is solve_ldlt else square
     right = random.normal(size=n)
     # LDL^T reads the lower triangle
-    pivot, found = solve(solver, np.tril(matrix) if solver is solve_ldlt else matrix, right)
+    pivot, result = solve(solver, np.tril(matrix) if solver is solve_ldlt else matrix, right)
     assert 0.0 < pivot <= 1.0
-    assert np.linalg.norm(found - np.linalg.solve(matrix, right)) <= 1e-14 * np.linalg.cond(
+    assert np.linalg.norm(result - np.linalg.solve(matrix, right)) <= 1e-14 * np.linalg.cond(
         matrix
-    ) * np.linalg.norm(found)
+    ) * np.linalg.norm(result)
 
 
 def test_lu_pivots():

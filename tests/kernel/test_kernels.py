@@ -84,7 +84,7 @@ def special(campaign, flight, drawn, steps=None):
     )[0]
 
 
-def difference(campaign, found, expected):
+def difference(campaign, result, expected):
     """Largest relative difference; for an outcome that is zero to round-off (a constrained joint)
     relative to the largest of its unit. Times and positions of extremes are left out, they are
     uncertain where the extreme is flat. Impulses are quadratures, accurate to 1e-9: their
@@ -94,12 +94,12 @@ def difference(campaign, found, expected):
         [column.unit in LOADS for column in campaign.outcome_columns],
     )
     units = [column.unit for column in campaign.outcome_columns]
-    errors = step_selection.relative_error(found, expected, units)
+    errors = step_selection.relative_error(result, expected, units)
     sizes = np.abs(np.where(np.isnan(expected), 0.0, expected)).max(axis=0, initial=0.0)
     for i, unit in enumerate(units):
         largest = max(size for size, other in zip(sizes, units, strict=True) if other == unit)
         if 0.0 < sizes[i] < 1e-10 * largest or (loads[i] and sizes[i] < 1e-3 * largest):
-            errors[i] = np.abs(found[:, i] - expected[:, i]).max() / largest
+            errors[i] = np.abs(result[:, i] - expected[:, i]).max() / largest
     errors[[column.unit in ("N s", "N m s") for column in campaign.outcome_columns]] /= 100.0
     worst = int(np.argmax(np.where(decides, errors, 0.0)))
     print(f"{campaign.name}: {errors[worst]:.1e} in {campaign.outcome_columns[worst].name}")
@@ -222,13 +222,13 @@ def test_accuracy_is_kept(quiet, flight, name, accuracies):
     steps = []
     for accuracy in accuracies:
         campaign = quiet.with_settings({"solver.accuracy": accuracy, "solver.method": name})
-        found = step_selection.select_steps(campaign)
+        result = step_selection.select_steps(campaign)
         error = difference(
-            quiet, outcomes(quiet, special(campaign, found, drawn)), outcomes(quiet, finer)
+            quiet, outcomes(quiet, special(campaign, result, drawn)), outcomes(quiet, finer)
         )
-        print(f"{name} at {accuracy}: steps {found.steps}, the pilot found {found.error:.1e}")
+        print(f"{name} at {accuracy}: steps {result.steps}, the pilot found {result.error:.1e}")
         assert error <= accuracy
-        steps.append(int(found.steps.sum()))
+        steps.append(int(result.steps.sum()))
     assert steps == sorted(set(steps))
 
 
@@ -290,20 +290,20 @@ def sample(quiet):
 @pytest.mark.parametrize("threads", [1, 2])
 def test_same_bits_however_the_work_is_split(quiet, sample, threads, chunk):
     count = 24 if chunk == 1 else 300
-    found = quiet.with_settings({"run.history_step_s": 0.02, "run.chunk": chunk}).run(
+    result = quiet.with_settings({"run.history_step_s": 0.02, "run.chunk": chunk}).run(
         cases=count, threads=min(threads, max_threads())
     )
     for name, values in sample.table.items():
-        assert_array_equal(found.table[name], values[:count], err_msg=name)
-    mine, all_of_it = found.histories(), sample.histories()
+        assert_array_equal(result.table[name], values[:count], err_msg=name)
+    mine, all_of_it = result.histories(), sample.histories()
     assert_array_equal(mine.to_numpy(), all_of_it[all_of_it["case"] < count].to_numpy())
 
 
 def test_same_bits_without_histories(quiet, sample):
     """Another kernel, which stores nothing of a step: the same outcomes."""
-    found = quiet.run(cases=300)
+    result = quiet.run(cases=300)
     for name, values in sample.table.items():
-        assert_array_equal(found.table[name], values, err_msg=name)
+        assert_array_equal(result.table[name], values, err_msg=name)
 
 
 def test_same_bits_in_any_lane(quiet, flight):
@@ -315,9 +315,9 @@ def test_same_bits_in_any_lane(quiet, flight):
         np.random.default_rng(5).permutation(100),
         np.roll(np.arange(100), 1),
     ):
-        found = special(quiet, flight, drawn[order])
-        assert_array_equal(found.outcomes, base.outcomes[order])
-        assert_array_equal(found.status, base.status[order])
+        result = special(quiet, flight, drawn[order])
+        assert_array_equal(result.outcomes, base.outcomes[order])
+        assert_array_equal(result.status, base.status[order])
     for i in (0, 1, LANES - 1, LANES, 99):
         assert_array_equal(special(quiet, flight, drawn[i : i + 1]).outcomes[0], base.outcomes[i])
 
@@ -337,9 +337,9 @@ def test_same_bits_where_lanes_are_through_at_different_times():
     )
     base = special(campaign, flight, drawn)
     for order in (np.arange(len(drawn))[::-1], np.random.default_rng(5).permutation(len(drawn))):
-        found = special(campaign, flight, drawn[order])
-        assert_array_equal(found.outcomes, base.outcomes[order])
-        assert_array_equal(found.indicators, base.indicators[order])
+        result = special(campaign, flight, drawn[order])
+        assert_array_equal(result.outcomes, base.outcomes[order])
+        assert_array_equal(result.indicators, base.indicators[order])
     for i in (0, LANES, len(drawn) - 1):
         assert_array_equal(
             special(campaign, flight, drawn[i : i + 1]).outcomes[0], base.outcomes[i]
@@ -371,11 +371,11 @@ def test_same_bits_beside_a_lost_case(quiet, flight):
         ]
     ):
         hurt[LANES * lane + lane, paths.index(path)] = value
-    found = special(quiet, flight, hurt)
-    lost = np.flatnonzero(found.status)
+    result = special(quiet, flight, hurt)
+    lost = np.flatnonzero(result.status)
     assert_array_equal(lost, [LANES * lane + lane for lane in range(5)])
     rest = np.setdiff1d(np.arange(64), lost)
-    assert_array_equal(found.outcomes[rest], base.outcomes[rest])
+    assert_array_equal(result.outcomes[rest], base.outcomes[rest])
 
 
 # -- cases it cannot vouch for
@@ -405,14 +405,14 @@ def flown_independently(campaign, drawn, numbers):
 def compare_statuses(campaign, drawn, numbers, most=3e-9):
     """Compare statuses and outcomes of some samples with independent simulations; returns the
     statuses of all."""
-    found = step_selection.integrate(campaign, step_selection.select_steps(campaign), drawn)
+    result = step_selection.integrate(campaign, step_selection.select_steps(campaign), drawn)
     numbers = np.array(numbers)
     statuses, expected = flown_independently(campaign, drawn, numbers)
-    assert [Status(int(one)).label for one in found.status[numbers]] == statuses
-    ok = found.status[numbers] == Status.OK
+    assert [Status(int(one)).label for one in result.status[numbers]] == statuses
+    ok = result.status[numbers] == Status.OK
     if ok.any():
-        assert difference(campaign, outcomes(campaign, found, numbers[ok]), expected[ok]) <= most
-    return found.status
+        assert difference(campaign, outcomes(campaign, result, numbers[ok]), expected[ok]) <= most
+    return result.status
 
 
 def test_invalid_masses(quiet):
@@ -514,9 +514,9 @@ def test_an_event_that_is_over_as_its_phase_begins(distance, plainly):
     statuses, expected = by_independent_flights(campaign, 3)
     assert list(table["status"]) == statuses
     ok = np.array(statuses) == "ok"
-    found = np.column_stack([table[c.name] / c.scale for c in campaign.outcome_columns])
+    result = np.column_stack([table[c.name] / c.scale for c in campaign.outcome_columns])
     if ok.any():
-        assert difference(campaign, found[ok], expected[ok]) <= 3e-9
+        assert difference(campaign, result[ok], expected[ok]) <= 3e-9
 
 
 @pytest.mark.slow
@@ -547,12 +547,12 @@ def test_a_stroke_just_missed(pair, monkeypatch):
     campaign = pair(settings)
     with interpreted():
         flight = step_selection.select_steps(campaign)
-        found = step_selection.integrate(
+        result = step_selection.integrate(
             campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None]
         )
     turn = np.sqrt(2000.0 * (1.0 / 100.0 + 1.0 / 50.0)) * 0.55
     names = [column.name for column in campaign.outcome_columns]
-    distance = outcomes(campaign, found, found.status == Status.OK)[
+    distance = outcomes(campaign, result, result.status == Status.OK)[
         :, names.index("separation_distance_mm")
     ]
     assert len(distance) == 24
@@ -809,10 +809,10 @@ def test_machine_code_is_straight_and_wide(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    print(found)
-    assert set(found) == {"rates_phase1", "rates_phase2", "rates_phase3"}
-    for function, counts in found.items():
+    content = json.loads(done.stdout)
+    print(content)
+    assert set(content) == {"rates_phase1", "rates_phase2", "rates_phase3"}
+    for function, counts in content.items():
         assert counts["packed"] >= 200, function
         assert counts["packed"] >= 20 * counts["scalar"], function
         assert counts["calls"] == 0, function
@@ -825,7 +825,7 @@ step_selection.CORNERS, step_selection.SAMPLE = 3, 16
 campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3})
 result = campaign.run(cases=2, seed=7)
 table = result.to_pandas().drop(columns="status").to_dict("list")
-print(json.dumps({"table": table, "steps": result.flight.steps.tolist()}))
+print(json.dumps({"table": table, "steps": result.integration.steps.tolist()}))
 """
 
 
@@ -848,7 +848,7 @@ def test_python_and_compiled_agree(monkeypatch):
     compiled = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3}).run(
         cases=2, seed=7
     )
-    assert python["steps"] == compiled.flight.steps.tolist()
+    assert python["steps"] == compiled.integration.steps.tolist()
     for name, values in python["table"].items():
         if not name.endswith(
             (

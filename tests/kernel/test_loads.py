@@ -214,9 +214,9 @@ def test_no_airspeed_no_aerodynamics(table2):
         "environment.wind.speed_m_s": 70.0,
     }
     still |= {"environment.gravity": "none", "motor.retro.thrust_N": 0.0}
-    found = table2.with_settings(still).simulate(step_s=0.1)
-    assert (found["upper_vx_m_s"] == 70.0).all()
-    assert (found["lower_omega_z_deg_s"] == 0.0).all()
+    result = table2.with_settings(still).simulate(step_s=0.1)
+    assert (result["upper_vx_m_s"] == 70.0).all()
+    assert (result["lower_omega_z_deg_s"] == 0.0).all()
 
 
 def test_moment_point(table2):

@@ -138,9 +138,10 @@ def test_order_over_a_whole_flight(rapid, reference, name):
     steps = halved(largest)
     flown = [rapid(name, step) for step in steps]
     errors = [
-        max(abs(found[k] - value) / abs(value) for k, value in reference.items()) for found in flown
+        max(abs(result[k] - value) / abs(value) for k, value in reference.items())
+        for result in flown
     ]
-    release = [abs(found["release_time_s"] - reference["release_time_s"]) for found in flown]
+    release = [abs(result["release_time_s"] - reference["release_time_s"]) for result in flown]
     print(
         f"{name}: order {order(steps, errors):.2f}, of the release time {order(steps, release):.2f}"
     )
@@ -174,28 +175,28 @@ def test_order_of_the_continuous_extension(table2, name):
 
 def test_dop853_is_scipys():
     """Coefficients of an independent source, to the last digit but one."""
-    found = method("dop853")
-    stages = len(found.b)
-    assert_allclose(found.a[:stages, :stages], DOP853.A[:stages, :stages], rtol=4e-16, atol=0)
-    assert_allclose(found.b, DOP853.B, rtol=4e-16, atol=0)
-    assert_allclose(found.c[:stages], DOP853.C[:stages], rtol=4e-16, atol=0)
-    assert_allclose(found.a[stages + 1 :], DOP853.A_EXTRA, rtol=4e-16, atol=0)
-    assert_allclose(found.c[stages + 1 :], DOP853.C_EXTRA, rtol=4e-16, atol=0)
+    result = method("dop853")
+    stages = len(result.b)
+    assert_allclose(result.a[:stages, :stages], DOP853.A[:stages, :stages], rtol=4e-16, atol=0)
+    assert_allclose(result.b, DOP853.B, rtol=4e-16, atol=0)
+    assert_allclose(result.c[:stages], DOP853.C[:stages], rtol=4e-16, atol=0)
+    assert_allclose(result.a[stages + 1 :], DOP853.A_EXTRA, rtol=4e-16, atol=0)
+    assert_allclose(result.c[stages + 1 :], DOP853.C_EXTRA, rtol=4e-16, atol=0)
 
 
 def test_dop853_extension_is_scipys():
     """The polynomial per stage against scipy's nested form, on random stage derivatives (some tens
     of round-off)."""
-    found = method("dop853")
+    result = method("dop853")
     k = np.random.default_rng(1).normal(size=16)
-    delta = k[:12] @ found.b
+    delta = k[:12] @ result.b
     f = [delta, k[0] - delta, 2.0 * delta - (k[12] + k[0]), *(DOP853.D @ k)]
     for theta in (0.1, 0.5, 0.9, 1.0):
         expected = 0.0
         for i, coefficient in enumerate(reversed(f)):
             expected = (expected + coefficient) * (theta if i % 2 == 0 else 1.0 - theta)
-        powers = theta ** np.arange(found.dense.shape[1])
-        assert_allclose(k @ (found.dense @ powers), expected, rtol=0, atol=1e-11)
+        powers = theta ** np.arange(result.dense.shape[1])
+        assert_allclose(k @ (result.dense @ powers), expected, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize(

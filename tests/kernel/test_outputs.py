@@ -143,8 +143,8 @@ def test_watching_changes_nothing(pair):
         "clearance": [{"name": "gap", "bodies": ["fore", "aft"]}],
     }
     plain = pair(TUMBLE | {"phase": GUIDED, "motor": [RETRO]})
-    found, expected = (flown(campaign)[0] for campaign in (plain.with_settings(watched), plain))
-    assert found[list(expected)].equals(expected)
+    result, expected = (flown(campaign)[0] for campaign in (plain.with_settings(watched), plain))
+    assert result[list(expected)].equals(expected)
 
 
 # ---- rates at release
@@ -162,10 +162,10 @@ def test_tip_off(pair):
     at = history[history["time_s"] == outcomes["release_time_s"]].iloc[0]
     for body in ("fore", "aft"):
         for axis in "xyz":
-            found = outcomes[f"pins_tip_off_{body}_{axis}_deg_s"]
-            assert_allclose(found, at[f"{body}_omega_{axis}_deg_s"], rtol=1e-12)
+            result = outcomes[f"pins_tip_off_{body}_{axis}_deg_s"]
+            assert_allclose(result, at[f"{body}_omega_{axis}_deg_s"], rtol=1e-12)
             # the end of the flight is another
-            assert abs(found - outcomes[f"{body}_omega_{axis}_deg_s"]) > 1e-3
+            assert abs(result - outcomes[f"{body}_omega_{axis}_deg_s"]) > 1e-3
 
 
 def test_transverse_rates(pair):
@@ -179,14 +179,14 @@ def test_transverse_rates(pair):
         "run.end_time_s": 1.0,
     }
     outcomes = flown(pair(settings))[1]
-    told = {
+    reported = {
         "aft_": "aft_omega_",
         "pins_tip_off_aft_": "pins_tip_off_aft_",
         "soon_aft_": "soon_aft_omega_",
     }
-    names = [f"{start}transverse_rate_deg_s" for start in told]
+    names = [f"{start}transverse_rate_deg_s" for start in reported]
     assert [name for name in outcomes if "transverse" in name] == names
-    for name, rate in zip(names, told.values(), strict=True):
+    for name, rate in zip(names, reported.values(), strict=True):
         y, z = (outcomes[f"{rate}{axis}_deg_s"] for axis in "yz")
         assert min(abs(y), abs(z)) > 1e-3
         assert_allclose(outcomes[name], np.hypot(y, z), rtol=1e-14)
@@ -194,11 +194,11 @@ def test_transverse_rates(pair):
 
 
 @pytest.mark.parametrize(
-    ("bodies", "said"),
+    ("bodies", "message"),
     [(["afft"], "did you mean 'aft'"), (["aft", "aft"], "names a body twice")],
 )
-def test_transverse_rates_of_no_body(pair, bodies, said):
-    with pytest.raises(SceneError, match=said):
+def test_transverse_rates_of_no_body(pair, bodies, message):
+    with pytest.raises(SceneError, match=message):
         pair({"output.transverse": bodies})
 
 
@@ -573,9 +573,9 @@ def test_jams_when_friction_feeds_itself(pair, gain, status):
     """The couple is arm f, so friction grows by k = 2 mu arm / L of itself: below 1 there is a
     balance, from 1 on there is none."""
     settings = through_the_centre(gain, 0.5)
-    found = pair(settings).simulate(step_s=0.01).attrs
-    assert found["status"] == status
-    assert math.isnan(found["outcomes"]["aft_omega_x_deg_s"]) == (status == "jammed")
+    result = pair(settings).simulate(step_s=0.01).attrs
+    assert result["status"] == status
+    assert math.isnan(result["outcomes"]["aft_omega_x_deg_s"]) == (status == "jammed")
 
 
 @pytest.mark.slow

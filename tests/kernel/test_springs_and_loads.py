@@ -97,8 +97,8 @@ def test_weak_and_failed(pair):
     def shown(*springs):
         ended = {"name": "ended", "when": {"spring": springs[-1]["name"]}}
         settings = {"spring": list(springs), "event": [ended], "run.end_time_s": 1.0}
-        found = flown(pair(STILL | settings))
-        return [along(found)[i][-1] for i in (0, 1)], found.attrs["outcomes"]["ended_time_s"]
+        result = flown(pair(STILL | settings))
+        return [along(result)[i][-1] for i in (0, 1)], result.attrs["outcomes"]["ended_time_s"]
 
     less = spring(stroke_m=0.2, **{key: 0.7 * x for key, x in numbers.items()})
     weak = spring(stroke_m=0.2, factor=0.7, **numbers)

@@ -87,12 +87,12 @@ def test_polynomials_as_tables(table2, axes, share):
     plain = table2.with_settings({"run.history_step_s": 0.0, "solver.step_s": 0.05})
     tabulated = plain.with_settings(tables(plain, axes, share))
     for number in range(3):
-        expected, found = (
+        expected, result = (
             flown(campaign, 1.0, campaign.case(number)).attrs["outcomes"]
             for campaign in (plain, tabulated)
         )
         for name, value in expected.items():
-            assert_allclose(found[name], value, rtol=NUMBERS, atol=NUMBERS, err_msg=name)
+            assert_allclose(result[name], value, rtol=NUMBERS, atol=NUMBERS, err_msg=name)
 
 
 @pytest.mark.parametrize("axis", ["alpha", "beta"])
@@ -109,11 +109,11 @@ def test_a_table_over_one_axis(table2, axis):
         for coefficient in COEFFICIENTS
     }
     plain = table2.with_settings(still)
-    found = flown(plain.with_settings(tables(plain, {f"{axis}_deg": ALPHA}))).attrs["outcomes"]
+    result = flown(plain.with_settings(tables(plain, {f"{axis}_deg": ALPHA}))).attrs["outcomes"]
     expected = flown(plain).attrs["outcomes"]
     names = [column.name for column in plain.outcome_columns]
     assert_allclose(
-        [found[n] for n in names], [expected[n] for n in names], rtol=NUMBERS, atol=NUMBERS
+        [result[n] for n in names], [expected[n] for n in names], rtol=NUMBERS, atol=NUMBERS
     )
 
 
@@ -170,12 +170,12 @@ def test_outside_a_table(pair, key, angle, given, status):
         "run.end_time_s": 1e-6,
         "solver.step_s": 1e-6,
     }
-    found = pair(TUNNEL | table | {angle: given}).simulate(step_s=1e-6).attrs
+    result = pair(TUNNEL | table | {angle: given}).simulate(step_s=1e-6).attrs
     if given == 10.0 and status == "ok":  # the angle that is flown may be the next number above
-        assert found["status"] in ("ok", "outside-table")
+        assert result["status"] in ("ok", "outside-table")
         return
-    assert found["status"] == status
-    assert math.isnan(found["outcomes"]["aft_omega_x_deg_s"]) == (status != "ok")
+    assert result["status"] == status
+    assert math.isnan(result["outcomes"]["aft_omega_x_deg_s"]) == (status != "ok")
 
 
 def test_leaving_a_table_in_flight(pair):
@@ -194,12 +194,12 @@ def test_slower_than_a_table(pair):
     """A Mach number below the first row is outside."""
     air = AIR | {"speed_of_sound_m_s": [300.0, 300.0]}
     table = {"mach": [0.5, 1.0], "axial": [0.1, 0.1]}
-    found = (
+    result = (
         pair(TUNNEL | {"environment.air": air, "body.aft.aerodynamics.table": table})
         .simulate(step_s=0.1)
         .attrs
     )
-    assert found["status"] == "outside-table"
+    assert result["status"] == "outside-table"
 
 
 @pytest.mark.slow
@@ -215,7 +215,7 @@ def test_air_sampled_from_the_standard(table2, plainly):
         "density_kg_per_m3": [row[0] for row in rows],
         "speed_of_sound_m_s": [sound_speed(row[2]) for row in rows],
     }
-    expected, found = (
+    expected, result = (
         campaign.run(cases=30).to_pandas()
         for campaign in (
             plain,
@@ -223,7 +223,7 @@ def test_air_sampled_from_the_standard(table2, plainly):
         )
     )
     for name in [column.name for column in plain.outcome_columns]:
-        assert_allclose(found[name], expected[name], rtol=NUMBERS, atol=NUMBERS, err_msg=name)
+        assert_allclose(result[name], expected[name], rtol=NUMBERS, atol=NUMBERS, err_msg=name)
 
 
 def test_air_between_its_rows(pair):
@@ -241,11 +241,11 @@ def test_air_between_its_rows(pair):
         "run.end_time_s": 5.0,
     }
     history = flown(pair(TUNNEL | dive))
-    found = 2.0 * -history["aft_axial_acceleration_m_s2"] / (0.001 * history["aft_vy_m_s"] ** 2)
+    result = 2.0 * -history["aft_axial_acceleration_m_s2"] / (0.001 * history["aft_vy_m_s"] ** 2)
     assert_allclose(
-        found, np.exp(CubicSpline(height, np.log(density))(history["aft_y_m"])), rtol=1e-11
+        result, np.exp(CubicSpline(height, np.log(density))(history["aft_y_m"])), rtol=1e-11
     )
-    assert np.ptp(found) > 0.5
+    assert np.ptp(result) > 0.5
 
 
 @pytest.mark.parametrize("pitch", [90.0, -90.0])
@@ -263,11 +263,11 @@ def test_density_factor(pair, plainly):
     """Twice the density gives twice the drag, none gives none, each case its own."""
     drag = TUNNEL | {"body.aft.aerodynamics.axial": {"const": 0.001}, "run.end_time_s": 1.0}
     double = drag | {"environment.air": AIR | {"density_kg_per_m3": [4.0, 4.0]}}
-    found, expected = (
+    result, expected = (
         flown(pair(s)).iloc[-1]["aft_vx_m_s"]
         for s in (drag | {"environment.density_factor": 2.0}, double)
     )
-    assert_allclose(found, expected, rtol=1e-14)
+    assert_allclose(result, expected, rtol=1e-14)
     assert flown(pair(drag | {"environment.density_factor": 0.0})).iloc[-1]["aft_vx_m_s"] == 100.0
     table = (
         pair(
@@ -294,9 +294,9 @@ def test_steady_profile_is_the_steady_wind(table2):
             "environment.wind.speed_m_s": steady,
             "environment.wind.profile": profile | {"speed_m_s": [rows, rows]},
         }
-        found = flown(plain.with_settings(wind)).attrs["outcomes"]
+        result = flown(plain.with_settings(wind)).attrs["outcomes"]
         assert_allclose(
-            [found[n] for n in names], [expected[n] for n in names], rtol=1e-11, atol=1e-11
+            [result[n] for n in names], [expected[n] for n in names], rtol=1e-11, atol=1e-11
         )
 
 
@@ -398,14 +398,14 @@ def test_proximity_in_all_six(pair):
         key: [x, x] for key, x in numbers.items()
     }
     known = {f"body.aft.aerodynamics.{key}": {"const": x} for key, x in numbers.items()}
-    found, expected = (
+    result, expected = (
         flown(pair(TUNNEL | settings)).attrs["outcomes"]
         for settings in ({"proximity": [near]}, known)
     )
     assert abs(expected["aft_omega_z_deg_s"]) > 10.0
-    names = [name for name in found if "residual" not in name]
+    names = [name for name in result if "residual" not in name]
     assert_allclose(
-        [found[n] for n in names], [expected[n] for n in names], rtol=NUMBERS, atol=NUMBERS
+        [result[n] for n in names], [expected[n] for n in names], rtol=NUMBERS, atol=NUMBERS
     )
 
 
@@ -430,9 +430,9 @@ def test_a_wind_profile_that_overshoots_is_said():
     """Through 0, 80 and 0 m/s at uneven heights a smooth curve overshoots; through even rows of a
     gust it does not."""
     uneven = wind([0.0, 1000.0, 1030.0, 1060.0, 5000.0], [0.0, 0.0, 80.0, 0.0, 0.0])
-    (said,) = overshooting(sepmc.load("table2.toml", {"environment.wind.profile": uneven}).scene)
-    assert "environment.wind.profile" in said
-    assert "80 m/s at most" in said
+    (message,) = overshooting(sepmc.load("table2.toml", {"environment.wind.profile": uneven}).scene)
+    assert "environment.wind.profile" in message
+    assert "80 m/s at most" in message
     gust = [0.0, 0.0, 5.0, 20.0, 40.0, 20.0, 5.0, 0.0, 0.0]
     assert (
         overshooting(

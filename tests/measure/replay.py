@@ -28,7 +28,7 @@ def main(names: list[str]) -> None:
             found = [
                 replay.compare_row(again, flight, run, int(n), result.seed, CASES) for n in chosen
             ]
-            same = sum(one.flown and not one.columns for one in found)
+            same = sum(one.was_run and not one.columns for one in found)
             print(f"{name}: {same} of {REPLAYED} rows the same bit by bit", flush=True)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from sepmc.scene.read import shipped_campaigns
 
 MOST_S, LIMIT_S = 10.0, 300.0
-SAID = ("takes plain Python about", "its flights take up to about", "compiling")
+SAID = ("takes plain Python about", "its integrations take up to about", "compiling")
 _HOT = """
 reference_area_m2 = 1.0
 reference_length_m = 1.0

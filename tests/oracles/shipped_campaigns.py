@@ -92,9 +92,9 @@ def _campaign(name: str, cases: int) -> list[Line]:
     shipped = load(f"{name}.toml")
     with interpreted(False):
         result = shipped.run(cases=cases, announce=no_log)
-    assert result.flight is not None
+    assert result.integration is not None
     assert result.accuracy is not None
-    scale = result.flight.scale  # the reported error is relative to it
+    scale = result.integration.scale  # the reported error is relative to it
     assert scale is not None
     expected = [_simulate(shipped.case(number).to_dict()) for number in range(cases)]
     differing = sum(

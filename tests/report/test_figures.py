@@ -461,11 +461,11 @@ def test_clearances_of_a_case(tmp_path, drawn, least, scale):
     figure = drawn["clearances.png"]
     (ax,) = figure.axes
     assert ax.get_yscale() == scale
-    said = ax.get_ylabel().split("\n")
-    assert said[0] == "gap (mm)"
+    message = ax.get_ylabel().split("\n")
+    assert message[0] == "gap (mm)"
     at = frame["gap_clearance_mm"].idxmin()
-    assert said[1] == f"minimum {least:.4g} at {frame['time_s'][at]:.4g} s"
-    assert said[2:] == (["logarithmic"] if scale == "log" else [])
+    assert message[1] == f"minimum {least:.4g} at {frame['time_s'][at]:.4g} s"
+    assert message[2:] == (["logarithmic"] if scale == "log" else [])
     assert list(line(ax, "required bound")[0].get_ydata()) == [4.0, 4.0]
     assert ax.get_ylim()[0] < 4.0
     assert_allclose(line(ax, "this case")[0].get_ydata(), frame["gap_clearance_mm"])

@@ -1,5 +1,6 @@
 """The report of a run: one page that holds all it shows, with verdicts, drivers and worst cases."""
 
+import itertools
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -44,7 +45,7 @@ def run(tmp_path_factory):
 def page(run):
     called = call("report", run)
     assert called.exit_code == 0, called.output
-    assert "flies case" in called.stdout
+    assert "running case" in called.stdout
     return (run / "report.html").read_text(encoding="utf-8")
 
 
@@ -58,7 +59,7 @@ class Tags(HTMLParser):
     def handle_starttag(self, tag, attrs):
         self.count[tag] = self.count.get(tag, 0) + 1
         self.refers += [value for name, value in attrs if name in ("src", "href", "xlink:href")]
-        if tag not in ("meta", "br", "link", "img"):
+        if tag not in ("meta", "br", "link", "img", "wbr"):
             self.open.append(tag)
 
     def handle_endtag(self, tag):
@@ -95,7 +96,7 @@ def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
         called = call("report", tmp_path / "run")
     first = int(table["case"][table["status"] == "never-released"].iloc[0])
     assert called.exit_code == 0, called.output
-    assert f"flies case {first} again, the first that violates parts" in called.stdout
+    assert f"running case {first} again, the first that violates parts" in called.stdout
     violations = int((table["status"] == "never-released").sum())
     text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert f"case {first}, the first of {violations} that violate parts" in text
@@ -180,6 +181,8 @@ def test_names_in_a_drawing_do_not_cover_each_other(name, tmp_path, monkeypatch)
             assert not any(box.overlaps(other) for other in boxes[:k])
             assert within.contains(box.x0, box.y0)
             assert within.contains(box.x1, box.y1)
+        ticks = [label.get_window_extent(renderer) for label in ax.get_xticklabels()]
+        assert not any(one.overlaps(two) for one, two in itertools.pairwise(ticks))
         for leader in (text for text in ax.texts if text.arrow_patch and text.xyann != text.xy):
             if leader.arrowprops["arrowstyle"] != "-":
                 continue

@@ -63,7 +63,7 @@ PLANTED = [
     ("residual-thrust", {"environment.wind.speed_m_s": 10.0}, "environment.wind", "does nothing"),
     # what never has a value
     ("spring-pushers", {"event": [{"name": "late", "when": {"time_s": 9e9}}]},
-     "event.late.when", "after the end of the flight"),
+     "event.late.when", "after the end of the run"),
     ("spring-pushers", {"phase": [{"name": "clamped", "joints": {"clamp": "fixed"}}]},
      "output.tip_off: clamp", "never released"),
     ("residual-thrust", {"phase": [{"name": "locked", "joints": {"rods": "fixed"}}],
@@ -84,22 +84,22 @@ def loaded(name, settings):
         return sepmc.load(name, tree)
 
 
-@pytest.mark.parametrize(("name", "settings", "place", "said"), PLANTED)
-def test_planted(name, settings, place, said):
+@pytest.mark.parametrize(("name", "settings", "place", "message"), PLANTED)
+def test_planted(name, settings, place, message):
     """A finding has place and value; one mistake gives one sentence, or one per consequence."""
-    found = file_notes(loaded(name, settings))
-    found = [one for one in found if "applies to the nominal case only" not in one]
+    result = file_notes(loaded(name, settings))
+    result = [one for one in result if "applies to the nominal case only" not in one]
     if place is None:
-        assert found == []
+        assert result == []
         return
-    assert any(place in one and said in one for one in found), found
+    assert any(place in one and message in one for one in result), result
 
 
 LATE = {"time_s": [0.02, 0.3], "fraction": [0.5, 1.0]}
 
 
 @pytest.mark.parametrize(
-    ("profile", "burn", "said"),
+    ("profile", "burn", "message"),
     [
         pytest.param(LATE, {}, "no thrust before, then 0.5 of thrust_N at once", id="a step"),
         pytest.param(
@@ -109,12 +109,14 @@ LATE = {"time_s": [0.02, 0.3], "fraction": [0.5, 1.0]}
         pytest.param(LATE | {"time_s": [0.0, 0.3]}, {}, None, id="from the ignition"),
     ],
 )
-def test_a_profile_that_begins_late(profile, burn, said):
+def test_a_profile_that_begins_late(profile, burn, message):
     """A late profile is found, with the time of its first row."""
     settings = {f"motor.retro.{key}": value for key, value in ({"profile": profile} | burn).items()}
-    found = [one for one in file_notes(loaded("table2", settings)) if one.startswith("motor.retro")]
-    assert len(found) == (said is not None)
-    assert said is None or (said in found[0] and "0.02 s after the ignition" in found[0])
+    results = [
+        one for one in file_notes(loaded("table2", settings)) if one.startswith("motor.retro")
+    ]
+    assert len(results) == (message is not None)
+    assert message is None or (message in results[0] and "0.02 s after the ignition" in results[0])
 
 
 def test_there_are_thirty():
@@ -127,22 +129,22 @@ def test_shipped_campaigns_have_none(name):
 
 
 @pytest.mark.parametrize(
-    ("weights", "said"),
+    ("weights", "message"),
     [([0.97, 0.3], "add up to 1.27, so the probabilities are 0.764, 0.236"),
      ([0.97, 0.03], ""), ([2.0, 1.0], ""), ([0.33, 0.66], "")],
 )  # fmt: skip
-def test_weights_that_do_not_add_up(weights, said):
+def test_weights_that_do_not_add_up(weights, message):
     """Probabilities must add up to 1; ratios need not."""
     law = {"dispersion.motor.retro.thrust_N": {"discrete": [500.0, 0.0], "weights": weights}}
-    found = [one for one in file_notes(loaded("table2", law)) if "weights" in one]
-    assert [said in one for one in found] == ([True] if said else [])
+    results = [one for one in file_notes(loaded("table2", law)) if "weights" in one]
+    assert [message in one for one in results] == ([True] if message else [])
 
 
 PUSHER = "spring.upper_left"
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({f"{PUSHER}.stiffness_N_per_m": 60_000.0}, "over: force_N"),
         (
@@ -152,11 +154,15 @@ PUSHER = "spring.upper_left"
         ({f"dispersion.{PUSHER}.factor": {"discrete": [1.0, 0.0], "weights": [0.99, 0.01]}}, None),
     ],
 )
-def test_a_pusher_that_pulls(settings, said):
+def test_a_pusher_that_pulls(settings, message):
     """Stiffer than its force over its stroke; failed by its force, which leaves the stiffness; and
     failed by its factor, as it should be."""
-    found = [one for one in file_notes(loaded("spring-pushers", settings)) if " pulls with " in one]
-    assert [one.startswith(PUSHER) and said in one for one in found] == ([True] if said else [])
+    results = [
+        one for one in file_notes(loaded("spring-pushers", settings)) if " pulls with " in one
+    ]
+    assert [one.startswith(PUSHER) and message in one for one in results] == (
+        [True] if message else []
+    )
 
 
 @pytest.mark.slow
@@ -173,7 +179,7 @@ def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
     assert told() == ""
     early = told("run.end_time_s=0.15")
     assert "the nominal case has no pushed_upper_transverse_rate_deg_s" in early
-    assert "gap_clearance_mm is smallest as the nominal flight ends" in early
+    assert "gap_clearance_mm is smallest when the nominal case ends" in early
     assert "motor.retro, cant_deg = 0: pushes its body toward" in told("motor.retro.cant_deg=0")
     wrong = told("requirement.clear.at_least=95")
     assert "requirement.clear.at_least = 95: the nominal case violates it" in wrong
@@ -187,10 +193,10 @@ def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
     with run_interpreted(cases=2):
         early = sepmc.load(file, {"run.end_time_s": 0.15}).run(cases=3, out=tmp_path / "early")
         late = sepmc.load(file).run(cases=2)
-    note = "gap_clearance_mm is smallest as the flight ends in 3 cases"
+    note = "gap_clearance_mm is smallest when the run ends in 3 cases"
     assert [one for one in early.notes if one.startswith(note)]
     assert read_manifest(tmp_path / "early")["min_at_end"] == {"gap": 3}
-    assert not [one for one in late.notes if "is smallest as the flight ends" in one]
+    assert not [one for one in late.notes if "is smallest when the run ends" in one]
 
 
 def test_check_flies_the_nominal_case():
@@ -225,11 +231,11 @@ def test_cases_that_a_normal_law_draws_beyond_a_bound(law, expected):
     """The expected number of cases outside the bounds of a parameter is found before a run."""
     key = BY_MASS if "relative" in law else "dispersion.motor.retro.burn_s"
     burn = {"motor.retro.burn_s": 0.1}
-    found = [
+    results = [
         one for one in file_notes(loaded("table2", {key: law} | burn)) if "truncate_sigma" in one
     ]
-    assert len(found) == bool(expected)
-    for one in found:
+    assert len(results) == bool(expected)
+    for one in results:
         shown = f"{expected:.0f}" if expected >= 100.0 else f"{expected:.2g}"
         assert f"about {shown} of 10000 cases" in one
         assert key.removeprefix("dispersion.") in one
@@ -281,11 +287,13 @@ def level_notes(folder, shift, more=""):
     return [note for note in file_notes(sepmc.load(file)) if "nearly level" in note]
 
 
-@pytest.mark.parametrize(("shift", "told"), [(0.0, 1), (-0.05, 1), (0.07, 1), (0.2, 0), (-2.0, 0)])
-def test_a_side_that_is_nearly_level_is_told(tmp_path, shift, told):
+@pytest.mark.parametrize(
+    ("shift", "reported"), [(0.0, 1), (-0.05, 1), (0.07, 1), (0.2, 0), (-2.0, 0)]
+)
+def test_a_side_that_is_nearly_level_is_told(tmp_path, shift, reported):
     """Within 2 % of 4 m the finding gives the sign; setting `apart` removes it."""
     notes = level_notes(tmp_path, shift)
-    assert len(notes) == told
+    assert len(notes) == reported
     side = "positive" if shift >= 0.0 else "negative"
     assert all(f"separation is counted {side} along its x axis" in note for note in notes)
     assert not level_notes(tmp_path, shift, "apart = 1")

@@ -160,9 +160,9 @@ def test_parameters_round_trip():
     ],
 )
 def test_find(key, path, unit, column):
-    found = find(SCENE, key)
-    assert (found.key, found.path, found.unit, found.column) == (key, path, unit, column)
-    assert found.factor == next((table[unit] for table in UNITS.values() if unit in table), 1.0)
+    result = find(SCENE, key)
+    assert (result.key, result.path, result.unit, result.column) == (key, path, unit, column)
+    assert result.factor == next((table[unit] for table in UNITS.values() if unit in table), 1.0)
 
 
 @pytest.mark.parametrize(

@@ -165,20 +165,20 @@ def test_slider_pair_by_sympy(method, seed):
     motion = Motion(
         place, velocity, r, w, np.array([gap, 0.0, 0.0]), np.array([gap_rate, 0.0, 0.0]), r, w
     )
-    found = accelerate(pair, held, motion, [(loads[0], loads[1]), (loads[2], loads[3])])
+    result = accelerate(pair, held, motion, [(loads[0], loads[1]), (loads[2], loads[3])])
     if method == "Lagrange":
         speeds = [*velocity, *angle_rates, gap_rate]
         ours = [
-            *found.a,
-            *np.linalg.solve(matrix, found.w_rate - change @ angle_rates),
-            found.gap_acceleration[0],
+            *result.a,
+            *np.linalg.solve(matrix, result.w_rate - change @ angle_rates),
+            result.gap_acceleration[0],
         ]
     else:
         speeds = [*(r.T @ velocity), *w, gap_rate]
         ours = [
-            *(r.T @ found.a - np.cross(w, r.T @ velocity)),
-            *found.w_rate,
-            found.gap_acceleration[0],
+            *(r.T @ result.a - np.cross(w, r.T @ velocity)),
+            *result.w_rate,
+            result.gap_acceleration[0],
         ]
     upper = [tensor[np.triu_indices(3)] for tensor in pair.inertia]
     mass, forcing = slider_by(method)(
@@ -210,20 +210,20 @@ def test_every_kind_obeys_newton_and_euler(kind, seed):
     pair, held = random_pair(random, axes), KINDS[kind]
     motion = random_motion(random, kind, axes)
     loads = list(random.normal(size=(2, 2, 3)))
-    found = accelerate(pair, held, motion, loads)
+    result = accelerate(pair, held, motion, loads)
     gap = motion.r @ axes.T @ motion.gap
     for i, sign, r, w, a, w_rate in (
-        (0, -1.0, motion.r, motion.w, found.a, found.w_rate),
-        (1, 1.0, motion.r_b, motion.w_b, found.a_b, found.w_b_rate),
+        (0, -1.0, motion.r, motion.w, result.a, result.w_rate),
+        (1, 1.0, motion.r_b, motion.w_b, result.a_b, result.w_b_rate),
     ):
-        moment = sign * found.moment - (np.cross(gap, found.force) if i == 0 else 0.0)
-        force = sign * found.force
+        moment = sign * result.moment - (np.cross(gap, result.force) if i == 0 else 0.0)
+        force = sign * result.force
         total = r.T @ moment + np.cross(pair.arm[i], r.T @ force) + loads[i][1]
         assert_allclose(pair.mass[i] * a, force + r @ loads[i][0], rtol=0, atol=1e-11)
         assert_allclose(
             pair.inertia[i] @ w_rate + np.cross(w, pair.inertia[i] @ w), total, rtol=0, atol=1e-11
         )
-    force, moment = axes @ motion.r.T @ found.force, axes @ motion.r.T @ found.moment
+    force, moment = axes @ motion.r.T @ result.force, axes @ motion.r.T @ result.moment
     if held[0] == "length":
         assert_allclose(np.cross(force, motion.gap), 0.0, rtol=0, atol=1e-11)
     else:
@@ -233,7 +233,7 @@ def test_every_kind_obeys_newton_and_euler(kind, seed):
     elif held[1] == "yz":
         assert_allclose(moment[0], 0.0, rtol=0, atol=1e-11)
     elif held[1] == "z":
-        assert_allclose([moment[1], found.moment @ motion.r_b @ axes[0]], 0.0, rtol=0, atol=1e-11)
+        assert_allclose([moment[1], result.moment @ motion.r_b @ axes[0]], 0.0, rtol=0, atol=1e-11)
 
 
 # central differences of order 8
@@ -249,17 +249,17 @@ def test_every_kind_keeps_its_constraints(kind, seed):
     axes = Rotation.from_quat(random.normal(size=4)).as_matrix()
     pair, held = random_pair(random, axes), KINDS[kind]
     m = random_motion(random, kind, axes)
-    found = accelerate(pair, held, m, list(random.normal(size=(2, 2, 3))))
+    result = accelerate(pair, held, m, list(random.normal(size=(2, 2, 3))))
 
     def at(t):
         # a rotation vector whose second derivative at 0 is that of the body's turning
         def turned(r, w, w_rate):
             return r @ Rotation.from_rotvec(w * t + 0.5 * w_rate * t * t).as_matrix()
 
-        r_a, r_b = turned(m.r, m.w, found.w_rate), turned(m.r_b, m.w_b, found.w_b_rate)
-        gap = m.gap + m.gap_rate * t + 0.5 * found.gap_acceleration * t * t
+        r_a, r_b = turned(m.r, m.w, result.w_rate), turned(m.r_b, m.w_b, result.w_b_rate)
+        gap = m.gap + m.gap_rate * t + 0.5 * result.gap_acceleration * t * t
         moved = Motion(
-            m.x + m.v * t + 0.5 * found.a * t * t, m.v, r_a, m.w, gap, m.gap_rate, r_b, m.w_b
+            m.x + m.v * t + 0.5 * result.a * t * t, m.v, r_a, m.w, gap, m.gap_rate, r_b, m.w_b
         )
         return bodies(pair, moved)[1][0], axes @ r_a.T @ r_b @ axes.T, gap
 
@@ -267,7 +267,7 @@ def test_every_kind_keeps_its_constraints(kind, seed):
     places, relative, gaps = (
         np.array(part) for part in zip(*(at(h * i) for i in range(-4, 5)), strict=True)
     )
-    assert_allclose(np.tensordot(SECOND, places, 1) / h**2, found.a_b, rtol=0, atol=1e-7)
+    assert_allclose(np.tensordot(SECOND, places, 1) / h**2, result.a_b, rtol=0, atol=1e-7)
     products = {"x": relative[:, 2, 1], "y": relative[:, 2, 0], "z": relative[:, 1, 0]}
     for axis in held[1]:
         assert_allclose(products[axis][4], 0.0, rtol=0, atol=1e-14)

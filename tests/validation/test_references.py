@@ -40,8 +40,8 @@ SWINGS = [
 
 
 def integrate(rate, start, times):
-    found = solve_ivp(rate, (0.0, times[-1]), start, "DOP853", times, rtol=1e-13, atol=1e-14)
-    return found.y.T
+    result = solve_ivp(rate, (0.0, times[-1]), start, "DOP853", times, rtol=1e-13, atol=1e-14)
+    return result.y.T
 
 
 @pytest.mark.parametrize("turned", [np.eye(3), TURNED], ids=["principal axes", "other axes"])
@@ -261,6 +261,6 @@ def test_tip_off(above):
         return speed * t - 0.5 * gravity * math.sin(elevation) * t * t + shift - travel
 
     end.terminal = True
-    found = solve_ivp(rate, (0.0, 1.0), [0.0, 0.0], "DOP853", events=end, rtol=1e-13, atol=1e-15)
+    result = solve_ivp(rate, (0.0, 1.0), [0.0, 0.0], "DOP853", events=end, rtol=1e-13, atol=1e-15)
     tip = ref.tip_off(mass, inertia, ahead, above, gravity, elevation, speed, travel)
-    assert_allclose([tip.time, tip.angle, tip.rate], [found.t[-1], *found.y[:, -1]], rtol=1e-11)
+    assert_allclose([tip.time, tip.angle, tip.rate], [result.t[-1], *result.y[:, -1]], rtol=1e-11)

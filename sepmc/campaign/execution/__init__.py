@@ -1,1 +1,1 @@
-"""How a campaign is flown: steps, chunks, refinement, sinks, single cases, rare events."""
+"""Execution of campaigns: steps, chunks, refinement, sinks, single cases, rare events."""

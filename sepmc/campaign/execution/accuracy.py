@@ -285,7 +285,7 @@ class AchievedAccuracy:
 
     @property
     def met(self) -> bool:
-        """True if the worst error meets the accuracy asked. False without calibration cases."""
+        """True if the worst error meets the requested accuracy. False without calibration cases."""
         return self.cases > 0 and self.worst[1] <= self.asked
 
     def with_errors(self, others: Mapping[str, float]) -> "AchievedAccuracy":

@@ -83,7 +83,7 @@ def read(text: str | bytes) -> BatchSummary:
     try:
         return msgspec.convert(json.loads(text), BatchSummary)
     except (ValueError, RecursionError, msgspec.ValidationError):
-        raise InputError("the summary of a shard cannot be read; fly its cases again") from None
+        raise InputError("the summary of a shard cannot be read; run its cases again") from None
 
 
 def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummary:
@@ -117,19 +117,19 @@ def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummar
     )
 
 
-def accuracy(flight: Integration, summary: BatchSummary) -> AchievedAccuracy:
+def accuracy(integration: Integration, summary: BatchSummary) -> AchievedAccuracy:
     """Achieved accuracy of a run: the larger error of its cases and of the calibration cases."""
-    achieved = flight.achieved
+    achieved = integration.achieved
     assert achieved is not None
     # no calibration case has an error, but cases that were integrated again have
     if not achieved.cases and summary.refined:
         achieved = replace(achieved, errors=dict.fromkeys(achieved.errors, 0.0))
-    return achieved.with_errors(_errors(flight, summary))
+    return achieved.with_errors(_errors(integration, summary))
 
 
-def _errors(flight: Integration, summary: BatchSummary) -> dict[str, float]:
+def _errors(integration: Integration, summary: BatchSummary) -> dict[str, float]:
     """Largest error by outcome of the cases in a summary."""
-    errors_by_name, estimate = dict(summary.errors), flight.estimate
+    errors_by_name, estimate = dict(summary.errors), integration.estimate
     if estimate is None or not errors_by_name:
         return errors_by_name
     names, errors = list(errors_by_name), np.array(list(errors_by_name.values()))
@@ -138,19 +138,19 @@ def _errors(flight: Integration, summary: BatchSummary) -> dict[str, float]:
 
 
 def accuracy_entries(
-    campaign: Definition, flight: Integration, summary: BatchSummary
+    campaign: Definition, integration: Integration, summary: BatchSummary
 ) -> dict[str, Any]:
     """Entries of a manifest on the steps of an integration and its numerical error."""
-    solver, achieved = campaign.scene.solver, accuracy(flight, summary)
+    solver, achieved = campaign.scene.solver, accuracy(integration, summary)
     entries: dict[str, Any] = {
         "formulation": solver.formulation,
         "method": solver.method,
-        "methods": flight.method_names,
+        "methods": integration.method_names,
     }
-    if flight.step is not None:
-        entries |= {"step_s": flight.step}
+    if integration.step is not None:
+        entries |= {"step_s": integration.step}
     else:
-        entries |= {"steps": flight.steps.tolist(), "stages": flight.stages}
+        entries |= {"steps": integration.steps.tolist(), "stages": integration.stages}
     worst, error = achieved.worst
     entries |= {"achieved": error, "worst_outcome": worst, "cases": achieved.cases}
     if achieved.history is not None:

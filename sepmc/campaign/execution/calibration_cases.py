@@ -41,32 +41,33 @@ def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray
     -------
     ndarray, shape (n, d)
     """
-    laws = campaign.file.dispersions
+    dispersions = campaign.file.dispersions
     corners = CORNERS if corners is None else corners
     count = max(
         [
             corners,
             *(
-                _CORNERS_PER_VALUE * len(_value_probabilities(law))
-                for law in laws
-                if law.distribution == "discrete"
+                _CORNERS_PER_VALUE * len(_value_probabilities(dispersion))
+                for dispersion in dispersions
+                if dispersion.distribution == "discrete"
             ),
         ]
     )
     random = np.random.Generator(np.random.Philox(key=20))
     tosses = np.resize(
-        random.integers(0, 2, (max(1, corners), max(1, len(laws)))), (count, max(1, len(laws)))
+        random.integers(0, 2, (max(1, corners), max(1, len(dispersions)))),
+        (count, max(1, len(dispersions))),
     )
-    table = np.empty((count + 1, len(laws)), order="F")
-    for i, law in enumerate(laws):
+    table = np.empty((count + 1, len(dispersions)), order="F")
+    for i, dispersion in enumerate(dispersions):
         u = np.where(tosses[:, i] == 1, 1.0 - _CORNER_PROBABILITY, _CORNER_PROBABILITY)
-        if law.parameter.path.endswith(".fails"):  # not a corner of anything
+        if dispersion.parameter.path.endswith(".fails"):  # not a corner of anything
             u = np.full(count, 0.5)
-        elif law.distribution == "discrete":
-            u = random.permutation(np.resize(_value_probabilities(law), count))
-        elif _is_wide(law):
+        elif dispersion.distribution == "discrete":
+            u = random.permutation(np.resize(_value_probabilities(dispersion), count))
+        elif _is_wide(dispersion):
             u = (random.permutation(count) + 0.5) / max(1, count)
-        table[:, i] = _quantiles(law, np.concatenate([[0.5], u]))
+        table[:, i] = _quantiles(dispersion, np.concatenate([[0.5], u]))
     return table * campaign.factors
 
 
@@ -84,42 +85,44 @@ def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
     -------
     ndarray, shape (count, d)
     """
-    laws, half = campaign.file.dispersions, (count + 1) // 2
+    dispersions, half = campaign.file.dispersions, (count + 1) // 2
     random = np.random.Generator(np.random.Philox(key=21))
-    table = np.empty((count, len(laws)), order="F")
-    for i, law in enumerate(laws):
+    table = np.empty((count, len(dispersions)), order="F")
+    for i, dispersion in enumerate(dispersions):
         u = np.concatenate(
             [(random.permutation(n) + random.random(n)) / max(1, n) for n in (half, count - half)]
         )
-        if law.distribution == "discrete" and not law.parameter.path.endswith(".fails"):
-            u[half:] = random.permutation(np.resize(_value_probabilities(law), count - half))
-        table[:, i] = _quantiles(law, np.clip(u, 2.0**-54, 1.0 - 2.0**-53))
+        if dispersion.distribution == "discrete" and not dispersion.parameter.path.endswith(
+            ".fails"
+        ):
+            u[half:] = random.permutation(np.resize(_value_probabilities(dispersion), count - half))
+        table[:, i] = _quantiles(dispersion, np.clip(u, 2.0**-54, 1.0 - 2.0**-53))
     return table * campaign.factors
 
 
-def _quantiles(law: Dispersion, u: np.ndarray) -> np.ndarray:
+def _quantiles(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
     """Quantiles of a distribution; the median in place of values that are not allowed."""
-    values = cases.quantile(law, u)
+    values = cases.quantile(dispersion, u)
     return (
-        np.where(law.allowed(values), values, cases.quantile(law, np.array([0.5])))
-        if law.has_tails
+        np.where(dispersion.allowed(values), values, cases.quantile(dispersion, np.array([0.5])))
+        if dispersion.has_tails
         else values
     )
 
 
-def _value_probabilities(law: Dispersion) -> np.ndarray:
+def _value_probabilities(dispersion: Dispersion) -> np.ndarray:
     """Probability at the middle of each value of a discrete distribution."""
-    weights = np.array(law.weights)
+    weights = np.array(dispersion.weights)
     edges = np.cumsum(weights) / np.sum(weights)
     return (edges - 0.5 * weights / np.sum(weights))[weights > 0.0]
 
 
-def _is_wide(law: Dispersion) -> bool:
+def _is_wide(dispersion: Dispersion) -> bool:
     """Return True if a parameter is an angle that varies over more than a quarter turn."""
-    if law.parameter.unit not in UNITS["angle"]:
+    if dispersion.parameter.unit not in UNITS["angle"]:
         return False
     low, high = (
-        cases.quantile(law, np.array([_CORNER_PROBABILITY, 1.0 - _CORNER_PROBABILITY]))
-        * law.parameter.factor
+        cases.quantile(dispersion, np.array([_CORNER_PROBABILITY, 1.0 - _CORNER_PROBABILITY]))
+        * dispersion.parameter.factor
     )
     return bool(high - low > _WIDE_ANGLE)

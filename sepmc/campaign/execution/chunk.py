@@ -51,7 +51,7 @@ class Chunk(NamedTuple):
 
 def integrate_chunk(
     campaign: Definition,
-    flight: Integration,
+    integration: Integration,
     spec: SampleSpec,
     first: int,
     end: int,
@@ -64,7 +64,7 @@ def integrate_chunk(
     Parameters
     ----------
     campaign : Definition
-    flight : Integration
+    integration : Integration
     spec : SampleSpec
     first, end : int
     with_histories : bool
@@ -81,7 +81,7 @@ def integrate_chunk(
     inputs = campaign.sample(first, end - first, spec.seed, spec.total)
     t1, compile_s = clock(), compile_wait_s()
     history_size = history_rows(campaign.scene) if with_histories else 0
-    block = integrate(campaign, flight, campaign.in_si(inputs), history_size, announce)
+    block = integrate(campaign, integration, campaign.in_si(inputs), history_size, announce)
     compile_s = compile_wait_s() - compile_s  # for a kernel that few cases need
     timing["sample"] += t1 - t0
     timing["compile"] += compile_s

@@ -43,13 +43,13 @@ def file_notes(campaign: Definition) -> list[str]:
     ]
 
 
-def scene_notes(campaign: Definition, flight: Integration) -> list[str]:
+def scene_notes(campaign: Definition, integration: Integration) -> list[str]:
     """Notes on the file and on the nominal case of a campaign.
 
     Parameters
     ----------
     campaign : Definition
-    flight : Integration
+    integration : Integration
         With the outcomes of its nominal case.
 
     Returns
@@ -57,11 +57,11 @@ def scene_notes(campaign: Definition, flight: Integration) -> list[str]:
     list of str
     """
     notes = file_notes(campaign)
-    if flight.nominal is None:
+    if integration.nominal is None:
         return notes
     outcomes = {
         c.name: float(x * c.scale)
-        for c, x in zip(campaign.outcome_columns, flight.nominal, strict=True)
+        for c, x in zip(campaign.outcome_columns, integration.nominal, strict=True)
     }
     return notes + reversed_joints(campaign.scene, outcomes, "the nominal case")
 
@@ -71,7 +71,7 @@ def failure_notes(count: int, n_run: int, max_failures: int | None) -> list[str]
     if max_failures is None or count <= max_failures:
         return []
     allowed = f"no more than {max_failures} may" if max_failures else "none may"
-    return [f"stopped after {n_run} cases, as {count} did not come to their end and {allowed}"]
+    return [f"stopped after {n_run} cases, as {count} did not reach their end and {allowed}"]
 
 
 def worker_notes(worker_kinds: Mapping[str, int]) -> list[str]:
@@ -80,8 +80,8 @@ def worker_notes(worker_kinds: Mapping[str, int]) -> list[str]:
         return []
     texts = "; ".join(f"{count} cases by {kind}" for kind, count in worker_kinds.items())
     return [
-        "workers of several kinds of processor or code flew: rows of each kind are the same to the "
-        f"last bit, those of different kinds to the accuracy asked ({texts})"
+        "cases were run by several kinds of processor or code: rows of one kind are the same to "
+        f"the last bit, those of different kinds to the requested accuracy ({texts})"
     ]
 
 
@@ -93,13 +93,13 @@ def sampling_notes(
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:
         yield (
-            "run.samples: intervals and verdicts hold only if the rows of the table are "
+            "run.samples: intervals and verdicts are valid only if the rows of the table are "
             "independent random cases"
         )
     if not numbers.are_first and numbers != campaign.numbers:
         yield (
-            f"only cases {numbers} are flown: intervals and verdicts hold unless they were chosen "
-            "by what they do"
+            f"only cases {numbers} are run: intervals and verdicts are valid unless they were "
+            "chosen by their outcomes"
         )
     if sampler == "random":
         return
@@ -126,7 +126,7 @@ def sampling_notes(
     if sampler == "sobol" and cases & (cases - 1):
         below = 1 << (cases.bit_length() - 1)
         yield (
-            f"a Sobol sequence is balanced after a power of two: fly {below} or {2 * below} cases, "
+            f"a Sobol sequence is balanced after a power of two: run {below} or {2 * below} cases, "
             f"not {cases}"
         )
 
@@ -200,7 +200,7 @@ def nominal_notes(
     if has_ended:
         yield from missing_of_nominal(campaign, outcomes)
     for name in min_at_end(campaign, outcomes):
-        yield _min_at_end_note(name, "the nominal flight ends")
+        yield _min_at_end_note(name, "the nominal case ends")
 
 
 def min_at_end(
@@ -252,9 +252,9 @@ def _deepest_penetration(
     scene = campaign.scene
     if inputs is not None:
         values = {
-            law.parameter.path: float(x) * law.parameter.factor
-            for law, x in zip(campaign.file.dispersions, inputs[row], strict=True)
-            if ".outline." in law.parameter.path
+            dispersion.parameter.path: float(x) * dispersion.parameter.factor
+            for dispersion, x in zip(campaign.file.dispersions, inputs[row], strict=True)
+            if ".outline." in dispersion.parameter.path
         }
         scene = parameters.replace(scene, values)
     radii = [
@@ -264,7 +264,7 @@ def _deepest_penetration(
         if part.hollow and part.radii
         for radius in part.radii
     ]
-    from sepmc.physics.outlines import THROUGH  # noqa: PLC0415  numba, for what has flown only
+    from sepmc.physics.outlines import THROUGH  # noqa: PLC0415  numba, only after a run
 
     return THROUGH * max(radii, default=math.inf)
 
@@ -272,23 +272,22 @@ def _deepest_penetration(
 def min_at_end_notes(counts: Mapping[str, int]) -> list[str]:
     """Notes on the counts of `min_at_end`."""
     return [
-        _min_at_end_note(name, f"the flight ends in {count} cases")
-        for name, count in counts.items()
+        _min_at_end_note(name, f"the run ends in {count} cases") for name, count in counts.items()
     ]
 
 
 def _min_at_end_note(clearance: str, times: str) -> str:
     return (
-        f"{clearance}_clearance_mm is smallest as {times}: it may become less after that; a longer "
-        "run.end_time_s tells"
+        f"{clearance}_clearance_mm is smallest when {times}: it may become smaller later; give a "
+        "longer run.end_time_s to see"
     )
 
 
 def accuracy_notes(achieved: AchievedAccuracy, fixed: bool) -> list[str]:
-    """Note if the accuracy asked is not met, with error, outcomes and remedy."""
+    """Note if the requested accuracy is not met, with error, outcomes and remedy."""
     if not achieved.cases:
         return [
-            "no calibration case reached its end by the kernel of the campaign, so its numerical "
+            "no calibration case reached its end with the kernel of the campaign, so its numerical "
             "error is unknown"
         ]
     if fixed or achieved.met:
@@ -303,10 +302,10 @@ def accuracy_notes(achieved: AchievedAccuracy, fixed: bool) -> list[str]:
         ", ..." if len(names) > _MAX_NAMES else ""
     )
     return [
-        f"the accuracy {achieved.asked:g} that was asked is not met: error up to "
+        f"the requested accuracy {achieved.asked:g} is not met: error up to "
         f"{achieved.worst[1]:.1e} of size or sigma ({shown}); "
-        "ask for no more (solver.accuracy), look at what these outcomes have in common, or give a "
-        "shorter solver.step_s"
+        "give a larger solver.accuracy, look at what these outcomes have in common, "
+        "or give a shorter solver.step_s"
     ]
 
 
@@ -316,7 +315,7 @@ def unconverged_notes(count: int, n_refined: int) -> list[str]:
         return []
     return [
         f"{count} of the {n_refined} cases that were integrated again with smaller steps did not "
-        "converge to the accuracy asked; the reported error includes them"
+        "converge to the requested accuracy; the reported error includes them"
     ]
 
 

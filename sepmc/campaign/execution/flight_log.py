@@ -22,6 +22,8 @@ from sepmc.wording import another_place
 
 _SAVE_S = 10.0  # from one writing to the next
 _SAVE_NUMBERS = 8_000_000  # pending numbers (64 MB) that are written earlier
+# names in messages of the entries of a request
+_NAMES = {"rare": "requirement", "flights_allowed": "number of cases"}
 _VALUE = Column("value", "", "margins, then rows, of one batch after the other")
 
 Batch = tuple[np.ndarray, np.ndarray]  # margins (n,) and rows (n, k): inputs, status, results
@@ -47,7 +49,7 @@ class FlightLog:
     def __init__(self, folder: Path, width: int, inputs: int, about: dict[str, str], resume: bool):
         self.folder, self.width, self.inputs, self.about = folder, width, inputs, about
         self.summary = BatchSummary()  # of all batches that were answered or added
-        self.count = self.resumed = 0  # flights that were answered or written; answered
+        self.count = self.resumed = 0  # cases that were answered or written; answered
         self._written: list[ledger.Entry] = []
         self._shards = _intact_shards(folder) if resume else []
         self._batches: list[Batch] = []  # of the shard that answers
@@ -72,7 +74,7 @@ class FlightLog:
         margin, rows = self._batches.pop(0)
         if not np.array_equal(rows[:, : self.inputs], drawn, equal_nan=True):
             raise StoreError(
-                f"{self.folder}: its flights are not those of this estimate; {another_place()}"
+                f"{self.folder}: its cases are not those of this estimate; {another_place()}"
             )
         self.count += len(rows)
         self.resumed += len(rows)
@@ -92,7 +94,7 @@ class FlightLog:
         """Write the pending batches."""
         if not self._pending:
             return
-        flights = sum(len(rows) for _, rows in self._pending)
+        n_cases = sum(len(rows) for _, rows in self._pending)
         values = [part.ravel() for batch in self._pending for part in batch]
         path = shards.shard_path(self.folder, folders.ACCUMULATORS, self.count)
         about = self.about | {
@@ -101,9 +103,9 @@ class FlightLog:
         }
         content = shards.write_parquet(path, [_VALUE], {"value": np.concatenate(values)}, about)
         name = f"{folders.ACCUMULATORS}/{path.name}"
-        self._written.append(ledger.make_entry(name, content, self.count, flights))
+        self._written.append(ledger.make_entry(name, content, self.count, n_cases))
         shards.replace_shards(self.folder, folders.ACCUMULATORS, self._written)
-        self.count += flights
+        self.count += n_cases
         self._pending, self._saved = [], time.monotonic()
 
     def remove(self) -> None:
@@ -145,19 +147,19 @@ def _intact_shards(folder: Path) -> list[ledger.Entry]:
     return intact
 
 
-def interrupted(folder: Path, asked: dict[str, Any]) -> list[dict[str, Any]]:
+def interrupted(folder: Path, request: dict[str, Any]) -> list[dict[str, Any]]:
     """Sessions of the interrupted estimate in a folder; empty if there is no run.
 
     Parameters
     ----------
     folder : Path
-    asked : dict
+    request : dict
         Manifest entries of the requested estimate.
 
     Raises
     ------
     StoreError
-        If the folder holds another run or estimate, or a complete one.
+        If the folder contains another run or estimate, or a complete one.
     """
     if not folders.is_run(folder):
         return []
@@ -165,14 +167,16 @@ def interrupted(folder: Path, asked: dict[str, Any]) -> list[dict[str, Any]]:
     advice = another_place()
     if "rare" not in manifest:
         raise StoreError(
-            f"{folder}: holds no estimate of a rare event, so none is resumed; {advice}"
+            f"{folder}: contains no estimate of a rare event, so none is resumed; {advice}"
         )
     if manifest.get("complete", True):
-        raise StoreError(f"{folder}: holds an estimate that is complete; to fly it again, {advice}")
-    for key, value in asked.items():
+        raise StoreError(
+            f"{folder}: contains an estimate that is complete; to run it again, {advice}"
+        )
+    for key, value in request.items():
         if manifest.get(key) != value:
             raise StoreError(
-                f"{folder}: its estimate was begun with another {key.replace('_', ' ')}, so it "
+                f"{folder}: its estimate was begun with another {_NAMES.get(key, key)}, so it "
                 f"cannot be resumed; {advice}"
             )
     return list(manifest["sessions"])

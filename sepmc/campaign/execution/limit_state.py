@@ -129,7 +129,7 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
         )
     if inputs is not None:
         raise InputError(
-            f"run.samples = {inputs.path.name}: a rare event is sought beyond the cases of a "
+            f"run.samples = {inputs.path.name}: a rare event is estimated beyond the cases of a "
             "table; give [dispersion] distributions, and no run.samples"
         )
     if not campaign.file.dispersions:
@@ -138,7 +138,7 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
         index = columns[item.metric]
         return LimitState(item, campaign.outcome_columns[index], index)
     if (item.at_least or 0.0) > 0.0 or (item.at_most or 0.0) < 0.0:
-        raise InputError(f"{key}: is 1 or 0, and can be sought with at_most = 0 only: that it is 0")
+        raise InputError(f"{key}: is 1 or 0: a rare event needs at_most = 0, that it is 0")
     index = columns[f"{item.metric.removesuffix(_CONTACT)}_clearance_mm"]
     return LimitState(item, campaign.outcome_columns[index], index, columns[item.metric])
 
@@ -149,13 +149,13 @@ class MarginEvaluator:
     def __init__(
         self,
         campaign: Definition,
-        flight: Integration,
+        integration: Integration,
         limit_state: LimitState,
         report: Callable[[int, int], None],
         announce: Log | None,
         log: FlightLog | None = None,
     ):
-        self.campaign, self.flight, self.limit_state = campaign, flight, limit_state
+        self.campaign, self.integration, self.limit_state = campaign, integration, limit_state
         self.report, self.announce, self.log = report, announce, log
         self.count, self.summary, self.statuses = 0, BatchSummary(), Counter[str]()
         self.n_without_outcome = 0  # ok cases that do not have the outcome
@@ -210,7 +210,7 @@ class MarginEvaluator:
     def _fly(self, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Margins (n,) and rows (n, k) of cases with these inputs (n, d)."""
         campaign = self.campaign
-        block = integrate(campaign, self.flight, campaign.in_si(inputs), 0, self.announce)
+        block = integrate(campaign, self.integration, campaign.in_si(inputs), 0, self.announce)
         self.summary += count(campaign, inputs, block)
         rows = np.column_stack([inputs, block.status, block.outcomes * self.scales])
         return self.limit_state.margin(block), rows
@@ -258,18 +258,24 @@ class RareValue:
         )
 
 
-def rare_discrete_values(flights: MarginEvaluator, random: np.random.Generator) -> list[RareValue]:
+def rare_discrete_values(
+    evaluator: MarginEvaluator, random: np.random.Generator
+) -> list[RareValue]:
     """Run some cases at each rare value of the discrete distributions."""
-    laws, values = flights.campaign.file.dispersions, []
-    correlated = {index for copula in flights.campaign.file.copulas for index in copula.places}
-    for index, law in enumerate(laws):
-        weights = np.array(law.weights) / sum(law.weights) if law.distribution == "discrete" else ()
+    dispersions, values = evaluator.campaign.file.dispersions, []
+    correlated = {index for copula in evaluator.campaign.file.copulas for index in copula.places}
+    for index, dispersion in enumerate(dispersions):
+        weights = (
+            np.array(dispersion.weights) / sum(dispersion.weights)
+            if dispersion.distribution == "discrete"
+            else ()
+        )
         for number, weight in enumerate(weights):
             if not 0.0 < weight < _RARE_PROBABILITY or index in correlated:
                 continue
-            scores = random.standard_normal((_CASES_PER_VALUE, len(laws)))
+            scores = random.standard_normal((_CASES_PER_VALUE, len(dispersions)))
             scores[:, index] = cases.normal_score(sum(weights[:number]) + 0.5 * weight)
-            margin, _ = flights.margins(scores)
+            margin, _ = evaluator.margins(scores)
             fraction = float(np.mean(~(margin >= 0.0)))
-            values.append(RareValue(index, law.numbers[number], float(weight), fraction))
+            values.append(RareValue(index, dispersion.numbers[number], float(weight), fraction))
     return values

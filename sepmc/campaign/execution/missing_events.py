@@ -100,7 +100,7 @@ def _description(scene: Scene, key: str) -> str:
     if table == "event":
         return f"{key} does not come"
     if table == "spring":
-        return f"{key} does not come to the end of its stroke, and pushes on"
+        return f"{key} does not reach the end of its stroke, and pushes on"
     releases = [release for release in scene.release if release.joint == name]
     if kinds:
         releases = [release for release in releases if release.to in kinds]

@@ -52,7 +52,7 @@ def original_mode(
     stats_only_before, text = bool(manifest.get("stats_only")), manifest.get("keep", "")
     if (stats_only or keep) and (stats_only_before, text) != (True, keep.text if keep else ""):
         raise folders.StoreError(
-            f"{folder}: was flown {_mode_text(stats_only_before, text)}, and is to go on "
+            f"{folder}: was run {_mode_text(stats_only_before, text)}, and is to be continued "
             f"{_mode_text(True, keep.text if keep else '')}; leave that out, or choose another "
             f"{option('out')}"
         )
@@ -106,7 +106,7 @@ def read_previous(
     Raises
     ------
     StoreError
-        If the folder holds another run.
+        If the folder contains another run.
     """
     manifest: dict[str, Any] = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if manifest:
@@ -126,25 +126,24 @@ def read_previous(
                 f"{', '.join(sorted(removed))}"
             )
     if announce and not previous.n_stored:
-        announce(f"{folder}: there are no cases to go on from, so all are flown")
+        announce(f"{folder}: no stored cases to continue from, so all are run")
     return previous, remaining
 
 
 def _check(campaign: Definition, folder: Path, spec: SampleSpec, manifest: dict[str, Any]) -> None:
-    """Raise StoreError if a folder holds another run."""
+    """Raise StoreError if a folder contains another run."""
     if "rare" in manifest:
         raise folders.StoreError(
-            f"{folder}: holds {folders.RARE}, so there are no cases to go on from; "
-            f"{another_place()}"
+            f"{folder}: contains {folders.RARE}, so no cases can be continued; {another_place()}"
         )
     if manifest.get("digest") not in (None, campaign.digest):
         raise folders.StoreError(
-            f"{folder}: was flown with another campaign, so its cases cannot be continued; "
+            f"{folder}: was run with another campaign, so its cases cannot be continued; "
             f"{another_place()}. {_differences(campaign, folder)}"
         )
     if manifest.get("seed") not in (None, spec.seed):
         raise folders.StoreError(
-            f"{folder}: was flown with another seed ({manifest.get('seed')}, not {spec.seed}), so "
+            f"{folder}: was run with another seed ({manifest.get('seed')}, not {spec.seed}), so "
             f"its cases cannot be continued; {another_place()}"
         )
     sampler, n_stored = campaign.scene.run.sampler, manifest.get("of", manifest.get("cases"))
@@ -167,7 +166,7 @@ def _differences(campaign: Definition, folder: Path) -> str:
     if all(tables) and other.inputs_digest != campaign.inputs_digest:
         changes.append("rows of run.samples")
     if not changes:
-        reason = f"Its {folders.CAMPAIGN} was changed since its cases were flown"
+        reason = f"Its {folders.CAMPAIGN} was changed since its cases were run"
         return f"{reason}: {manifests.restore_advice(folder)}"
     n_more = len(changes) - _MAX_DIFFERENCES
     more = f", and {n_more} more" if n_more > 0 else ""
@@ -186,18 +185,18 @@ def _stored_rows(
         return PreviousRun(), spec.numbers
     if other := set(own).symmetric_difference(shards.CaseColumns(folder)):
         raise folders.StoreError(
-            f"{folder}: was flown by another version of sepmc, whose rows differ in "
+            f"{folder}: was run by another version of sepmc, whose rows differ in "
             f"{', '.join(sorted(other))}, so its cases cannot be continued; {another_place()}"
         )
     if spec.numbers.omits(numbers):
         raise folders.StoreError(
-            f"{folder}: holds cases up to {numbers[-1]}; {_cases_option(spec.numbers)} would leave "
-            "some out"
+            f"{folder}: contains cases up to {numbers[-1]}; {_cases_option(spec.numbers)} would "
+            "leave some out"
         )
     if n_dropped and announce:
         announce(
-            f"{folder}: {n_dropped} cases, or their histories, are gone or not as they were "
-            "written, so these are flown again"
+            f"{folder}: {n_dropped} cases, or their histories, are missing or were changed since "
+            "they were written, so these are run again"
         )
     summary = sum((read_summary(text) for text in shards.read_summaries(folder)), BatchSummary())
     return PreviousRun(len(numbers), summary), spec.numbers.without(numbers)
@@ -222,7 +221,9 @@ def _stored_accumulators(
     n_selected = shards.drop_selected(folder, later_range[0][0] if later_range else None)
     if str(n_selected).encode() != about.get(b"rows", b"0"):
         if announce:
-            announce(f"{folder}: rows that were kept are gone or not as they were written")
+            announce(
+                f"{folder}: rows that were kept are missing or were changed since they were written"
+            )
         shards.drop_damaged(folder, with_histories=False)
         return PreviousRun(), spec.numbers
     summary = read_summary(about.get(b"summary", b""))

@@ -110,15 +110,26 @@ class RareEventEstimate:
         low, high = self.interval
         return (
             f"<RareEventEstimate {self.requirement}: probability {self.probability:.2e}, "
-            f"95 % {low:.1e} to {high:.1e}, {self.flights} flights>"
+            f"95 % {low:.1e} to {high:.1e}, {self.flights} cases>"
         )
 
     def to_pandas(self) -> pd.DataFrame:
-        """Cases of the last level, one a row, by case number."""
+        """Cases of the last level.
+
+        Returns
+        -------
+        DataFrame
+            A row per case, by case number.
+        """
         return index_by_case(self.rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Contents of ``rare.json``."""
+        """Contents of ``rare.json``.
+
+        Returns
+        -------
+        dict
+        """
         violate = int(np.count_nonzero(self.rows["margin"] < 0.0))
         return {
             "requirement": self.requirement,
@@ -153,7 +164,7 @@ class RareEventEstimate:
 def estimate_rare_event(
     campaign: Definition,
     name: str,
-    max_flights: int = DEFAULT_FLIGHTS,
+    max_cases: int = DEFAULT_FLIGHTS,
     seed: int | None = None,
     threads: int | None = None,
     folder: Path | None = None,
@@ -168,7 +179,7 @@ def estimate_rare_event(
     campaign : Definition
     name : str
         Of the requirement.
-    max_flights : int
+    max_cases : int
         Maximum number of cases.
     seed, threads : int, optional
     folder : Path, optional
@@ -187,32 +198,30 @@ def estimate_rare_event(
     ------
     InputError, StoreError
     """
-    limit, max_flights = (
+    limit, max_cases = (
         limit_state(campaign, name),
-        check_int("flights", max_flights, _MIN_FLIGHTS, _MAX_FLIGHTS),
+        check_int("cases", max_cases, _MIN_FLIGHTS, _MAX_FLIGHTS),
     )
     seed = campaign.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
     started, times = datetime.now(UTC), dict.fromkeys(("text", "compile", "steps", "kernel"), 0.0)
-    request = _request(campaign, limit, max_flights, seed)
+    request = _request(campaign, limit, max_cases, seed)
     previous_sessions = _begin(campaign, folder, request, resume) if folder else []
     if announce:
-        announce(f"{campaign.name}: {limit.sentence}; at most {max_flights} flights, seed {seed}")
-    flight = select_steps(campaign, announce=announce, timing=times)
+        announce(f"{campaign.name}: {limit.sentence}; at most {max_cases} cases, seed {seed}")
+    integration = select_steps(campaign, announce=announce, timing=times)
     start_s = time.perf_counter()
     report = (
-        (lambda done, failed: progress(done, max_flights, failed))
-        if progress
-        else (lambda *_: None)
+        (lambda done, failed: progress(done, max_cases, failed)) if progress else (lambda *_: None)
     )
     log = _open_log(campaign, folder, limit, seed, resume) if folder else None
-    flights = MarginEvaluator(campaign, flight, limit, report, announce, log)
+    evaluator = MarginEvaluator(campaign, integration, limit, report, announce, log)
     report(0, 0)  # so that compiling does not count
     random = partial(_generator, seed)
     dimensions = len(campaign.file.dispersions)
     try:
-        rare_values = rare_discrete_values(flights, random("seldom"))
+        rare_values = rare_discrete_values(evaluator, random("seldom"))
         known, of_all, _ = subset_simulation.estimate(
-            flights.margins, dimensions, random, max_flights - flights.count
+            evaluator.margins, dimensions, random, max_cases - evaluator.count
         )
     finally:
         if log:
@@ -230,12 +239,12 @@ def estimate_rare_event(
         (known.interval[0], max(known.interval[1], of_all.interval_with_unknown[1])),
         tuple(known.known.tolist()),
         known.levels,
-        flights.count,
+        evaluator.count,
         seed,
         _rows(campaign, known),
         _violating_inputs(campaign, known),
-        {label: flights.statuses[label] for label in LABELS if flights.statuses[label]},
-        _notes(flights, known, of_all, rare_values),
+        {label: evaluator.statuses[label] for label in LABELS if evaluator.statuses[label]},
+        _notes(evaluator, known, of_all, rare_values),
         folder,
     )
     if folder:
@@ -248,13 +257,11 @@ def estimate_rare_event(
             "threads": threads or os.cpu_count(),
             **manifests.versions(),
         }
-        _write(folder, result, flights, request, [*previous_sessions, session])
+        _write(folder, result, evaluator, request, [*previous_sessions, session])
     return result
 
 
-def _request(
-    campaign: Definition, limit: LimitState, max_flights: int, seed: int
-) -> dict[str, Any]:
+def _request(campaign: Definition, limit: LimitState, max_cases: int, seed: int) -> dict[str, Any]:
     """Manifest entries that determine an estimate."""
     item = msgspec.to_builtins(limit.requirement)
     return {
@@ -262,7 +269,7 @@ def _request(
         "digest": campaign.digest,
         "seed": seed,
         "rare": {k: v for k, v in item.items() if v is not None},
-        "flights_allowed": max_flights,
+        "flights_allowed": max_cases,
     }
 
 
@@ -351,61 +358,65 @@ def _violating_inputs(campaign: Definition, estimate: Estimate) -> dict[str, tup
 
 
 def _notes(
-    flights: MarginEvaluator, known: Estimate, of_all: Estimate, rare_values: list[RareValue]
+    evaluator: MarginEvaluator, known: Estimate, of_all: Estimate, rare_values: list[RareValue]
 ) -> list[str]:
     """Notes on an estimate for the user."""
-    campaign, flight, summary, limit = (
-        flights.campaign,
-        flights.flight,
-        flights.summary,
-        flights.limit_state,
+    campaign, integration, summary, limit = (
+        evaluator.campaign,
+        evaluator.integration,
+        evaluator.summary,
+        evaluator.limit_state,
     )
-    achieved, fixed = accuracy(flight, summary), campaign.scene.solver.step is not None
+    achieved, fixed = accuracy(integration, summary), campaign.scene.solver.step is not None
     notes = subset_simulation.estimate_warnings(known)
     notes += [note for value in rare_values if (note := value.note(campaign, of_all))]
-    ended = flights.statuses[Status.OK.label]
-    if flights.n_without_outcome or ended < flights.count:
+    ended = evaluator.statuses[Status.OK.label]
+    if evaluator.n_without_outcome or ended < evaluator.count:
         metric = limit.requirement.metric
         of_ok = (
-            f" and {flights.n_without_outcome} others have no {metric}"
-            if flights.n_without_outcome
+            f" and {evaluator.n_without_outcome} others have no {metric}"
+            if evaluator.n_without_outcome
             else ""
         )
         unknown = float(of_all.unknown.mean())
         notes.append(
-            f"{flights.count - ended} of {flights.count} flown cases did not come to their end"
+            f"{evaluator.count - ended} of {evaluator.count} cases did not reach their end"
             f"{of_ok}: it is not known "
             "whether they violate, and they do not count as violations; probability of such cases "
             f"{format_proportion(unknown)}"
         )
     notes += [
-        f"{cases} flown cases are beyond the bound of {name}, {schema.AUDIT_BOUNDS[name]:g}: the "
+        f"{cases} cases are beyond the bound of {name}, {schema.AUDIT_BOUNDS[name]:g}: the "
         "audit failed"
-        for name, cases in flights.beyond_bounds.items()
+        for name, cases in evaluator.beyond_bounds.items()
     ]
     plain = subset_simulation.equivalent_direct_cases(known.probability, known.interval)
-    if len(known.levels) > 1 and plain < flights.count:
+    if len(known.levels) > 1 and plain < evaluator.count:
         notes.append(
-            f"this is not rare: {plain:.0f} cases of a plain campaign estimate it as well as these "
-            f"{flights.count} flights"
+            f"this is not rare: {plain:.0f} cases of a plain campaign estimate it as well as the "
+            f"{evaluator.count} do"
         )
-    broken = implausible_note(summary.implausible, flights.count)
+    broken = implausible_note(summary.implausible, evaluator.count)
     notes += [broken] if broken else []
     notes += [
         *accuracy_notes(achieved, fixed),
         *unconverged_notes(summary.unconverged, summary.refined),
     ]
     notes += min_at_end_notes(summary.min_at_end)
-    notes += missing_notes(campaign, summary.missing, flights.statuses[Status.OK.label])
-    notes += _error_notes(flight, limit, achieved.errors.get(limit.column.name, np.nan), known)
-    return notes + [note for note in flight.notes if note not in notes]
+    notes += missing_notes(campaign, summary.missing, evaluator.statuses[Status.OK.label])
+    notes += _error_notes(integration, limit, achieved.errors.get(limit.column.name, np.nan), known)
+    return notes + [note for note in integration.notes if note not in notes]
 
 
 def _error_notes(
-    flight: Integration, limit: LimitState, relative_error: float, estimate: Estimate
+    integration: Integration, limit: LimitState, relative_error: float, estimate: Estimate
 ) -> list[str]:
     """Notes if the numerical error of the outcome, relative to its size, matters."""
-    scale = 0.0 if flight.scale is None else float(flight.scale[limit.index]) * limit.column.scale
+    scale = (
+        0.0
+        if integration.scale is None
+        else float(integration.scale[limit.index]) * limit.column.scale
+    )
     error = relative_error * max(limit.size, scale)
     if np.isnan(error):
         return [f"the numerical error of {limit.column.name} is not known"]
@@ -414,14 +425,14 @@ def _error_notes(
     if doubtful > _NEAR * estimate.probability:
         texts.append(
             f"cases nearer to the bound than the numerical error of {error:.1e} have a probability "
-            f"of {format_proportion(doubtful)}: ask for a finer solver.accuracy"
+            f"of {format_proportion(doubtful)}: request a smaller solver.accuracy"
         )
     thresholds = np.array([level.threshold for level in estimate.levels])
     if len(thresholds) > 1 and error > _NEAR * np.abs(np.diff(thresholds)).min():
         texts.append(
             f"two levels lie about as near to each other as the numerical error of {error:.1e}, or "
-            "the outcome is the same in many cases: which of them go on is round-off there, so the "
-            "interval is wider than it could be"
+            "the outcome is the same in many cases: which of them continue is decided by "
+            "round-off, so the interval is wider than it could be"
         )
     return texts
 
@@ -429,19 +440,19 @@ def _error_notes(
 def _write(
     folder: Path,
     result: RareEventEstimate,
-    flights: MarginEvaluator,
+    evaluator: MarginEvaluator,
     request: dict[str, Any],
     sessions: list[dict[str, Any]],
 ) -> None:
     """Write manifest, campaign, report and cases into an open folder."""
-    campaign = flights.campaign
+    campaign = evaluator.campaign
     manifest = {
         **request,
         "flights": result.flights,
         "complete": True,
-        "failures": flights.summary.failures,
-        "audit_beyond": flights.beyond_bounds,
-        "accuracy": accuracy_entries(campaign, flights.flight, flights.summary),
+        "failures": evaluator.summary.failures,
+        "audit_beyond": evaluator.beyond_bounds,
+        "accuracy": accuracy_entries(campaign, evaluator.integration, evaluator.summary),
         "notes": result.notes,
         "sessions": sessions,
     }

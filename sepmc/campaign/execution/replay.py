@@ -24,26 +24,26 @@ class RowComparison:
     ----------
     number : int
         Case number.
-    flown : bool
+    was_run : bool
         False if the kernel of the campaign is not compiled here.
     columns : tuple of str
         Columns with different bits.
     """
 
     number: int
-    flown: bool
+    was_run: bool
     columns: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
         """Result in words."""
-        if not self.flown:
-            return "its row was not flown again: the campaign's kernel is not compiled here"
+        if not self.was_run:
+            return "its row was not run again: the campaign's kernel is not compiled here"
         if not self.columns:
-            return f"flown again by the campaign's kernel, row {self.number} is the same bit by bit"
+            return f"run again by the campaign's kernel, row {self.number} is the same bit by bit"
         some = ", ".join(self.columns[:3]) + (", ..." if len(self.columns) > 3 else "")
         return (
-            f"flown again by the campaign's kernel, row {self.number} differs in "
+            f"run again by the campaign's kernel, row {self.number} differs in "
             f"{len(self.columns)} columns: {some}"
         )
 
@@ -58,7 +58,7 @@ def earlier_integration(campaign: Definition, log: Log | None = None) -> Integra
 
 def compare_row(
     campaign: Definition,
-    flight: Integration | None,
+    integration: Integration | None,
     folder: Path,
     number: int,
     seed: int,
@@ -69,7 +69,7 @@ def compare_row(
     Parameters
     ----------
     campaign : Definition
-    flight : Integration or None
+    integration : Integration or None
         See `earlier_integration`.
     folder : Path
     number, seed, total : int
@@ -78,11 +78,11 @@ def compare_row(
     -------
     RowComparison
     """
-    if flight is None:
-        return RowComparison(number, flown=False)
+    if integration is None:
+        return RowComparison(number, was_run=False)
     inputs = campaign.sample(number, 1, seed, total)
     history_size = history_rows(campaign.scene) if campaign.has_histories else 0
-    block = integrate(campaign, flight, campaign.in_si(inputs), history_size)
+    block = integrate(campaign, integration, campaign.in_si(inputs), history_size)
     scales = np.array([c.scale for c in campaign.result_columns])
     own_values = {c.name: x for c, x in zip(campaign.input_columns, inputs[0], strict=True)}
     results = block.outcomes[0] * scales

@@ -128,16 +128,14 @@ def simulate_case(
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
         shape = make_kernel_spec(plan, variant=variant)
-        flight = _SingleRun(
-            shape, plan, columns, row_interval_s, announce, work, plain_work is None
-        )
+        run = _SingleRun(shape, plan, columns, row_interval_s, announce, work, plain_work is None)
         try:
-            return flight.run()
+            return run.run()
         except _RejectedError as rejected:
-            status, finite = np.array(rejected.status), np.array(flight.finite)
+            status, finite = np.array(rejected.status), np.array(run.finite)
             variants = [v for v in shape.fallbacks if is_accepted_by(status, v, finite)]
             if not variants:
-                return flight.rejected(rejected.status)
+                return run.rejected(rejected.status)
             variant = (
                 variants[0] if rejected.status != Variant.LEAST_SQUARES else Variant.LEAST_SQUARES
             )
@@ -260,7 +258,7 @@ class _SingleRun:
         stages, self.steps = self.kernel.n_segments, steps
         given_step = self.plan.scene.solver.step is not None
         how = "" if given_step else f", now in {steps.max()} steps a phase"
-        self.report(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
+        self.report(lambda seconds: f"still running after {seconds:.0f} s{how} ...")
         self.outcomes, status, unclear, ends, rows = self._call_kernel(steps, instants)
         self.times_by_steps[steps.tobytes(), self.durations.tobytes()] = (
             ends[:stages],
@@ -303,7 +301,9 @@ class _SingleRun:
         if lines > self.work.left and self.may_compile:
             self._compile()
         elif lines * LINE_S > _LONG_S and self.announce:
-            self.announce(f"the next flight takes plain Python about {lines * LINE_S:.0f} s ...")
+            self.announce(
+                f"the next integration takes plain Python about {lines * LINE_S:.0f} s ..."
+            )
 
     def _with_rows(
         self, steps: np.ndarray, notes: list[str], forced_status: Status | None = None
@@ -342,10 +342,10 @@ class _SingleRun:
         """Ends of segments (segments,) and times (n,) of changes within, s, at some steps."""
         if self.kernel.n_segments == 1 and self.kernel.n_changes == 0:
             return np.array([self.plan.scene.run.end_time]), np.empty(0)
-        flown = steps.tobytes(), self.durations.tobytes()
-        if flown not in self.times_by_steps:
+        key = steps.tobytes(), self.durations.tobytes()
+        if key not in self.times_by_steps:
             self._integrate_at(steps)
-        return self.times_by_steps[flown]
+        return self.times_by_steps[key]
 
     def _converged_steps(self, ones: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """Steps (segments,) at which the case converges, its error (o,) and notes; ``ones`` is one
@@ -376,7 +376,7 @@ class _SingleRun:
     def _last_completed(self) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """As `_converged_steps`, for a case whose work is used up: the last integration that
         reached its end."""
-        advice = "; give solver.step_s, or ask for less (solver.accuracy), to go on"
+        advice = "; to continue, give solver.step_s or a larger solver.accuracy"
         if not self.completed:
             self.spent_note = (
                 f"{int(self.steps.max())} steps a phase do not suffice, and more are beyond the "
@@ -399,8 +399,7 @@ class _SingleRun:
             [
                 f"the work of this case was spent at {int(steps.max())} steps a phase, before it "
                 f"converged: the last halving of the step changed {self.columns[worst].name} by "
-                f"{error[worst]:.1e} of its size, and the accuracy {scene.solver.accuracy:g} was "
-                f"asked{advice}"
+                f"{error[worst]:.1e} of its size; requested {scene.solver.accuracy:g}{advice}"
             ],
         )
 
@@ -439,9 +438,9 @@ class _SingleRun:
             raise UnknownError(self._unknown_reason(reached))
         if self.announce:
             self.announce(
-                "this case takes more steps than plain Python flies in some seconds: compiled, its "
-                f"flights take up to about {_COMPILED_WORK * COMPILED_LINE_S:.0f} s, longer if the "
-                "machine is busy"
+                "this case takes more steps than plain Python takes in some seconds: compiled, its "
+                f"integrations take up to about {_COMPILED_WORK * COMPILED_LINE_S:.0f} s, longer "
+                "if the machine is busy"
             )
         self.kernel, self.compiled = load_kernel(self.text, self.announce), True
         self.times_by_steps.clear()  # compiled, times can differ in the last bit
@@ -464,13 +463,13 @@ class _SingleRun:
             if reached is None or math.isnan(reached)
             else f", stopped at {reached:.4g} of {end:g} s"
         )
-        reason = f"a flight {how} takes too long here{where}"
+        reason = f"an integration {how} takes too long here{where}"
         if given_step is not None:
             return f"{reason}; give a longer solver.step_s"
         if self.completed and self.completed[-1][0].max() < self.steps.max():
             most = self.completed[-1][0].max()
-            reason += f"; in {most} it came to its end, but its outcomes had not converged"
-        return f"{reason}; look at what is warned of, or give solver.step_s"
+            reason += f"; in {most} it reached its end, but its outcomes had not converged"
+        return f"{reason}; look at the warnings, or give solver.step_s"
 
 
 def _instants(

@@ -248,7 +248,7 @@ def refine_case_steps(
         result.change[0],
         [
             f"a shorter step changes {columns[largest].name} by {change[largest]:.1e} of its size, "
-            f"more than the accuracy {tolerance:g} that was "
-            "asked, however short the step: the error of this case is about as large"
+            f"more than the requested accuracy {tolerance:g}, however short the step: the error of "
+            "this case is about as large"
         ],
     )

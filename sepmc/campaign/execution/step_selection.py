@@ -373,7 +373,7 @@ def _history_error(
 
 def _announce_calibration(announce: Log | None) -> None:
     if announce:
-        announce("running calibration cases to find the steps for the accuracy asked ...")
+        announce("running calibration cases to select the steps for the requested accuracy ...")
 
 
 def _progress_counter(announce: Log | None) -> Callable[[int], None]:

@@ -34,7 +34,7 @@ class Job:
         Checksum of the campaign file in the folder.
     lease : str
         Token of `sepmc.campaign.store.folders.issue_lease`.
-    flight : Integration
+    integration : Integration
     spec : SampleSpec
     accumulator : Apart or None
         Empty statistics to add cases to; None if rows are written.
@@ -45,7 +45,7 @@ class Job:
     folder: Path
     campaign: str
     lease: str
-    flight: Integration
+    integration: Integration
     spec: SampleSpec
     accumulator: PartialStatistics | None = None
     keep: KeepRules | None = None
@@ -122,11 +122,13 @@ def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
     """
     timing = {"compile": 0.0, "sample": 0.0, "kernel": 0.0}
     with _running:
-        campaign, flight = _ready(job)
+        campaign, integration = _ready(job)
         separation = campaign.stored_history_columns(job.accumulator is None)
         with using_threads(threads):
             chunks = [
-                integrate_chunk(campaign, flight, job.spec, first, end, bool(separation), timing)
+                integrate_chunk(
+                    campaign, integration, job.spec, first, end, bool(separation), timing
+                )
             ]
     if not folders.lease_is_valid(job.folder, job.lease):
         raise StaleWorkerError(f"{job.folder}: the lease for cases {first} to {end - 1} is revoked")
@@ -179,5 +181,5 @@ def _ready(job: Job) -> tuple[Definition, Integration]:
         campaign = Definition(read_campaign(text, reader=read_input_table))
         history = campaign.has_histories and job.accumulator is None
         _last.clear()
-        _last[job.key] = campaign, unpacked(campaign, job.flight, history)
+        _last[job.key] = campaign, unpacked(campaign, job.integration, history)
     return _last[job.key]

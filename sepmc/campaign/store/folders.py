@@ -143,7 +143,7 @@ def check_folder(
         untrusted.check_entries(folder)
         if not is_run(folder):
             raise StoreError(
-                f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose "
+                f"{folder}: contains other files and no {MANIFEST}, so it is not a run; choose "
                 f"another {option('out')}"
             )
         if not (overwrite or resume):

@@ -141,7 +141,7 @@ def read(content: bytes) -> dict[str, Any]:
     try:
         msgspec.convert(manifest, _Manifest)
     except msgspec.ValidationError as error:
-        raise ValueError(f"it holds no manifest: {error}") from None
+        raise ValueError(f"it contains no manifest: {error}") from None
     if "sha256" in manifest:
         own = (
             _REQUIRED_OF_CASE

@@ -88,7 +88,7 @@ class Finding:
     text: str
     file: str = ""
     repairable: bool = True
-    advice: str = "fly it again"
+    advice: str = "run it again"
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     StoreError
         If there is none, or it or the campaign beside it was changed.
     """
-    manifest = _manifest(folder, f"; to see what would mend it: sepmc doctor {folder}")
+    manifest = _manifest(folder, f"; to see what would repair it: sepmc doctor {folder}")
     for finding in changed_files(folder, manifest):
         raise StoreError(finding.text)
     return manifest
@@ -152,8 +152,7 @@ def _changed_campaign(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Fin
     else:
         if checksum != manifest["campaign_sha256"]:
             reason = (
-                "is not the campaign that was flown; to fly it as it is now, copy it to another "
-                "place"
+                "is not the campaign that was run; to run it as it is now, copy it to another place"
             )
             text = f"{folder / folders.CAMPAIGN}: {reason}"
             yield Finding(text, repairable=False, advice=restore_advice(folder))
@@ -166,7 +165,7 @@ def _changed_campaign(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Fin
 def restore_advice(folder: Path) -> str:
     """Remedy if the campaign of a run was changed."""
     return (
-        f"put {folders.CAMPAIGN} back as it was, or go on by the file that it was made from: "
+        f"restore {folders.CAMPAIGN}, or continue with the file that it was made from: "
         f"{flying_again(folder, 'FILE')}"
     )
 
@@ -177,7 +176,7 @@ def _changed_ledger(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Findi
     if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
         reason = f"was changed: it lists {len(files)} files instead of {manifest['files']}"
         reason = reason if folders.has_ledger(folder) else "is gone"
-        advice = f". To fly missing cases again: {flying_again(folder)}"
+        advice = f". To run missing cases again: {flying_again(folder)}"
         yield Finding(
             f"{folder / ledger.LEDGER}: {reason}{advice if is_resumable(manifest) else ''}"
         )
@@ -242,10 +241,10 @@ def foreign_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
             )
             findings.append(
                 Finding(
-                    f"{path}: was flown with {difference}, as {folders.MANIFEST} says",
+                    f"{path}: was run with {difference}, as {folders.MANIFEST} says",
                     repairable=not is_recorded_shard,
                     advice=f"{folders.MANIFEST} and {folders.CAMPAIGN} are of another run: put "
-                    "those of its cases back, or fly with --overwrite or another --out",
+                    "those of its cases back, or run with --overwrite or another --out",
                 )
             )
     return findings
@@ -298,7 +297,7 @@ def diagnose(folder: Path) -> list[Finding]:
         n_stored = sum(entry.cases for entry in shards.entries(folder, folders.CASES))
         n_stored += accumulators.first if accumulators else 0
         if n_stored < manifest["cases"]:
-            findings.append(Finding(f"{folder}: holds {n_stored} of {manifest['cases']} cases"))
+            findings.append(Finding(f"{folder}: contains {n_stored} of {manifest['cases']} cases"))
     if not resumable:  # it is run again as a whole
         findings = [replace(entry, repairable=False) for entry in findings]
     return findings

@@ -107,7 +107,8 @@ def _parquet(path: Path) -> pa.Table:
 def _check_size(rows: int, columns: int) -> None:
     if rows * columns > PLAN_NUMBERS:
         reason = (
-            f"has {rows:,} rows of {columns:,} columns: must hold at most {PLAN_NUMBERS:,} numbers"
+            f"has {rows:,} rows of {columns:,} columns: must contain at most "
+            f"{PLAN_NUMBERS:,} numbers"
         )
         raise _TooLarge(reason)
 
@@ -131,7 +132,10 @@ def _table_fault(table: pa.Table, names: list[str]) -> str:
 def _case_numbers(column: pa.ChunkedArray | None, rows: int, problems: Problems) -> Any:
     """Case numbers (n,), the row numbers without a column; None, with the problem noted, if
     invalid."""
-    column_key, reason = f"{_KEY}, column {CASE}", f"must hold whole numbers from 0 to {CASES - 1}"
+    column_key, reason = (
+        f"{_KEY}, column {CASE}",
+        f"must contain whole numbers from 0 to {CASES - 1}",
+    )
     if column is None:
         return np.arange(rows)
     if not _is_number(column.type):
@@ -143,7 +147,7 @@ def _case_numbers(column: pa.ChunkedArray | None, rows: int, problems: Problems)
     if not is_whole.all():
         problems.add(column_key, reason, str(column[int(np.argmin(is_whole))].as_py()))
     elif len(np.unique(values)) < len(values):
-        problems.add(column_key, "holds a number twice")
+        problems.add(column_key, "contains a number twice")
     else:
         return values.astype(np.int64)
     return None

@@ -218,8 +218,8 @@ def _verified_path(folder: Path, entry: ledger.Entry) -> Path:
     """Path of an intact file. Raises StoreError with its cases and the remedy if it is not."""
     if problem := find_fault(folder, entry):
         raise StoreError(
-            f"{folder / entry.file}: {problem}; it held {entry.cases_text}. To fly these again: "
-            f"{flying_again(folder)}"
+            f"{folder / entry.file}: {problem}; it contained {entry.cases_text}. To run these "
+            f"again: {flying_again(folder)}"
         )
     return folder / entry.file
 
@@ -390,7 +390,7 @@ def read_summaries(folder: Path) -> Iterator[str]:
         _, reason = read_metadata(_verified_path(folder, entry))
         if b"summary" not in reason:
             raise StoreError(
-                f"{folder}: was flown by a version of sepmc that counted less, so its cases cannot "
+                f"{folder}: was run by a version of sepmc that counted less, so its cases cannot "
                 f"be continued; {another_place()}"
             )
         yield reason[b"summary"].decode(errors="replace")
@@ -415,7 +415,7 @@ class CaseColumns(Mapping[str, np.ndarray]):
         self.folder = folder
         self._entries = entries(folder, folders.CASES)
         if not self._entries:
-            raise StoreError(f"{folder}: holds no cases; give the folder of a run")
+            raise StoreError(f"{folder}: contains no cases; give the folder of a run")
         self.rows = sum(part.cases for part in self._entries)
         self._names = read_metadata(_verified_path(folder, self._entries[0]))[0].names
 
@@ -473,7 +473,7 @@ def read_cases(
     """Case rows of a run, sorted by case; optionally cases ``below`` a number, some columns."""
     stored = entries(folder, folders.CASES)
     if not stored:
-        raise StoreError(f"{folder}: holds no {folders.CASES}; give the folder of a run")
+        raise StoreError(f"{folder}: contains no {folders.CASES}; give the folder of a run")
     return _read_rows(folder, stored, ["case"], below, columns)
 
 
@@ -484,7 +484,7 @@ def read_row(folder: Path, number: int) -> dict[str, Any]:
             frame = _read_entry(folder, part).to_pandas(ignore_metadata=True)
             table = frame[frame["case"] == number]
             return {str(name): table[name].iloc[0] for name in table}
-    raise StoreError(f"{folder}: does not hold case {number}")
+    raise StoreError(f"{folder}: does not contain case {number}")
 
 
 def read_histories(

@@ -1,7 +1,7 @@
 """Checks of run folders and Parquet shards from untrusted sources, before they are read.
 
-A folder may hold regular files and folders only: a link would be followed, a pipe would block. The
-size of a file is checked before it is read. A checksum does not help: an author of a shard can
+A folder may contain regular files and folders only: a link would be followed, a pipe would block.
+The size of a file is checked before it is read. A checksum does not help: an author of a shard can
 write its checksum too.
 """
 
@@ -29,7 +29,7 @@ _STATUS_LABELS = frozenset(status.label for status in Status)
 
 
 class StoreError(Exception):
-    """A run folder that cannot be used as asked; the argument is the message to show."""
+    """A run folder that cannot be used as requested; the argument is the message to show."""
 
 
 def check_entries(folder: Path) -> None:
@@ -58,7 +58,7 @@ def _check_entry(entry: "os.DirEntry[str]", is_rewritten: bool) -> None:
     """Check one entry. ``is_rewritten``: files here are written in place, as figures are."""
     if entry.is_symlink():
         raise StoreError(
-            f"{entry.path}: is a link; a run folder holds its own files only: put the file there"
+            f"{entry.path}: is a link; a run folder contains its own files only: put the file there"
         )
     if not entry.is_file(follow_symlinks=False) and not entry.is_dir(follow_symlinks=False):
         raise StoreError(f"{entry.path}: is neither a file nor a folder; take it out of the run")
@@ -104,7 +104,7 @@ def file_fault(file: "pq.ParquetFile", size: int, rows: int | None = None) -> st
         expected = metadata.num_rows if rows is None else rows
         return f"has {count:,} rows, and should have {expected:,}"
     if count * max(1, len(schema) - len(_TEXT_COLUMNS)) > limits.NUMBERS_A_BYTE * size:
-        return f"has {count:,} rows of {len(schema):,} columns, more than its bytes can hold"
+        return f"has {count:,} rows of {len(schema):,} columns, more than its bytes can contain"
     names = schema.names
     if bad := next((name for name in names if not _COLUMN_NAME.fullmatch(name)), None):
         return f"has a column of another name than runs have: {bad[:60]!r}"

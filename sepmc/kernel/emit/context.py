@@ -291,7 +291,7 @@ def height(scope: Scope, body: str) -> Expr:
 
 
 def reject_unless(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
-    """Reject a case, unless it is rejected already, where a condition does not hold.
+    """Reject a case, unless it is rejected already, where a condition is not satisfied.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def reject_unless(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> N
 
 
 def reject_if(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
-    """Reject a case where a condition holds; see `reject_unless`."""
+    """Reject a case where a condition is satisfied; see `reject_unless`."""
     _reject(scope, where(condition, float(status), 0.0))
 
 
@@ -315,7 +315,7 @@ def _reject(scope: Scope, status: Expr) -> None:
 
 
 def rejection_unless(condition: str, status: int = FINER_STEPS) -> str:
-    """Line of a lane that rejects its case where a condition does not hold."""
+    """Line of a lane that rejects its case where a condition is not satisfied."""
     return (
         f"w[REJECTED + l] = {float(status)} if w[REJECTED + l] == 0.0 and not ({condition}) else "
         "w[REJECTED + l]"

@@ -39,7 +39,7 @@ class Leaf:
 class Conditions:
     """Conditions of a scene as flat lists.
 
-    ``events`` holds (first clause, number of clauses) of each event, ``clauses`` (first leaf,
+    ``events`` stores (first clause, number of clauses) of each event, ``clauses`` (first leaf,
     number of leaves) of each clause, ``clause_leaves`` the leaf numbers.
 
     Events: the end of each phase, each release, each observation event, the stroke end of each

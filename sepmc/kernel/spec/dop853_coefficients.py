@@ -1,7 +1,7 @@
 """Coefficients of DOP853, by Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I,
 2nd ed. (program DOP853).
 
-Row 12 of A holds the weights; rows 13 to 15 the stages of the continuous extension, D its weights.
+Row 12 of A has the weights; rows 13 to 15 the stages of the continuous extension, D its weights.
 Zero entries are left out. E5 is the difference of the weights from those of an embedded method of
 order 5.
 """

@@ -1,6 +1,6 @@
 """Kernel specification: everything the emitter needs to know of a scene and its dispersions.
 
-It holds structure only (rigid groups, constraint rows, events, outputs), no numbers: scenes with
+It contains structure only (rigid groups, constraint rows, events, outputs), no numbers: scenes with
 equal specifications share one compiled kernel.
 """
 
@@ -172,7 +172,7 @@ class Segment:
     alias_of: str = ""
     # condition that ends the next phase, evaluated while delayed releases are pending
     pending_event: Event | None = None
-    # it ends when all conditions (by number) of any clause hold
+    # it ends when all conditions (by number) of any clause are satisfied
     clauses: list[tuple[int, ...]] = field(default_factory=list)
     times: dict[int, Due] = field(default_factory=dict)  # conditions that are times
     springs: dict[int, str] = field(default_factory=dict)  # conditions that are stroke ends

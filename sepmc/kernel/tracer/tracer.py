@@ -156,7 +156,8 @@ def called(value: Any, name: str) -> Any:
 
 
 def where(condition: Expr, one: Any, other: Any) -> Expr:
-    """Expression ``one`` where a condition holds and ``other`` elsewhere; both are computed."""
+    """Expression ``one`` where a condition is satisfied and ``other`` elsewhere; both are "
+    "computed."""
     shape = next((v.shape for v in (one, other) if isinstance(v, Expr)), NUMBER)
     return trace("where", (condition, one, other), shape)
 

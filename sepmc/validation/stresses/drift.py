@@ -117,7 +117,7 @@ def _seconds_a_step(trees: dict[str, Tree]) -> dict[str, float]:
     campaigns = {
         method: make(tree | {"run": {"end_time_s": TIMED * STEP}}) for method, tree in trees.items()
     }
-    plans, minimum = (
+    layouts, minimum = (
         {
             method: make_parameter_layout(campaign.nominal().scene)
             for method, campaign in campaigns.items()
@@ -125,14 +125,16 @@ def _seconds_a_step(trees: dict[str, Tree]) -> dict[str, float]:
         dict.fromkeys(trees, math.inf),
     )
     kernels = {
-        method: load_kernel(emit(make_kernel_spec(plan), plan.scene.solver.method, FULL_HISTORY))
-        for method, plan in plans.items()
+        method: load_kernel(
+            emit(make_kernel_spec(layout), layout.scene.solver.method, FULL_HISTORY)
+        )
+        for method, layout in layouts.items()
     }
     one, typical, no_rows = np.ones(1, dtype=np.int64), np.full(1, math.inf), np.empty((0, 3))
     for _ in range(REPEATS):
         for method, kernel in kernels.items():
             start = time.process_time()
-            integrate_nominal(kernel, plans[method], one, typical, no_rows)
+            integrate_nominal(kernel, layouts[method], one, typical, no_rows)
             minimum[method] = min(minimum[method], (time.process_time() - start) / TIMED)
     return minimum
 

@@ -91,7 +91,7 @@ class Sequence:
             if loads and not changed_now:
                 return
             loads = not changed_now
-        raise RuntimeError("events followed each other without time passing")
+        raise RuntimeError("events did not end at one instant")
 
     def _record(self, event: Event, t: float) -> None:
         """Set the time of an event and log it."""

@@ -1,0 +1,99 @@
+"""Remedies of messages, by a pattern of the message; every message of their kinds has one."""
+
+# warnings before a run and notes of a run
+OF_NOTES = {
+    r"is it in another unit\?|is the unit right\?|are both units right\?": "check the unit of the "
+    "key, such as `cg_mm` for `cg_m`",
+    r"with relative = true": "a width in the unit of the key was probably meant as a fraction: add "
+    "`relative = true`, or change the width",
+    r"the weights add up to": "they are normalised; change them if that is not meant",
+    r"may not have, and are not run": "bound the distribution with `truncate_sigma`",
+    r"overlap at the start": "move a station, or give the clearance `after`",
+    r"nearly level along its x axis": "give `apart = 1` or `-1`: the sign of the separation is "
+    "otherwise decided by a few millimetres",
+    r"is it the other way round": "turn the axis of the spring, or the sign of its force",
+    r"pulls with .* before its stroke": "shorten the stroke, or raise the force; a spring that "
+    "fails has `factor = 0`",
+    r"does nothing|there is no thrust before": "give the key that is missing, or remove the entry",
+    r"has no stroke_m, so it pushes on": "give the stroke, or another condition",
+    r"comes after the end of the run": "give a longer `run.end_time_s`, or an earlier time",
+    r"is never released|is free in all phases": "give the release, or remove the output",
+    r"constraint rows are redundant": "the motion is unique; use other kinds of joint if their "
+    "loads matter",
+    r"give more rows where it changes": "more rows of the table there; distances between rows that "
+    "differ much make the curve swing",
+    r"applies to the nominal case only": "set the distribution instead: `--set dispersion.KEY=...`",
+    r"the nominal case has no|the nominal case violates it": "check the bound and its unit; if "
+    "both are right, most cases will violate it",
+    r"should separate": "turn an axis of the joint or of a spring, or set `apart`",
+    r"toward the other": "`cant_deg` of the motor is probably reversed",
+    r"outcomes that wait for it|KEY in the nominal case": "expected if the file disperses a "
+    "failure; else "
+    "look at such a case: `sepmc replay`",
+    r"is smallest when": "give a longer `run.end_time_s`",
+    r"rows of the table are independent|only cases NUMBERS|are a part of a design": "for intervals "
+    "and verdicts, run random cases, from the first on",
+    r"run\.sampler = ": 'for verdicts on requirements use `sampler = "random"`',
+    r"balanced after a power of two": "give a number of cases that is a power of two",
+    r"hardly show its effect": "more cases, `sepmc campaign --rare`, or a run of its own with that "
+    "value `constant`",
+    r"stopped after": "look at the failed cases by `status`; `--resume` without `--max-failures` "
+    "continues",
+    r"several kinds of processor": "nothing, unless rows must agree to the last bit: then use "
+    "machines of one kind",
+    r"no calibration case reached|numerical error of NAME is not known": "look at the status of "
+    "the nominal case: `sepmc run FILE`",
+    r"requested accuracy ASKED is not met": "look at what the named outcomes have in common: a "
+    "kink, or a limit near which events barely occur",
+    r"did not converge to the requested|a shorter step changes": "their error is part of the "
+    "reported one; look at such cases by `status` and `error`",
+    r"statistics leave out": "look at the other cases by `status`: `sepmc sensitivity RUN`",
+    r"the run is not complete": "`sepmc campaign` with `--resume` runs the missing cases",
+    r"the run was made with VERSIONS": "other versions can give other bits",
+    r"satisfied by none|none of them has": "give another condition",
+    r"nominal case did not reach": "it needs more work than a rough run; `sepmc run FILE`",
+    r"can give a case that|breaks the triangle": "an inertia of no solid body: narrow the "
+    "distribution, or correlate the moments",
+    r"made by fork": "start processes by spawn or forkserver",
+    r"trial chains|replicas disagree|descend from": "more cases: `--cases 1e6`",
+    r"chains hardly move": "more cases; the margin may have jumps",
+    r"did not reach their end": "look at them by `status` in `rare.parquet`; the interval with "
+    "unknown cases includes them",
+    r"the audit failed": "shorten `solver.step_s`, or remove it",
+    r"this is not rare": "a plain campaign is enough",
+    r"nearer to the bound than|two levels lie about as near": "give a smaller `solver.accuracy`",
+}
+
+# errors of run folders, tables, workers and paths
+OF_FOLDERS = {
+    r"is a file|contains other files|exists; add|contains a bench|is a file where": "another "
+    "`--out`; `--overwrite` replaces a run, nothing else",
+    r"another process writes": "wait for it; a process that was killed leaves no lock",
+    r"free there": "free the disk, or store less: `--stats-only`, `--keep`, a larger "
+    "`run.history_step_s`",
+    r"cannot be written|cannot be reached|PATH: (ERROR|FAULT)$": "check permissions, disk and "
+    "address; object storage needs the extra `cluster`",
+    r"cannot be read|PROBLEM|is no history|has no column|differ in columns|is not there|"
+    r"HISTORY: ERROR|FOLDER: ERROR|NAME: NAME|LEDGER_LINES|TEXT: ADVICE": "`sepmc doctor RUN` "
+    "lists what is damaged, `--repair` restores it",
+    r"cannot be repaired": "run it again, into another folder",
+    r"hard link|is a link|neither a file nor a folder": "copy the file there: a run folder "
+    "contains its own files only",
+    r"another version of sepmc|counted less": "read it with the version that wrote it (its "
+    "manifest names it), or run it again",
+    r"with another campaign|with another seed|Latin hypercube|Saltelli design|"
+    r"is to be continued|leave some out": "`--resume` needs the same campaign, seed and mode; for "
+    "another run choose another `--out`",
+    r"estimate": "an estimate is a folder of its own; its cases become a run by `--samples "
+    "RUN/rare.parquet`",
+    r"contains no|contains a single case|is a single case": "give the folder of a campaign",
+    r"does not contain case|is none of them": "`sepmc stats RUN` shows how many cases there are",
+    r"needs all rows": "run again without `--stats-only` or `--keep`, or use `statistics.csv`",
+    r"needs a local folder": "give `--out` a local folder",
+    r"no such outcome|is yes or no": "`sepmc stats RUN` lists the outcomes",
+    r"the lease for cases": "nothing: another worker runs these cases",
+    r"a worker on NODE": "give `--out` a folder that every machine sees under the same path",
+    r"ended every worker": "give workers more memory, or fewer cases at a time (`run.chunk`)",
+    r"workers|no Dask scheduler": "start the scheduler or its workers again, then `--resume`",
+    r"must be text or a path": "give a string or `pathlib.Path`",
+}
