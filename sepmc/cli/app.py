@@ -14,6 +14,7 @@ from sepmc.cli.doctor import doctor
 from sepmc.cli.draw import draw
 from sepmc.cli.exits import MEANINGS, Program
 from sepmc.cli.fit import fit
+from sepmc.cli.map import map_
 from sepmc.cli.plot import plot
 from sepmc.cli.replay import replay
 from sepmc.cli.report import report
@@ -86,6 +87,7 @@ for _command in (
     sensitivity,
     fit,
     compare,
+    map_,
     report,
     template,
     list_campaigns,

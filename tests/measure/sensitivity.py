@@ -171,9 +171,10 @@ def coverage(sampler, problem, repeats, cases):
         rows = dict(zip(names, x, strict=True)) | {"y": outcome(x), "case": np.arange(cases)}
         rows["status"] = np.full(cases, "ok")
         try:
-            table = input_sensitivities(rows, names, "y", sampler).sort_index()
+            table = input_sensitivities(rows, names, "y", sampler).reindex(names)
         except ValueError:  # the outcome does not vary
             continue
+        # an input that happens to be constant has no row: no interval is given
         for k, (name, true) in enumerate(zip(("first", "total"), known, strict=True)):
             if true is not None and table[f"{name}_low"].notna().all():
                 low, high = table[f"{name}_low"] - NEAR, table[f"{name}_high"] + NEAR

@@ -1,0 +1,86 @@
+"""Files and screen of `sepmc map`."""
+
+from pathlib import Path
+
+import numpy as np
+
+from sepmc import __version__
+from sepmc.analysis.proportions import required_cases
+from sepmc.analysis.requirements import FAIL, PASS
+from sepmc.analysis.requirements_text import requirement_sentence
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.design_map import DesignMap
+from sepmc.campaign.store import folders, shards
+from sepmc.scene.model import Requirement
+from sepmc.scene.parameters import find, value
+from sepmc.scene.setting_checks import matching_keys
+from sepmc.schema import Column
+
+
+def write_table(designs: DesignMap, campaign: Campaign, path: Path) -> Path:
+    """Write the table of a map, CSV or Parquet; return its path."""
+    table = designs.table
+    if path.suffix.lower() == ".csv":
+        folders.write_text(path, table.to_csv(index=False))
+        return path
+    columns = [Column(str(name), "", "") for name in table]
+    about = {
+        "campaign": campaign.name,
+        "digest": campaign.digest,
+        "cases": str(designs.cases),
+        "seed": str(designs.seed),
+        "sepmc": __version__,
+    }
+    shards.write_parquet(
+        path, columns, {str(name): table[name].to_numpy() for name in table}, about
+    )
+    return path
+
+
+def figure_paths(campaign: Campaign, path: Path) -> list[Path]:
+    """Paths of the figures of a map, beside its table: one for each requirement."""
+    names = [item.name for item in campaign.file.requirements]
+    return [path.with_name(f"{path.stem}-{name}.png") for name in names]
+
+
+def write_figures(designs: DesignMap, campaign: Campaign, path: Path) -> list[Path]:
+    """Draw a figure for each requirement beside the table; return their paths."""
+    from sepmc.report.map_figure import map_figure
+
+    nominal = tuple(_nominal(campaign, axis.key) for axis in designs.axes)
+    items, paths = campaign.file.requirements, figure_paths(campaign, path)
+    return [
+        map_figure(designs, item, _sentence(campaign, item), nominal, campaign.name, into)
+        for item, into in zip(items, paths, strict=True)
+    ]
+
+
+def _sentence(campaign: Campaign, item: Requirement) -> str:
+    """A requirement in words."""
+    units = {column.name: column.unit for column in campaign.outcome_columns}
+    return requirement_sentence(item, units.get(item.metric, ""))
+
+
+def _nominal(campaign: Campaign, key: str) -> float | None:
+    """Nominal value of a design variable in its unit; None if its parameters differ."""
+    parameters = [find(campaign.scene, one) for one in matching_keys(campaign.file.tree, key)]
+    values = {value(campaign.scene, each.path) / each.factor for each in parameters}
+    return values.pop() if len(values) == 1 else None
+
+
+def render_map(designs: DesignMap, campaign: Campaign) -> str:
+    """Render the number of designs with each verdict, a line for each requirement."""
+    lines = [
+        f"{len(designs.table)} designs, {designs.cases} cases each, seed {designs.seed}; largest "
+        f"numerical error {designs.table['error'].max():.1e}"
+    ]
+    for item in campaign.file.requirements:
+        verdicts = designs.table[item.name].to_numpy()
+        shown, refuted = (int(np.count_nonzero(verdicts == word)) for word in (PASS, FAIL))
+        rest = len(verdicts) - shown - refuted
+        sentence = _sentence(campaign, item)
+        lines.append(f"{sentence}: shown at {shown} designs, refuted at {refuted}, open at {rest}")
+        needed = required_cases(0, item.probability, item.confidence)
+        if designs.cases < needed:
+            lines.append(f"  {designs.cases} cases cannot show it; give at least --cases {needed}")
+    return "\n".join(lines)

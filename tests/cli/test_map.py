@@ -1,0 +1,126 @@
+"""`sepmc map` judges every design as a run of it does, and refuses what it cannot judge."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+import sepmc
+from sepmc.analysis.proportions import binomial_interval, required_cases
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.design_map import MapAxis, map_designs, parse_axis
+from sepmc.cli.app import main
+from sepmc.report.map_figure import map_figure
+from sepmc.scene.read import parse_campaign
+
+X, Y = "motor.retro.thrust_N", "body.upper.mass_kg"
+ITEM = {
+    "name": "speed",
+    "metric": "separation_speed_m_s",
+    "at_least": 0.5,
+    "probability": 0.9,
+    "confidence": 0.9,
+}
+
+
+def campaign(**requirement):
+    """Table 2 with a requirement on the separation speed."""
+    tree = sepmc.load("table2", {"run.history_step_s": 0.0}).file.tree
+    return Campaign(parse_campaign(tree | {"requirement": [ITEM | requirement]}, "table2"))
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """File of that campaign, in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "table2.toml"
+    path.write_text(campaign().file.toml, encoding="utf-8")
+    return path
+
+
+def call(*words):
+    """Result of a command."""
+    return CliRunner().invoke(main, list(map(str, words)))
+
+
+def test_cells_have_the_verdicts_of_runs():
+    axes = [MapAxis(X, 400.0, 600.0, 5), MapAxis(Y, 440.0, 480.0, 3)]
+    designs = map_designs(campaign(), axes, cases=60, seed=4)
+    assert len(designs.table) == 15
+    assert set(designs.table["speed"]) == {"pass", "fail", "not shown"}
+    for row in (0, 4, 7, 14):
+        one = designs.table.iloc[row]
+        run = campaign().with_settings({X: one[X], Y: one[Y]}).run(cases=60, seed=4)
+        verdict = run.requirements().loc["speed"]
+        assert one["speed"] == verdict["verdict"]
+        assert one["speed_violations"] == verdict["violations"]
+        low, high = binomial_interval(int(verdict["violations"]), 60)
+        assert (one["speed_low"], one["speed_high"]) == (low, high)
+    assert (designs.grid(X)[1] == axes[0].values).all()
+    assert (designs.grid(Y)[:, 2] == axes[1].values).all()
+
+
+def test_map_writes_a_table_and_a_figure(file):
+    words = ["map", file, "--x", f"{X}=400:600:4", "--cases", 40]
+    done = call(*words)
+    assert done.exit_code == 0, done.output
+    assert "4 designs, 40 cases each" in done.output
+    table = pd.read_parquet("table2-map.parquet")
+    assert table[X].tolist() == np.linspace(400.0, 600.0, 4).tolist()
+    assert (file.parent / "table2-map-speed.png").stat().st_size > 10_000
+    again = call(*words)
+    assert again.exit_code == 2
+    assert "--overwrite" in again.output
+    (file.parent / "table2-map.parquet").unlink()
+    assert "table2-map-speed.png" in call(*words).output  # is not replaced either
+    assert call(*words, "--overwrite", "--quiet").output == ""
+    done = call(*words[:3], f"{X}=400:600:3", "--y", f"{Y}=440:480:2", *words[4:], "--out", "m.csv")
+    assert done.exit_code == 0, done.output
+    assert len(pd.read_csv("m.csv")) == 6
+    assert (file.parent / "m-speed.png").exists()
+
+
+def test_too_few_cases_are_named(file):
+    needed = required_cases(0, ITEM["probability"], ITEM["confidence"])
+    words = ["map", file, "--x", f"{X}=400:600:2", "--no-plots"]
+    assert f"--cases {needed}" in call(*words, "--cases", needed - 1).output
+    assert "--cases" not in call(*words, "--cases", needed, "--overwrite").output
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--x", "thrust"], "KEY=LOW:HIGH:COUNT"),
+        (["--x", f"{X}=400:600"], "KEY=LOW:HIGH:COUNT"),
+        (["--x", f"{X}=a:600:3"], "KEY=LOW:HIGH:COUNT"),
+        (["--x", f"{X}=600:400:3"], "rise"),
+        (["--x", f"{X}=400:nan:3"], "rise"),
+        (["--x", f"{X}=400:600:1"], "2 to 1000"),
+        (["--x", f"{X}=400:600:2.5"], "KEY=LOW:HIGH:COUNT"),
+        (["--x", "motor.retro.thrust=400:600:3"], "unit"),
+        (["--x", f"{X}=400:600:3", "--y", f"{X}=300:500:3"], "both axes"),
+        (["--x", f"{X}=400:600:3", "--out", "map.png"], ".csv, .parquet"),
+        (["--x", f"{X}=400:600:3", "--set", "run.sampler=sobol"], "random"),
+    ],
+)
+def test_bad_maps_are_refused(file, words, message):
+    done = call("map", file, *words, "--cases", 10)
+    assert done.exit_code == 2
+    assert message in done.output
+    assert "Traceback" not in done.output
+    assert not list(file.parent.glob("*map*"))
+
+
+def test_a_map_needs_a_requirement():
+    with pytest.raises(sepmc.InputError, match="requirement"):
+        map_designs(sepmc.load("table2"), [parse_axis(f"{X}=1:2:3", "--x")], cases=5)
+
+
+def test_figure_marks_the_nominal_only_inside(tmp_path):
+    axes = [MapAxis(X, 400.0, 600.0, 3), MapAxis(Y, 440.0, 480.0, 3)]
+    designs, item = map_designs(campaign(), axes, cases=30), campaign().file.requirements[0]
+    images = [
+        map_figure(designs, item, "speed", nominal, "table2", tmp_path / f"{k}.png").read_bytes()
+        for k, nominal in enumerate([(500.0, 458.0), (None, 458.0), (700.0, 458.0)])
+    ]
+    assert images[0] != images[1] == images[2]
