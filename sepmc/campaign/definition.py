@@ -35,6 +35,7 @@ from sepmc.scene.units import unit_text
 from sepmc.schema import Column
 
 # keys of [run] that change no row, and the path of the sample table, which has a digest of its own
+_NO_OUTCOME = ("title", "name", "requirement", "reference")  # keys of a file that change no row
 _NOT_IN_DIGEST = ("cases", "seed", "chunk", "samples")
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
@@ -267,12 +268,23 @@ class Definition:
     def digest(self) -> str:
         """Digest of all that determines the outcomes of a case: runs of equal digest and seed have
         equal rows."""
-        ignored = ("title", "name", "requirement", "reference")
-        tree = {k: v for k, v in self.file.tree.items() if k not in ignored}
+        text = msgspec.json.encode(self._contents, order="deterministic")
+        return hashlib.sha256(text).hexdigest()[:16]
+
+    @property
+    def ordered_text(self) -> bytes:
+        """Text of all that determines the outcomes of a case, in the order of the file, in which
+        parameters and columns are."""
+        return msgspec.json.encode(self._contents)
+
+    @property
+    def _contents(self) -> dict[str, Any]:
+        """Contents of the file that determine the outcomes of a case."""
+        tree = {k: v for k, v in self.file.tree.items() if k not in _NO_OUTCOME}
         tree["run"] = {k: v for k, v in tree.get("run", {}).items() if k not in _NOT_IN_DIGEST}
         if self.file.input_table:
             tree["run"]["plan"] = self.inputs_digest  # the key that digests were made with
-        return hashlib.sha256(msgspec.json.encode(tree, order="deterministic")).hexdigest()[:16]
+        return tree
 
     @property
     def inputs_digest(self) -> str:

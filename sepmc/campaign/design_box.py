@@ -5,6 +5,7 @@ linear in it, or the box is refused.
 """
 
 import copy
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,12 @@ import numpy as np
 from sepmc.campaign.cases import quantile
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.store.sample_file import read_input_table
-from sepmc.kernel.spec.parameter_layout import ParameterLayout, make_parameter_layout
+from sepmc.kernel.spec.parameter_layout import (
+    ParameterLayout,
+    make_parameter_layout,
+    separation_sign,
+)
+from sepmc.scene import parameters
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import InputError, nearest, shorten
 from sepmc.scene.parameters import Parameter, UnknownPath, find
@@ -25,6 +31,7 @@ from sepmc.scene.setting_checks import matching_keys
 
 LEVEL = 1e-12  # relative: deviation from a linear dependence on a design
 _TAIL = 0.001  # probability of the ends of a dispersed parameter in calibration cases
+_MAX_GEOMETRIC = 10  # variables of mass centres and joints: all corners of their ranges are tried
 _EXAMPLE = '{"motor.retro.thrust_N": (300.0, 700.0)}'
 
 Settings = dict[str, float]
@@ -162,6 +169,8 @@ class DesignBox(Definition):
             for v in variables
         ]
         box.derived = tuple(_derived_numbers(box, [box.layout_of(one) for one in single]))
+        _check_signs(box)
+        _check_distributions(box)
         return box
 
     def layout_of(self, definition: Definition) -> ParameterLayout:
@@ -217,6 +226,54 @@ def _extent(low: Dispersion, high: Dispersion) -> list[float]:
     return [float(values.min()), float(values.max())]
 
 
+def _check_signs(box: DesignBox) -> None:
+    """Raise InputError if a joint opens to another side anywhere in the box: the distance along its
+    axis is linear in each variable, so that corners have its extremes."""
+    variables = [
+        v
+        for v in box.variables
+        if any(p.path.startswith("joint.") or ".cg." in p.path for p in v.parameters)
+    ]
+    if len(variables) > _MAX_GEOMETRIC:
+        raise InputError(f"vary: at most {_MAX_GEOMETRIC} variables of mass centres and joints")
+    signs = {joint: separation_sign(box.scene, joint) for joint in box.scene.joint}
+    for corner in itertools.product((0.0, 1.0), repeat=len(variables)):
+        values = {
+            p.path: v.at(share) * p.factor
+            for v, share in zip(variables, corner, strict=True)
+            for p in v.parameters
+        }
+        scene = parameters.replace(box.ends[0].scene, values)
+        for joint, sign in signs.items():
+            if separation_sign(scene, joint) != sign:
+                raise InputError(
+                    f"vary: joint.{joint} would open to the other side than in the nominal scene "
+                    "at some of these designs; choose ranges on one side of it"
+                )
+
+
+def _check_distributions(box: DesignBox) -> None:
+    """Raise InputError if a dispersed parameter does not follow the value of a design."""
+    u = np.array([_TAIL, 0.3, 0.8])
+    laws = [end.file.dispersions for end in box.ends]
+    for k, i in box.variable_of_column.items():
+        if k >= len(laws[0]):
+            continue
+        low, high, middle = (quantile(law[k], u) for law in laws)
+        key = box.variables[i].key
+        if np.array_equal(low, high):
+            raise InputError(
+                f"vary, {key}: its distribution gives values, which the nominal does not move; "
+                "give a width about the nominal, or relative = true"
+            )
+        size = LEVEL * np.maximum(np.abs(low), np.abs(high))
+        if not (np.abs(0.5 * (low + high) - middle) <= size).all():
+            raise InputError(
+                f"vary, {key}: its distribution is not in proportion to the nominal over this "
+                "range; choose a range in which the nominal keeps its sign"
+            )
+
+
 def _derived_numbers(box: DesignBox, single: Sequence[ParameterLayout]) -> Iterator[DerivedNumber]:
     """Numbers other than inputs that follow from a design; ``single`` are the layouts with one
     variable at its high end.
@@ -224,10 +281,10 @@ def _derived_numbers(box: DesignBox, single: Sequence[ParameterLayout]) -> Itera
     Raises InputError if a design changes what all cases share, or a number in no linear way.
     """
     low, high, middle = map(box.layout_of, box.ends)
-    if not all(_have_one_model(low, layout) for layout in (high, middle, *single)):
+    if not all(_have_one_model(box.plan, layout) for layout in (low, high, middle, *single)):
         raise InputError(
-            "vary: these designs change tables, axes, outlines or the side on which a joint "
-            "opens, which all cases of a run share; run them by with_settings"
+            "vary: these designs change tables, outlines or the side to which a joint opens, "
+            "which all cases of a run share; run them by with_settings"
         )
     layouts = [high, middle, *single]
     changes = [~_equal(layout.nominal, low.nominal) for layout in layouts]

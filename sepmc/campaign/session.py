@@ -18,7 +18,7 @@ import pandas as pd
 from sepmc.analysis import requirements
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.design_box import LEVEL, DesignBox
+from sepmc.campaign.design_box import DesignBox
 from sepmc.campaign.execution import batch_summary
 from sepmc.campaign.execution.accuracy import (
     AchievedAccuracy,
@@ -28,12 +28,13 @@ from sepmc.campaign.execution.accuracy import (
     with_scales,
 )
 from sepmc.campaign.execution.chunk import Chunk
+from sepmc.campaign.execution.diagnostics import accuracy_notes
 from sepmc.campaign.execution.integration import Integration, integrate
 from sepmc.campaign.execution.sinks import case_table
 from sepmc.campaign.execution.step_selection import select_steps, unpacked
 from sepmc.engine.dispatch import Block, check_int, check_threads, compile_wait_s, using_threads
 from sepmc.scene.limits import CASES
-from sepmc.scene.messages import InputError, Log, nearest, shorten
+from sepmc.scene.messages import InputError, Log, RunWarning, nearest, shorten, warn
 from sepmc.schema import AUDIT_BOUNDS, Status
 
 _ROWS = 16384  # cases of several designs that one call of the kernel integrates
@@ -143,6 +144,11 @@ class DesignResult:
         summary = batch_summary.count(self.box, self.inputs / self.box.factors, self.block)
         return batch_summary.accuracy(self.integration, summary)
 
+    @property
+    def notes(self) -> list[str]:
+        """Notes for the user, such as an accuracy that is not met."""
+        return accuracy_notes(self.accuracy, self.integration.step is not None)
+
     def statistics(self) -> pd.DataFrame:
         """Statistics of every outcome; see `Result.statistics`.
 
@@ -207,6 +213,9 @@ class Session:
         Ranges of the design variables.
     integration : Integration
         Kernel and steps, for all designs of the box.
+    notes : list of str
+        Notes for the user, such as an accuracy that is not met; issued as `RunWarning` if
+        ``announce`` is None.
     """
 
     def __init__(
@@ -217,6 +226,13 @@ class Session:
         with using_threads(self._threads):
             self.integration = select_steps(self.box, announce=announce)
         self._samples: dict[tuple[int, int], _Sample] = {}
+        achieved = self.integration.achieved
+        assert achieved is not None
+        fixed = self.integration.step is not None
+        self.notes = [*self.integration.notes, *accuracy_notes(achieved, fixed)]
+        if announce is None:
+            for note in self.notes:
+                warn(note, RunWarning)
 
     def __repr__(self) -> str:
         ranges = ", ".join(f"{v.key} {v.low:g} to {v.high:g}" for v in self.box.variables)
@@ -297,6 +313,8 @@ class Session:
         """
         table = self._designs(designs)
         cases, seed = self._size(cases, seed)
+        if isinstance(columns, str):
+            raise InputError(f"columns = {columns!r}: must be a list of names, as ['error']")
         positions = {name: _position(self.box, name) for name in columns}
         start = time.perf_counter()
         sample = self._sample(cases, seed)
@@ -368,64 +386,52 @@ class Session:
         """Inputs of cases, sampled once for a seed."""
         key = cases, seed
         if key not in self._samples:
-            low, high, middle = (end.sample(0, cases, seed, cases) for end in self.box.ends)
+            low, high = (end.sample(0, cases, seed, cases) for end in self.box.ends[:2])
+            width = low.shape[1]
             base = np.zeros((len(self.box.factors), cases))
-            base[: low.shape[1]] = self.box.ends[0].in_si(low).T
-            ends = {}
-            for k in self.box.variable_of_column:
-                if k < low.shape[1]:
-                    ends[k] = low[:, k].copy(), high[:, k].copy()
-                    self._check_linear(k, low[:, k], middle[:, k], high[:, k])
+            base[:width] = (low * self.box.ends[0].factors).T
+            varied = [k for k in self.box.variable_of_column if k < width]
             while len(self._samples) >= _MAX_SAMPLES:
                 self._samples.pop(next(iter(self._samples)))
+            ends = {k: (low[:, k].copy(), high[:, k].copy()) for k in varied}
             self._samples[key] = _Sample(base, ends)
         return self._samples[key]
-
-    def _check_linear(self, k: int, low: np.ndarray, middle: np.ndarray, high: np.ndarray) -> None:
-        """Raise InputError if the inputs of column ``k`` do not follow the design in proportion."""
-        key = self.box.variables[self.box.variable_of_column[k]].key
-        if np.array_equal(low, high):
-            raise InputError(
-                f"vary, {key}: its distribution gives values, which the nominal does not move; "
-                "give a width about the nominal, or relative = true"
-            )
-        size = LEVEL * np.maximum(np.abs(low), np.abs(high))
-        if not (np.abs(0.5 * (low + high) - middle) <= size).all():
-            raise InputError(
-                f"vary, {key}: its distribution is not in proportion to the nominal over this "
-                "range; choose a range in which the nominal keeps its sign"
-            )
 
     def _write(self, rows: np.ndarray, sample: _Sample, values: np.ndarray) -> None:
         """Write the varied inputs of a design, SI, into rows (d, n) of its cases."""
         box = self.box
-        shares = [
-            float((x - v.low) / (v.high - v.low))
-            for v, x in zip(box.variables, values, strict=True)
-        ]
+        ranges = [(v.low, v.high - v.low) for v in box.variables]
+        shares = [float((x - low) / r) for (low, r), x in zip(ranges, values, strict=True)]
         for k, i in box.variable_of_column.items():
-            law, factor = box.file.dispersions[k], box.factors[k]
             if k in sample.ends:
                 low, high = sample.ends[k]
-                inputs = (1.0 - shares[i]) * low + shares[i] * high
-                law = box.ends[0].file.dispersions[k]
-                np.multiply(inputs, factor, out=rows[k])
-                if law.has_tails:
-                    rows[k, ~law.allowed(inputs)] = np.nan
+                np.multiply((1.0 - shares[i]) * low + shares[i] * high, box.factors[k], out=rows[k])
             else:
-                rows[k] = values[i] * factor
+                rows[k] = values[i] * box.factors[k]
         for k, number in enumerate(box.derived, start=len(box.factors)):
             rows[k] = number.at(shares)
-        inputs_si = rows[: len(box.factors)].T
-        early = box.ends_before_start(inputs_si)
-        if early.any():
-            inputs_si[early] = np.nan
+
+    def _for_kernel(self, rows: np.ndarray) -> np.ndarray:
+        """Inputs (d, n), SI, with NaN where a case is invalid, as `Definition.in_si`; ``rows`` if
+        all are valid."""
+        factors, laws = self.box.factors, self.box.ends[0].file.dispersions
+        masks = {
+            k: ~law.allowed(rows[k] / factors[k]) for k, law in enumerate(laws) if law.has_tails
+        }
+        early = self.box.ends_before_start(rows[: len(factors)].T)
+        if not early.any() and not any(mask.any() for mask in masks.values()):
+            return rows
+        rows = rows.copy()
+        for k, mask in masks.items():
+            rows[k, mask] = np.nan
+        rows[: len(factors), early] = np.nan
+        return rows
 
     def _integrate(self, rows: np.ndarray, timing: dict[str, float]) -> Block:
         """Integrate cases with inputs (d, n), SI."""
         start, waited = time.perf_counter(), compile_wait_s()
         with using_threads(self._threads):
-            block = integrate(self._runs, self.integration, rows.T)
+            block = integrate(self._runs, self.integration, self._for_kernel(rows).T)
         waited = compile_wait_s() - waited
         timing["compile"] += waited
         timing["kernel"] += time.perf_counter() - start - waited
@@ -461,6 +467,8 @@ def _position(box: Definition, name: str) -> int:
 def _numbers(values: Any) -> np.ndarray:
     """Array of finite floats. Raises InputError."""
     try:
+        if np.iscomplexobj(values):
+            raise TypeError
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"design = {shorten(values)}: must be numbers") from None

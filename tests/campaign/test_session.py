@@ -242,3 +242,70 @@ def test_wildcards_set_every_table_of_a_name():
         campaign.with_settings({"spring.none*.force_N": 700.0})
     with pytest.raises(sepmc.SceneError, match="set before"):
         campaign.with_settings({"spring.upper_left.force_N": 1.0, "spring.*.force_N": 700.0})
+
+
+def with_load():
+    """Shipped springs with a load whose times are dispersed."""
+    tree = sepmc.load("spring-pushers", {"run.history_step_s": 0.0}).file.tree
+    load = {"name": "push", "body": "payload", "force_N": [5.0, 0.0, 0.0]}
+    load |= {"start_s": 0.4, "end_s": 0.8}
+    laws = tree["dispersion"] | {
+        "load.push.start_s": {"normal": 0.1},
+        "load.push.end_s": {"uniform": 0.1},
+    }
+    tree = tree | {"load": [load], "dispersion": laws}
+    return Campaign(parse_campaign(tree, "pushed"))
+
+
+def test_loads_that_end_before_they_start_are_those_of_the_design(monkeypatch):
+    campaign = with_load()
+    session = campaign.session({"load.push.end_s": (0.45, 1.5)})
+    for end in (0.5, 1.5):
+        found, expected = (
+            session.run([end], cases=300, seed=1),
+            session.with_design([end]).run(300, seed=1),
+        )
+        table, rows = found.to_pandas(), expected.to_pandas()
+        assert (table["status"] == rows["status"]).all()
+        for column in expected.campaign.input_columns:  # those of invalid cases too
+            np.testing.assert_allclose(table[column.name], rows[column.name], rtol=1e-13)
+    assert (session.run([0.5], cases=300, seed=1).block.status != Status.OK).any()
+    # a design leaves nothing behind for the next one, in a call or between calls
+    single = [int(session.run([end], cases=300).ok.sum()) for end in (0.5, 1.5)]
+    for rows in (300, 600, 16384):
+        monkeypatch.setattr(sessions, "_ROWS", rows)
+        ok = session.run_many([[0.5], [1.5], [0.5], [1.5], [0.5]], cases=300).summary["ok"]
+        assert ok.tolist() == [single[k] for k in (0, 1, 0, 1, 0)]
+
+
+def test_a_joint_that_opens_to_the_other_side_in_a_corner_is_refused():
+    settings = {"run.history_step_s": 0.0, "joint.clamp.x_axis": [1.0, -1.0, 0.0]}
+    campaign = sepmc.load("spring-pushers", settings)
+    ranges = {
+        "body.payload.cg_m.x": (2.5, 3.5),
+        "body.payload.cg_m.y": (0.0, 1.0),
+        "body.stage.cg_m.x": (4.0, 5.5),
+    }
+    with pytest.raises(sepmc.InputError, match=r"joint.clamp would open to the other side"):
+        campaign.session(ranges)
+
+
+def test_an_accuracy_that_is_missed_is_noted():
+    settings = {"run.history_step_s": 0.0, "solver.accuracy": 1e-12, "solver.method": "rk4"}
+    campaign = sepmc.load("table2", settings)
+    with pytest.warns(sepmc.RunWarning, match="accuracy"):
+        session = campaign.session({"motor.retro.thrust_N": (400.0, 500.0)})
+    assert any("accuracy" in note for note in session.notes)
+    assert any("accuracy" in note for note in session.run([450.0], cases=5).notes)
+    announced = []
+    campaign.session({"motor.retro.thrust_N": (400.0, 500.0)}, announce=announced.append)
+    assert session.run([450.0], cases=5).accuracy.worst[1] > 1e-12
+
+
+@pytest.mark.parametrize("values", ["error", ("separation",)])
+def test_columns_are_names(values):
+    session = sepmc.load("table2").session({"motor.retro.thrust_N": (400.0, 500.0)})
+    with pytest.raises(sepmc.InputError, match=r"list of names|no such outcome"):
+        session.run_many([[450.0]], cases=3, columns=values)
+    with pytest.raises(sepmc.InputError, match="numbers"):
+        session.run([450.0 + 1.0j], cases=3)

@@ -9,9 +9,11 @@ import pytest
 
 import sepmc
 from sepmc import jit
+from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection, step_store
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.jit import CACHE_FOLDER
+from sepmc.scene.read import parse_campaign
 
 QUIET = {"run.history_step_s": 0.0}
 
@@ -127,3 +129,23 @@ def test_steps_follow_from_every_source_that_is_not_compiled():
     rooms = ("analysis", "campaign", "engine", "kernel", "physics", "routines", "scene")
     needed = {path for room in rooms for path in (root / room).rglob("*.py")}
     assert needed | {root / "schema.py"} <= in_digest | compiled
+
+
+def reordered(tree, table):
+    """A tree with one of its tables in the other order."""
+    return {k: dict(reversed(v.items())) if k == table else v for k, v in tree.items()}
+
+
+def test_order_of_a_file_selects_again(quiet):
+    """Parameters and columns have the order of the file."""
+    select_steps(quiet)
+    swapped = Campaign(parse_campaign(reordered(quiet.file.tree, "body"), "table2"))
+    assert swapped.digest == quiet.digest
+    ours, theirs = swapped.run(40).to_pandas(), quiet.run(40).to_pandas()
+    step_store.forget()
+    assert ours.equals(Campaign(swapped.file).run(40).to_pandas())
+    for name in ("separation_distance_mm", "separation_speed_m_s", "upper_pitch_deg"):
+        np.testing.assert_allclose(ours[name], theirs[name], rtol=1e-8)
+    size = step_selection.CalibrationSize(24, 512)
+    keys = {step_store.key_of(each, False, size) for each in (quiet, swapped)}
+    assert len(keys) == 2

@@ -38,8 +38,8 @@ def key_of(campaign: Definition, history: bool, size: CalibrationSize) -> str:
     -------
     str
     """
-    parts = (campaign.digest, history, tuple(size))
-    return hashlib.sha256(repr(parts).encode() + _sources_digest()).hexdigest()[:32]
+    text = campaign.ordered_text + repr((history, tuple(size))).encode()
+    return hashlib.sha256(text + _sources_digest()).hexdigest()[:32]
 
 
 @cache
