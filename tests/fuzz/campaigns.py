@@ -100,7 +100,7 @@ def checked(campaign):
     drawn(campaign)
     numbers, total = campaign.select_cases()
     describe.lines(campaign.plan)
-    step_selection.stage_names(campaign)
+    step_selection.stage_names(step_selection.kernel_spec(campaign))
     diagnostics.file_notes(campaign)
     list(diagnostics.sampling_notes(campaign, numbers))
     runner.implausible_note(campaign.implausible_inertias(campaign.sample(0, 1, None, total)), 1)

@@ -152,7 +152,7 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, most):
     (status,), expected = by_independent_flights(campaign, 1)
     with interpreted():
         kernel = load_kernel(step_selection.kernel_text(campaign))
-    assert len(step_selection.stage_names(campaign)) == kernel.n_segments
+    assert len(step_selection.kernel_spec(campaign).segments) == kernel.n_segments
     steps, usual = np.array(steps), np.full(kernel.n_segments, np.inf)
     # how long it is latched sets the length of the steps until then
     for _ in range(2 if name == "missile-rail" else 1):
