@@ -59,6 +59,7 @@ def test_exudyn(campaign, ours):
     assert off(flight(campaign, read(campaign, 1), 0.005, 1), ours)[0] < 1e-4
 
 
+@pytest.mark.slow
 def test_race_with_scipy(campaign, ours):
     calls = []
     entries = race(campaign, 1, calls.append, {**NONE, "scipy": 2}, 1)

@@ -35,7 +35,7 @@ from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
 from sepmc.kernel.spec.structure import make_kernel_spec
 
-STAGES = ("import", "pilot", "kernel", "statistics")
+STAGES = ("import", "select steps", "kernel", "statistics")
 
 
 def call(*arguments):

@@ -211,7 +211,7 @@ def test_command(tmp_path):
         )  # fmt: skip
     assert called.exit_code == 0
     assert "mostly too wide; requirements get no verdict" in called.stderr
-    assert "fly 4 or 8 cases, not 6" in called.stderr
+    assert "run 4 or 8 cases, not 6" in called.stderr
     assert 'sampler = "sobol"' in (tmp_path / "run" / "campaign.toml").read_text()
     notes = json.loads((tmp_path / "run" / "manifest.json").read_text())["notes"]
     assert any("power of two" in note for note in notes)

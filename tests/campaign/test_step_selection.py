@@ -591,6 +591,7 @@ REEL = {
 
 
 @pytest.mark.parametrize("settings", [{}, {"solver.step_s": 5e-4}], ids=["settled", "given"])
+@pytest.mark.slow
 def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
     """A spring of constant force along a line that shrinks to nothing in one case of a thousand:
     such are seen and settled, or told."""

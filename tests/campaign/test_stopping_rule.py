@@ -76,6 +76,7 @@ def files_of(folder):
 
 @pytest.mark.parametrize("orders", [{}, {"stats_only": True}, {"keep": "failed,every:50"}])
 @pytest.mark.parametrize("again", [True, False], ids=["asked again", "as it began"])
+@pytest.mark.slow
 def test_it_goes_on_as_if_it_had_not_stopped(written, tmp_path, orders, again):
     """Interrupted before the first look, between two, and after one: the same end, the same
     statement, the same bits, whether the rule is given again or was noted."""

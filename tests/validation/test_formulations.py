@@ -153,6 +153,7 @@ def turning():
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("method", ["Lagrange", "Kane"])
+@pytest.mark.slow
 def test_slider_pair_by_sympy(method, seed):
     """Accelerations of random states under random loads: 1e-12 of the largest, round-off of two 7 x
     7 systems."""

@@ -9,6 +9,7 @@ from sepmc.validation.groups import side_by_side
 from sepmc.validation.verify import verify
 
 
+@pytest.mark.slow
 def test_side_by_side():
     """Two groups in workers, one in this process; each is reported when done."""
     names, done = ["free_body", "rod_pendulum", "welded"], []

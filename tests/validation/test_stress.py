@@ -12,7 +12,10 @@ from sepmc.validation.stresses.line import ACCURATE, FLAGGED, SILENT, Bound, Str
 
 LINE = Stress("input", "quantity", 1e-12, Bound(1e-10, "reason"), "ok")
 
-SLOW = ("hour", "light_link", "long_steps", "grazing", "peak_loads", "step_lengths")
+SLOW = (
+    *("hour", "light_link", "long_steps", "grazing", "peak_loads", "step_lengths"),
+    *("angle_limits", "unresolved", "two_balls"),
+)
 
 
 @pytest.mark.parametrize(
