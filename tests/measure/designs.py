@@ -126,7 +126,7 @@ def again(name, file, before):
     for _ in range(REPEATS):
         for which, folder in checkouts.items():
             environment = os.environ | {"PYTHONPATH": str(folder)}
-            words = [sys.executable, "-c", AGAIN, str(file)]
+            words = [sys.executable, "-P", "-c", AGAIN, str(file)]
             done = subprocess.run(
                 words, check=True, capture_output=True, text=True, env=environment
             )
