@@ -419,7 +419,8 @@ def partial_release_columns(contents: Contents) -> dict[tuple[str, str], str]:
 
 
 def _transverse_rates(contents: Contents) -> Iterator[tuple[str, str, str, str]]:
-    """Prefix of each transverse rate, prefix of its components, body and instant."""
+    """For each transverse rate: the prefix of its column, the prefix of the columns of its
+    components, the body, and the phrase that tells when (empty for the end of the case)."""
     for body in contents.transverse:
         yield f"{body}_", f"{body}_omega_", body, ""
         for joint in contents.tip_off:

@@ -128,7 +128,7 @@ def max_spread(table: pd.DataFrame, name: str) -> float:
 
 
 def joint_error(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
-    """Return the difference of an outcome between two runs that numerical error explains.
+    """Return the largest difference between two runs that numerical error can explain.
 
     Parameters
     ----------
@@ -140,8 +140,8 @@ def joint_error(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
     Returns
     -------
     float
-        In the unit of the outcome; 0 if unknown, as for times and positions of extremes that
-        are not flat.
+        In the unit of the outcome. It is 0 if an error is unknown, and for the time or place of
+        an extreme that is not constant in both runs.
     """
     both_constant = is_constant(one, name) and is_constant(two, name)
     if _extreme(name) and not both_constant:

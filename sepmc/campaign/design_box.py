@@ -263,8 +263,8 @@ def _check_distributions(box: DesignBox) -> None:
         key = box.variables[i].key
         if np.array_equal(low, high):
             raise InputError(
-                f"vary, {key}: its distribution gives values, which the nominal does not move; "
-                "give a width about the nominal, or relative = true"
+                f"vary, {key}: its distribution has absolute values, so it does not follow the "
+                "design; give it a width about the nominal, or relative = true"
             )
         size = LEVEL * np.maximum(np.abs(low), np.abs(high))
         if not (np.abs(0.5 * (low + high) - middle) <= size).all():

@@ -51,7 +51,7 @@ _enter: Any = intrinsic(_enter_intrinsic)
 
 
 def _run_blocks(kernel, blocks, workspaces, size, arguments):
-    """Integrate blocks 0 to ``blocks`` of LANES cases with the kernel at an address. The workspaces
+    """Integrate ``blocks`` blocks of LANES cases each with the kernel at an address. The workspaces
     of the threads are ``size`` bytes apart."""
     for number in prange(blocks):
         _enter(kernel, workspaces + get_thread_id() * size, number * LANES, arguments)

@@ -207,7 +207,7 @@ def _gather(w, source, n, a, b):
 
 @routine
 def solve_min_norm(w, source, n, scratch, out):
-    """Solve a symmetric system with possibly dependent rows for one lane.
+    """Solve a consistent positive semidefinite system, with possibly dependent rows, for one lane.
 
     The unique solution, or else the one with the smallest norm.
 
@@ -220,11 +220,12 @@ def solve_min_norm(w, source, n, scratch, out):
     scratch : int
         Position of 3 n^2 + 5 n scratch numbers.
     out : int
-        Position of the solution, LANES apart; NaN if there is none.
+        Position of the solution, LANES apart. It is NaN if a diagonal element is not positive.
 
     Returns
     -------
     rank : int
+        0 if a diagonal element is not positive.
     smallest : float
         Smallest pivot relative to its diagonal.
     """

@@ -77,8 +77,9 @@ def _size(theta, w, scratch):
 
 @routine
 def _height(theta, w, scratch, ends):
-    """Quantity to maximise: the magnitude of a vector; or, for a guide with pins, minus the
-    separating force over the load of its pins."""
+    """Quantity to maximise at the fraction ``theta`` of a step. If ``ends`` is 0, it is the
+    magnitude of the vector. Otherwise it is -max(F, 0) / P: F separates the guide, P is the load of
+    its ``ends`` pins."""
     if ends == 0:
         return _size(theta, w, scratch)
     load = 0.0

@@ -129,7 +129,9 @@ def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Prob
         problems.add(place, "needs an axis: mach, alpha_deg or beta_deg")
     shape = tuple(len(axis) for axis in axes_given.values())
     if math.prod(shape) > TABLE_CELLS:
-        problems.add(place, f"has {math.prod(shape):,} rows: must have at most {TABLE_CELLS:,}")
+        problems.add(
+            place, f"has {math.prod(shape):,} combinations of its axes: at most {TABLE_CELLS:,}"
+        )
     for coefficient in _COEFFICIENTS:
         grid = getattr(table, coefficient)
         if not grid:

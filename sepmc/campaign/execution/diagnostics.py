@@ -360,11 +360,11 @@ def _motors_toward(scene: Scene, first: str, second: str) -> str:
     for motor in scene.motor:
         direction = directions.get(motor.body)
         if direction is not None and float(direction @ motor.direction) > _MIN_COSINE * size:
-            notes.append(f"motor.{motor.name}, cant_deg = {math.degrees(motor.cant):g}")
+            notes.append(f"motor.{motor.name} (cant_deg = {math.degrees(motor.cant):g})")
     if not notes:
         return ""
     pushes = "push their bodies" if len(notes) > 1 else "pushes its body"
-    return f" {'; '.join(notes)}: {pushes} toward the other"
+    return f" {' and '.join(notes)} {pushes} toward the other body."
 
 
 def _is_hinge(scene: Scene, name: str) -> bool:

@@ -182,11 +182,11 @@ class Search:
         return steps
 
     def _sufficient_steps(self, min_steps: np.ndarray, max_steps: np.ndarray) -> np.ndarray:
-        """Fewest of ``min_steps``, twice, four times, ... with half of which cases meet the
-        tolerance, at most ``max_steps``.
+        """Twice the steps at which the cases meet the tolerance, at most ``max_steps``.
 
-        The error of one segment is then not hidden by the others, and integration is cheaper than
-        at the reference.
+        The steps start at ``min_steps`` and are doubled in all segments together. The factor of two
+        keeps the errors of other segments small while one segment is reduced (`_reduce_each`), and
+        integration is cheaper than at the reference.
         """
         steps = min_steps
         while (steps < max_steps).any() and self.error(steps) > self.tolerance:

@@ -29,7 +29,10 @@ from sepmc.engine.compile_units import callee, compile_unit, workspace
 
 @dataclass(frozen=True)
 class CompileUnit:
-    """Function of a module, and the text of a module with this function and everything it needs."""
+    """One function of a module (``name``), and the ``text`` of a module that has it as `ENTRY`.
+
+    The text includes what the function uses; other compile units are called by their address.
+    """
 
     name: str
     text: str

@@ -275,7 +275,7 @@ def has_kind(joint: str, kinds: tuple[int, ...]) -> str:
 
 
 def component(field: str, k: int) -> str:
-    """Path of component ``k`` of a field."""
+    """Index expression of component ``k`` of a field of the workspace."""
     return f"{field} + {k} * LANES" if k else field
 
 

@@ -70,7 +70,8 @@ def event_field(event: str) -> str:
 
 
 def event_angle(c: Context, event: str, body: str, k: int) -> str:
-    """Path of the pitch (0) or roll (1) of a body at an event, with full turns."""
+    """Index expression, in the workspace, of the pitch (k = 0) or roll (k = 1) of a body at an
+    event. The angle counts full turns, so it is not limited to one turn."""
     return component(event_field(event), c.size + 2 * c.spec.bodies.index(body) + k)
 
 

@@ -308,7 +308,9 @@ class KernelSpec:
         return self.scene.environment.atmosphere == "us1976" and self.feels_air(body)
 
     def active_size(self, segment: Segment) -> int:
-        """Number of state components that are integrated in a segment."""
+        """Number of leading state components that are integrated in a segment: position and
+        velocity of every body, the work of the loads, and attitude and rate up to the last leader
+        of the segment."""
         return (
             6 * len(self.bodies)
             + 1
