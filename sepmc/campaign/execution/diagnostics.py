@@ -356,15 +356,16 @@ def _motors_toward(scene: Scene, first: str, second: str) -> str:
         return ""
     separation = np.subtract(scene.body[second].cg, scene.body[first].cg) * (-1.0, 1.0, 1.0)
     directions, size = {first: separation, second: -separation}, float(np.linalg.norm(separation))
-    notes = []
-    for motor in scene.motor:
-        direction = directions.get(motor.body)
-        if direction is not None and float(direction @ motor.direction) > _MIN_COSINE * size:
-            notes.append(f"motor.{motor.name} (cant_deg = {math.degrees(motor.cant):g})")
-    if not notes:
+    motors = [
+        f"motor.{motor.name} (cant_deg = {math.degrees(motor.cant):g})"
+        for motor in scene.motor
+        if motor.body in directions
+        and float(directions[motor.body] @ motor.direction) > _MIN_COSINE * size
+    ]
+    if not motors:
         return ""
-    pushes = "push their bodies" if len(notes) > 1 else "pushes its body"
-    return f" {' and '.join(notes)} {pushes} toward the other body."
+    pushes = "push their bodies" if len(motors) > 1 else "pushes its body"
+    return f" {' and '.join(motors)} {pushes} toward the other body."
 
 
 def _is_hinge(scene: Scene, name: str) -> bool:
