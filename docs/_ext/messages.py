@@ -44,7 +44,7 @@ NOTES = {
 # parts of messages that stand in other functions
 _PARTS = re.compile(
     r"NAME \(probability|FIRST of CASES|ACCEPTANCE at|replica K|COUNT cases by|, at an end|"
-    r"the (nominal case|run) ends|motor.NAME, cant|KEY does not|spring.NAME does not reach|"
+    r"the (nominal case|run) ends|motor.NAME \(cant|KEY does not|spring.NAME does not reach|"
     r"TABLE.NAME |"
     r"LOW to HIGH"
 )

@@ -180,7 +180,7 @@ def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
     early = told("run.end_time_s=0.15")
     assert "the nominal case has no pushed_upper_transverse_rate_deg_s" in early
     assert "gap_clearance_mm is smallest when the nominal case ends" in early
-    assert "motor.retro, cant_deg = 0: pushes its body toward" in told("motor.retro.cant_deg=0")
+    assert "motor.retro (cant_deg = 0) pushes its body toward" in told("motor.retro.cant_deg=0")
     wrong = told("requirement.clear.at_least=95")
     assert "requirement.clear.at_least = 95: the nominal case violates it" in wrong
 
