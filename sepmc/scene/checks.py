@@ -202,6 +202,27 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
         )
 
 
+def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
+    """Note a parameter that cannot vary in this scene, or not by this kind of distribution."""
+    parameter = dispersion.parameter
+    place, parts = f"dispersion.{parameter.key}", parameter.path.split(".")
+    if parts[-1] == "fails" and not (
+        dispersion.distribution in ("discrete", "constant")
+        and set(dispersion.numbers) <= {0.0, 1.0}
+    ):
+        problems.add(place, "must be discrete, of 0 (releases) and 1 (never does)")
+    if parts[-1] == "friction" and parameter_value(scene, parameter.path) == 0.0:
+        problems.add(
+            place, "can vary only if its nominal is > 0: friction that is 0 is not computed"
+        )
+    if (
+        parts[2:3] == ["outline"]
+        and parts[4] == "offset"
+        and scene.body[parts[1]].outline[int(parts[3])].stations is None
+    ):
+        problems.add(place, "belongs to a frustum's axis, and this part has points")
+
+
 def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
     """Note a dispersion whose support leaves the bounds of its parameter.
 
@@ -215,6 +236,7 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
     if not all(math.isfinite(x * parameter.factor) for x in finite):
         problems.add(place, "the distribution and its nominal must be finite", numbers)
         return
+    _check_parameter(dispersion, scene, problems)
     if tail:
         return
     low, high = (bound * parameter.factor for bound in dispersion.support)
@@ -241,21 +263,6 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
             place,
             f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m",
         )
-    if parameter.path.endswith(".fails") and not (
-        dispersion.distribution in ("discrete", "constant") and set(numbers) <= {0.0, 1.0}
-    ):
-        problems.add(place, "must be discrete, of 0 (releases) and 1 (never does)")
-    if parameter.path.endswith(".friction") and parameter_value(scene, parameter.path) == 0.0:
-        problems.add(
-            place, "can vary only if its nominal is > 0: friction that is 0 is not computed"
-        )
-    parts = parameter.path.split(".")
-    if (
-        parts[2:3] == ["outline"]
-        and parts[4] == "offset"
-        and scene.body[parts[1]].outline[int(parts[3])].stations is None
-    ):
-        problems.add(place, "belongs to a frustum's axis, and this part has points")
     if parameter.path == "initial.yaw" and max(-low, high) > math.radians(89.0):
         problems.add(
             place,
