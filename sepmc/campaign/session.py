@@ -134,15 +134,14 @@ class DesignResult:
             By name of the requirement: ``verdict``, ``violations`` and ``missing`` (cases without
             the outcome, which count as violations), as in `sepmc.analysis.requirements.Verdict`.
         """
-        rows = _verdicts(self.box, _errors(self.integration, self.block, self.box), self.block)
+        rows = _verdicts(self.box, self.accuracy.errors, self.block)
         columns = ["verdict", "violations", "missing"]
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
 
     @cached_property
     def accuracy(self) -> AchievedAccuracy:
         """Numerical error."""
-        summary = batch_summary.count(self.box, self.inputs / self.box.factors, self.block)
-        return batch_summary.accuracy(self.integration, summary)
+        return _accuracy(self.integration, self.block, self.box)
 
     @property
     def notes(self) -> list[str]:
@@ -335,7 +334,7 @@ class Session:
             inputs = rows if len(part) == per_call else rows[:, : len(part)].copy()
             timing["sample"] += time.perf_counter() - start
             block = self._integrate(inputs.reshape(len(rows), -1), timing)
-            errors = _errors(self.integration, block, self.box)
+            errors = _accuracy(self.integration, block, self.box).errors
             summaries += _summarise(self.box, errors, block, cases)
             shape, end = (len(part), cases), first + len(part)
             for name, k in positions.items():
@@ -445,15 +444,9 @@ class Session:
         return runs
 
 
-def _errors(integration: Integration, block: Block, box: Definition) -> dict[str, float]:
-    """Relative numerical error by outcome: the larger one of calibration cases and of the cases of
-    a block that were integrated again."""
-    assert integration.achieved is not None
-    errors = dict(integration.achieved.errors)
-    if block.refinement is not None:
-        for column, error in zip(box.outcome_columns, block.refinement.error, strict=True):
-            errors[column.name] = max(errors.get(column.name, 0.0), float(error))
-    return errors
+def _accuracy(integration: Integration, block: Block, box: Definition) -> AchievedAccuracy:
+    """Numerical error of the cases of a block."""
+    return batch_summary.accuracy(integration, batch_summary.count_errors(box, block))
 
 
 def _position(box: Definition, name: str) -> int:

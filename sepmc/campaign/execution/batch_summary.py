@@ -100,20 +100,27 @@ def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummar
     -------
     BatchSummary
     """
+    outcomes = {c.name: x for c, x in zip(campaign.outcome_columns, block.outcomes.T, strict=False)}
+    return msgspec.structs.replace(
+        count_errors(campaign, block),
+        failures=int(np.count_nonzero(block.status != Status.OK)),
+        implausible=campaign.implausible_inertias(inputs),
+        min_at_end=dict(min_at_end(campaign, outcomes, inputs)),
+        missing=count_missing(campaign, outcomes, block.status == Status.OK),
+        occurred=rare_values.count_values(campaign.rare_values, inputs),
+    )
+
+
+def count_errors(campaign: Definition, block: Block) -> BatchSummary:
+    """Summary of the numerical errors of a chunk of cases, and of those integrated again."""
     columns, again = campaign.outcome_columns, block.refinement
-    outcomes = {c.name: x for c, x in zip(columns, block.outcomes.T, strict=False)}
     errors = np.zeros(len(columns)) if again is None else again.error
     return BatchSummary(
-        int(np.count_nonzero(block.status != Status.OK)),
-        campaign.implausible_inertias(inputs),
-        again.n_refined if again else 0,
-        again.n_fallback if again else 0,
-        again.n_unconverged if again else 0,
-        dict(min_at_end(campaign, outcomes, inputs)),
-        count_missing(campaign, outcomes, block.status == Status.OK),
-        {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
-        tuple(again.indicators.tolist()) if again else (),
-        rare_values.count_values(campaign.rare_values, inputs),
+        refined=again.n_refined if again else 0,
+        fallback=again.n_fallback if again else 0,
+        unconverged=again.n_unconverged if again else 0,
+        errors={c.name: float(x) for c, x in zip(columns, errors, strict=True)},
+        indicators=tuple(again.indicators.tolist()) if again else (),
     )
 
 
