@@ -337,9 +337,9 @@ def design_value(
     return math.nan if rank is None else float(at_ranks(np.array([rank]))[0])
 
 
-def no_verdict_reason(audit: pd.DataFrame, sampler: str) -> str:
+def no_verdict_reason(audit_failed: bool, sampler: str) -> str:
     """Return why the cases of a run allow no verdict at all; empty if they do."""
-    if (audit["beyond"] > 0).any():
+    if audit_failed:
         return "the audit failed"
     if sampler != "random":
         return (

@@ -104,7 +104,7 @@ class TableStatistics:
         -------
         list of Verdict
         """
-        reason = no_verdict_reason(audit, sampler)
+        reason = no_verdict_reason(bool((audit["beyond"] > 0).any()), sampler)
         counters = requirement_counters(self.requirements)
         labels = np.asarray(self.cases["status"])
 

@@ -307,7 +307,7 @@ class StreamingStatistics:
     ) -> list[Verdict]:
         """Return the verdicts as `sepmc.analysis.row_statistics.TableStatistics.verdicts`; design
         values are those of a `QuantileSketch`."""
-        why = no_verdict_reason(audit, sampler)
+        why = no_verdict_reason(bool((audit["beyond"] > 0).any()), sampler)
         return [
             judge(counter, errors, self._design(counter), why, self._lacking(counter))
             for counter in self.counters

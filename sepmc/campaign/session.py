@@ -504,7 +504,7 @@ def _verdicts(
         values,
         lambda name: np.asarray(block.status == codes.get(name, -1)),
     )
-    reason = _no_verdict_reason(box, block, is_ok)
+    reason = requirements.no_verdict_reason(_audit_failed(box, block, is_ok), box.scene.run.sampler)
     scaled = _with_scales(box, errors, block, is_ok)
     return {
         one.requirement.name: (
@@ -516,15 +516,13 @@ def _verdicts(
     }
 
 
-def _no_verdict_reason(box: Definition, block: Block, is_ok: np.ndarray) -> str:
-    """Reason why the cases of a design allow no verdict; empty if they do."""
-    if (sampler := box.scene.run.sampler) != "random":
-        return requirements.no_verdict_reason(pd.DataFrame({"beyond": [0]}), sampler)
-    for k, column in enumerate(box.result_columns):
-        bound = AUDIT_BOUNDS.get(column.name)
-        if bound is not None and not (block.outcomes[is_ok, k] * column.scale <= bound).all():
-            return requirements.no_verdict_reason(pd.DataFrame({"beyond": [1]}), "random")
-    return ""
+def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
+    """Return True if an audit column of an ok case is beyond its bound."""
+    return not all(
+        (block.outcomes[is_ok, k] * column.scale <= AUDIT_BOUNDS[column.name]).all()
+        for k, column in enumerate(box.result_columns)
+        if column.name in AUDIT_BOUNDS
+    )
 
 
 def _with_scales(
