@@ -115,7 +115,7 @@ def _run_of(study: Study, variant: Variant) -> Callable[[], object]:
     settings = campaign.scene.run
     history_rows = (
         int(settings.end_time / settings.history_step + 1e-9) + 1
-        if settings.history_step > 0.0 and campaign.plan.joints
+        if settings.history_step > 0.0 and campaign.layout.joints
         else 0
     )
     integration, kernel = study.integration, study.integration.kernel
@@ -125,7 +125,7 @@ def _run_of(study: Study, variant: Variant) -> Callable[[], object]:
     methods = by_name(kernel, integration.method_names)
     return lambda: integrate_cases(
         kernel,
-        campaign.plan,
+        campaign.layout,
         integration.steps,
         integration.durations,
         campaign.slots,
@@ -176,7 +176,7 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
                 )
                 continue
             variants.append(Variant(feature, change, campaign))
-    if study.campaign.plan.joints and _has_same_segments(study, study.campaign):
+    if study.campaign.layout.joints and _has_same_segments(study, study.campaign):
         step = history_step or scene.run.end_time / _HISTORY_ROWS
         histories = study.with_settings({"run.history_step_s": step})
         variants.append(Variant(HISTORIES, f"with a row every {step:g} s", histories))

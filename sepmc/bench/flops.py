@@ -65,7 +65,7 @@ class Flops:
 
 def count(campaign: Campaign, integration: Integration) -> Flops | None:
     """Count the operations of a case; None if the compiled code does not show them."""
-    shape = make_kernel_spec(campaign.plan, campaign.dispersed)
+    shape = make_kernel_spec(campaign.layout, campaign.dispersed)
     phase_names = shape.names.of["phase"]
     solver = integration.one_method
     context = Context(shape, solver or campaign.scene.solver.method, NO_HISTORY)
@@ -163,13 +163,13 @@ def count_evaluations(
 
         return rates
 
-    phase_names = make_kernel_spec(campaign.plan, campaign.dispersed).names.of["phase"]
+    phase_names = make_kernel_spec(campaign.layout, campaign.dispersed).names.of["phase"]
     for phase, written in phase_names.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     inputs = campaign.sample(0, 1) * campaign.factors
     integrate_cases(
         kernel,
-        campaign.plan,
+        campaign.layout,
         np.array(steps, dtype=np.int64),
         np.array(durations),
         campaign.slots,

@@ -205,7 +205,7 @@ class Campaign(Definition):
         """
         check_history_step(step_s, self.scene)
         if isinstance(case, Case):
-            if contents(case.scene, self.dispersed) != self.plan.contents:
+            if contents(case.scene, self.dispersed) != self.layout.contents:
                 message = "must be a case of this campaign: it has other columns"
                 raise InputError(f"case = {case!r}: {message}")
         elif case is not None:
@@ -213,24 +213,24 @@ class Campaign(Definition):
         scene, invalid = (case or self.nominal()).scene, self._invalid_values(case)
         if invalid:
             scene = self.nominal().scene
-            result = invalid_case(scene, self.plan.contents)
+            result = invalid_case(scene, self.layout.contents)
         else:
-            result = simulate_case(scene, self.plan.contents, step_s, announce, plain_work)
-        columns = schema.history_columns(result.plan.contents)
+            result = simulate_case(scene, self.layout.contents, step_s, announce, plain_work)
+        columns = schema.history_columns(result.layout.contents)
         data: dict[str, Any] = {
             "time_s": result.times,
-            "phase": [result.plan.phases[p] for p in result.phases],
+            "phase": [result.layout.phases[p] for p in result.phases],
         }
         data |= {c.name: result.rows[:, i] * c.scale for i, c in enumerate(columns)}
         frame = pd.DataFrame(data)
-        results = schema.result_columns(result.plan.contents)
+        results = schema.result_columns(result.layout.contents)
         outcomes = {
             c.name: float(x * c.scale) for c, x in zip(results, result.outcomes, strict=True)
         }
-        releases = schema.release_columns(result.plan.contents)
-        events = schema.event_columns(result.plan.contents)
-        springs = schema.stroke_columns(result.plan.contents)
-        partial = schema.partial_release_columns(result.plan.contents)
+        releases = schema.release_columns(result.layout.contents)
+        events = schema.event_columns(result.layout.contents)
+        springs = schema.stroke_columns(result.layout.contents)
+        partial = schema.partial_release_columns(result.layout.contents)
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
         errors = (
             () if result.error is None else zip(self.outcome_columns, result.error, strict=True)

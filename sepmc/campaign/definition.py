@@ -112,7 +112,7 @@ class Definition:
         return self.file.scene
 
     @cached_property
-    def plan(self) -> ParameterLayout:
+    def layout(self) -> ParameterLayout:
         """Layout of the kernel parameters.
 
         Raises
@@ -120,15 +120,15 @@ class Definition:
         SceneError
             If two columns of the case table have one name.
         """
-        plan = make_parameter_layout(self.scene, dispersed=self.dispersed)
-        plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
+        layout = make_parameter_layout(self.scene, dispersed=self.dispersed)
+        layout = replace(layout, extremes=cases.extremes(self.scene, self.file.dispersions))
         names = Counter(
-            column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)]
+            column.name for column in [*self.input_columns, *schema.result_columns(layout.contents)]
         )
         if repeated := [name for name, count in names.items() if count > 1]:
             message = "two columns of the case table would be called {!r}; rename a body or joint"
             raise SceneError([f"{self.name}: {message.format(name)}" for name in repeated])
-        return plan
+        return layout
 
     @cached_property
     def dispersed(self) -> frozenset[str]:
@@ -157,7 +157,7 @@ class Definition:
         -------
         list of Column
         """
-        joints = list(self.plan.joints)
+        joints = list(self.layout.joints)
         return schema.separation_columns(joints) if wanted and self.has_histories else []
 
     @property
@@ -181,12 +181,12 @@ class Definition:
     @cached_property
     def outcome_columns(self) -> list[Column]:
         """Columns of the outcomes."""
-        return schema.outcome_columns(self.plan.contents)
+        return schema.outcome_columns(self.layout.contents)
 
     @cached_property
     def result_columns(self) -> list[Column]:
         """Columns of all results of the kernel, in its order."""
-        return schema.result_columns(self.plan.contents)
+        return schema.result_columns(self.layout.contents)
 
     @cached_property
     def columns(self) -> list[Column]:
@@ -212,7 +212,7 @@ class Definition:
     def slots(self) -> np.ndarray:
         """Indices of the dispersed parameters in the parameter vector of the kernel."""
         return np.array(
-            [self.plan.slots[d.parameter.path] for d in self.file.dispersions], dtype=np.int64
+            [self.layout.slots[d.parameter.path] for d in self.file.dispersions], dtype=np.int64
         )
 
     @cached_property

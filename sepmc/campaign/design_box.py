@@ -281,7 +281,7 @@ def _derived_numbers(box: DesignBox, single: Sequence[ParameterLayout]) -> Itera
     Raises InputError if a design changes what all cases share, or a number in no linear way.
     """
     low, high, middle = map(box.layout_of, box.ends)
-    if not all(_have_one_model(box.plan, layout) for layout in (low, high, middle, *single)):
+    if not all(_have_one_model(box.layout, layout) for layout in (low, high, middle, *single)):
         raise InputError(
             "vary: these designs change tables, outlines or the side to which a joint opens, "
             "which all cases of a run share; run them by with_settings"

@@ -39,7 +39,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
     campaign = load_campaign(file, settings)
     from sepmc.kernel.spec.structure import make_kernel_spec
 
-    spec = make_kernel_spec(campaign.plan, campaign.dispersed)
+    spec = make_kernel_spec(campaign.layout, campaign.dispersed)
     if code:
         from sepmc.campaign.execution.step_selection import kernel_text
 
@@ -65,7 +65,7 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
     from sepmc.scene.units import unit_text
 
     click.echo(f"{campaign.name}: {campaign.file.title or 'no title'}")
-    for line in lines(campaign.plan):
+    for line in lines(campaign.layout):
         click.echo("  " + line)
     click.echo("  kernel       generated for the scene (print it with --code)")
     body_names = spec.names.back

@@ -40,7 +40,7 @@ def compile_(
     from sepmc.kernel.spec.variant import Variant
 
     history = campaign.scene.run.history_step > 0.0 and not stats_only
-    spec = make_kernel_spec(campaign.plan, campaign.dispersed)
+    spec = make_kernel_spec(campaign.layout, campaign.dispersed)
     variants = [Variant.STANDARD, *(spec.fallbacks if fallbacks else ())]
     start = time.perf_counter()
     for variant in variants:

@@ -138,8 +138,8 @@ def _draw_worst(
         figures = run_figures(
             history,
             into / str(number),
-            campaign.plan.bodies,
-            list(campaign.plan.joints),
+            campaign.layout.bodies,
+            list(campaign.layout.joints),
             suffix=".svg",
             only=_PAGES,
             required=clearance_bounds(campaign),

@@ -83,8 +83,8 @@ def simulate_single(campaign: "Campaign", single: SingleRun, log: "Log") -> int:
         written += run_figures(
             history,
             folder,
-            campaign.plan.bodies,
-            list(campaign.plan.joints),
+            campaign.layout.bodies,
+            list(campaign.layout.joints),
             of_case(campaign.name, number, campaign.settings),
             behind=None if single.run is None else campaign.simulate(None, every_s, log),
             required=clearance_bounds(campaign),
@@ -112,7 +112,7 @@ def _write(
     from sepmc import schema
     from sepmc.campaign.store import manifests, result_files, shards
 
-    meanings = {c.name: c.meaning for c in schema.history_columns(campaign.plan.contents)}
+    meanings = {c.name: c.meaning for c in schema.history_columns(campaign.layout.contents)}
     result_files.write_history(folder, history, meanings)
     if campaign.file.input_table:
         shards.write_input_table(folder, campaign.file.input_table, campaign.input_columns)
@@ -125,8 +125,8 @@ def _write(
         "settings": campaign.settings,
         "inputs": case.inputs,
         **{key: history.attrs[key] for key in _MANIFEST},
-        "bodies": campaign.plan.bodies,
-        "joints": list(campaign.plan.joints),
+        "bodies": campaign.layout.bodies,
+        "joints": list(campaign.layout.joints),
         **manifests.versions(),
     }
     manifests.write_manifest(folder, manifest, shards.campaign_text(campaign.file))

@@ -269,7 +269,7 @@ def _call(
     status,
     methods=None,
 ) -> None:
-    """Call the block loop with the arrays of a plan."""
+    """Call the block loop with the arrays of a parameter layout."""
     from sepmc.engine.blocks import integrate  # noqa: PLC0415
 
     model, nominal, sampled = (

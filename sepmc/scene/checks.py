@@ -91,8 +91,8 @@ def _check_columns(scene: Scene, problems: Problems) -> None:
     names = [column.name for column in outcome_columns(contents(scene))]
     for name in dict.fromkeys(name for name in names if names.count(name) > 1):
         event = next((e.name for e in scene.event if name.startswith(f"{e.name}_")), None)
-        place = f"event.{event}" if event else "output"
-        problems.add(place, f"there are two outcomes called {name}: choose another name", event)
+        key_path = f"event.{event}" if event else "output"
+        problems.add(key_path, f"there are two outcomes called {name}: choose another name", event)
 
 
 def _check_body(name: str, body: Body, problems: Problems) -> None:
@@ -104,15 +104,15 @@ def _check_body(name: str, body: Body, problems: Problems) -> None:
 
 def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
     """Check the body and the thrust profile of a motor."""
-    place = f"motor.{motor.name}"
-    check_known(f"{place}.body", motor.body, scene.body, "body", problems)
+    key_path = f"motor.{motor.name}"
+    check_known(f"{key_path}.body", motor.body, scene.body, "body", problems)
     if motor.profile is not None:
-        check_series(f"{place}.profile", "time_s", motor.profile.time, 2, problems)
+        check_series(f"{key_path}.profile", "time_s", motor.profile.time, 2, problems)
         if motor.profile.time and motor.profile.time[0] < 0.0:
             reason = "must begin at 0 or later: times count from the ignition"
-            problems.add(f"{place}.profile.time_s", reason, motor.profile.time[0])
+            problems.add(f"{key_path}.profile.time_s", reason, motor.profile.time[0])
         check_lengths(
-            f"{place}.profile",
+            f"{key_path}.profile",
             {"time_s": motor.profile.time, "fraction": motor.profile.fraction},
             problems,
         )
@@ -120,8 +120,8 @@ def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
 
 def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
     """Check bodies, axes, kinds and guide of a joint."""
-    place = f"joint.{name}"
-    check_pair(f"{place}.bodies", joint.bodies, scene, problems)
+    key_path = f"joint.{name}"
+    check_pair(f"{key_path}.bodies", joint.bodies, scene, problems)
     x, y = np.array(joint.x_axis), np.array(joint.y_axis)
     lengths = float(np.linalg.norm(x)) * float(np.linalg.norm(y))
     if (
@@ -129,19 +129,19 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
         or float(np.linalg.norm(np.cross(x, y))) <= 1e-6 * lengths
     ):
         problems.add(
-            f"{place}.y_axis", "must not be zero or parallel to x_axis", list(joint.y_axis)
+            f"{key_path}.y_axis", "must not be zero or parallel to x_axis", list(joint.y_axis)
         )
     for kind in joint.kind:
         if kind in KINDS:
-            problems.add(f"{place}.kind.{kind}", "is the name of a common kind; choose another")
+            problems.add(f"{key_path}.kind.{kind}", "is the name of a common kind; choose another")
     if joint.fails not in (0.0, 1.0):
         problems.add(
-            f"{place}.fails",
+            f"{key_path}.fails",
             "must be 0 (releases) or 1 (never does); disperse it with a discrete distribution",
             joint.fails,
         )
     if joint.guide is not None and joint.guide.pins > 1 and joint.guide.circle == 0.0:
-        problems.add(f"{place}.guide.circle_m", "must be > 0 with more than one pin")
+        problems.add(f"{key_path}.guide.circle_m", "must be > 0 with more than one pin")
     if joint.guide is not None:
         _check_guide(name, joint, scene, problems)
 
@@ -205,22 +205,22 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
 def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
     """Note a parameter that cannot vary in this scene, or not by this kind of distribution."""
     parameter = dispersion.parameter
-    place, parts = f"dispersion.{parameter.key}", parameter.path.split(".")
+    key_path, parts = f"dispersion.{parameter.key}", parameter.path.split(".")
     if parts[-1] == "fails" and not (
         dispersion.distribution in ("discrete", "constant")
         and set(dispersion.numbers) <= {0.0, 1.0}
     ):
-        problems.add(place, "must be discrete, of 0 (releases) and 1 (never does)")
+        problems.add(key_path, "must be discrete, of 0 (releases) and 1 (never does)")
     if parts[-1] == "friction" and parameter_value(scene, parameter.path) == 0.0:
         problems.add(
-            place, "can vary only if its nominal is > 0: friction that is 0 is not computed"
+            key_path, "can vary only if its nominal is > 0: friction that is 0 is not computed"
         )
     if (
         parts[2:3] == ["outline"]
         and parts[4] == "offset"
         and scene.body[parts[1]].outline[int(parts[3])].stations is None
     ):
-        problems.add(place, "belongs to a frustum's axis, and this part has points")
+        problems.add(key_path, "belongs to a frustum's axis, and this part has points")
 
 
 def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
@@ -230,11 +230,11 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
     the status invalid-input.
     """
     parameter = dispersion.parameter
-    place, numbers = f"dispersion.{parameter.key}", list(dispersion.numbers)
+    key_path, numbers = f"dispersion.{parameter.key}", list(dispersion.numbers)
     tail = dispersion.distribution == "normal" and math.isinf(dispersion.numbers[2])
     finite = numbers[:2] if dispersion.distribution == "normal" else numbers
     if not all(math.isfinite(x * parameter.factor) for x in finite):
-        problems.add(place, "the distribution and its nominal must be finite", numbers)
+        problems.add(key_path, "the distribution and its nominal must be finite", numbers)
         return
     _check_parameter(dispersion, scene, problems)
     if tail:
@@ -243,29 +243,29 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
     if not (
         math.isfinite(high - low) and math.isfinite(dispersion.support[1] - dispersion.support[0])
     ):
-        problems.add(place, "the range of the distribution must be finite", numbers)
+        problems.add(key_path, "the range of the distribution must be finite", numbers)
         return
     if max(-low, high) > LARGEST:
-        problems.add(place, f"must stay within {LARGEST:g} in size", numbers)
+        problems.add(key_path, f"must stay within {LARGEST:g} in size", numbers)
         return
     for bound, shown in dict.fromkeys(zip((low, high), dispersion.support, strict=True)):
         _, allowed = (
             convert(bound, parameter.field.type) if parameter.field is not None else (None, None)
         )
         if allowed:
-            problems.add(place, f"the distribution reaches {shown:g}, but the value {allowed}")
+            problems.add(key_path, f"the distribution reaches {shown:g}, but the value {allowed}")
     if (
         parameter.path == "initial.altitude"
         and scene.environment.atmosphere == "us1976"
         and (low < 0.0 or high > ATMOSPHERE_TOP)
     ):
         problems.add(
-            place,
+            key_path,
             f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m",
         )
     if parameter.path == "initial.yaw" and max(-low, high) > math.radians(89.0):
         problems.add(
-            place,
+            key_path,
             f"reaches {math.degrees(low):g} to {math.degrees(high):g} deg; yaw must stay within "
             "+-89 deg",
         )
@@ -275,6 +275,6 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
         and high >= scene.run.end_time
     ):
         problems.add(
-            place,
+            key_path,
             f"reaches {high:g} s; a phase must end before run.end_time_s = {scene.run.end_time:g}",
         )

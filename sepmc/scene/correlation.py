@@ -61,18 +61,18 @@ def resolve(
         ]
         if len(from_samples) == len(places):  # correlated as in the samples
             continue
-        for key, place in zip(item.parameters, places, strict=True):
+        for key, key_path in zip(item.parameters, places, strict=True):
             if key in from_samples:
                 problems.add(
                     f"{where}.parameters", "is given by run.samples, unlike the others", key
                 )
-            if place in group_of:
+            if key_path in group_of:
                 problems.add(
-                    f"{where}.parameters", f"correlated already, in {group_of[place]}", key
+                    f"{where}.parameters", f"correlated already, in {group_of[key_path]}", key
                 )
-            elif dispersions[place].distribution == "constant":
+            elif dispersions[key_path].distribution == "constant":
                 problems.add(f"{where}.parameters", "is constant, so it varies with nothing", key)
-            group_of[place] = number
+            group_of[key_path] = number
         factor = _factor(matrix)
         if factor is None:
             problems.add(

@@ -143,32 +143,32 @@ def resolve(
     key_of_path: dict[str, str] = {}
     key_of_column: dict[str, str] = {}
     for key, distribution in distributions.items():
-        place = f"dispersion.{key}"
+        key_path = f"dispersion.{key}"
         try:
             parameter = find(scene, key)
         except UnknownPath as error:
-            problems.add(place, str(error.args[0]))
+            problems.add(key_path, str(error.args[0]))
             continue
         if parameter.path in key_of_path:
-            problems.add(place, f"given twice, also as {key_of_path[parameter.path]!r}")
+            problems.add(key_path, f"given twice, also as {key_of_path[parameter.path]!r}")
             continue
         if _is_structure(parameter.path.split(".")):
-            problems.add(place, "is a setting of the scene, which cannot vary from case to case")
+            problems.add(key_path, "is a setting of the scene, which cannot vary from case to case")
             continue
         column = parameter.column
         if column in key_of_column:
             problems.add(
-                place,
+                key_path,
                 f"has the column {column}, as {key_of_column[column]!r} has: rename one of their "
                 "tables",
             )
             continue
         key_of_path[parameter.path] = key_of_column[column] = key
         if distribution.column is not None or (table and table.has(column)):
-            dispersion = _from_column(distribution, parameter, table, place, problems)
+            dispersion = _from_column(distribution, parameter, table, key_path, problems)
         else:
             nominal = value(scene, parameter.path) / parameter.factor
-            dispersion = _from_distribution(distribution, parameter, nominal, place, problems)
+            dispersion = _from_distribution(distribution, parameter, nominal, key_path, problems)
         if dispersion:
             dispersions.append(dispersion)
     return tuple(dispersions)
@@ -178,22 +178,22 @@ def _from_column(
     distribution: Distribution,
     parameter: Parameter,
     table: InputTable | None,
-    place: str,
+    key_path: str,
     problems: Problems,
 ) -> Dispersion | None:
     """Dispersion from a column of the samples: the one named in the file, or the one called as the
     parameter's own column."""
     if distribution.column is not None:
         if _given(distribution) or distribution.weights:
-            problems.add(place, "give a column of run.samples, or a distribution")
+            problems.add(key_path, "give a column of run.samples, or a distribution")
             return None
         if table is None:
             reason = "needs run.samples, the table that has it"
-            problems.add(f"{place}.column", reason, distribution.column)
+            problems.add(f"{key_path}.column", reason, distribution.column)
             return None
     assert table is not None
     name = distribution.column or parameter.column
-    if not check_column(table, name, place, problems):
+    if not check_column(table, name, key_path, problems):
         return None
     return Dispersion(parameter, *table.distribution(name), column=name)
 
@@ -215,13 +215,13 @@ def _is_structure(parts: list[str]) -> bool:
 
 
 def _from_distribution(
-    spec: Distribution, parameter: Parameter, nominal: float, place: str, problems: Problems
+    spec: Distribution, parameter: Parameter, nominal: float, key_path: str, problems: Problems
 ) -> Dispersion | None:
     """Dispersion from the numbers of a file, about a nominal in the unit of the key."""
     names = _given(spec)
     if len(names) != 1:
         problems.add(
-            place,
+            key_path,
             "give exactly one of "
             + ", ".join((*DISTRIBUTIONS, "column"))
             + (f", not {' and '.join(names)}" if names else ""),
@@ -231,7 +231,7 @@ def _from_distribution(
     scale = nominal if spec.relative else 1.0
     if spec.relative and nominal == 0.0:
         problems.add(
-            place,
+            key_path,
             "relative to a nominal of 0 is always 0; give the distribution in the unit of the key",
         )
         return None
@@ -240,7 +240,7 @@ def _from_distribution(
         centre = float(raw[0] if name == "normal" else raw[len(raw) // 2])
         if abs(centre) > _FAR_FROM_NOMINAL:
             problems.add(
-                place,
+                key_path,
                 f"relative = true multiplies all numbers by the nominal {nominal:g}: {centre:g} "
                 f"becomes {centre * nominal:g}; give fractions of the nominal, near 1, or leave "
                 "relative out",
@@ -255,7 +255,7 @@ def _from_distribution(
     if name in ("uniform", "triangular", "normal") and not isinstance(raw, tuple):
         width = abs(numbers[0])
         if float(raw) < 0.0:
-            problems.add(place, "the half-width or sigma must be >= 0", raw)
+            problems.add(key_path, "the half-width or sigma must be >= 0", raw)
         numbers = {
             "uniform": (nominal - width, nominal + width),
             "triangular": (nominal - width, nominal, nominal + width),
@@ -264,15 +264,15 @@ def _from_distribution(
         if spec.relative and isinstance(raw, tuple):
             numbers = (numbers[0], float(raw[1]) * abs(nominal))
         if numbers[1] < 0.0:
-            problems.add(place, "sigma must be >= 0", raw)
+            problems.add(key_path, "sigma must be >= 0", raw)
         numbers = (*numbers, spec.truncate_sigma or math.inf)
     elif spec.truncate_sigma is not None:
-        problems.add(place, "truncate_sigma belongs to the normal distribution")
+        problems.add(key_path, "truncate_sigma belongs to the normal distribution")
     if name in ("uniform", "triangular") and list(numbers) != sorted(numbers):
         if spec.relative and nominal < 0.0:
             numbers = tuple(sorted(numbers))
         else:
-            problems.add(place, "must rise from low to high", raw)
+            problems.add(key_path, "must rise from low to high", raw)
     if name == "discrete":
         weights = spec.weights or tuple(1.0 for _ in numbers)
         if (
@@ -282,10 +282,11 @@ def _from_distribution(
             or not 0.0 < sum(weights) < math.inf
         ):
             problems.add(
-                place, "discrete needs values, and as many weights >= 0 with a positive, finite sum"
+                key_path,
+                "discrete needs values, and as many weights >= 0 with a positive, finite sum",
             )
     elif spec.weights is not None:
-        problems.add(place, "weights belong to the discrete distribution")
+        problems.add(key_path, "weights belong to the discrete distribution")
     if len(problems) > count:
         return None
     return Dispersion(parameter, name, numbers, weights)

@@ -26,12 +26,12 @@ def check_ignitions(scene: Scene, problems: Problems) -> None:
                 )
 
 
-def _check_trigger(place: str, trigger: Ignition, scene: Scene, problems: Problems) -> None:
+def _check_trigger(key_path: str, trigger: Ignition, scene: Scene, problems: Problems) -> None:
     """Check that a trigger names one event, release or joint, and a joint that becomes free."""
     keys = [key for key in _TRIGGERS if getattr(trigger, key) is not None]
     if len(keys) != 1:
         others = f", not {' and '.join(keys)}" if keys else ""
-        problems.add(place, f"give one of {', '.join(_TRIGGERS)}{others}")
+        problems.add(key_path, f"give one of {', '.join(_TRIGGERS)}{others}")
         return
     known = {
         "event": [event.name for event in scene.event],
@@ -39,14 +39,14 @@ def _check_trigger(place: str, trigger: Ignition, scene: Scene, problems: Proble
         "joint": list(scene.joint),
     }
     key, name = keys[0], getattr(trigger, keys[0])
-    check_known(f"{place}.{key}", name, known[key], key, problems)
+    check_known(f"{key_path}.{key}", name, known[key], key, problems)
     if trigger.joint not in scene.joint or problems:
         return
     if _is_free(scene, name, scene.phase[0].joints.get(name, "free")):
         reason = "is free from the start; a motor that lights at a given time has ignition_s"
-        problems.add(f"{place}.joint", reason, name)
+        problems.add(f"{key_path}.joint", reason, name)
     elif not any(_is_free(scene, name, kind) for kind in _later_kinds(scene, name)):
-        problems.add(f"{place}.joint", "is never free: no phase or [[release]] frees it", name)
+        problems.add(f"{key_path}.joint", "is never free: no phase or [[release]] frees it", name)
 
 
 def _is_free(scene: Scene, joint: str, kind: str) -> bool:

@@ -40,15 +40,15 @@ def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Probl
     """Note initial rates that a joint constrains, or that do not determine how bodies rotate."""
     for name, rotated in initial_rates(scene, dispersed):
         joint, kind = scene.joint[name], scene.phase[0].joints.get(name, "free")
-        place, first = f"joint.{name}.omega_deg_s", joint.bodies[0]
+        key_path, first = f"joint.{name}.omega_deg_s", joint.bodies[0]
         rate = [float(f"{x:.6g}") for x in np.degrees(joint.omega)]
         if GROUND in rotated:
             problems.add(
-                place, "would turn the ground, to which the second body is connected", rate
+                key_path, "would turn the ground, to which the second body is connected", rate
             )
         elif first in rotated:
             problems.add(
-                place,
+                key_path,
                 f"{first} is connected to the second body by other joints too: they cannot turn",
                 rate,
             )
@@ -56,7 +56,7 @@ def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Probl
             constrained_by = f"{kind!r}, its kind in the first phase, constrains"
             if any(joint.omega) and _is_constrained(joint, kind, np.array(joint.omega)):
                 reason = f"has a part about an axis that {constrained_by}"
-                problems.add(place, reason, rate)
+                problems.add(key_path, reason, rate)
             varied = [k for k, x in enumerate("xyz") if f"joint.{name}.omega.{x}" in dispersed]
             # several together may be valid, as in rows of run.samples
             if len(varied) == 1 and _is_constrained(joint, kind, np.eye(3)[varied[0]]):

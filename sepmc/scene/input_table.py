@@ -74,17 +74,17 @@ class InputTable:
         return "given", tuple(knots.tolist()), ()
 
 
-def check_column(table: InputTable, name: str, place: str, problems: Problems) -> bool:
+def check_column(table: InputTable, name: str, key_path: str, problems: Problems) -> bool:
     """Return True if a table has a column of finite numbers; else note the problem."""
     if name not in table.columns:
         if name in table.words:
-            problems.add(place, f"column {name} of {table.path.name}: {table.words[name]}")
+            problems.add(key_path, f"column {name} of {table.path.name}: {table.words[name]}")
             return False
         reason = nearest(name, table.columns)
-        problems.add(place, f"no such column of numbers in {table.path.name}; {reason}", name)
+        problems.add(key_path, f"no such column of numbers in {table.path.name}; {reason}", name)
         return False
     bad = ~np.isfinite(table.columns[name])
     if bad.any():
         case = table.numbers[int(np.argmax(bad))]
-        problems.add(place, f"column {name} of {table.path.name} is no number in case {case}")
+        problems.add(key_path, f"column {name} of {table.path.name} is no number in case {case}")
     return not bad.any()

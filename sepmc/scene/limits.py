@@ -99,29 +99,29 @@ def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
     control characters or more than ``text`` characters."""
     stack: list[tuple[Any, str, str, int]] = [(tree, "", "", 0)]
     while stack:
-        value, place, key, depth = stack.pop()
+        value, key_path, key, depth = stack.pop()
         if isinstance(value, dict | list):
             most = ITEMS.get(key, LIST)
             if len(value) > most:
                 problems.add(
-                    place or "file", f"has {len(value):,} entries: must be at most {most:,}"
+                    key_path or "file", f"has {len(value):,} entries: must be at most {most:,}"
                 )
             elif depth > DEPTH:
-                problems.add(place[:TEXT], f"must be at most {DEPTH} tables deep")
+                problems.add(key_path[:TEXT], f"must be at most {DEPTH} tables deep")
             elif isinstance(value, list):
-                stack += [(item, f"{place}.{k}", "", depth + 1) for k, item in enumerate(value)]
+                stack += [(item, f"{key_path}.{k}", "", depth + 1) for k, item in enumerate(value)]
             else:
                 for name, item in value.items():
                     if fault := text_fault(str(name), TEXT):
-                        problems.add(f"{place}.{shorten(name)}".lstrip("."), fault)
+                        problems.add(f"{key_path}.{shorten(name)}".lstrip("."), fault)
                         continue
-                    stack.append((item, f"{place}.{name}".lstrip("."), str(name), depth + 1))
+                    stack.append((item, f"{key_path}.{name}".lstrip("."), str(name), depth + 1))
         elif isinstance(value, str):
             if fault := text_fault(value.replace("\n", " ").replace("\t", " "), text):
-                problems.add(place, fault, value)
+                problems.add(key_path, fault, value)
         elif isinstance(value, int) and not -_WHOLE <= value < _WHOLE:
             reason = f"is a whole number of {value.bit_length()} bits: must have at most 64"
-            problems.add(place, f"{reason}; write a larger one with a point")
+            problems.add(key_path, f"{reason}; write a larger one with a point")
 
 
 def text_fault(text: str, most: int) -> str:

@@ -248,13 +248,13 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
     """Pushers that pull before the end of their stroke, nominally or at an end of a dispersion."""
     by_path = {d.parameter.path: d for d in dispersions}
     for spring in scene.spring:
-        place = f"spring.{spring.name}"
+        key_path = f"spring.{spring.name}"
         if spring.force <= 0.0 or math.isinf(spring.stroke):
             continue
         nominal = {"force": spring.force, "stiffness": spring.stiffness, "stroke": spring.stroke}
         tries: list[tuple[str, dict[str, float]]] = [("", nominal)]
         for key, end in (("force", 0), ("stiffness", 1), ("stroke", 1)):
-            dispersion = by_path.get(f"{place}.{key}")
+            dispersion = by_path.get(f"{key_path}.{key}")
             if dispersion is not None:
                 worst = dispersion.reach[end] * dispersion.parameter.factor
                 tries.append((f", at an end of its distribution for {key}", nominal | {key: worst}))
@@ -262,9 +262,9 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
             pull = of["stiffness"] * of["stroke"] - of["force"]
             if pull > _PULL * spring.force:
                 yield (
-                    f"{place} pulls with {pull:.4g} N before its stroke is over{where}: force_N = "
-                    f"{of['force']:.4g} less stiffness_N_per_m = {of['stiffness']:.4g} times "
-                    f"stroke_m = {of['stroke']:.4g}; one that fails has factor = 0"
+                    f"{key_path} pulls with {pull:.4g} N before its stroke is over{where}: "
+                    f"force_N = {of['force']:.4g} less stiffness_N_per_m = {of['stiffness']:.4g} "
+                    f"times stroke_m = {of['stroke']:.4g}; one that fails has factor = 0"
                 )
                 break
 
@@ -286,19 +286,19 @@ def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[st
     """Thrust profiles that begin after the ignition."""
     varied = {d.parameter.path for d in dispersions}
     for motor in scene.motor:
-        place, profile = f"motor.{motor.name}", motor.profile
+        key_path, profile = f"motor.{motor.name}", motor.profile
         if profile is None or not profile.time[0] > 0.0:
             continue
         first, fraction = profile.time[0], profile.fraction[0]
-        if motor.burn <= first and f"{place}.burn" not in varied:
+        if motor.burn <= first and f"{key_path}.burn" not in varied:
             yield (
-                f"{place} does nothing: burn_s = {motor.burn:g}, but its profile begins {first:g} "
-                "s after the ignition"
+                f"{key_path} does nothing: burn_s = {motor.burn:g}, but its profile begins "
+                f"{first:g} s after the ignition"
             )
             continue
         then = f", then {fraction:g} of thrust_N at once" if fraction else ""
         yield (
-            f"{place}.profile begins {first:g} s after the ignition: there is no thrust "
+            f"{key_path}.profile begins {first:g} s after the ignition: there is no thrust "
             f"before{then}"
         )
 
@@ -309,14 +309,14 @@ def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterato
     waiting = [(f"phase.{p.name}.until", p.until) for p in scene.phase if p.until is not None]
     waiting += [(f"release.{r.name}.when", r.when) for r in scene.release]
     waiting += [(f"event.{e.name}.when", e.when) for e in scene.event]
-    for place, condition in waiting:
+    for key_path, condition in waiting:
         for name in _springs_of(condition):
             spring = next(one for one in scene.spring if one.name == name)
             if math.isinf(spring.stroke) and f"spring.{name}.stroke" not in varied:
-                yield f"{place}: spring {name} has no stroke_m, so it pushes on and never ends"
-    for place, condition in waiting:
-        if _is_past(condition, scene.run.end_time) and f"{place}.time" not in varied:
-            yield f"{place}: comes after the end of the run, {scene.run.end_time:g} s"
+                yield f"{key_path}: spring {name} has no stroke_m, so it pushes on and never ends"
+    for key_path, condition in waiting:
+        if _is_past(condition, scene.run.end_time) and f"{key_path}.time" not in varied:
+            yield f"{key_path}: comes after the end of the run, {scene.run.end_time:g} s"
     last = scene.phase[-1].joints
     released = {name for name in scene.joint if last.get(name, "free") == "free"}
     released |= {release.joint for release in scene.release}

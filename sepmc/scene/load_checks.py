@@ -15,39 +15,43 @@ SHORTEST = 1e-12
 _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 
-def check_known(place: str, name: str, known, what: str, problems: Problems) -> None:
+def check_known(key_path: str, name: str, known, what: str, problems: Problems) -> None:
     """Note a name that is not among the known ones of ``what``."""
     if name not in known:
-        problems.add(place, f"no such {what}; {nearest(name, known)}", name)
+        problems.add(key_path, f"no such {what}; {nearest(name, known)}", name)
 
 
-def check_pair(place: str, bodies: tuple[str, str], scene: Scene, problems: Problems) -> None:
+def check_pair(key_path: str, bodies: tuple[str, str], scene: Scene, problems: Problems) -> None:
     """Note a pair that is not two different bodies, of which one may be the ground."""
     for body in bodies:
-        check_known(place, body, [*scene.body, GROUND], "body", problems)
+        check_known(key_path, body, [*scene.body, GROUND], "body", problems)
     if bodies[0] == bodies[1]:
-        problems.add(place, "must name two different bodies", list(bodies))
+        problems.add(key_path, "must name two different bodies", list(bodies))
 
 
 def check_series(
-    place: str, key: str, series: Sequence[float], least: int, problems: Problems
+    key_path: str, key: str, series: Sequence[float], least: int, problems: Problems
 ) -> None:
     """Note an axis of a table that does not rise strictly, or has fewer than ``least`` values."""
     if len(series) > TABLE_ROWS:
         reason = f"has {len(series):,} values: must have at most {TABLE_ROWS:,}"
-        problems.add(f"{place}.{key}", reason)
+        problems.add(f"{key_path}.{key}", reason)
     elif len(series) < least:
-        problems.add(f"{place}.{key}", f"needs at least {least} values", list(series))
+        problems.add(f"{key_path}.{key}", f"needs at least {least} values", list(series))
     elif not all(a < b for a, b in itertools.pairwise(series)):
-        problems.add(f"{place}.{key}", "must rise strictly", list(series))
+        problems.add(f"{key_path}.{key}", "must rise strictly", list(series))
 
 
-def check_lengths(place: str, columns: Mapping[str, Sequence[float]], problems: Problems) -> None:
+def check_lengths(
+    key_path: str, columns: Mapping[str, Sequence[float]], problems: Problems
+) -> None:
     """Note columns of a table that differ in length from its first."""
     (first, axis), *others = columns.items()
     for key, column in others:
         if len(column) != len(axis):
-            problems.add(f"{place}.{key}", f"has {len(column)} values, but {first} has {len(axis)}")
+            problems.add(
+                f"{key_path}.{key}", f"has {len(column)} values, but {first} has {len(axis)}"
+            )
 
 
 def check_loads(scene: Scene, problems: Problems) -> None:
@@ -78,59 +82,59 @@ def check_loads(scene: Scene, problems: Problems) -> None:
         for number, part in enumerate(body.outline):
             _check_part(f"body.{name}.outline.{number}", part, problems)
     for entry in scene.proximity:
-        place = f"proximity.{entry.name}"
-        check_known(f"{place}.body", entry.body, scene.body, "body", problems)
-        check_known(f"{place}.joint", entry.joint, scene.joint, "joint", problems)
-        check_series(place, "distance_m", entry.distance, 2, problems)
+        key_path = f"proximity.{entry.name}"
+        check_known(f"{key_path}.body", entry.body, scene.body, "body", problems)
+        check_known(f"{key_path}.joint", entry.joint, scene.joint, "joint", problems)
+        check_series(key_path, "distance_m", entry.distance, 2, problems)
         coefficients = {key: getattr(entry, key) for key in _COEFFICIENTS if getattr(entry, key)}
-        check_lengths(place, {"distance_m": entry.distance, **coefficients}, problems)
+        check_lengths(key_path, {"distance_m": entry.distance, **coefficients}, problems)
         if entry.body in scene.body and scene.body[entry.body].aerodynamics is None:
-            problems.add(f"{place}.body", "has no aerodynamics to add to", entry.body)
+            problems.add(f"{key_path}.body", "has no aerodynamics to add to", entry.body)
 
 
 def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
     """Check bodies and direction of a spring."""
-    place = f"spring.{spring.name}"
-    check_pair(f"{place}.bodies", spring.bodies, scene, problems)
+    key_path = f"spring.{spring.name}"
+    check_pair(f"{key_path}.bodies", spring.bodies, scene, problems)
     if spring.axis is not None and max(map(abs, spring.axis)) < SMALLEST:
-        problems.add(f"{place}.axis", "must not be zero", list(spring.axis))
+        problems.add(f"{key_path}.axis", "must not be zero", list(spring.axis))
     if spring.axis is None and (
         spring.second_point is None or math.dist(spring.point, spring.second_point) < 1e-9
     ):
         problems.add(
-            f"{place}.axis",
+            f"{key_path}.axis",
             "is needed where both points are one: the line between them has no direction",
         )
 
 
-def _check_part(place: str, part: Part, problems: Problems) -> None:
+def _check_part(key_path: str, part: Part, problems: Problems) -> None:
     """Check that a part of an outline is a frustum or points."""
     if (part.stations is None) != (part.radii is None) or (part.stations is None) == (
         not part.points
     ):
-        problems.add(place, "give stations_m and radii_m (a frustum), or points_m")
+        problems.add(key_path, "give stations_m and radii_m (a frustum), or points_m")
     if part.hollow and (part.stations is None or part.stations[0] == part.stations[1]):
-        problems.add(f"{place}.hollow", "only a frustum of some length can be hollow")
+        problems.add(f"{key_path}.hollow", "only a frustum of some length can be hollow")
     if part.points and any(part.offset):
         problems.add(
-            f"{place}.offset_m",
+            f"{key_path}.offset_m",
             "belongs to a frustum's axis; points_m give y and z themselves",
             list(part.offset),
         )
 
 
-def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Problems) -> None:
+def _check_aero_table(key_path: str, table: AeroTable, scene: Scene, problems: Problems) -> None:
     """Check axes and shapes of aerodynamic tables."""
     axes = {"mach": table.mach, "alpha_deg": table.alpha, "beta_deg": table.beta}
     axes_given = {key: axis for key, axis in axes.items() if axis}
     for key, axis in axes_given.items():
-        check_series(place, key, axis, 2, problems)
+        check_series(key_path, key, axis, 2, problems)
     if not axes_given:
-        problems.add(place, "needs an axis: mach, alpha_deg or beta_deg")
+        problems.add(key_path, "needs an axis: mach, alpha_deg or beta_deg")
     shape = tuple(len(axis) for axis in axes_given.values())
     if math.prod(shape) > TABLE_CELLS:
         problems.add(
-            place, f"has {math.prod(shape):,} combinations of its axes: at most {TABLE_CELLS:,}"
+            key_path, f"has {math.prod(shape):,} combinations of its axes: at most {TABLE_CELLS:,}"
         )
     for coefficient in _COEFFICIENTS:
         grid = getattr(table, coefficient)
@@ -140,13 +144,14 @@ def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Prob
             array = np.array(grid, dtype=float)
         except (ValueError, TypeError):
             problems.add(
-                f"{place}.{coefficient}", "must be nested lists of numbers, one level for each axis"
+                f"{key_path}.{coefficient}",
+                "must be nested lists of numbers, one level for each axis",
             )
             continue
         if array.shape != shape:
             wanted = " x ".join(f"{len(axis)} ({key})" for key, axis in axes_given.items())
             problems.add(
-                f"{place}.{coefficient}",
+                f"{key_path}.{coefficient}",
                 f"is {' x '.join(map(str, array.shape))}, but the axes ask for {wanted}",
             )
     if (
@@ -203,15 +208,16 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
         if len(set(joints)) < len(joints):
             problems.add(f"output.{key}", "names a joint twice", list(joints))
     for clearance in scene.clearance:
-        place = f"clearance.{clearance.name}"
-        check_pair(f"{place}.bodies", clearance.bodies, scene, problems)
+        key_path = f"clearance.{clearance.name}"
+        check_pair(f"{key_path}.bodies", clearance.bodies, scene, problems)
         for body in clearance.bodies:
             if body in scene.body and not scene.body[body].outline:
                 problems.add(
-                    f"{place}.bodies", f"body {body!r} has no outline: give [[body.{body}.outline]]"
+                    f"{key_path}.bodies",
+                    f"body {body!r} has no outline: give [[body.{body}.outline]]",
                 )
             if body == GROUND:
-                problems.add(f"{place}.bodies", "the ground has no outline")
+                problems.add(f"{key_path}.bodies", "the ground has no outline")
         outlines = [scene.body[body].outline for body in clearance.bodies if body in scene.body]
         if (
             len(outlines) == 2
@@ -219,9 +225,9 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
             and all(part.hollow for outline in outlines for part in outline)
         ):
             problems.add(
-                f"{place}.bodies",
+                f"{key_path}.bodies",
                 "have shells only, between which there is no clearance: one needs a solid or "
                 "points",
             )
         if clearance.after is not None:
-            check_known(f"{place}.after", clearance.after, scene.joint, "joint", problems)
+            check_known(f"{key_path}.after", clearance.after, scene.joint, "joint", problems)

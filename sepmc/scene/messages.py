@@ -15,7 +15,7 @@ class InputError(ValueError):
 
 
 class SceneError(InputError):
-    """Invalid campaign, one line per problem: ``file: place = value: what is allowed``."""
+    """Invalid campaign, one line per problem: ``file: key_path = value: what is allowed``."""
 
     def __init__(self, problems: list[str]):
         self.problems = problems
@@ -57,14 +57,14 @@ class TooManyProblems(Exception):
 class Problems(list[str]):
     """Problems found while a file is read, each a line."""
 
-    def add(self, place: str, allowed: str, value: object = None) -> None:
-        """Add a problem: ``place = value: allowed``, or ``place: allowed`` without a value. Raises
-        TooManyProblems if there are a hundred."""
+    def add(self, key_path: str, allowed: str, value: object = None) -> None:
+        """Add a problem: ``key_path = value: allowed``, or ``key_path: allowed`` without a
+        value. Raises TooManyProblems if there are a hundred."""
         if len(self) == _MAX_PROBLEMS:
             self.append("there are more problems than these")
             raise TooManyProblems
         shown = "" if value is None else f" = {shorten(value)}"
-        self.append(f"{place}{shown}: {allowed}")
+        self.append(f"{key_path}{shown}: {allowed}")
 
     def raise_if_any(self, source: str) -> None:
         """Raise SceneError with all problems, each preceded by the source, if there are any."""

@@ -36,27 +36,27 @@ def check_phases(scene: Scene, problems: Problems) -> None:
         problems.add("phase", "at least one [[phase]] is needed")
     last_time = 0.0
     for number, phase in enumerate(scene.phase):
-        place = f"phase.{phase.name}"
+        key_path = f"phase.{phase.name}"
         for joint, kind in phase.joints.items():
-            _check_kind(f"{place}.joints", joint, kind, scene, problems)
+            _check_kind(f"{key_path}.joints", joint, kind, scene, problems)
         is_last = number == len(scene.phase) - 1
         until = phase.until
         if until is None:
             if not is_last:
                 problems.add(
-                    place,
+                    key_path,
                     "never ends: give it until = { time_s = ... } or { joint = ..., stroke_mm = "
                     "... }",
                 )
             continue
         if is_last:
-            problems.add(f"{place}.until", "the last phase ends at run.end_time_s; remove until")
-        _check_condition(f"{place}.until", until, scene, problems)
-        _check_can_move(f"{place}.until", until, phase.joints, scene, problems)
+            problems.add(f"{key_path}.until", "the last phase ends at run.end_time_s; remove until")
+        _check_condition(f"{key_path}.until", until, scene, problems)
+        _check_can_move(f"{key_path}.until", until, phase.joints, scene, problems)
         if until.time is not None:
             if until.time < last_time:
                 problems.add(
-                    f"{place}.until.time_s",
+                    f"{key_path}.until.time_s",
                     f"must be >= {last_time:g}, the end of the phase before",
                     until.time,
                 )
@@ -65,7 +65,7 @@ def check_phases(scene: Scene, problems: Problems) -> None:
                     f"must be < run.end_time_s = {scene.run.end_time:g}, or the next phase "
                     "never begins"
                 )
-                problems.add(f"{place}.until.time_s", reason, until.time)
+                problems.add(f"{key_path}.until.time_s", reason, until.time)
             last_time = max(last_time, until.time)
     for release in scene.release:
         _check_kind(f"release.{release.name}", release.joint, release.to, scene, problems)
@@ -78,7 +78,7 @@ def check_phases(scene: Scene, problems: Problems) -> None:
 
 
 def _check_can_move(
-    place: str, until: Condition, kinds: dict[str, str], scene: Scene, problems: Problems
+    key_path: str, until: Condition, kinds: dict[str, str], scene: Scene, problems: Problems
 ) -> None:
     """Note conditions on a motion that the joint constrains in the phase: never met."""
     joint, kind = until.joint, kinds.get(until.joint or "", "free")
@@ -92,11 +92,11 @@ def _check_can_move(
         for key, constrained in is_constrained.items():
             if getattr(until, key) is not None and constrained:
                 problems.add(
-                    f"{place}.joint", f"is {kind!r} in this phase, which has no {key}", joint
+                    f"{key_path}.joint", f"is {kind!r} in this phase, which has no {key}", joint
                 )
     for key, items in (("any", until.any), ("all", until.all)):
         for number, item in enumerate(items):
-            _check_can_move(f"{place}.{key}.{number}", item, kinds, scene, problems)
+            _check_can_move(f"{key_path}.{key}.{number}", item, kinds, scene, problems)
 
 
 def _known(joint: str, kind: str, scene: Scene) -> bool:
@@ -104,15 +104,15 @@ def _known(joint: str, kind: str, scene: Scene) -> bool:
     return joint in scene.joint and (kind in KINDS or kind in scene.joint[joint].kind)
 
 
-def _check_kind(place: str, joint: str, kind: str, scene: Scene, problems: Problems) -> None:
+def _check_kind(key_path: str, joint: str, kind: str, scene: Scene, problems: Problems) -> None:
     """Note an unknown joint, or a kind that it does not have."""
-    check_known(place, joint, scene.joint, "joint", problems)
+    check_known(key_path, joint, scene.joint, "joint", problems)
     if joint in scene.joint and not _known(joint, kind, scene):
         kinds = [*KINDS, *scene.joint[joint].kind]
-        problems.add(f"{place}.{joint}", f"no such joint kind; {nearest(kind, kinds)}", kind)
+        problems.add(f"{key_path}.{joint}", f"no such joint kind; {nearest(kind, kinds)}", kind)
 
 
-def _check_condition(place: str, until: Condition, scene: Scene, problems: Problems) -> None:
+def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Problems) -> None:
     """Check that a condition has a quantity, and that the joint, body, motor or spring exists."""
     on_joint = [key for key in _OF_JOINT if getattr(until, key) is not None]
     of_body = [key for key in _OF_BODY if getattr(until, key) is not None]
@@ -131,48 +131,48 @@ def _check_condition(place: str, until: Condition, scene: Scene, problems: Probl
             else "joint and stroke_m, ..."
         )
         problems.add(
-            place,
+            key_path,
             f"never ends: give time_s, burn_out, spring, {missing}, body and altitude_m or "
             "vertical_speed_m_s, any or all",
         )
         return
     if until.joint is not None:
-        check_known(f"{place}.joint", until.joint, scene.joint, "joint", problems)
+        check_known(f"{key_path}.joint", until.joint, scene.joint, "joint", problems)
         if not on_joint:
             problems.add(
-                f"{place}.joint", f"needs one of {', '.join(_OF_JOINT.values())}", until.joint
+                f"{key_path}.joint", f"needs one of {', '.join(_OF_JOINT.values())}", until.joint
             )
     elif on_joint:
-        problems.add(f"{place}.{_OF_JOINT[on_joint[0]]}", "needs joint, the joint meant")
+        problems.add(f"{key_path}.{_OF_JOINT[on_joint[0]]}", "needs joint, the joint meant")
     if until.burn_out is not None:
         motors = {motor.name: motor for motor in scene.motor}
-        check_known(f"{place}.burn_out", until.burn_out, motors, "motor", problems)
+        check_known(f"{key_path}.burn_out", until.burn_out, motors, "motor", problems)
         if (
             until.burn_out in motors
             and math.isinf(motors[until.burn_out].burn)
             and motors[until.burn_out].profile is None
         ):
             problems.add(
-                f"{place}.burn_out",
+                f"{key_path}.burn_out",
                 "this motor burns for ever: give it burn_s or a profile",
                 until.burn_out,
             )
     if until.spring is not None:
         springs = [spring.name for spring in scene.spring]
-        check_known(f"{place}.spring", until.spring, springs, "spring", problems)
+        check_known(f"{key_path}.spring", until.spring, springs, "spring", problems)
     if (until.body is None) != (not of_body):
-        problems.add(place, "body and altitude_m, or vertical_speed_m_s, belong together")
+        problems.add(key_path, "body and altitude_m, or vertical_speed_m_s, belong together")
     if until.direction is not None and len(on_joint + of_body) != 1:
-        _refuse_direction(place, until, [*on_joint, *of_body], problems)
+        _refuse_direction(key_path, until, [*on_joint, *of_body], problems)
     if until.body is not None:
-        check_known(f"{place}.body", until.body, scene.body, "body", problems)
+        check_known(f"{key_path}.body", until.body, scene.body, "body", problems)
     for key, items in (("any", until.any), ("all", until.all)):
         for number, item in enumerate(items):
-            _check_condition(f"{place}.{key}.{number}", item, scene, problems)
+            _check_condition(f"{key_path}.{key}.{number}", item, scene, problems)
 
 
 def _refuse_direction(
-    place: str, until: Condition, quantities: list[str], problems: Problems
+    key_path: str, until: Condition, quantities: list[str], problems: Problems
 ) -> None:
     """Note a direction in a table that has not exactly one quantity with a threshold."""
     keys = _OF_JOINT | _OF_BODY
@@ -183,7 +183,7 @@ def _refuse_direction(
         else f"belongs to a quantity with a threshold: one of {', '.join(keys.values())}; "
         "a time, a burn-out and the end of a spring come once"
     )
-    problems.add(f"{place}.direction", reason, until.direction)
+    problems.add(f"{key_path}.direction", reason, until.direction)
 
 
 def _check_only_releases(scene: Scene, problems: Problems) -> None:

@@ -157,7 +157,7 @@ def read_campaign(
     Raises
     ------
     SceneError
-        With every problem found, each as ``file: place = value: what is allowed``.
+        With every problem found, each as ``file: key_path = value: what is allowed``.
     """
     path = find_file(file)
     try:
@@ -374,7 +374,7 @@ def _check_requirement(
 ) -> None:
     """Check that a requirement bounds an outcome of the campaign, or names a status or the
     violation of the others in ``all_of``."""
-    place, low, high = (
+    key_path, low, high = (
         f"requirement.{requirement.name}",
         requirement.at_least,
         requirement.at_most,
@@ -383,26 +383,28 @@ def _check_requirement(
     metrics = [*statuses, VIOLATION, *outcomes]
     if requirement.metric == VIOLATION:
         if low is not None or high is not None:
-            problems.add(place, f"{VIOLATION!r} of the other requirements has no bound")
+            problems.add(key_path, f"{VIOLATION!r} of the other requirements has no bound")
         if all(other.metric == VIOLATION for other in requirements):
-            problems.add(place, f"{VIOLATION!r} needs other requirements that may be violated")
+            problems.add(key_path, f"{VIOLATION!r} needs other requirements that may be violated")
     elif requirement.metric in statuses:
         if low is not None or high is not None:
-            problems.add(place, f"{requirement.metric!r} is a status, which has no bound")
+            problems.add(key_path, f"{requirement.metric!r} is a status, which has no bound")
     elif requirement.metric not in outcomes:
         problems.add(
-            f"{place}.metric",
+            f"{key_path}.metric",
             "no such outcome or status; " + nearest(requirement.metric, metrics),
             requirement.metric,
         )
     elif low is None and high is None:
-        problems.add(place, "needs at_least or at_most")
+        problems.add(key_path, "needs at_least or at_most")
     elif is_yes_or_no(requirement.metric) and (
         (low or 0.0) <= 0.0 and (1.0 if high is None else high) >= 1.0
     ):
-        problems.add(place, "is always satisfied: this outcome is 0 or 1; at_most = 0 allows no 1")
+        problems.add(
+            key_path, "is always satisfied: this outcome is 0 or 1; at_most = 0 allows no 1"
+        )
     elif low is not None and high is not None and low > high:
-        problems.add(f"{place}.at_most", f"must be at least at_least = {low:g}", high)
+        problems.add(f"{key_path}.at_most", f"must be at least at_least = {low:g}", high)
 
 
 def _read_distributions(tree: Any, problems: Problems) -> dict[str, Distribution]:

@@ -39,15 +39,15 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
             )
     for name, body in scene.body.items():
         for number, part in enumerate(body.outline):
-            place = f"body.{name}.outline.{number}"
+            key_path = f"body.{name}.outline.{number}"
             if part.hollow and part.stations is not None:
                 first, last = (
-                    ranges.get(f"{place}.stations.{k}", (station, station))
+                    ranges.get(f"{key_path}.stations.{k}", (station, station))
                     for k, station in enumerate(part.stations)
                 )
                 if first[0] <= last[1] and last[0] <= first[1]:
                     problems.add(
-                        f"dispersion.{place}.stations",
+                        f"dispersion.{key_path}.stations",
                         "the shell may have no length",
                         list(part.stations),
                     )

@@ -18,7 +18,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _RENAMED = {"plan": "samples"}  # keys of earlier versions
 
 
-def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems) -> Any:
+def read_table(kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems) -> Any:
     """Convert a TOML table.
 
     Parameters
@@ -27,7 +27,7 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
         Table of the model.
     tree : dict
         Other types are noted as a problem.
-    place : str
+    key_path : str
         TOML path of the table.
     problems : Problems
 
@@ -36,7 +36,7 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
     Struct of type ``kind``, SI; None if there were problems
     """
     if not isinstance(tree, dict):
-        problems.add(place, "must be a table", tree)
+        problems.add(key_path, "must be a table", tree)
         return None
     fields = fields_of(kind)
     accepted = keys_of(fields)
@@ -47,13 +47,13 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
     for key, value in tree.items():
         if key not in accepted:
             meant, reason = _unknown_key(key, fields)
-            problems.add(_join(place, key), reason)
+            problems.add(_join(key_path, key), reason)
             seen.setdefault(meant, key)  # already noted: not "missing" as well
             misspelt.add(meant)
             continue
         field, factor = accepted[key]
         if field.name in values or (field.name in seen and field.name not in misspelt):
-            problems.add(_join(place, key), f"given twice, also as {seen[field.name]!r}")
+            problems.add(_join(key_path, key), f"given twice, also as {seen[field.name]!r}")
             continue
         seen[field.name] = key
         units = fields[field.name].units
@@ -61,42 +61,42 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
             reason = (
                 f"the unit is missing; allowed: {', '.join(fields[field.name].keys)}, or a table"
             )
-            problems.add(_join(place, key), reason, value)
+            problems.add(_join(key_path, key), reason, value)
             continue
-        values[field.name] = _read_value(field, value, factor, _join(place, key), problems)
+        values[field.name] = _read_value(field, value, factor, _join(key_path, key), problems)
     for field in fields.values():
         if field.required and field.name not in seen:
-            problems.add(place or "file", f"{_missing(field)} is missing")
+            problems.add(key_path or "file", f"{_missing(field)} is missing")
     if len(problems) > count:
         return None
     return kind(**values)
 
 
-def _read_value(field: Field, value: Any, factor: float, place: str, problems: Problems) -> Any:
+def _read_value(field: Field, value: Any, factor: float, key_path: str, problems: Problems) -> Any:
     """Convert the value of one key; ``factor`` is that of its unit to SI."""
     if field.table:
-        return read_table(field.table, value, place, problems)
+        return read_table(field.table, value, key_path, problems)
     if field.table_of_tables:
-        return _read_named(field.table_of_tables, value, place, problems)
+        return _read_named(field.table_of_tables, value, key_path, problems)
     if field.array_of_tables:
-        return read_array(field.array_of_tables, value, place, problems)
+        return read_array(field.array_of_tables, value, key_path, problems)
     if field.quantity.components and isinstance(value, dict):
-        value = _components(field, value, factor, place, problems)
+        value = _components(field, value, factor, key_path, problems)
     if get_origin(field.bare) is dict and isinstance(value, dict) and not field.table_of_tables:
-        return _read_items(field, value, place, problems)
+        return _read_items(field, value, key_path, problems)
     scaled = to_si(value, factor)
     fault = _size_fault(scaled)
     if fault and not (field.default == math.inf and value == math.inf):
-        problems.add(place, fault, value)
+        problems.add(key_path, fault, value)
         return None
     result, allowed = convert(scaled, field.type)
     if allowed:
-        problems.add(place, allowed, value)
+        problems.add(key_path, allowed, value)
     return result
 
 
 def _read_items(
-    field: Field, tree: dict[str, Any], place: str, problems: Problems
+    field: Field, tree: dict[str, Any], key_path: str, problems: Problems
 ) -> dict[str, Any]:
     """Convert a table of free keys: the terms of a polynomial, or the joints of a phase."""
     kind = get_args(field.bare)[1]
@@ -104,60 +104,66 @@ def _read_items(
     for key, value in tree.items():
         if kind is float and not _TERM.match(key):
             problems.add(
-                _join(place, key),
+                _join(key_path, key),
                 "terms are const, alpha, alpha2 ... alpha5, beta ... beta5 and products such as "
                 "alpha_beta2",
             )
         elif fault := _size_fault(value):
-            problems.add(_join(place, key), fault, value)
+            problems.add(_join(key_path, key), fault, value)
         else:
             result[key], allowed = convert(to_si(value, 1.0), kind)
             if allowed:
-                problems.add(_join(place, key), allowed, value)
+                problems.add(_join(key_path, key), allowed, value)
     return result
 
 
 def _components(
-    field: Field, value: dict[str, Any], factor: float, place: str, problems: Problems
+    field: Field, value: dict[str, Any], factor: float, key_path: str, problems: Problems
 ) -> list[Any]:
     """Convert a vector written as ``{ y = 1.0 }``; omitted components keep their default."""
     names = field.quantity.components
     for key in value:
         if key not in names:
-            problems.add(_join(place, key), "is no component; allowed: " + ", ".join(names))
+            problems.add(_join(key_path, key), "is no component; allowed: " + ", ".join(names))
     default = field.default if isinstance(field.default, tuple) else (0.0,) * len(names)
     return [value.get(name, default[i] / factor) for i, name in enumerate(names)]
 
 
 def _read_named(
-    kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems
+    kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems
 ) -> dict[str, Any]:
     """Convert a table of tables by name."""
     if not isinstance(tree, dict):
-        problems.add(place, "must be a table of tables", tree)
+        problems.add(key_path, "must be a table of tables", tree)
         return {}
     for name in tree:
         if not _NAME.fullmatch(name):
-            problems.add(_join(place, name), "a name is a letter followed by letters, digits or _")
+            problems.add(
+                _join(key_path, name), "a name is a letter followed by letters, digits or _"
+            )
         elif len(name) > LONGEST_NAME:
-            problems.add(_join(place, shorten(name)), f"must have at most {LONGEST_NAME} letters")
-    return {name: read_table(kind, sub, _join(place, name), problems) for name, sub in tree.items()}
+            problems.add(
+                _join(key_path, shorten(name)), f"must have at most {LONGEST_NAME} letters"
+            )
+    return {
+        name: read_table(kind, sub, _join(key_path, name), problems) for name, sub in tree.items()
+    }
 
 
 def read_array(
-    kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems
+    kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems
 ) -> tuple[Any, ...]:
     """Convert an array of tables; places name each by its name or number. See `read_table`."""
     if not isinstance(tree, list):
-        problems.add(place, f"must be an array of tables: [[{place}]]", tree)
+        problems.add(key_path, f"must be an array of tables: [[{key_path}]]", tree)
         return ()
     result: list[Any] = []
     names: list[Any] = []
     for number, sub in enumerate(tree):
         name = sub.get("name", number) if isinstance(sub, dict) else number
-        result.append(read_table(kind, sub, _join(place, str(name)), problems))
+        result.append(read_table(kind, sub, _join(key_path, str(name)), problems))
         if name in names:
-            problems.add(_join(place, str(name)), "the name is used twice")
+            problems.add(_join(key_path, str(name)), "the name is used twice")
         names.append(name)
     return tuple(result)
 
@@ -215,6 +221,6 @@ def _size_fault(value: Any) -> str:
     return next(filter(None, map(_size_fault, value)), "")
 
 
-def _join(place: str, key: str) -> str:
+def _join(key_path: str, key: str) -> str:
     """TOML path of a key of a table."""
-    return f"{place}.{key}" if place else key
+    return f"{key_path}.{key}" if key_path else key

@@ -384,7 +384,7 @@ def test_order_of_the_bodies_in_the_file(quiet, sample, measure):
     swapped = Campaign(
         parse_campaign({**tree, "body": dict(reversed(tree["body"].items()))}, "swapped")
     )
-    assert swapped.plan.bodies == ["lower", "upper"]
+    assert swapped.layout.bodies == ["lower", "upper"]
     assert (
         measure(
             swapped.run(cases=200).table,

@@ -253,8 +253,8 @@ def test_flops_of_a_case(study):
     assert (counted.evaluations["locked"], counted.evaluations["free"]) == (9, 15)
     assert 300.0 < counted.evaluation < 3000.0
     active = [
-        make_kernel_spec(study.campaign.plan).active_size(segment)
-        for segment in make_kernel_spec(study.campaign.plan).segments
+        make_kernel_spec(study.campaign.layout).active_size(segment)
+        for segment in make_kernel_spec(study.campaign.layout).segments
     ]
     assert counted.sums > 12 * sum(active)
 

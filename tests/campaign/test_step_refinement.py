@@ -168,7 +168,7 @@ def test_extremes_of_a_discrete_law(table2):
     campaign = table2.with_settings(
         {"dispersion": {"initial.altitude_m": {"discrete": [500.0, 9000.0, 100.0]}}}
     )
-    assert [scene.initial.altitude for scene in campaign.plan.extremes] == [100.0, 9000.0]
+    assert [scene.initial.altitude for scene in campaign.layout.extremes] == [100.0, 9000.0]
 
 
 @pytest.mark.slow
@@ -240,8 +240,8 @@ def test_the_bound_of_speed_holds_for_any_mix_of_extremes(pair):
         "load.l.end_s": [0.55, 0.9],
     }
     given = pair(settings | {"dispersion": {key: {"uniform": ends} for key, ends in laws.items()}})
-    bound = rows_step(given.scene, given.plan.extremes)
+    bound = rows_step(given.scene, given.layout.extremes)
     mixed = [dict(zip(laws, ends, strict=True)) for ends in itertools.product(*laws.values())]
     alone = [rows_step(pair(settings).with_settings(values).scene) for values in mixed]
     assert bound <= min(alone) * (1.0 + 1e-5)  # ends of laws are those of all but 1e-6 of the draws
-    assert min(alone) < 0.9 * min(rows_step(scene) for scene in given.plan.extremes)
+    assert min(alone) < 0.9 * min(rows_step(scene) for scene in given.layout.extremes)

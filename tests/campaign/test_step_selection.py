@@ -452,7 +452,7 @@ def test_the_program_tells_it(tmp_path):
 def test_sepmc_load_is_not_slowed(table2):
     """Planning compiles; reading and checking a campaign must not."""
     campaign = sepmc.load("table2")
-    assert "plan" not in campaign.__dict__
+    assert "layout" not in campaign.__dict__
     assert campaign.digest == table2.digest
 
 

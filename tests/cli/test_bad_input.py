@@ -899,7 +899,7 @@ def test_two_columns_of_one_name(pair):
         }
     }
     with pytest.raises(ValueError, match="would be called 'in_initial_alpha_deg'; rename a body"):
-        _ = pair(renamed | {"dispersion": {"initial.alpha_deg": {"normal": 1.0}}}).plan
+        _ = pair(renamed | {"dispersion": {"initial.alpha_deg": {"normal": 1.0}}}).layout
 
 
 def test_a_clearance_of_shells_only(tmp_path):

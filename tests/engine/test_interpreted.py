@@ -155,7 +155,7 @@ def test_workspace_has_pythons_numbers(name):
     )
     integrate_cases(
         kernel,
-        campaign.plan,
+        campaign.layout,
         steps,
         typical,
         campaign.slots,

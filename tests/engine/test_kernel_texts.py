@@ -53,7 +53,7 @@ def nearly(value):
 
 def spec_of(campaign, change, variant) -> KernelSpec:
     """Kernel specification of a campaign with every value changed."""
-    layout = make_parameter_layout(changed(campaign.plan.scene, change), campaign.dispersed)
+    layout = make_parameter_layout(changed(campaign.layout.scene, change), campaign.dispersed)
     return make_kernel_spec(layout, campaign.dispersed, variant)
 
 
@@ -65,7 +65,7 @@ def test_equal_structures_have_equal_texts(name, variant):
     else:
         tree = random_scene(9000 + name)
         campaign = Campaign(parse_campaign(tree, "random"))
-    layout = make_parameter_layout(campaign.plan.scene, campaign.dispersed)
+    layout = make_parameter_layout(campaign.layout.scene, campaign.dispersed)
     spec = make_kernel_spec(layout, campaign.dispersed, variant)
     structure, method = kernel_texts.structure_of(spec), campaign.scene.solver.method
     text, n_equal = emit(spec, method), 0

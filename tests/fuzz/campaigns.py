@@ -22,7 +22,7 @@ _TABLES = ("body", "joint", "motor", "spring", "load", "phase", "release", "even
 def parse(tree):
     """Campaign of a tree, with all properties that follow from its numbers."""
     campaign = Campaign(parse_campaign(tree, "fuzz.toml", reader=read_input_table))
-    _ = campaign.plan, campaign.columns, campaign.slots, campaign.digest
+    _ = campaign.layout, campaign.columns, campaign.slots, campaign.digest
     return campaign
 
 
@@ -99,7 +99,7 @@ def checked(campaign):
     """Run the checks of ``sepmc check`` without a simulation."""
     drawn(campaign)
     numbers, total = campaign.select_cases()
-    describe.lines(campaign.plan)
+    describe.lines(campaign.layout)
     step_selection.stage_names(step_selection.kernel_spec(campaign))
     diagnostics.file_notes(campaign)
     list(diagnostics.sampling_notes(campaign, numbers))

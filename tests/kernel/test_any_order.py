@@ -182,7 +182,7 @@ def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
     campaign = pair(
         without_steps(TURNING | TWO) | {"dispersion": laws, "solver": {"accuracy": 1e-8}}
     )
-    assert not make_kernel_spec(campaign.plan, campaign.dispersed).any_order
+    assert not make_kernel_spec(campaign.layout, campaign.dispersed).any_order
     assert (
         Variant.ANY_ORDER
         in [fallback.variant for fallback in step_selection.select_steps(campaign).fallbacks]

@@ -164,8 +164,8 @@ def test_outlines_on_both_sides_of_a_shells_wall(pair):
         campaign.in_si(campaign.sample(0, 16)),
     )
     steps = np.full(1, 4), np.full(1, np.inf)
-    block, _ = integrate_cases(kernel, campaign.plan, *steps, campaign.slots, draws)
-    names = [column.name for column in schema.result_columns(campaign.plan.contents)]
+    block, _ = integrate_cases(kernel, campaign.layout, *steps, campaign.slots, draws)
+    names = [column.name for column in schema.result_columns(campaign.layout.contents)]
     compiled = block.outcomes[:, names.index("gap_clearance_mm")]
     disc = np.maximum(table["in_body_aft_outline_0_radii_1_m"], 0.45)
     wide = 1e-3 * table["in_body_fore_outline_0_radii_0_mm"]
@@ -211,11 +211,11 @@ def test_compiled_as_in_plain_python(pair):
         with interpreted(interpreting):
             kernel = load_kernel(text)
         steps = np.full(kernel.n_segments, 16), np.full(kernel.n_segments, 0.1)
-        block, _ = integrate_cases(kernel, campaign.plan, *steps, campaign.slots, draws)
+        block, _ = integrate_cases(kernel, campaign.layout, *steps, campaign.slots, draws)
         results.append(block)
     compiled, plain = results
     assert list(compiled.status) == list(plain.status) == [0] * 9
-    for k, column in enumerate(schema.result_columns(campaign.plan.contents)):
+    for k, column in enumerate(schema.result_columns(campaign.layout.contents)):
         if not column.name.endswith(("force_time_s", "moment_time_s")):
             size = max(1e-3, float(np.nanmax(np.abs(plain.outcomes[:, k]), initial=0.0)))
             assert_allclose(

@@ -148,7 +148,7 @@ def test_stroke_ends_as_the_independent_simulation(pair, name):
     """Every column, among them a spring that pushes nothing and ends nowhere."""
     campaign = pair(TURNING | SCENES[name])
     outcomes = agrees(campaign)
-    ended = {k for k, v in stroke_columns(campaign.plan.contents).items() if outcomes[v] > 0.0}
+    ended = {k for k, v in stroke_columns(campaign.layout.contents).items() if outcomes[v] > 0.0}
     assert ended == {spring.name for spring in campaign.scene.spring} - {"far"}
 
 
@@ -163,11 +163,11 @@ def test_every_kernel_writes_the_same(pair, variant):
     rows = []
     with interpreted():
         for which in (Variant.STANDARD, variant):
-            spec = make_kernel_spec(campaign.plan, campaign.dispersed, which)
+            spec = make_kernel_spec(campaign.layout, campaign.dispersed, which)
             kernel = load_kernel(emit(spec, campaign.scene.solver.method))
             ones = np.ones(kernel.n_segments, dtype=np.int64)
             block, _ = integrate_cases(
-                kernel, campaign.plan, ones, np.inf * ones, campaign.slots, draws
+                kernel, campaign.layout, ones, np.inf * ones, campaign.slots, draws
             )
             assert (block.status == Status.OK).all()
             rows.append(block.outcomes[:, : len(campaign.outcome_columns)])
@@ -277,7 +277,7 @@ def test_partial_releases_as_the_independent_simulation(pair, name):
     settings, releases, expected = PARTIAL[name]
     campaign = pair(TURNING | settings | {"release": releases})
     outcomes = agrees(campaign)
-    times = partial_release_columns(campaign.plan.contents).values()
+    times = partial_release_columns(campaign.layout.contents).values()
     assert list(times) == [column for column in expected if column != "release_time_s"]
     for column, time in expected.items():
         assert_allclose(outcomes[column], time, rtol=0, atol=1e-12)

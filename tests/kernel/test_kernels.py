@@ -76,7 +76,7 @@ def special(campaign, flight, drawn, steps=None):
     """A block by the kernel alone; rejected cases have a negative status."""
     return integrate_cases(
         flight.kernel,
-        campaign.plan,
+        campaign.layout,
         flight.steps if steps is None else steps,
         flight.durations,
         campaign.slots,
@@ -156,7 +156,7 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, most):
     steps, usual = np.array(steps), np.full(kernel.n_segments, np.inf)
     # how long it is latched sets the length of the steps until then
     for _ in range(2 if name == "missile-rail" else 1):
-        fast, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
+        fast, ends = integrate_cases(kernel, campaign.layout, steps, usual, campaign.slots, drawn)
         usual = np.diff(ends[:, 0], prepend=0.0)
     assert (status, fast.status[0]) == ("ok", 0)
     assert difference(campaign, outcomes(campaign, fast), expected) <= most
@@ -184,7 +184,7 @@ def test_small_scenes_agree(name):
         kernel = load_kernel(step_selection.kernel_text(campaign))
     steps, usual = np.full(kernel.n_segments, 24), np.full(kernel.n_segments, np.inf)
     for _ in range(2):  # how long phases last sets the length of steps
-        fast, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
+        fast, ends = integrate_cases(kernel, campaign.layout, steps, usual, campaign.slots, drawn)
         usual = np.median(np.diff(ends, axis=0, prepend=0.0), axis=1)
     assert list(statuses) == ["ok", "ok"]
     assert list(fast.status) == [0, 0]
@@ -261,7 +261,7 @@ def test_order_of_the_lanes(quiet, flight, name, counts, less):
     def flown(kernel, n):
         steps = np.full(3, n, dtype=np.int64)
         block, _ = integrate_cases(
-            kernel, campaign.plan, steps, flight.durations, campaign.slots, drawn
+            kernel, campaign.layout, steps, flight.durations, campaign.slots, drawn
         )
         lost = block.outcomes[:, energy]
         # few steps lose more than a row may
@@ -331,7 +331,7 @@ def test_same_bits_where_lanes_are_through_at_different_times():
     assert (
         max(
             segment.max_intervals
-            for segment in make_kernel_spec(campaign.plan, campaign.dispersed).segments
+            for segment in make_kernel_spec(campaign.layout, campaign.dispersed).segments
         )
         > 1
     )
@@ -589,9 +589,11 @@ def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
         kernel = load_kernel(step_selection.kernel_text(campaign))
     drawn, usual = np.array([[stroke]]), np.array([1.7, 4.3])
     column = [c.name for c in campaign.outcome_columns].index("release_time_s")
-    long = integrate_cases(kernel, campaign.plan, np.array([6, 3]), usual, campaign.slots, drawn)[0]
+    long = integrate_cases(kernel, campaign.layout, np.array([6, 3]), usual, campaign.slots, drawn)[
+        0
+    ]
     short = integrate_cases(
-        kernel, campaign.plan, np.array([60, 30]), usual, campaign.slots, drawn
+        kernel, campaign.layout, np.array([60, 30]), usual, campaign.slots, drawn
     )[0]
     assert np.isnan(long.indicators).any() == missed
     assert_allclose(short.outcomes[0, column], release, atol=1e-6)

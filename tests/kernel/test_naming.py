@@ -84,7 +84,7 @@ def test_a_body_may_be_called_anything(pair, name):
     campaign = Campaign(parse_campaign(tree, "pair"))
     ast.parse(step_selection.kernel_text(campaign))
     assert keyword.iskeyword("if")
-    assert f"body1 {name}" in make_kernel_spec(campaign.plan, campaign.dispersed).names.legend[0]
+    assert f"body1 {name}" in make_kernel_spec(campaign.layout, campaign.dispersed).names.legend[0]
 
 
 @pytest.mark.parametrize("name", SCENES)

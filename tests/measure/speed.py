@@ -145,7 +145,7 @@ def features(file, cases=2000):
         ]
         those, own = np.asfortranarray(inputs[:, columns]), select_steps(scene)
         works[name, "same"] = lambda k=kernel, s=scene, d=those, m=methods: integrate_cases(
-            k, s.plan, flight.steps, flight.durations, s.slots, d, 0, m
+            k, s.layout, flight.steps, flight.durations, s.slots, d, 0, m
         )
         works[name, "own"] = lambda s=scene, o=own, d=those: integrate_once(s, o, d)
     found = {key: median(times) for key, times in rounds(works, REPEATS).items()}

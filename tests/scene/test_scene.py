@@ -125,11 +125,11 @@ def test_to_si():
 
 def test_parameters_round_trip():
     """Every parameter of a kernel can be found, read and replaced by path, and changes no other."""
-    plan = make_parameter_layout(SCENE)
-    before = {path: value(SCENE, path) for path in plan.slots}
+    layout = make_parameter_layout(SCENE)
+    before = {path: value(SCENE, path) for path in layout.slots}
     for path, number in before.items():
         other = replace(SCENE, {path: number + 1.0})
-        after = {p: value(other, p) for p in plan.slots}
+        after = {p: value(other, p) for p in layout.slots}
         assert after == before | {path: number + 1.0}
         assert replace(other, {path: number}) == SCENE
 
@@ -327,7 +327,7 @@ def test_any_tree_is_refused_or_can_be_flown(edits):
     assert len(campaign.columns) >= 14 + len(campaign.file.dispersions)
     drawn = cases.sample(campaign.file.dispersions, 1, 0, 3) * campaign.factors
     assert np.isfinite(drawn).all()
-    assert len(campaign.plan.nominal) > campaign.slots.max(initial=0)
+    assert len(campaign.layout.nominal) > campaign.slots.max(initial=0)
 
 
 @pytest.mark.parametrize("key", ["body.upper.cg_mm.z", "body.upper.cg_m.z"])

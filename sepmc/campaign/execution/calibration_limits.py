@@ -27,7 +27,7 @@ def indicator_limits(campaign: Definition, trials: Block) -> np.ndarray:
         SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
     )
     negligible = np.zeros(trials.indicators.shape[1])
-    n_of_states = 3 * len(campaign.plan.bodies)
+    n_of_states = 3 * len(campaign.layout.bodies)
     negligible[:n_of_states] = np.resize(
         [speed, rate * campaign.scene.run.end_time, rate], n_of_states
     )

@@ -225,7 +225,7 @@ def integrate(
             campaign, flight, draws, history_size, block, np.flatnonzero(too_inaccurate & ~hard), 1
         )
     ).merged(_refine_cases(campaign, flight, draws, history_size, block, np.flatnonzero(hard)))
-    bodies = len(campaign.plan.bodies)
+    bodies = len(campaign.layout.bodies)
     for fallback in flight.fallbacks:
         finite = motion_is_finite(block.outcomes, bodies)
         rejected = np.flatnonzero(is_accepted_by(block.status, fallback.variant, finite))
@@ -300,7 +300,7 @@ def integrate_once(
     """Integrate inputs (n, d), SI, at the steps of an integration, without refinement."""
     return integrate_cases(
         flight.kernel,
-        campaign.plan,
+        campaign.layout,
         flight.steps,
         flight.durations,
         campaign.slots,
@@ -408,7 +408,7 @@ def _refine_cases(
             flight, change[has_outcomes], is_decisive
         )
         return RefinementSummary(SAFETY * _largest_changes(change), n_refined=len(refined_cases))
-    finite = motion_is_finite(block.outcomes[refined_cases], len(campaign.plan.bodies))
+    finite = motion_is_finite(block.outcomes[refined_cases], len(campaign.layout.bodies))
     late = np.flatnonzero((block.status[refined_cases] == FINER_STEPS) & finite)
     for number in late:
         alone = _refine_with_own_durations(
@@ -448,7 +448,7 @@ def _refine_with_own_durations(
     inputs, fine = draws[number : number + 1], flight.refined(_DURATION_REFINEMENT)
     _, ends = integrate_cases(
         flight.kernel,
-        campaign.plan,
+        campaign.layout,
         fine.steps,
         flight.durations,
         campaign.slots,

@@ -25,7 +25,7 @@ _FREE = "free"
 def expected_events(campaign: Definition) -> dict[str, str]:
     """Time column of each expected event, by its key in the file; of a partial release, by joint
     and kind."""
-    contents = campaign.plan.contents
+    contents = campaign.layout.contents
     releases, freed = release_columns(contents), set(_released_joints(campaign.scene))
     partial = partial_release_columns(contents)
     return {

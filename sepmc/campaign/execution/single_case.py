@@ -50,7 +50,7 @@ class SingleCase:
 
     Attributes
     ----------
-    plan : Plan
+    layout : ParameterLayout
     status : Status
     outcomes : ndarray, shape (o,)
         Outcomes and audit columns, SI.
@@ -66,7 +66,7 @@ class SingleCase:
     compiled : bool
     """
 
-    plan: ParameterLayout
+    layout: ParameterLayout
     status: Status
     outcomes: np.ndarray
     times: np.ndarray
@@ -123,12 +123,12 @@ def simulate_case(
     UnknownError
         If ``plain_work`` is too small.
     """
-    plan, variant = _layout(scene, contents), Variant.STANDARD
+    layout, variant = _layout(scene, contents), Variant.STANDARD
     columns = schema.outcome_columns(contents)
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
-        shape = make_kernel_spec(plan, variant=variant)
-        run = _SingleRun(shape, plan, columns, row_interval_s, announce, work, plain_work is None)
+        shape = make_kernel_spec(layout, variant=variant)
+        run = _SingleRun(shape, layout, columns, row_interval_s, announce, work, plain_work is None)
         try:
             return run.run()
         except _RejectedError as rejected:
@@ -143,10 +143,10 @@ def simulate_case(
 
 def invalid_case(scene: Scene, contents: Contents) -> SingleCase:
     """Result of a case with an invalid parameter, which is not simulated."""
-    plan, columns = _layout(scene, contents), len(schema.result_columns(contents))
+    layout, columns = _layout(scene, contents), len(schema.result_columns(contents))
     rows = np.empty((0, len(schema.history_columns(contents))))
     return SingleCase(
-        plan,
+        layout,
         Status.INVALID_INPUT,
         np.full(columns, np.nan),
         np.empty(0),
@@ -168,21 +168,21 @@ class _SingleRun:
     def __init__(
         self,
         shape: KernelSpec,
-        plan: ParameterLayout,
+        layout: ParameterLayout,
         columns: list[Column],
         row_interval_s: float,
         announce: Log | None,
         work: Work,
         may_compile: bool,
     ):
-        self.shape, self.plan, self.columns, self.row_interval_s, self.announce = (
+        self.shape, self.layout, self.columns, self.row_interval_s, self.announce = (
             shape,
-            plan,
+            layout,
             columns,
             row_interval_s,
             announce,
         )
-        self.text, self.compiled = written(shape, plan.scene.solver.method, FULL_HISTORY), False
+        self.text, self.compiled = written(shape, layout.scene.solver.method, FULL_HISTORY), False
         with interpreted():
             self.kernel = load_kernel(self.text)
         stages = self.kernel.n_segments
@@ -200,11 +200,11 @@ class _SingleRun:
     @property
     def finite(self) -> bool:
         """True if the last integration ended with finite numbers."""
-        return bool(motion_is_finite(self.outcomes[None, :], len(self.plan.bodies))[0])
+        return bool(motion_is_finite(self.outcomes[None, :], len(self.layout.bodies))[0])
 
     def run(self) -> SingleCase:
         """Simulate the case. Raises _RejectedError if the kernel rejects it."""
-        scene, steps = self.plan.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
+        scene, steps = self.layout.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
         if scene.solver.step is None:
             steps, error, notes = self._converged_steps(steps)
             return self._with_error(self._with_rows(steps, notes), error)
@@ -238,12 +238,12 @@ class _SingleRun:
         """Measure the durations of segments at finer steps than ``steps`` (segments,); returns
         outcomes, or None."""
         solver, max_steps = (
-            self.plan.scene.solver,
+            self.layout.scene.solver,
             _MAX_STEPS if self.compiled else _MAX_PLAIN_STEPS,
         )
         assert solver.step is not None
         is_known = self.kernel.n_segments == 1  # its duration is the end time
-        affordable = max_steps * solver.step / self.plan.scene.run.end_time
+        affordable = max_steps * solver.step / self.layout.scene.run.end_time
         for times in _DURATION_FACTORS:
             if times > _DURATION_FACTORS[0] and (is_known or times > affordable):
                 break
@@ -256,7 +256,7 @@ class _SingleRun:
         self, steps: np.ndarray, instants: np.ndarray = _NO_INSTANTS
     ) -> tuple[np.ndarray, int, np.ndarray]:
         stages, self.steps = self.kernel.n_segments, steps
-        given_step = self.plan.scene.solver.step is not None
+        given_step = self.layout.scene.solver.step is not None
         how = "" if given_step else f", now in {steps.max()} steps a phase"
         self.report(lambda seconds: f"still running after {seconds:.0f} s{how} ...")
         self.outcomes, status, unclear, ends, rows = self._call_kernel(steps, instants)
@@ -268,7 +268,7 @@ class _SingleRun:
             self.durations[:] = typical_durations(ends[:stages, None], np.ones(1, dtype=bool))
         if (
             unclear
-            and self.plan.scene.solver.step is None
+            and self.layout.scene.solver.step is None
             and steps.max() <= _MAX_FOR_ANGLES
             and 0 <= status <= Status.NEVER_RELEASED
         ):
@@ -285,7 +285,7 @@ class _SingleRun:
             try:
                 with self.work.counted():
                     result = integrate_nominal(
-                        self.kernel, self.plan, steps, self.durations, instants
+                        self.kernel, self.layout, steps, self.durations, instants
                     )
                 if not len(instants):
                     self.per_step = (self.work.done - before) / most
@@ -293,7 +293,7 @@ class _SingleRun:
             except WorkLimitError:
                 self.per_step = max(self.per_step, (self.work.done - before) / most)
                 self._compile(self._reached_time())
-        return integrate_nominal(self.kernel, self.plan, steps, self.durations, instants)
+        return integrate_nominal(self.kernel, self.layout, steps, self.durations, instants)
 
     def _report_forecast(self, lines: float) -> None:
         """Announce a long integration in plain Python; compile instead if its lines exceed the work
@@ -309,7 +309,7 @@ class _SingleRun:
         self, steps: np.ndarray, notes: list[str], forced_status: Status | None = None
     ) -> SingleCase:
         """Result with history at some steps (segments,); ``forced_status``: of a rejected case."""
-        scene = self.plan.scene
+        scene = self.layout.scene
         ends, changes = self._event_times(steps)
         instants, phases = _instants(
             self.shape, np.fmin(ends, scene.run.end_time), changes, self.row_interval_s
@@ -327,7 +327,7 @@ class _SingleRun:
             status, outcomes[: len(self.columns)] = forced_status, np.nan  # audit columns are kept
         has_values = ~np.isnan(rows).all(axis=1)
         return SingleCase(
-            self.plan,
+            self.layout,
             Status(status),
             outcomes,
             instants[has_values, 0],
@@ -341,7 +341,7 @@ class _SingleRun:
     def _event_times(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends of segments (segments,) and times (n,) of changes within, s, at some steps."""
         if self.kernel.n_segments == 1 and self.kernel.n_changes == 0:
-            return np.array([self.plan.scene.run.end_time]), np.empty(0)
+            return np.array([self.layout.scene.run.end_time]), np.empty(0)
         key = steps.tobytes(), self.durations.tobytes()
         if key not in self.times_by_steps:
             self._integrate_at(steps)
@@ -350,7 +350,7 @@ class _SingleRun:
     def _converged_steps(self, ones: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """Steps (segments,) at which the case converges, its error (o,) and notes; ``ones`` is one
         step each."""
-        scene = self.plan.scene
+        scene = self.layout.scene
         min_steps = max(
             _MIN_STEPS,
             math.ceil(scene.run.end_time / longest_step(scene, brief=brief_transient(scene))),
@@ -384,7 +384,7 @@ class _SingleRun:
             )
             raise _RejectedError(FINER_STEPS)
         steps, _ = self.completed[-1]
-        count, scene = len(self.columns), self.plan.scene
+        count, scene = len(self.columns), self.layout.scene
         error = np.full(count, np.inf)
         if len(self.completed) > 1:
             units = [column.unit for column in self.columns]
@@ -452,7 +452,7 @@ class _SingleRun:
 
     def _unknown_reason(self, reached: float | None) -> str:
         """Reason of `UnknownError`."""
-        end, given_step = self.plan.scene.run.end_time, self.plan.scene.solver.step
+        end, given_step = self.layout.scene.run.end_time, self.layout.scene.solver.step
         how = (
             f"of {self.steps.max()} steps a phase"
             if given_step is None

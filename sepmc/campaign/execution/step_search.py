@@ -52,7 +52,7 @@ def find_durations(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> n
     durations, steps = np.full(kernel.n_segments, np.inf), np.full(kernel.n_segments, 2)
     while steps.max() <= _MAX_STEPS:
         block, ends = integrate_cases(
-            kernel, campaign.plan, steps, durations, campaign.slots, draws
+            kernel, campaign.layout, steps, durations, campaign.slots, draws
         )
         is_ok = block.status == Status.OK
         is_ok = is_ok if is_ok.any() else block.has_outcomes

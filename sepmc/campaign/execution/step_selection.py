@@ -85,7 +85,7 @@ _MAX_ESTIMATE = 0.6  # of the accuracy: larger estimates were up to 1.6 times to
 
 def kernel_spec(campaign: Definition, variant: int = Variant.STANDARD) -> KernelSpec:
     """Specification of the kernel of a campaign."""
-    return structure.make_kernel_spec(campaign.plan, campaign.dispersed, variant)
+    return structure.make_kernel_spec(campaign.layout, campaign.dispersed, variant)
 
 
 def kernel_text(
@@ -261,7 +261,7 @@ def _capable_variant(
     steps, durations = _initial_steps(kernel)
     block, _ = integrate_cases(
         kernel,
-        campaign.plan,
+        campaign.layout,
         _SPREAD_STEPS * steps,
         durations,
         campaign.slots,
@@ -361,7 +361,7 @@ def _history_error(
     names = [column.name for column in campaign.outcome_columns]
     width = at_half.history.shape[2]
     scene_scale = np.array(
-        [scale[names.index(c.name)] for c in separation_columns(list(campaign.plan.joints))]
+        [scale[names.index(c.name)] for c in separation_columns(list(campaign.layout.joints))]
     )
     both_ok = (at_steps.status == Status.OK) & (at_half.status == Status.OK)
     histories = (
@@ -450,7 +450,7 @@ def _common_steps(
         history_size: int = 0,
     ) -> Block:
         block, _ = integrate_cases(
-            kernel, campaign.plan, steps, durations, campaign.slots, draws, history_size, methods
+            kernel, campaign.layout, steps, durations, campaign.slots, draws, history_size, methods
         )
         report(len(draws))
         return block

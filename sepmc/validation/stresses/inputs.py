@@ -29,10 +29,10 @@ class _Varied:
 
     def __init__(self, tree: Tree):
         file = parse_campaign(copy.deepcopy(tree), "stress", None)
-        plan = make_parameter_layout(file.scene)
+        layout = make_parameter_layout(file.scene)
         self.nominal = {
-            path: float(plan.nominal[slot])
-            for path, slot in plan.slots.items()
+            path: float(layout.nominal[slot])
+            for path, slot in layout.slots.items()
             if not path.startswith("run.")
         }
         dispersions = [

@@ -74,7 +74,9 @@ def _select_steps(
     steps = np.full(kernel.n_segments, min_steps, dtype=np.int64)
     errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH_ORDER
     while True:
-        block, ends = integrate_cases(kernel, campaign.plan, steps, typical, campaign.slots, draws)
+        block, ends = integrate_cases(
+            kernel, campaign.layout, steps, typical, campaign.slots, draws
+        )
         valid = np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
         # the durations of segments are known now: the same steps once more
         if np.isinf(typical).all() and valid.any():
@@ -92,7 +94,7 @@ def _select_steps(
             chosen_block = previous if converged and previous is not None else present
             if low_order:  # the errors of a step and its half can be equal
                 block, _ = integrate_cases(
-                    kernel, campaign.plan, 2 * steps, typical, campaign.slots, draws
+                    kernel, campaign.layout, 2 * steps, typical, campaign.slots, draws
                 )
                 both = chosen_block[1] & np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
                 finer = relative_error(
