@@ -22,6 +22,7 @@ from sepmc.scene.load_checks import (
 )
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Body, Joint, Motor, Scene
+from sepmc.scene.parameters import item_names
 from sepmc.scene.parameters import value as parameter_value
 from sepmc.scene.phase_checks import check_phases, holds_ground
 from sepmc.scene.redundancy import check_redundancy
@@ -215,10 +216,11 @@ def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -
         problems.add(
             key_path, "can vary only if its nominal is > 0: friction that is 0 is not computed"
         )
+    outline = scene.body[parts[1]].outline if parts[2:3] == ["outline"] else ()
     if (
-        parts[2:3] == ["outline"]
+        outline
         and parts[4] == "offset"
-        and scene.body[parts[1]].outline[int(parts[3])].stations is None
+        and outline[item_names(outline).index(parts[3])].stations is None
     ):
         problems.add(key_path, "belongs to a frustum's axis, and this part has points")
 

@@ -8,7 +8,7 @@ import numpy as np
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.kinds import axial_offset, mass_centres
 from sepmc.scene.model import GROUND, Condition, Part, Scene
-from sepmc.scene.parameters import value
+from sepmc.scene.parameters import item_names, value
 
 _FAR = 8.0  # times the extent of all other points: a point farther away is in another unit
 _BESIDE = 2.0  # times the vehicle's length: largest distance from its axis
@@ -82,9 +82,9 @@ def _points(scene: Scene) -> dict[str, tuple[float, float, float]]:
     }
     points |= {f"load.{load.name}.point": load.point for load in scene.load if load.point}
     for name, body in scene.body.items():
-        for number, part in enumerate(body.outline):
+        for label, part in zip(item_names(body.outline), body.outline, strict=True):
             ends = [(s, *part.offset) for s in part.stations or ()] + list(part.points)
-            points |= {f"body.{name}.outline.{number} ({i})": end for i, end in enumerate(ends)}
+            points |= {f"body.{name}.outline.{label} ({i})": end for i, end in enumerate(ends)}
     return points
 
 

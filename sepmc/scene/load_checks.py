@@ -9,6 +9,8 @@ import numpy as np
 from sepmc.scene.limits import SMALLEST, TABLE_CELLS, TABLE_ROWS
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, AeroTable, Part, Scene, Spring
+from sepmc.scene.outline_parts import selected_parts
+from sepmc.scene.parameters import item_names
 
 # s: the engine takes instants closer than this as one
 SHORTEST = 1e-12
@@ -79,8 +81,8 @@ def check_loads(scene: Scene, problems: Problems) -> None:
             _check_aero_table(
                 f"body.{name}.aerodynamics.table", body.aerodynamics.table, scene, problems
             )
-        for number, part in enumerate(body.outline):
-            _check_part(f"body.{name}.outline.{number}", part, problems)
+        for label, part in zip(item_names(body.outline), body.outline, strict=True):
+            _check_part(f"body.{name}.outline.{label}", part, problems)
     for entry in scene.proximity:
         key_path = f"proximity.{entry.name}"
         check_known(f"{key_path}.body", entry.body, scene.body, "body", problems)
@@ -218,14 +220,19 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
                 )
             if body == GROUND:
                 problems.add(f"{key_path}.bodies", "the ground has no outline")
-        outlines = [scene.body[body].outline for body in clearance.bodies if body in scene.body]
-        if (
-            len(outlines) == 2
-            and all(outlines)
-            and all(part.hollow for outline in outlines for part in outline)
+        for number, (body, names) in enumerate(
+            zip(clearance.bodies, clearance.outlines, strict=True)
         ):
+            known = item_names(scene.body[body].outline) if body in scene.body else names
+            for name in names:
+                what = f"part of the outline of {body}"
+                check_known(f"{key_path}.outlines.{number}", name, known, what, problems)
+            if len(set(names)) < len(names):
+                problems.add(f"{key_path}.outlines.{number}", "names a part twice", list(names))
+        outlines = [selected_parts(scene, clearance, side) for side in range(2)]
+        if all(outlines) and all(part.hollow for outline in outlines for part in outline):
             problems.add(
-                f"{key_path}.bodies",
+                f"{key_path}.{'outlines' if any(clearance.outlines) else 'bodies'}",
                 "have shells only, between which there is no clearance: one needs a solid or "
                 "points",
             )

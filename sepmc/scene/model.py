@@ -31,6 +31,7 @@ Point = Annotated[Vector, Quantity("length", XYZ)]
 Direction = Annotated[Vector, Quantity("", XYZ)]
 Radius = Annotated[float, NotNegative]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z", max_length=NAME)]
+Names = tuple[str, ...]
 # "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
 Polynomial = dict[str, float]
 Series = tuple[float, ...]
@@ -117,9 +118,11 @@ class Part(_Table, frozen=True, kw_only=True):
     """A part of a body's outline: a cone frustum (two stations and radii; a cylinder if the radii
     are equal), or points.
 
-    A hollow frustum is the inner surface of a shell: clearance counts from the inside.
+    A hollow frustum is the inner surface of a shell: clearance counts from the inside. Clearances
+    can name parts that have names.
     """
 
+    name: Name | None = None
     stations: Annotated[tuple[float, float], Quantity("length", _ENDS)] | None = None
     radii: Annotated[tuple[Radius, Radius], Quantity("length", _ENDS)] | None = None
     # of the axis of revolution from the layout axis
@@ -342,6 +345,7 @@ class Clearance(_Table, frozen=True, kw_only=True):
 
     name: Name
     bodies: tuple[str, str]
+    outlines: tuple[Names, Names] = ((), ())  # parts of each body; empty: all
     after: str | None = None  # joint: counts from its release on
 
 

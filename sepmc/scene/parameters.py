@@ -99,7 +99,7 @@ def _is_table(node: Any) -> bool:
 
 def item_names(items: tuple[Any, ...]) -> tuple[str, ...]:
     """Names of the tables of an array; their numbers if they have no name."""
-    return tuple(getattr(item, "name", str(number)) for number, item in enumerate(items))
+    return tuple(getattr(item, "name", None) or str(number) for number, item in enumerate(items))
 
 
 def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:

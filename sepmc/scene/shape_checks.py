@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import XYZ, Scene
+from sepmc.scene.parameters import item_names
 
 Ranges = dict[str, tuple[float, float]]  # SI, by path
 Box = list[tuple[float, float]]
@@ -38,8 +39,8 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
                 list(joint.y_axis),
             )
     for name, body in scene.body.items():
-        for number, part in enumerate(body.outline):
-            key_path = f"body.{name}.outline.{number}"
+        for label, part in zip(item_names(body.outline), body.outline, strict=True):
+            key_path = f"body.{name}.outline.{label}"
             if part.hollow and part.stations is not None:
                 first, last = (
                     ranges.get(f"{key_path}.stations.{k}", (station, station))

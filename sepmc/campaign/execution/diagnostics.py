@@ -19,6 +19,7 @@ from sepmc.scene import parameters
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.lint import lint_scene
 from sepmc.scene.model import GROUND, SALTELLI, Clearance, Scene
+from sepmc.scene.outline_parts import selected_parts
 
 _MAX_NAMES = 3  # outcomes in a note
 _CLEARANCE, _CLEARANCE_TIME = (
@@ -259,8 +260,8 @@ def _deepest_penetration(
         scene = parameters.replace(scene, values)
     radii = [
         radius
-        for body in clearance.bodies
-        for part in (scene.body[body].outline if body in scene.body else ())
+        for side in range(2)
+        for part in selected_parts(scene, clearance, side)
         if part.hollow and part.radii
         for radius in part.radii
     ]

@@ -11,6 +11,7 @@ from sepmc.kernel.tracer.formulas import vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND, Clearance
+from sepmc.scene.outline_parts import packed_runs
 
 
 def emit_clearances(out: Text, c: Context) -> None:
@@ -68,13 +69,14 @@ def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Cleara
         "w[LENGTH + l]",
     )
     results = ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_RESULT, at.CLEARANCE_OUTCOMES)
-    _emit_job(text, c, i, powers, results)
+    for parts in _emit_job(text, c, i, powers, results):
+        text(parts, "search_lane(w, JOB)")
+        text(rejection_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
     inner = text.block(f"for k in range({at.CLEARANCE_OUTCOMES}):")
     inner(
         f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_RESULT} "
         "+ k]"
     )
-    text(rejection_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
 
 
 def is_active(c: Context, segment: Segment, i: int) -> str:
@@ -90,23 +92,18 @@ def is_active(c: Context, segment: Segment, i: int) -> str:
 
 def _emit_job(
     text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]
-) -> None:
-    """Append lines that search the motion in PATH of a lane, with ``powers`` coefficients, for a
-    clearance.
+) -> list[str]:
+    """Append lines that prepare the search of the motion in PATH of a lane, with ``powers``
+    coefficients, for a clearance.
 
     ``more`` : inputs of the search as (field, first component, offset in the job, count).
+
+    Returns
+    -------
+    list of str
+        For each search, the line that sets its parts: neighbours in the outline of either body.
     """
     text(f"w[JOB + {at.JOB_POWERS}] = {float(powers)}")
-    model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
-    for k, body in enumerate(c.spec.scene.clearance[i].bodies):
-        first, count = (
-            int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2)
-        )
-        offset, start = at.JOB_PARTS + 2 * k, f"SHARED + {first}"
-        if body in c.spec.layout.outlines:
-            c.workspace.add(f"OUTLINE_{body}", at.PART_SIZE * count)
-            start = f"OUTLINE_{body} + {at.PART_SIZE * count} * l"
-        text(f"w[JOB + {offset}], w[JOB + {offset + 1}] = float({start}), {float(count)}")
     for field, first, offset, count in (
         ("CENTRES", 6 * i, at.JOB_CENTRES, 6),
         *more,
@@ -115,7 +112,27 @@ def _emit_job(
         text.block(f"for k in range({count}):")(
             f"w[JOB + {offset} + k] = w[{field} + ({first} + k) * LANES + l]"
         )
-    text("search_lane(w, JOB)")
+    one, other = (_part_lines(c, i, side) for side in range(2))
+    return [f"{a}; {b}" for a in one for b in other]
+
+
+def _part_lines(c: Context, i: int, side: int) -> list[str]:
+    """Lines that give a search its parts of one body."""
+    model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
+    entry, lines = c.spec.scene.clearance[i], []
+    body, offset = entry.bodies[side], at.JOB_PARTS + 2 * side
+    shared, total = (
+        int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2)
+    )
+    varies = body in c.spec.layout.outlines
+    if varies:
+        c.workspace.add(f"OUTLINE_{body}", at.PART_SIZE * total)
+    for first, count in packed_runs(c.spec.scene, entry, side):
+        start = f"SHARED + {shared + at.PART_SIZE * first}"
+        if varies:
+            start = f"OUTLINE_{body} + {at.PART_SIZE} * ({total} * l + {first})"
+        lines.append(f"w[JOB + {offset}], w[JOB + {offset + 1}] = float({start}), {float(count)}")
+    return lines
 
 
 def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: str) -> None:
@@ -136,7 +153,8 @@ def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: st
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = 0.0, 1.0",
         f"w[JOB + {at.JOB_RESULT}], w[JOB + {at.JOB_RESULT + 1}] = math.nan, math.nan",
     )
-    _emit_job(text, s.c, i, 1)
+    for parts in _emit_job(text, s.c, i, 1):
+        text(parts, "search_lane(w, JOB)")
     text(f"w[{destination} + l] = w[JOB + {at.JOB_RESULT}]")
 
 

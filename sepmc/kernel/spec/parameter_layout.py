@@ -14,7 +14,7 @@ from sepmc.routines import layout as at
 from sepmc.scene.contents import contents
 from sepmc.scene.kinds import axial_offset, joint_axes, mass_centres
 from sepmc.scene.model import GROUND, XYZ, Scene
-from sepmc.scene.parameters import value
+from sepmc.scene.parameters import item_names, value
 from sepmc.schema import Contents
 
 WIND_FACTOR, WIND_TURN = "environment.wind.profile.factor", "environment.wind.profile.turn"
@@ -275,8 +275,8 @@ def _varied(
         if not varies(f"body.{name}.outline"):
             continue
         outlines[name] = start + len(numbers)
-        for number, part in enumerate(body.outline):
-            stem = f"body.{name}.outline.{number}"
+        for label, part in zip(item_names(body.outline), body.outline, strict=True):
+            stem = f"body.{name}.outline.{label}"
             if part.stations is not None and part.radii is not None:
                 keys = ("stations.0", "offset.y", "offset.z", "stations.1", "radii.0", "radii.1")
                 first, last = part.stations

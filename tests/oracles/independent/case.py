@@ -71,8 +71,11 @@ GUIDE = {
     "slip_speed": 0.01,
 }
 CUSTOM = {"translations": (), "rotations": ()}
-PART = {"stations": None, "radii": None, "offset": (0.0, 0.0), "points": (), "hollow": False}
-CLEARANCE = {"name": REQUIRED, "bodies": REQUIRED, "after": None}
+PART = {
+    "name": None, "stations": None, "radii": None, "offset": (0.0, 0.0), "points": (),
+    "hollow": False,
+}  # fmt: skip
+CLEARANCE = {"name": REQUIRED, "bodies": REQUIRED, "outlines": ((), ()), "after": None}
 PHASE = {"name": REQUIRED, "joints": None, "until": None}
 EVENT = {"name": REQUIRED, "when": REQUIRED}
 RELEASE = {

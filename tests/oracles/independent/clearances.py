@@ -2,7 +2,7 @@
 `oracles.geometry`."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -29,8 +29,13 @@ class Clearances:
 
     def __init__(self, requested: list[Table], bodies: dict[str, Table], vehicle: Vehicle):
         self.requested, self.vehicle = requested, vehicle
-        named = {body for table in requested for body in table["bodies"]}
-        self.parts = {name: parts_of(_outlined(bodies[name])) for name in named}
+        self.parts = {
+            table["name"]: [
+                parts_of(_outlined(bodies[body], names))
+                for body, names in zip(table["bodies"], table["outlines"], strict=True)
+            ]
+            for table in requested
+        }
         self.steps: list[Step] = []
 
     def step(self, dense: Callable[[float], Array], start: float, end: float) -> None:
@@ -50,7 +55,7 @@ class Clearances:
         for table in self.requested:
             a, b = table["bodies"]
             begin = free_from.get(table["after"], math.inf) if table["after"] else 0.0
-            minimum, time = self._minimum(a, b, begin)
+            minimum, time = self._minimum(table["name"], a, b, begin)
             out |= {
                 f"{table['name']}_clearance_mm": 1e3 * minimum,
                 f"{table['name']}_clearance_time_s": time,
@@ -78,13 +83,13 @@ class Clearances:
                 distance = math.nan
                 if time >= begin and self.steps:
                     poses = self._motion(a, b, self.steps)(np.array([time]))
-                    distance = float(outline_distance(self.parts[a], self.parts[b], *poses)[0])
+                    distance = float(outline_distance(*self.parts[table["name"]], *poses)[0])
                 out[f"{event}_{table['name']}_clearance_mm"] = (
                     1e3 * distance if math.isfinite(distance) else math.nan
                 )
         return out
 
-    def _minimum(self, a: str, b: str, begin: float) -> tuple[float, float]:
+    def _minimum(self, name: str, a: str, b: str, begin: float) -> tuple[float, float]:
         """Minimum distance, m, of two bodies from a time on, and its time, s."""
         steps = [step for step in self.steps if step.end > begin]
         if not steps:
@@ -93,7 +98,7 @@ class Clearances:
             np.concatenate([np.linspace(max(begin, s.start), s.end, _SAMPLES + 1) for s in steps])
         )
         motion = self._motion(a, b, steps)
-        minimum, time = min_clearance(motion, self.parts[a], self.parts[b], times, _COARSE)
+        minimum, time = min_clearance(motion, *self.parts[name], times, _COARSE)
         return (minimum, time) if math.isfinite(minimum) else (math.nan, math.nan)
 
     def _motion(self, a: str, b: str, steps: list[Step]) -> Callable[[Array], tuple[Array, Array]]:
@@ -115,8 +120,8 @@ class Clearances:
         return motion
 
 
-def _outlined(body: Table) -> Any:
-    """Body with its outline in the form that `parts_of` takes."""
-    return SimpleNamespace(
-        cg=body["cg"], outline=[SimpleNamespace(**part) for part in body["outline"]]
-    )
+def _outlined(body: Table, names: Sequence[str]) -> Any:
+    """Body with the named parts of its outline (all without names), as `parts_of` takes it."""
+    parts = {part["name"] or str(number): part for number, part in enumerate(body["outline"])}
+    chosen = [part for name, part in parts.items() if not names or name in names]
+    return SimpleNamespace(cg=body["cg"], outline=[SimpleNamespace(**part) for part in chosen])

@@ -25,6 +25,27 @@ def add_clearances(draft: Draft) -> None:
         tree.setdefault("clearance", []).append(clearance)
 
 
+def name_parts(draft: Draft) -> None:
+    """Name some parts of outlines, and some of them in clearances; others by their number."""
+    rng, tree = draft.rng, draft.tree
+    for body in tree["body"].values():
+        for number, part in enumerate(body.get("outline", [])):
+            if rng.chance(0.3):
+                part["name"] = f"part{number}"
+    for clearance in tree.get("clearance", []):
+        outlines = [tree["body"][body]["outline"] for body in clearance["bodies"]]
+        if all(len(outline) == 1 for outline in outlines) or rng.chance(0.4):
+            continue
+        names = [[part.get("name", str(k)) for k, part in enumerate(o)] for o in outlines]
+        chosen = [rng.subset(one, rng.choice(range(len(one) + 1))) for one in names]
+        kept = [
+            [part for part, name in zip(o, one, strict=True) if not c or name in c]
+            for o, one, c in zip(outlines, names, chosen, strict=True)
+        ]
+        if not all(part.get("hollow") for parts in kept for part in parts):
+            clearance["outlines"] = chosen
+
+
 def _solid(draft: Draft, body: str) -> Tree:
     """Frustum about the mass centre of a body, or points."""
     rng, (x, y, z) = draft.rng, draft.cg(body)

@@ -29,7 +29,7 @@ from oracles.random_scenes.guides import add_guides, add_outputs
 from oracles.random_scenes.joints import add_joints
 from oracles.random_scenes.loads import add_late_profiles, add_loads
 from oracles.random_scenes.names import Names
-from oracles.random_scenes.outlines import add_clearances
+from oracles.random_scenes.outlines import add_clearances, name_parts
 from oracles.random_scenes.phases import add_allowances, add_instants, add_phases, add_triggers
 from oracles.random_scenes.rng import RandomStream
 from oracles.random_scenes.tables import add_aero_tables, add_increments, add_profiles
@@ -130,6 +130,8 @@ def scene(seed: int, late: Iterable[str] | None = None, kinds: Iterable[str] = (
     add_allowances(draft)
     draft.rng = RandomStream(seed, 7)
     add_late_profiles(draft)
+    draft.rng = RandomStream(seed, 20)
+    name_parts(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # refused scenes are counted
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, rng)

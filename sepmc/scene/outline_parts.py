@@ -1,0 +1,38 @@
+"""Parts of outlines that a clearance is measured between."""
+
+from collections.abc import Iterator
+
+from sepmc.scene.model import Clearance, Part, Scene
+from sepmc.scene.parameters import item_names
+
+
+def selected_numbers(scene: Scene, clearance: Clearance, side: int) -> list[int]:
+    """Numbers of the parts that a clearance names of its first (0) or second (1) body; of all
+    parts if it names none. Unknown names are left out."""
+    body, names = clearance.bodies[side], clearance.outlines[side]
+    outline = scene.body[body].outline if body in scene.body else ()
+    return [number for number, name in enumerate(item_names(outline)) if not names or name in names]
+
+
+def selected_parts(scene: Scene, clearance: Clearance, side: int) -> list[Part]:
+    """Parts of an outline that a clearance names; see `selected_numbers`."""
+    numbers = selected_numbers(scene, clearance, side)
+    return [scene.body[clearance.bodies[side]].outline[number] for number in numbers]
+
+
+def packed_runs(scene: Scene, clearance: Clearance, side: int) -> Iterator[tuple[int, int]]:
+    """First number and count of neighbours among the elements (a frustum or a point each, in the
+    order of the file) that a clearance names."""
+    chosen = set(selected_numbers(scene, clearance, side))
+    first = end = position = 0
+    for number, part in enumerate(scene.body[clearance.bodies[side]].outline):
+        count = (part.stations is not None) + len(part.points)
+        if number in chosen:
+            if end != position:
+                if end > first:
+                    yield first, end - first
+                first = position
+            end = position + count
+        position += count
+    if end > first:
+        yield first, end - first
