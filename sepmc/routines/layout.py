@@ -109,7 +109,7 @@ STRUCTURE = np.dtype(
             for name in """
     ground n_motors n_loads n_terms n_proximity pivot_joint motors_p joints_p springs_p
     loads_p leaves_p proximity_p terms_p work motors_w loads_w size_w profile_i
-    aero_table_i proximity_i parts_i springs_x air_x wind_x
+    aero_table_i proximity_i parts_i force_tables_i springs_x air_x wind_x
 """.split()
         ],
     )
@@ -129,7 +129,7 @@ class Model(NamedTuple):
     table : array of int
         profile (motors, 2): position in ``numbers`` and rows; aero_table (bodies,): position in
         ``numbers`` or -1; proximity (n,): position in ``numbers``; parts (bodies, 2): position in
-        ``numbers`` and count.
+        ``numbers`` and count; force tables (springs,): position in ``numbers`` or -1.
     numbers : array
         Of each joint its axes (9) and the sign that makes its opening separation positive; of each
         spring its axis or 0; tables.

@@ -98,6 +98,16 @@ def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
     """Check bodies and direction of a spring."""
     key_path = f"spring.{spring.name}"
     check_pair(f"{key_path}.bodies", spring.bodies, scene, problems)
+    if spring.table is not None:
+        extension, force = spring.table.extension, spring.table.force
+        check_series(f"{key_path}.table", "extension_m", extension, 2, problems)
+        check_lengths(f"{key_path}.table", {"extension_m": extension, "force_N": force}, problems)
+        if extension and extension[-1] <= 0.0:
+            problems.add(
+                f"{key_path}.table.extension_m",
+                "must end beyond 0: extension counts from the start",
+                list(extension),
+            )
     if spring.axis is not None and max(map(abs, spring.axis)) < SMALLEST:
         problems.add(f"{key_path}.axis", "must not be zero", list(spring.axis))
     if spring.axis is None and (

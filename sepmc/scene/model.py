@@ -194,14 +194,21 @@ class Motor(_Table, frozen=True, kw_only=True):
         return math.cos(self.cant), -math.sin(self.clock) * sine, math.cos(self.clock) * sine
 
 
+class ForceTable(_Table, frozen=True, kw_only=True):
+    """Force over extension, smooth between the rows, constant before the first row."""
+
+    extension: Annotated[Series, Quantity("length")]
+    force: Annotated[Series, Quantity("force")]
+
+
 class Spring(_Table, frozen=True, kw_only=True):
     """A spring, pusher or piston between two points: force on the second body, and its opposite on
     the first.
 
     With ``axis`` (fixed in the first body) it acts along that axis, otherwise along the line
-    between its points. The force is ``factor (force - stiffness x - damping x')`` at extension x
-    from the start; ``factor`` is 0 for a failed spring. Beyond ``stroke`` the force is zero for
-    the rest of the flight.
+    between its points. The force is ``factor (force - stiffness x - damping x' + table(x))`` at
+    extension x from the start; ``factor`` is 0 for a failed spring. Beyond ``stroke`` (the last row
+    of its table, if it has one and no stroke) the force is zero for the rest of the flight.
     """
 
     name: Name
@@ -214,6 +221,7 @@ class Spring(_Table, frozen=True, kw_only=True):
     damping: Annotated[float, NotNegative, Quantity("damping")] = 0.0
     stroke: Annotated[float, Positive, Quantity("length")] = math.inf
     factor: Annotated[float, NotNegative] = 1.0
+    table: ForceTable | None = None
 
 
 class Load(_Table, frozen=True, kw_only=True):

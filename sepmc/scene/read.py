@@ -1,6 +1,7 @@
 """Reading of campaign files: TOML to a validated `CampaignFile`, and back to TOML text."""
 
 import copy
+import math
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -282,6 +283,7 @@ def _parse(
     requirements = read_array(Requirement, tree.get("requirement", []), "requirement", problems)
     correlations = read_array(Correlation, tree.get("correlation", []), "correlation", problems)
     problems.raise_if_any(source)
+    scene = _with_strokes(scene)
     check_scene(scene, problems)
     table = None
     if scene.run.samples is not None:
@@ -331,6 +333,18 @@ def _parse(
         table,
         folder,
     )
+
+
+def _with_strokes(scene: Scene) -> Scene:
+    """Scene with the last row of its table as the stroke of each spring with a table and without a
+    stroke."""
+    springs = tuple(
+        msgspec.structs.replace(spring, stroke=spring.table.extension[-1])
+        if spring.table is not None and spring.table.extension and math.isinf(spring.stroke)
+        else spring
+        for spring in scene.spring
+    )
+    return msgspec.structs.replace(scene, spring=springs)
 
 
 def _check_input_table(

@@ -54,6 +54,7 @@ def scene_scales(scene: Scene, units: Iterable[str]) -> np.ndarray:
     forces = chain(
         (motor.thrust for motor in scene.motor),
         (spring.force for spring in scene.spring),
+        (max(spring.table.force, key=abs) for spring in scene.spring if spring.table is not None),
         (float(np.linalg.norm(load.force)) for load in scene.load),
     )
     time = scene.run.end_time

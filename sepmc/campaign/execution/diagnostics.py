@@ -160,10 +160,12 @@ def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
             yield f"load.{load.name} does nothing: give force_N or moment_N_m"
     for spring in scene.spring:
         forces = {key: getattr(spring, key) for key in ("force", "stiffness", "damping")}
-        if is_zero(f"spring.{spring.name}", **forces):
+        if is_zero(f"spring.{spring.name}", **forces) and not (
+            spring.table is not None and any(spring.table.force)
+        ):
             yield (
-                f"spring.{spring.name} does nothing: give force_N, stiffness_N_per_m or "
-                "damping_N_s_per_m"
+                f"spring.{spring.name} does nothing: give force_N, stiffness_N_per_m, "
+                "damping_N_s_per_m or a table"
             )
 
 

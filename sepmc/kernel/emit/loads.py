@@ -14,7 +14,7 @@ from sepmc.kernel.emit.context import (
 )
 from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import ignition_time
-from sepmc.kernel.emit.tables import looks_up
+from sepmc.kernel.emit.tables import looks_up, table_force
 from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
 from sepmc.kernel.spec.variant import Variant
@@ -354,6 +354,8 @@ def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> No
     force = getattr(loads, "springs.spring_force")(
         *coefficients, line.length - s.spring_start(spring), line.rate
     )
+    if spring.table is not None:
+        force = force + s.scope.load(table_force(spring.name))
     if s.spec.may_occur(f"spring.{spring.name}.factor", spring.factor != 1.0):
         force = s.case.number(p + at.SPRING_FACTOR) * force
     if s.spec.may_occur(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):

@@ -44,7 +44,11 @@ def has_tables_over_height(spec: KernelSpec) -> bool:
 
 def has_tables(spec: KernelSpec) -> bool:
     """True if a kernel has table look-ups."""
-    return has_tables_over_height(spec) or any(looks_up(spec, body) for body in spec.bodies)
+    return (
+        has_tables_over_height(spec)
+        or any(looks_up(spec, body) for body in spec.bodies)
+        or any(spring.table is not None for spring in spec.scene.spring)
+    )
 
 
 def _has_air(spec: KernelSpec, body: str) -> bool:
@@ -61,6 +65,7 @@ def emit_look_up(out: Text, c: Context, segment: Segment) -> None:
     bodies = [body for body in c.spec.bodies if looks_up(c.spec, body)]
     if bodies:
         _emit_aero_tables(out, text, c, segment, bodies)
+    _emit_force_tables(out, text, c, segment)
     out.function(
         f"look_up_{segment.name}(w)",
         f"Table values at the state S in phase {segment.name}.",
@@ -137,6 +142,31 @@ def _emit_height_tables(out: Text, text: Text, c: Context, segment: Segment) -> 
             f"WIND_HEIGHT_{body}",
             f"WIND_{body}",
         )
+
+
+def _emit_force_tables(out: Text, text: Text, c: Context, segment: Segment) -> None:
+    """Append lines for the forces of springs from tables over extension."""
+    springs = [(i, one) for i, one in enumerate(c.spec.scene.spring) if one.table is not None]
+    if not springs:
+        return
+    s = State(c, c.scope(), segment, "S")
+    for _, spring in springs:
+        extension = s.spring(spring).length - s.spring_start(spring)
+        _store_point(s, f"EXTENSION_{spring.name}", (extension, 0.0, 0.0))
+    s.scope.write(text)
+    for i, spring in springs:
+        start = int(c.spec.layout.model.table[int(c.model.force_tables_i) + i])
+        point = f"EXTENSION_{spring.name}"
+        c.workspace.add(table_force(spring.name), 1)
+        _clamp(text, c, start, point)
+        _emit_table(
+            out, text, c, start, f"FORCE_CELL_{spring.name}", point, table_force(spring.name)
+        )
+
+
+def table_force(spring: str) -> str:
+    """Workspace field of the force of a spring from its table, N."""
+    return f"TABLE_FORCE_{spring}"
 
 
 def _store_point(s: State, field: str, point: tuple[Any, Any, Any]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from sepmc.physics.us1976_table import BORDERS
 from sepmc.scene.kinds import connected_bodies
-from sepmc.scene.model import GROUND, Motor, Scene
+from sepmc.scene.model import GROUND, Motor, Scene, Spring
 
 # maximum rows of an altitude table per step: the stages then sample every row
 _ROWS = 4.0
@@ -122,10 +122,11 @@ def _pushes(scenes: Sequence[Scene]) -> Iterator[tuple[str, Callable[[float], fl
         burns = max(m.burn for m in motors) + max(m.tail_off for m in motors)
         yield motors[0].body, partial(_by_impulse, max(map(_size, motors)) * min(end, burns))
     for springs in zip(*(s.spring for s in scenes), strict=True):
-        force, stiffness = max(abs(s.force) for s in springs), min(s.stiffness for s in springs)
-        distance = min(
-            max(s.stroke for s in springs), force / stiffness if stiffness > 0.0 else math.inf
-        )
+        force = max(abs(s.force) + _largest_of_table(s) for s in springs)
+        stiffness = min(s.stiffness for s in springs)
+        distance = max(s.stroke for s in springs)
+        if stiffness > 0.0 and springs[0].table is None:
+            distance = min(distance, force / stiffness)
         for body in springs[0].bodies:
             yield body, partial(_by_spring, force, distance, end)
     for loads in zip(*(s.load for s in scenes), strict=True):
@@ -134,6 +135,11 @@ def _pushes(scenes: Sequence[Scene]) -> Iterator[tuple[str, Callable[[float], fl
             loads[0].body,
             partial(_by_impulse, max(math.hypot(*load.force) for load in loads) * max(0.0, acts)),
         )
+
+
+def _largest_of_table(spring: Spring) -> float:
+    """Bound on the size of the force of a table, N: a spline may pass its rows."""
+    return 2.0 * max(map(abs, spring.table.force)) if spring.table is not None else 0.0
 
 
 def _size(motor: Motor) -> float:

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from sepmc.kernel.spec.splines import pack
 from sepmc.routines import layout as at
-from sepmc.scene.model import Motor, Proximity, Scene, WindProfile
+from sepmc.scene.model import Motor, Proximity, Scene, Spring, WindProfile
 
 COEFFICIENTS = {
     "axial": at.AXIAL,
@@ -159,6 +159,14 @@ def add_proximity(pool: Pool, entry: Proximity) -> int:
         getattr(entry, coefficient) or (0.0,) * len(entry.distance) for coefficient in COEFFICIENTS
     ]
     return pool.add(pack([entry.distance], np.array(values, dtype=float), ends="flat"))
+
+
+def add_force_table(pool: Pool, spring: Spring) -> int:
+    """Append the spline of the force (N) of a spring over extension (m); return the start, or -1
+    without a table."""
+    if spring.table is None:
+        return -1
+    return pool.add(pack([spring.table.extension], np.array([spring.table.force], dtype=float)))
 
 
 def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:

@@ -323,6 +323,7 @@ def _model(
         "aero_table_i": [packing.add_aero_table(pool, scene, b) for b in order],
         "proximity_i": [packing.add_proximity(pool, entry) for entry in scene.proximity],
         "parts_i": [x for b in order for x in packing.add_outline(pool, scene, b)],
+        "force_tables_i": [packing.add_force_table(pool, spring) for spring in scene.spring],
     }
     table_starts = dict(
         zip(

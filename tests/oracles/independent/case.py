@@ -43,8 +43,9 @@ PROFILE = {"time": REQUIRED, "fraction": REQUIRED}
 SPRING = {
     "name": REQUIRED, "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "axis": None,
     "force": 0.0, "stiffness": 0.0,
-    "damping": 0.0, "stroke": math.inf, "factor": 1.0,
+    "damping": 0.0, "stroke": math.inf, "factor": 1.0, "table": None,
 }  # fmt: skip
+FORCE_TABLE = {"extension": REQUIRED, "force": REQUIRED}
 LOAD = {
     "name": REQUIRED, "body": REQUIRED, "force": ZERO, "moment": ZERO, "frame": "body",
     "point": None, "start": 0.0, "end": math.inf,
@@ -180,6 +181,10 @@ def read(case: Mapping[str, Any]) -> Table:
         if motor["profile"] and math.isinf(motor["burn"]):
             motor["burn"] = motor["profile"]["time"][-1]  # no thrust after the last row
     scene["spring"] = _list(scene["spring"], SPRING, "spring")
+    for spring in scene["spring"]:
+        _inner(spring, "table", FORCE_TABLE, f"spring.{spring['name']}")
+        if spring["table"] and math.isinf(spring["stroke"]):
+            spring["stroke"] = spring["table"]["extension"][-1]
     scene["load"] = _list(scene["load"], LOAD, "load")
     scene["clearance"] = _list(scene["clearance"], CLEARANCE, "clearance")
     scene["proximity"] = _list(scene["proximity"], PROXIMITY, "proximity")

@@ -29,13 +29,7 @@ class Clearances:
 
     def __init__(self, requested: list[Table], bodies: dict[str, Table], vehicle: Vehicle):
         self.requested, self.vehicle = requested, vehicle
-        self.parts = {
-            table["name"]: [
-                parts_of(_outlined(bodies[body], names))
-                for body, names in zip(table["bodies"], table["outlines"], strict=True)
-            ]
-            for table in requested
-        }
+        self.parts = {table["name"]: _parts(table, bodies) for table in requested}
         self.steps: list[Step] = []
 
     def step(self, dense: Callable[[float], Array], start: float, end: float) -> None:
@@ -118,6 +112,12 @@ class Clearances:
             return np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses])
 
         return motion
+
+
+def _parts(table: Table, bodies: dict[str, Table]) -> tuple[list, list]:
+    """Parts of both bodies between which a clearance is measured."""
+    (a, b), (of_a, of_b) = table["bodies"], table["outlines"]
+    return parts_of(_outlined(bodies[a], of_a)), parts_of(_outlined(bodies[b], of_b))
 
 
 def _outlined(body: Table, names: Sequence[str]) -> Any:

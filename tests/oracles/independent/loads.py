@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from oracles.independent.air import Coefficients, Increments, Standard, Tabled, Wind
@@ -107,6 +108,10 @@ class Spring:
             if table["axis"] is None
             else np.array(table["axis"], float) / np.linalg.norm(table["axis"])
         )
+        self.curve = None
+        if table["table"]:
+            rows = table["table"]
+            self.curve = CubicSpline(np.array(rows["extension"], float), rows["force"])
         gap = (np.array(points[1], float) - np.array(points[0], float)) * (-1.0, 1.0, 1.0)
         self.start = float(np.linalg.norm(gap) if self.axis is None else gap @ self.axis)
 
@@ -123,12 +128,22 @@ class Spring:
         """Extension from the start, m."""
         return self.line(s)[1]
 
+    def tabled(self, extension: float) -> float:
+        """Force of the table at an extension, N; that of an end row beyond the ends."""
+        if self.curve is None:
+            return 0.0
+        ends = self.curve.x[[0, -1]]
+        return float(self.curve(min(max(extension, ends[0]), ends[1])))
+
     def push(self, s: State, force: Array, moment: Array) -> None:
         """Add the spring's loads to forces (n + 1, 3), ground axes, and moments (n + 1, 3) about
         the mass centres, body axes."""
         e, extension, rate, d = self.line(s)
         size = self.table["factor"] * (
-            self.table["force"] - self.table["stiffness"] * extension - self.table["damping"] * rate
+            self.table["force"]
+            - self.table["stiffness"] * extension
+            - self.table["damping"] * rate
+            + self.tabled(extension)
         )
         act(
             s,

@@ -41,6 +41,22 @@ def add_motor(draft: Draft) -> None:
     draft.tree.setdefault("motor", []).append(motor)
 
 
+def add_force_tables(draft: Draft) -> None:
+    """Give some springs a table of force over extension besides what they have."""
+    rng = draft.rng
+    for spring in draft.tree.get("spring", []):
+        if not rng.chance(0.25):
+            continue
+        count = rng.choice([2, 3, 4, 6])
+        steps = [rng.uniform(0.01, 0.1) for _ in range(count - 1)]
+        first = rng.choice([0.0, 0.0, -0.05])
+        force = max(abs(spring.get("force_N", 0.0)), 10.0)
+        spring["table"] = {
+            "extension_m": [rounded(first + sum(steps[:k])) for k in range(count)],
+            "force_N": [rounded(force * rng.uniform(-0.2, 1.0)) for _ in range(count)],
+        }
+
+
 def _force(draft: Draft, body: str) -> float:
     """Thrust, N, that accelerates a body by 1 to 25 m/s2."""
     return rounded(draft.mass(body) * draft.rng.uniform(1.0, 25.0))

@@ -27,7 +27,7 @@ from oracles.random_scenes.dispersions import add_dispersions
 from oracles.random_scenes.draft import GROUND, Draft, Tree
 from oracles.random_scenes.guides import add_guides, add_outputs
 from oracles.random_scenes.joints import add_joints
-from oracles.random_scenes.loads import add_late_profiles, add_loads
+from oracles.random_scenes.loads import add_force_tables, add_late_profiles, add_loads
 from oracles.random_scenes.names import Names
 from oracles.random_scenes.outlines import add_clearances, name_parts
 from oracles.random_scenes.phases import add_allowances, add_instants, add_phases, add_triggers
@@ -132,6 +132,8 @@ def scene(seed: int, late: Iterable[str] | None = None, kinds: Iterable[str] = (
     add_late_profiles(draft)
     draft.rng = RandomStream(seed, 20)
     name_parts(draft)
+    draft.rng = RandomStream(seed, 21)
+    add_force_tables(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # refused scenes are counted
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, rng)

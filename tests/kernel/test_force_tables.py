@@ -1,0 +1,139 @@
+"""Springs by a table of force over extension."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from oracles import independent
+from scipy.interpolate import CubicSpline
+
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.execution.diagnostics import file_notes
+from sepmc.scene.messages import SceneError
+from sepmc.scene.read import parse_campaign
+
+EXTENSION = [0.0, 0.01, 0.025, 0.06, 0.1]
+FORCE = [5000.0, 4200.0, 3900.0, 1500.0, 400.0]
+MASSES = 300.0, 100.0
+
+
+def tree(table, spring=None, **more):
+    """Two bodies in vacuum that a pusher on their common axis separates."""
+    return {
+        "environment": {"atmosphere": "none", "gravity": "none"},
+        "body": {
+            name: {"mass_kg": mass, "inertia_kg_m2": [10.0, 50.0, 50.0], "cg_m": [x, 0.0, 0.0]}
+            for name, mass, x in (("aft", MASSES[0], 2.0), ("fore", MASSES[1], 0.0))
+        },
+        "joint": {"ring": {"bodies": ["aft", "fore"], "point_m": [1.0, 0.0, 0.0]}},
+        "spring": [
+            {
+                "name": "pusher",
+                "bodies": ["aft", "fore"],
+                "point_m": [1.0, 0.0, 0.0],
+                "axis": [1.0, 0.0, 0.0],
+                "table": table,
+            }
+            | (spring or {})
+        ],
+        "phase": [
+            {"name": "held", "joints": {"ring": "fixed"}, "until": {"time_s": 0.01}},
+            {"name": "free"},
+        ],
+        "initial": {"altitude_m": 1e5, "speed_m_s": 1000.0},
+        "run": {"end_time_s": 0.4, "cases": 20, "seed": 1},
+    } | more
+
+
+def campaign(*arguments, **more):
+    return Campaign(parse_campaign(tree(*arguments, **more), "pusher.toml"))
+
+
+def speed(energy):
+    """Separation speed, m/s, after a work, J, on both bodies."""
+    return math.sqrt(2.0 * energy * sum(1.0 / mass for mass in MASSES))
+
+
+def outcomes(one):
+    return one.simulate(one.nominal(), step_s=0.2).attrs["outcomes"]
+
+
+@pytest.mark.parametrize("rows", [2, 3, 4, 5])
+def test_the_work_is_the_integral_of_the_force(rows):
+    """The stroke ends at the last row; rows of a line, a parabola and splines."""
+    x, force = EXTENSION[:rows], FORCE[:rows]
+    result = outcomes(campaign({"extension_m": x, "force_N": force}))
+    work = CubicSpline(x, force).integrate(0.0, x[-1])
+    assert_allclose(result["separation_speed_m_s"], speed(work), rtol=1e-9)
+    assert math.isfinite(result["pusher_stroke_end_time_s"])
+
+
+@pytest.mark.slow
+def test_rows_of_a_campaign_have_the_work_of_their_factor():
+    one = campaign(
+        {"extension_mm": [1e3 * x for x in EXTENSION], "force_kN": [1e-3 * f for f in FORCE]},
+        dispersion={"spring.pusher.factor": {"uniform": [0.9, 1.1]}},
+    )
+    rows = one.run().to_pandas()
+    assert (rows["status"] == "ok").all()
+    work = CubicSpline(EXTENSION, FORCE).integrate(0.0, EXTENSION[-1])
+    expected = [speed(work * factor) for factor in rows["in_spring_pusher_factor"]]
+    difference = np.abs(rows["separation_speed_m_s"] / expected - 1.0)
+    assert (difference <= rows["error"] + 1e-12).all()
+    assert difference.max() <= 1e-9
+
+
+def test_a_table_adds_to_the_linear_force():
+    x, force = [0.0, 0.05], [1000.0, 500.0]
+    both = outcomes(
+        campaign(
+            {"extension_m": x, "force_N": force},
+            {"force_N": 2000.0, "stiffness_N_per_m": 8000.0, "stroke_m": 0.04},
+        )
+    )
+    work = 3000.0 * 0.04 - 0.5 * 18000.0 * 0.04**2
+    assert_allclose(both["separation_speed_m_s"], speed(work), rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_before_its_first_row_the_force_is_that_of_the_first_row():
+    """Constant force to 20 mm, then a line."""
+    x, force = [0.02, 0.06], [1500.0, 500.0]
+    result = outcomes(campaign({"extension_m": x, "force_N": force}))
+    work = 1500.0 * 0.02 + 0.5 * (1500.0 + 500.0) * 0.04
+    assert_allclose(result["separation_speed_m_s"], speed(work), rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_off_axis_pushers_agree_with_the_independent_flight():
+    table = {"extension_m": EXTENSION, "force_N": FORCE}
+    one = campaign(table, {"point_m": [1.0, 0.2, -0.1], "damping_N_s_per_m": 50.0})
+    expected, result = independent.simulate(one.nominal().to_dict()), outcomes(one)
+    for name in ("separation_speed_m_s", "fore_omega_y_deg_s", "fore_omega_z_deg_s"):
+        assert_allclose(result[name], expected.outcomes[name], rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (
+            {"extension_m": [0.0], "force_N": [1.0]},
+            r"table\.extension_m = \[0\.0\]: needs at least",
+        ),
+        ({"extension_m": [0.0, 0.0], "force_N": [1.0, 2.0]}, "must rise strictly"),
+        ({"extension_m": [0.0, 0.1], "force_N": [1.0]}, r"table\.force_N: has 1 values"),
+        ({"extension_m": [-0.2, -0.1], "force_N": [1.0, 2.0]}, "must end beyond 0"),
+        ({"extension_m": [0.0, 0.1]}, "force"),
+        ({"stroke_m": [0.0, 0.1], "force_N": [1.0, 2.0]}, "stroke_m: unknown key"),
+        ({"extension_m": [0.0, math.inf], "force_N": [1.0, 2.0]}, "finite"),
+    ],
+)
+def test_wrong_tables_are_refused(table, message):
+    with pytest.raises(SceneError, match=message):
+        campaign(table)
+
+
+def test_a_table_of_zeros_does_nothing():
+    one = campaign({"extension_m": [0.0, 0.1], "force_N": [0.0, 0.0]})
+    assert any("spring.pusher does nothing" in note for note in file_notes(one))
