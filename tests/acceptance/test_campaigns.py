@@ -48,6 +48,11 @@ BY_HAND = [
     ("missile-rail", "release_time_s", 0.175809, 2e-5),
     ("missile-rail", "shoe_tip_off_missile_z_deg_s", -12.517, 0.01),  # air left out by hand
     ("missile-rail", "shoe_tip_off_missile_y_deg_s", 0.0, 1e-9),
+    ("store", "aft_stroke_end_time_s", 0.0514207, 2e-6),
+    ("store", "fore_stroke_end_time_s", 0.0564134, 2e-6),
+    ("store", "clear_separation_speed_m_s", 3.63761, 1e-4),
+    ("store", "clear_store_omega_z_deg_s", 72.2297, 0.01),  # arms with the cosine of 2.2 deg
+    ("store", "separation_speed_m_s", 6.02638, 1e-4),
     ("residual-thrust", "release_time_s", 1.7383, 1e-3),
     # gravity differs by 2e-5 m/s2 between the stages
     ("residual-thrust", "separation_speed_m_s", 0.45074, 2e-3),
@@ -250,3 +255,11 @@ def test_waiting_longer_prevents_recontact(campaign):
     )
     assert early == pytest.approx(0.033, abs=0.012)
     assert later.run(cases=3000).to_pandas()["gap_recontact"].mean() < 0.005
+
+
+def test_the_store_starts_as_by_hand():
+    """Both ejectors and gravity, before the first 0.1 ms are over."""
+    campaign = sepmc.load("store")
+    history = campaign.simulate(campaign.nominal(), step_s=1e-4)
+    assert history["separation_speed_m_s"][1] / 1e-4 == pytest.approx(68.647, abs=1e-3)
+    assert history["store_omega_z_deg_s"][1] / 1e-4 == pytest.approx(1426.53, abs=0.02)
