@@ -19,7 +19,8 @@ from sepmc.campaign import cases
 from sepmc.campaign.execution import accuracy, step_selection
 from sepmc.campaign.execution.integration import integrate
 from sepmc.campaign.execution.step_refinement import changes
-from sepmc.scene.read import parse_setting, shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
+from sepmc.scene.settings import parse_setting
 
 QUIET = {"run.history_step_s": 0.0}
 ROUND = {"uniform": [0.0, 360.0]}

@@ -11,7 +11,7 @@ import numpy as np
 
 import sepmc
 from sepmc.campaign.execution import replay
-from sepmc.scene.read import shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
 
 CASES, REPLAYED = 2000, 100
 

@@ -14,7 +14,7 @@ import tomllib
 from importlib.resources import files
 from pathlib import Path
 
-from sepmc.scene.read import shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
 
 MOST_S, LIMIT_S = 10.0, 300.0
 SAID = ("takes plain Python about", "its integrations take up to about", "compiling")

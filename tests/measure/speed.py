@@ -25,7 +25,8 @@ from sepmc.campaign.campaign import Campaign, load
 from sepmc.campaign.execution.integration import by_name, integrate_once
 from sepmc.campaign.execution.step_selection import kernel_text, select_steps
 from sepmc.engine.dispatch import integrate_cases, load_kernel, use_threads
-from sepmc.scene.read import parse_campaign, shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
+from sepmc.scene.read import parse_campaign
 
 REPEATS, PAIRS, CASES = 7, 5, 10_000
 BARE = {"run.history_step_s": 0.0}
