@@ -33,12 +33,12 @@ from sepmc.campaign.execution.integration import Integration, integrate
 from sepmc.campaign.execution.sinks import case_table
 from sepmc.campaign.execution.step_selection import select_steps, unpacked
 from sepmc.engine.dispatch import Block, check_int, check_threads, compile_wait_s, using_threads
+from sepmc.recent_items import RecentItems
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError, Log, RunWarning, nearest, shorten, warn
 from sepmc.schema import AUDIT_BOUNDS, Status
 
 _ROWS = 16384  # cases of several designs that one call of the kernel integrates
-_MAX_SAMPLES = 4  # kept in memory
 _LABELS = np.array([status.label for status in Status], dtype=object)
 
 Values = Mapping[str, float] | Sequence[float] | np.ndarray
@@ -224,7 +224,7 @@ class Session:
         self.box = DesignBox.of(campaign, vary)
         with using_threads(self._threads):
             self.integration = select_steps(self.box, announce=announce)
-        self._samples: dict[tuple[int, int], _Sample] = {}
+        self._samples = _no_samples()
         achieved = self.integration.achieved
         assert achieved is not None
         fixed = self.integration.step is not None
@@ -239,7 +239,8 @@ class Session:
 
     def __getstate__(self) -> dict[str, Any]:
         """State for another process: without kernels and samples."""
-        return {**vars(self), "integration": self.integration.packed, "_samples": {}}
+        without = {"integration": self.integration.packed, "_samples": _no_samples()}
+        return {**vars(self), **without}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -384,17 +385,17 @@ class Session:
     def _sample(self, cases: int, seed: int) -> _Sample:
         """Inputs of cases, sampled once for a seed."""
         key = cases, seed
-        if key not in self._samples:
+        sample = self._samples.get(key)
+        if sample is None:
             low, high = (end.sample(0, cases, seed, cases) for end in self.box.ends[:2])
             width = low.shape[1]
             base = np.zeros((len(self.box.factors), cases))
             base[:width] = (low * self.box.ends[0].factors).T
             varied = [k for k in self.box.variable_of_column if k < width]
-            while len(self._samples) >= _MAX_SAMPLES:
-                self._samples.pop(next(iter(self._samples)))
             ends = {k: (low[:, k].copy(), high[:, k].copy()) for k in varied}
-            self._samples[key] = _Sample(base, ends)
-        return self._samples[key]
+            sample = _Sample(base, ends)
+            self._samples.put(key, sample)
+        return sample
 
     def _write(self, rows: np.ndarray, sample: _Sample, values: np.ndarray) -> None:
         """Write the varied inputs of a design, SI, into rows (d, n) of its cases."""
@@ -455,6 +456,11 @@ def _position(box: Definition, name: str) -> int:
     if name not in names:
         raise InputError(f"{name}: no such outcome; {nearest(name, names)}")
     return names.index(name)
+
+
+def _no_samples() -> RecentItems[tuple[int, int], _Sample]:
+    """Store of the samples used last, by number of cases and seed."""
+    return RecentItems(4)
 
 
 def _numbers(values: Any) -> np.ndarray:

@@ -302,7 +302,7 @@ def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
         lambda *given: held.append(host_process.loading._is_owned()) or write(*given),
     )
     monkeypatch.setattr(cache_files, "read_sealed", lambda path: None)  # as if none was kept
-    monkeypatch.setattr(kernel_texts, "_texts", {})
+    kernel_texts._texts.clear()
     kernel_text(campaign)
     assert held == [True]
 
