@@ -22,15 +22,14 @@ from sepmc.campaign.design_box import DesignBox
 from sepmc.campaign.execution import batch_summary
 from sepmc.campaign.execution.accuracy import (
     AchievedAccuracy,
-    scales,
-    scene_scales,
     with_errors,
     with_scales,
+    with_scales_of,
 )
 from sepmc.campaign.execution.chunk import Chunk
 from sepmc.campaign.execution.diagnostics import accuracy_notes
 from sepmc.campaign.execution.integration import Integration, integrate
-from sepmc.campaign.execution.sinks import case_table
+from sepmc.campaign.execution.sinks import case_table, status_labels
 from sepmc.campaign.execution.step_selection import select_steps, unpacked
 from sepmc.engine.dispatch import Block, check_int, check_threads, compile_wait_s, using_threads
 from sepmc.recent_items import RecentItems
@@ -39,7 +38,6 @@ from sepmc.scene.messages import InputError, Log, RunWarning, nearest, shorten, 
 from sepmc.schema import AUDIT_BOUNDS, Status
 
 _ROWS = 16384  # cases of several designs that one call of the kernel integrates
-_LABELS = np.array([status.label for status in Status], dtype=object)
 
 Values = Mapping[str, float] | Sequence[float] | np.ndarray
 
@@ -88,7 +86,7 @@ class DesignResult:
         """Case table by column: case, status, inputs (the varied parameters too), outcomes and
         audit columns."""
         chunk = Chunk(0, self.inputs / self.box.factors, self.block, batch_summary.BatchSummary())
-        return case_table(self.box, [chunk]) | {"status": _LABELS[self.block.status]}
+        return case_table(self.box, [chunk]) | {"status": status_labels(self.block.status)}
 
     def to_pandas(self) -> pd.DataFrame:
         """Case table, one row per case; see `Result.to_pandas`.
@@ -511,7 +509,7 @@ def _verdicts(
         lambda name: np.asarray(block.status == codes.get(name, -1)),
     )
     reason = requirements.no_verdict_reason(_audit_failed(box, block, is_ok), box.scene.run.sampler)
-    scaled = _with_scales(box, errors, block, is_ok)
+    scaled = with_scales_of(box, errors, _outcomes(box, block, is_ok)) if is_ok.any() else {}
     return {
         one.requirement.name: (
             requirements.brief_verdict(one, scaled, reason),
@@ -522,6 +520,12 @@ def _verdicts(
     }
 
 
+def _outcomes(box: Definition, block: Block, is_ok: np.ndarray) -> np.ndarray:
+    """Outcomes (n, o) of ok cases in the units of their columns."""
+    columns = box.outcome_columns
+    return block.outcomes[is_ok, : len(columns)] * np.array([column.scale for column in columns])
+
+
 def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
     """Return True if an audit column of an ok case is beyond its bound."""
     return not all(
@@ -529,23 +533,6 @@ def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
         for k, column in enumerate(box.result_columns)
         if column.name in AUDIT_BOUNDS
     )
-
-
-def _with_scales(
-    box: Definition, errors: Mapping[str, float], block: Block, is_ok: np.ndarray
-) -> dict[str, tuple[float, float]]:
-    """Error and scale of each outcome with a requirement, in its unit."""
-    metrics = {item.metric for item in box.file.requirements}
-    columns = [(k, c) for k, c in enumerate(box.outcome_columns) if c.name in metrics]
-    if not columns or not is_ok.any():
-        return {}
-    units, sizes = [c.unit for _, c in columns], np.array([c.scale for _, c in columns])
-    values = block.outcomes[:, [k for k, _ in columns]][is_ok] * sizes
-    scale = scales(values, units, scene_scales(box.scene, units) * sizes)
-    return {
-        c.name: (errors.get(c.name, np.nan), float(size))
-        for (_, c), size in zip(columns, scale, strict=True)
-    }
 
 
 def _part(block: Block, first: int, end: int) -> Block:

@@ -45,7 +45,7 @@ from sepmc.scene.setting_checks import check_settings, expand
 from sepmc.scene.settings import apply_settings
 from sepmc.scene.shape_checks import check_shapes
 from sepmc.scene.tables import read_array, read_table
-from sepmc.schema import Status, is_yes_or_no, outcome_columns
+from sepmc.schema import NOT_OK_LABELS, is_yes_or_no, outcome_columns
 from sepmc.wording import setting
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -336,14 +336,13 @@ def _check_requirement(
         requirement.at_least,
         requirement.at_most,
     )
-    statuses = [status.label for status in Status if status is not Status.OK]
-    metrics = [*statuses, VIOLATION, *outcomes]
+    metrics = [*NOT_OK_LABELS, VIOLATION, *outcomes]
     if requirement.metric == VIOLATION:
         if low is not None or high is not None:
             problems.add(key_path, f"{VIOLATION!r} of the other requirements has no bound")
         if all(other.metric == VIOLATION for other in requirements):
             problems.add(key_path, f"{VIOLATION!r} needs other requirements that may be violated")
-    elif requirement.metric in statuses:
+    elif requirement.metric in NOT_OK_LABELS:
         if low is not None or high is not None:
             problems.add(key_path, f"{requirement.metric!r} is a status, which has no bound")
     elif requirement.metric not in outcomes:

@@ -11,7 +11,7 @@ import pytest
 import sepmc
 from sepmc.campaign import session as sessions
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution.accuracy import errors, scene_scales
+from sepmc.campaign.execution.accuracy import errors, scene_scales, with_scales, with_scales_of
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
 
@@ -117,6 +117,18 @@ def test_session_works_in_other_processes():
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         outcome = pool.submit(run_in_process, session, design).result(timeout=120.0)
     assert outcome.tolist() == expected.tolist()
+
+
+def test_scales_are_those_of_a_run():
+    """Of the largest outcome of a unit, whether or not it has a requirement."""
+    result = sepmc.load("table2").session(BOXES["table2"]).run([500.0, 460.0, 1.0], cases=200)
+    rows, box = result.to_pandas(), result.box
+    outcomes = rows.loc[rows["status"] == "ok", [c.name for c in box.outcome_columns]]
+    from_cases = with_scales_of(box, {}, outcomes.to_numpy())
+    from_statistics = with_scales(box, {}, result.statistics())
+    assert from_cases.keys() == from_statistics.keys()
+    for name, (_, scale) in from_cases.items():
+        assert scale == pytest.approx(from_statistics[name][1], rel=0.01), name
 
 
 def test_verdicts_are_those_of_a_run():
