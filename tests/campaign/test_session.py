@@ -61,9 +61,9 @@ def test_design_has_the_rows_of_its_campaign(session, shares):
     scale = scene_scales(expected.campaign.scene, units)
     # each within the accuracy of its own steps
     decisive = [i for i, c in enumerate(columns) if c.unit not in ("", "s")]
-    asked = session.campaign.scene.solver.accuracy
-    assert np.nanmax(errors(a, b, scale)[:, decisive]) < 2.0 * asked
-    assert result.accuracy.worst[1] < asked
+    accuracy = session.campaign.scene.solver.accuracy
+    assert np.nanmax(errors(a, b, scale)[:, decisive]) < 2.0 * accuracy
+    assert result.accuracy.worst[1] < accuracy
     assert result.statistics().index.tolist() == expected.statistics().index.tolist()
 
 
@@ -273,11 +273,11 @@ def test_loads_that_end_before_they_start_are_those_of_the_design(monkeypatch):
     campaign = with_load()
     session = campaign.session({"load.push.end_s": (0.45, 1.5)})
     for end in (0.5, 1.5):
-        found, expected = (
+        result, expected = (
             session.run([end], cases=300, seed=1),
             session.with_design([end]).run(300, seed=1),
         )
-        table, rows = found.to_pandas(), expected.to_pandas()
+        table, rows = result.to_pandas(), expected.to_pandas()
         assert (table["status"] == rows["status"]).all()
         for column in expected.campaign.input_columns:  # those of invalid cases too
             np.testing.assert_allclose(table[column.name], rows[column.name], rtol=1e-13)
