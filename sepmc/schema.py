@@ -47,6 +47,10 @@ class Status(IntEnum):
         return ": ".join(filter(None, _MEANINGS[self]))
 
 
+# values of the ``status`` column, by number of the status
+STATUS_LABELS = tuple(status.label for status in Status)
+NOT_OK_LABELS = STATUS_LABELS[1:]
+
 # Meaning and remedy of each status. No kernel writes NO_ROOT, NOT_FLOWN, TOO_MANY_EVENTS and
 # NO_CLEARANCE today; their numbers and names stay.
 _MEANINGS = {

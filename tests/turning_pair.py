@@ -31,8 +31,8 @@ MID = {"body.mid": {"mass_kg": 2.0, "inertia_kg_m2": [1.0, 1.5, 1.2], "cg_m": [2
 
 def alone(campaign):
     """Status of the nominal case, and its outcomes by name."""
-    found = campaign.simulate(step_s=0.25 * campaign.scene.run.end_time).attrs
-    return found["status"], found["outcomes"]
+    attributes = campaign.simulate(step_s=0.25 * campaign.scene.run.end_time).attrs
+    return attributes["status"], attributes["outcomes"]
 
 
 def by_independent_flights(campaign, count):

@@ -20,7 +20,7 @@ from sepmc.analysis.proportions import CONFIDENCE, binomial_interval
 from sepmc.analysis.rare_values import Occurrence, RareValue, undersampled
 from sepmc.analysis.statistics import PERCENTILES, student_half_width
 from sepmc.scene.messages import InputError, nearest
-from sepmc.schema import Status, is_yes_or_no
+from sepmc.schema import NOT_OK_LABELS, is_yes_or_no
 from sepmc.wording import option
 
 _FORMAT = "METRIC:TOLERANCE, as separation_speed_m_s:0.01, or upper_pitch_deg.p99:0.1, or :1%"
@@ -224,11 +224,10 @@ def parse_stopping_rule(text: str, outcomes: Collection[str]) -> StoppingRule:
     if not colon or not 0.0 < tolerance < math.inf:
         raise InputError(f"until = {text}: must be {_FORMAT}")
     metric, dot, statistic = name.partition(".")
-    statuses = [status.label for status in Status if status is not Status.OK]
-    if metric not in outcomes and metric not in statuses:
-        hint = nearest(metric, [*outcomes, *statuses])
+    if metric not in outcomes and metric not in NOT_OK_LABELS:
+        hint = nearest(metric, [*outcomes, *NOT_OK_LABELS])
         raise InputError(f"until = {text}: no such outcome or status as {metric!r}; {hint}")
-    if metric in statuses or is_yes_or_no(metric):
+    if metric in NOT_OK_LABELS or is_yes_or_no(metric):
         allowed = ["share"]
     else:
         allowed = ["mean", "sigma", *PERCENTILES]

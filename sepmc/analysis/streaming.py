@@ -37,11 +37,10 @@ from sepmc.analysis.statistics import (
     statistics_table,
 )
 from sepmc.scene.model import Requirement
-from sepmc.schema import Status
+from sepmc.schema import STATUS_LABELS, Status
 
 ACCUMULATION_BLOCK = 16384  # cases: 128 kB a column, so that three fit into a level 2 cache of 1 MB
 MAX_NAMED = 20  # failed cases listed per status
-_LABELS = list(dict.fromkeys(status.label for status in Status))
 
 
 class _MomentAccumulator(Protocol):
@@ -115,7 +114,7 @@ class _BlockCounters:
     def state(self) -> list[np.ndarray]:
         """Return the state without that of the accumulators passed to it, as arrays for
         `restore`."""
-        named = [[_LABELS.index(label), *numbers] for label, numbers in self.failed.items()]
+        named = [[STATUS_LABELS.index(label), *numbers] for label, numbers in self.failed.items()]
         own = [self.by_code, [len(named)], *named]
         tallied = [array for counter in self.counters for array in counter.state()]
         return [*(np.array(one, dtype=float) for one in own), *tallied]
@@ -125,7 +124,7 @@ class _BlockCounters:
         self.by_code[:] = next(arrays)
         for _ in range(int(next(arrays)[0])):
             label, *numbers = next(arrays).astype(np.int64).tolist()
-            self.failed[_LABELS[label]] = numbers
+            self.failed[STATUS_LABELS[label]] = numbers
         for counter in self.counters:
             counter.restore(arrays)
 

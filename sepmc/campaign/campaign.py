@@ -44,12 +44,13 @@ from sepmc.engine.dispatch import (
     using_threads,
 )
 from sepmc.paths import as_path
+from sepmc.scene.campaign_files import find_file
 from sepmc.scene.contents import contents
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, Log, RunWarning, warn
-from sepmc.scene.read import find_file, parse_campaign, read_campaign
+from sepmc.scene.read import parse_campaign, read_campaign
 
 
 def load(

@@ -31,7 +31,7 @@ from sepmc.engine.dispatch import check_int, check_text
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError, RunWarning, nearest, warn
 from sepmc.scene.model import Requirement
-from sepmc.schema import Status, is_yes_or_no
+from sepmc.schema import NOT_OK_LABELS, is_yes_or_no
 
 
 @dataclass(repr=False)
@@ -263,9 +263,8 @@ class Result:
             If there is no such requirement or status.
         """
         rows, known = self._rows(), {item.name: item for item in self.campaign.file.requirements}
-        statuses = [status.label for status in Status if status is not Status.OK]
-        if name not in known and name not in statuses:
-            hint = nearest(name, [*known, *statuses])
+        if name not in known and name not in NOT_OK_LABELS:
+            hint = nearest(name, [*known, *NOT_OK_LABELS])
             raise InputError(f"{name}: no such requirement or status; {hint}")
         item = known.get(name) or Requirement(name=name, metric=name)
         others, design = list(known.values()), self.campaign.design

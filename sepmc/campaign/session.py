@@ -22,24 +22,22 @@ from sepmc.campaign.design_box import DesignBox
 from sepmc.campaign.execution import batch_summary
 from sepmc.campaign.execution.accuracy import (
     AchievedAccuracy,
-    scales,
-    scene_scales,
     with_errors,
     with_scales,
+    with_scales_of,
 )
 from sepmc.campaign.execution.chunk import Chunk
 from sepmc.campaign.execution.diagnostics import accuracy_notes
 from sepmc.campaign.execution.integration import Integration, integrate
-from sepmc.campaign.execution.sinks import case_table
+from sepmc.campaign.execution.sinks import case_table, status_labels
 from sepmc.campaign.execution.step_selection import select_steps, unpacked
 from sepmc.engine.dispatch import Block, check_int, check_threads, compile_wait_s, using_threads
+from sepmc.recent_items import RecentItems
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError, Log, RunWarning, nearest, shorten, warn
 from sepmc.schema import AUDIT_BOUNDS, Status
 
 _ROWS = 16384  # cases of several designs that one call of the kernel integrates
-_MAX_SAMPLES = 4  # kept in memory
-_LABELS = np.array([status.label for status in Status], dtype=object)
 
 Values = Mapping[str, float] | Sequence[float] | np.ndarray
 
@@ -88,7 +86,7 @@ class DesignResult:
         """Case table by column: case, status, inputs (the varied parameters too), outcomes and
         audit columns."""
         chunk = Chunk(0, self.inputs / self.box.factors, self.block, batch_summary.BatchSummary())
-        return case_table(self.box, [chunk]) | {"status": _LABELS[self.block.status]}
+        return case_table(self.box, [chunk]) | {"status": status_labels(self.block.status)}
 
     def to_pandas(self) -> pd.DataFrame:
         """Case table, one row per case; see `Result.to_pandas`.
@@ -224,7 +222,7 @@ class Session:
         self.box = DesignBox.of(campaign, vary)
         with using_threads(self._threads):
             self.integration = select_steps(self.box, announce=announce)
-        self._samples: dict[tuple[int, int], _Sample] = {}
+        self._samples = _no_samples()
         achieved = self.integration.achieved
         assert achieved is not None
         fixed = self.integration.step is not None
@@ -239,7 +237,8 @@ class Session:
 
     def __getstate__(self) -> dict[str, Any]:
         """State for another process: without kernels and samples."""
-        return {**vars(self), "integration": self.integration.packed, "_samples": {}}
+        without = {"integration": self.integration.packed, "_samples": _no_samples()}
+        return {**vars(self), **without}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -384,17 +383,17 @@ class Session:
     def _sample(self, cases: int, seed: int) -> _Sample:
         """Inputs of cases, sampled once for a seed."""
         key = cases, seed
-        if key not in self._samples:
+        sample = self._samples.get(key)
+        if sample is None:
             low, high = (end.sample(0, cases, seed, cases) for end in self.box.ends[:2])
             width = low.shape[1]
             base = np.zeros((len(self.box.factors), cases))
             base[:width] = (low * self.box.ends[0].factors).T
             varied = [k for k in self.box.variable_of_column if k < width]
-            while len(self._samples) >= _MAX_SAMPLES:
-                self._samples.pop(next(iter(self._samples)))
             ends = {k: (low[:, k].copy(), high[:, k].copy()) for k in varied}
-            self._samples[key] = _Sample(base, ends)
-        return self._samples[key]
+            sample = _Sample(base, ends)
+            self._samples.put(key, sample)
+        return sample
 
     def _write(self, rows: np.ndarray, sample: _Sample, values: np.ndarray) -> None:
         """Write the varied inputs of a design, SI, into rows (d, n) of its cases."""
@@ -457,6 +456,11 @@ def _position(box: Definition, name: str) -> int:
     return names.index(name)
 
 
+def _no_samples() -> RecentItems[tuple[int, int], _Sample]:
+    """Store of the samples used last, by number of cases and seed."""
+    return RecentItems(4)
+
+
 def _numbers(values: Any) -> np.ndarray:
     """Array of finite floats. Raises InputError."""
     try:
@@ -505,7 +509,7 @@ def _verdicts(
         lambda name: np.asarray(block.status == codes.get(name, -1)),
     )
     reason = requirements.no_verdict_reason(_audit_failed(box, block, is_ok), box.scene.run.sampler)
-    scaled = _with_scales(box, errors, block, is_ok)
+    scaled = with_scales_of(box, errors, _outcomes(box, block, is_ok)) if is_ok.any() else {}
     return {
         one.requirement.name: (
             requirements.brief_verdict(one, scaled, reason),
@@ -516,6 +520,12 @@ def _verdicts(
     }
 
 
+def _outcomes(box: Definition, block: Block, is_ok: np.ndarray) -> np.ndarray:
+    """Outcomes (n, o) of ok cases in the units of their columns."""
+    columns = box.outcome_columns
+    return block.outcomes[is_ok, : len(columns)] * np.array([column.scale for column in columns])
+
+
 def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
     """Return True if an audit column of an ok case is beyond its bound."""
     return not all(
@@ -523,23 +533,6 @@ def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
         for k, column in enumerate(box.result_columns)
         if column.name in AUDIT_BOUNDS
     )
-
-
-def _with_scales(
-    box: Definition, errors: Mapping[str, float], block: Block, is_ok: np.ndarray
-) -> dict[str, tuple[float, float]]:
-    """Error and scale of each outcome with a requirement, in its unit."""
-    metrics = {item.metric for item in box.file.requirements}
-    columns = [(k, c) for k, c in enumerate(box.outcome_columns) if c.name in metrics]
-    if not columns or not is_ok.any():
-        return {}
-    units, sizes = [c.unit for _, c in columns], np.array([c.scale for _, c in columns])
-    values = block.outcomes[:, [k for k, _ in columns]][is_ok] * sizes
-    scale = scales(values, units, scene_scales(box.scene, units) * sizes)
-    return {
-        c.name: (errors.get(c.name, np.nan), float(size))
-        for (_, c), size in zip(columns, scale, strict=True)
-    }
 
 
 def _part(block: Block, first: int, end: int) -> Block:

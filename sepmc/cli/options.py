@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def _files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Complete FILE: shipped campaigns, and local files and folders."""
-    from sepmc.scene.read import shipped_campaigns
+    from sepmc.scene.campaign_files import shipped_campaigns
 
     shipped = [name for name in shipped_campaigns() if name.startswith(incomplete)]
     return [*map(CompletionItem, shipped), CompletionItem(incomplete, type="file")]
@@ -148,7 +148,7 @@ def load_campaign(
     """Read and validate a campaign file, run folder or shipped campaign, and print its warnings if
     ``warn``. The campaign of a run folder must be unchanged if ``verify``."""
     from sepmc.scene.messages import SceneWarning
-    from sepmc.scene.read import parse_setting
+    from sepmc.scene.settings import parse_setting
 
     values = dict(parse_setting(text) for text in settings)
     if sampler:

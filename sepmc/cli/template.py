@@ -37,7 +37,7 @@ def list_campaigns() -> None:
     """
     import tomllib
 
-    from sepmc.scene.read import shipped_campaigns
+    from sepmc.scene.campaign_files import shipped_campaigns
 
     campaigns = shipped_campaigns().items()
     titles = {name: tomllib.loads(path.read_text(encoding="utf-8")) for name, path in campaigns}

@@ -19,13 +19,13 @@ import numpy as np
 
 from sepmc.engine.host_process import loading
 from sepmc.kernel.spec.kernel_spec import KernelSpec
+from sepmc.recent_items import RecentItems
 from sepmc.routines.layout import NO_HISTORY
 
 # sources of the texts, in addition to the compiled ones: a change asks for new texts
 _WRITERS = ("kernel/**/*.py", "schema.py")
 _COMPARED = (-1.0, 0.0, 1.0, math.inf)  # constants that values are compared with
-_MAX_TEXTS = 64  # in memory
-_texts: dict[str, str] = {}  # by digest
+_texts: RecentItems[str, str] = RecentItems(64)  # by digest
 
 
 def written(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
@@ -48,12 +48,11 @@ def written(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> st
     """
     key = structure_of(spec) + f"{method_name} {history}".encode()
     digest = hashlib.sha256(key + _writers_digest()).hexdigest()[:32]
-    if digest not in _texts:
+    text = _texts.get(digest)
+    if text is None:
         text = _stored_or_emitted(digest, spec, method_name, history)
-        if len(_texts) >= _MAX_TEXTS:
-            _texts.clear()
-        _texts[digest] = text
-    return _texts[digest]
+        _texts.put(digest, text)
+    return text
 
 
 def _stored_or_emitted(digest: str, spec: KernelSpec, method_name: str, history: int) -> str:

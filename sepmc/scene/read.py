@@ -12,13 +12,13 @@ from typing import Any
 import msgspec
 import tomli_w
 
-from sepmc.paths import PathError, as_path
+from sepmc.scene.campaign_files import find_file
 from sepmc.scene.checks import check_dispersion, check_scene, inertia_fault, inertia_tensor
 from sepmc.scene.contents import contents
 from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
-from sepmc.scene.fields import fields_of, to_si
+from sepmc.scene.fields import fields_of
 from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.input_table import CASE, InputTable, Reader
 from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, read_limited
@@ -35,7 +35,6 @@ from sepmc.scene.messages import (
 from sepmc.scene.model import (
     SALTELLI,
     VIOLATION,
-    XYZ,
     Correlation,
     Distribution,
     Reference,
@@ -43,11 +42,11 @@ from sepmc.scene.model import (
     Scene,
 )
 from sepmc.scene.parameters import UnknownPath, find, replace, value
-from sepmc.scene.setting_checks import NAMES, check_settings, expand, parts
+from sepmc.scene.setting_checks import check_settings, expand
+from sepmc.scene.settings import apply_settings
 from sepmc.scene.shape_checks import check_shapes
 from sepmc.scene.tables import read_array, read_table
-from sepmc.scene.units import UNITS, split_unit, unit_kind
-from sepmc.schema import Status, is_yes_or_no, outcome_columns
+from sepmc.schema import NOT_OK_LABELS, is_yes_or_no, outcome_columns
 from sepmc.wording import setting
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -95,47 +94,6 @@ class CampaignFile:
     def toml(self) -> str:
         """The resolved campaign as TOML text."""
         return tomli_w.dumps({"name": self.name, **self.tree})
-
-
-def shipped_campaigns() -> dict[str, Path]:
-    """Campaign files shipped with sepmc, by file name."""
-    package = Path(__file__).resolve().parent.parent
-    for folder in (package / "campaigns", package.parent / "campaigns"):
-        if folder.is_dir():
-            return {path.name: path for path in sorted(folder.glob("*.toml"))}
-    return {}
-
-
-def find_file(file: str | Path) -> Path:
-    """Path of a campaign: a file, a run folder's ``campaign.toml``, or the name of a shipped
-    campaign. Raises SceneError if there is none."""
-    if isinstance(file, dict):
-        reason = (
-            "must be the name of a file or run folder, not a table; to change values of a file, "
-            "give them as settings"
-        )
-        raise SceneError([f"campaign = {shorten(file)}: {reason}"])
-    try:
-        path = as_path(file)
-    except PathError as error:
-        raise SceneError([str(error)]) from None
-    try:
-        if path.is_dir() and (path / "campaign.toml").is_file():
-            return path / "campaign.toml"
-        if path.is_file():
-            return path
-    except (OSError, ValueError):  # no valid file name
-        raise SceneError([f"{shorten(str(file))}: no such file, nor a shipped campaign"]) from None
-    shipped = shipped_campaigns()
-    for name in (path.name, path.name + ".toml"):
-        if len(path.parts) == 1 and name in shipped:
-            return shipped[name]
-    if file and path.is_dir():
-        raise SceneError([f"{file}: is a folder, and not that of a run; give a file, or a run"])
-    hint = "shipped campaigns: " + ", ".join(shipped)
-    if len(path.parts) == 1:  # without the suffix, in which all names agree
-        hint = nearest(path.stem, [Path(name).stem for name in shipped])
-    raise SceneError([f"{file}: no such file, nor a shipped campaign; {hint}"])
 
 
 def read_campaign(
@@ -252,8 +210,7 @@ def _parse(
     settings = expand(settings, tree, problems)
     check_settings(settings, problems)
     problems.raise_if_any(source)
-    for key, setting_value in settings.items():
-        _put(tree, parts(key), _builtin(setting_value), problems, key)
+    apply_settings(tree, settings, problems)
     if settings:
         check_tree(tree, problems)
         problems.raise_if_any(source)
@@ -393,14 +350,13 @@ def _check_requirement(
         requirement.at_least,
         requirement.at_most,
     )
-    statuses = [status.label for status in Status if status is not Status.OK]
-    metrics = [*statuses, VIOLATION, *outcomes]
+    metrics = [*NOT_OK_LABELS, VIOLATION, *outcomes]
     if requirement.metric == VIOLATION:
         if low is not None or high is not None:
             problems.add(key_path, f"{VIOLATION!r} of the other requirements has no bound")
         if all(other.metric == VIOLATION for other in requirements):
             problems.add(key_path, f"{VIOLATION!r} needs other requirements that may be violated")
-    elif requirement.metric in statuses:
+    elif requirement.metric in NOT_OK_LABELS:
         if low is not None or high is not None:
             problems.add(key_path, f"{requirement.metric!r} is a status, which has no bound")
     elif requirement.metric not in outcomes:
@@ -505,122 +461,3 @@ def _is_absolute(spec: Distribution) -> bool:
         or spec.constant is not None
         or any(isinstance(x, tuple) for x in (spec.uniform, spec.normal, spec.triangular))
     )
-
-
-def _put(
-    node: Any, keys: list[str], value: Any, problems: Problems, key: str, table: str = ""
-) -> None:
-    """Put a value at a TOML path, replacing the same parameter in another unit.
-
-    Parameters
-    ----------
-    node : dict or list
-    keys : list of str
-        Rest of the path.
-    value : any
-    problems : Problems
-    key : str
-        The whole path, for messages.
-    table : str
-        Key of ``node``. Bodies and joints are named by the user: they are changed, not created.
-    """
-    head, rest = keys[0], keys[1:]
-    if isinstance(node, list):
-        tables = {
-            name: item
-            for number, item in enumerate(node)
-            if isinstance(item, dict) and isinstance(name := item.get("name", str(number)), str)
-        }
-        if head in tables and rest:
-            _put(tables[head], rest, value, problems, key)
-        else:
-            problems.add(
-                key,
-                f"{head!r} is a table; name one of its values"
-                if head in tables
-                else f"no {head!r} here; {nearest(head, tables)}",
-            )
-        return
-    if not isinstance(node, dict):
-        problems.add(key, "the path ends before " + repr(head))
-        return
-    stem, unit = (head, "") if table in NAMES else split_unit(head)
-    other = next(
-        (k for k in node if k != head and unit and split_unit(k)[1] and split_unit(k)[0] == stem),
-        None,
-    )
-    if other is not None:
-        previous, previous_unit = node.pop(other), split_unit(other)[1]
-        units = UNITS[unit_kind(unit)]
-        if rest and isinstance(previous, list | dict) and previous_unit in units:
-            factor = units[previous_unit] / units[unit]
-            node[head] = (
-                to_si(previous, factor)
-                if isinstance(previous, list)
-                else {k: to_si(v, factor) for k, v in previous.items()}
-            )
-    if not rest:
-        node[head] = value
-    elif stem == "points" and len(rest) == 2 and isinstance(node.get(head), list):
-        points = {str(number): point for number, point in enumerate(node[head])}
-        if rest[0] in points and rest[1] in XYZ and len(points[rest[0]]) == len(XYZ):
-            points[rest[0]][XYZ.index(rest[1])] = value
-        else:
-            problems.add(key, f"no point {'.'.join(rest)!r} here; a path ends as in points_m.0.x")
-    elif head not in node and table in ("body", "joint"):
-        problems.add(key, f"no {head!r} here; {nearest(head, node)}")
-    elif isinstance(node.get(head), list) and len(rest) == 1 and stem in _COMPONENTS:
-        if rest[0] in _COMPONENTS[stem] and len(node[head]) == len(_COMPONENTS[stem]):
-            node[head][_COMPONENTS[stem].index(rest[0])] = value
-        else:
-            problems.add(
-                key, f"{rest[0]!r} is no component; allowed: " + ", ".join(_COMPONENTS[stem])
-            )
-    else:
-        _put(node.setdefault(head, {}), rest, value, problems, key, head)
-
-
-def _vector_components(kind: type[msgspec.Struct]) -> dict[str, tuple[str, ...]]:
-    """Components of every vector of the model, by the name of its field."""
-    components: dict[str, tuple[str, ...]] = {}
-    for field in fields_of(kind).values():
-        inner = field.table or field.table_of_tables or field.array_of_tables
-        if inner is kind:
-            continue
-        if inner is not None:
-            components |= _vector_components(inner)
-        elif field.quantity.components:
-            components[field.name] = field.quantity.components
-    return components
-
-
-_COMPONENTS = _vector_components(Scene)
-
-
-def _builtin(value: Any) -> Any:
-    """Setting from Python with the types of TOML: numpy numbers and tuples become numbers and
-    lists."""
-    if isinstance(value, dict):
-        return {str(k): _builtin(v) for k, v in value.items()}
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    return [_builtin(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-def parse_setting(text: str) -> tuple[str, Any]:
-    """Path and value of a command-line setting ``path=value``, whose value is TOML or else text.
-    Raises SceneError."""
-    key, separator, raw = text.partition("=")
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        raise SceneError(
-            [f"--set {text.encode(errors='replace').decode()}: is not text in UTF-8"]
-        ) from None
-    if not separator or not key.strip():
-        raise SceneError([f"--set {text}: must read path=value, such as body.upper.mass_kg=460"])
-    try:
-        value = tomllib.loads(f"value = {raw.strip()}")["value"]
-    except (ValueError, RecursionError):
-        value = raw.strip()
-    return key.strip().replace('"', ""), value

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import sepmc
-from sepmc.scene.read import shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
 
 FILES = {path.stem: path for path in shipped_campaigns().values()}
 NAMES = sorted(FILES)

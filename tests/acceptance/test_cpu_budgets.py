@@ -1,5 +1,10 @@
 """A test that takes more CPU time than its budget fails, whatever else the machine does."""
 
+import os
+import re
+import resource
+import sys
+
 import pytest
 from support import cpu_budgets
 
@@ -78,3 +83,16 @@ def test_a_fast_suite_beyond_its_budget_fails(outcomes, monkeypatch, capsys):
     assert code == pytest.ExitCode.TESTS_FAILED
     assert "tests without the mark slow may take 0.1 s" in capsys.readouterr().out
     assert outcomes("routines", "-k", "waiting") == ({}, pytest.ExitCode.OK)
+
+
+@pytest.mark.slow
+def test_time_of_workers_counts_once(outcomes, pytester, monkeypatch):
+    """The CPU time reported is that of the processes of a run."""
+    pytester.mkdir("physics").joinpath("test_burns.py").write_text(BURNS, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
+    before = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
+    plugins = ("-p", "support.cpu_budgets", "-p", "no:cacheprovider")
+    result = pytester.runpytest_subprocess(*plugins, "-n1", "-m", "not slow", "physics")
+    used = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) - before
+    reported = re.search(r"^CPU time (\d+) s", str(result.stdout), re.MULTILINE)
+    assert 0.5 * used < float(reported[1]) < used + 0.6, result.stdout

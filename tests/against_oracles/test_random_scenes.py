@@ -334,14 +334,14 @@ def test_a_scene_that_takes_too_long_is_reported_and_no_fault():
 def test_a_fault_beyond_the_time_limit_stays_a_fault(monkeypatch, decided, rows):
     """A fault with few calibration cases is repeated with the step selection of users, with a
     longer limit; without a verdict it stays a fault."""
-    asked = []
+    requests = []
 
     class Worker:
         def __init__(self, limit_s):
             self.stopped = True
 
         def judge(self, job, limit_s=1.0):
-            asked.append((job.get("compiled", False), limit_s))
+            requests.append((job.get("compiled", False), limit_s))
             return decided if job.get("compiled") else {"rows": {"silent": 1}, "crash": ""}
 
         def close(self):
@@ -353,7 +353,7 @@ def test_a_fault_beyond_the_time_limit_stays_a_fault(monkeypatch, decided, rows)
     result = list(workers.judge_all([{"seed": 5, "cases": 1}], processes=1, limit_s=1.0))
     assert [v["rows"] for v in result] == [rows]
     assert run.fails(result[0]) == ("silent" in rows)
-    assert asked == [(False, 1.0), (True, workers.COMPILED_LIMIT_S)]
+    assert requests == [(False, 1.0), (True, workers.COMPILED_LIMIT_S)]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no copies of processes")

@@ -61,15 +61,15 @@ def command(*words):
 @given(st.sets(st.integers(0, 60), min_size=1), st.sets(st.integers(0, 70)), st.integers(1, 9))
 def test_numbers_are_a_set(numbers, others, size):
     """Ranges behave as the set of the numbers that they stand for, and as text they come back."""
-    result, held = CaseSelection.of(numbers), np.array(sorted(others), dtype=np.int64)
+    result, excluded = CaseSelection.of(numbers), np.array(sorted(others), dtype=np.int64)
     assert [i for a, b in result.ranges for i in range(a, b)] == sorted(numbers)
     assert all(b < c for (_, b), (c, _) in zip(result.ranges, result.ranges[1:], strict=False))
     assert (result.count, result.end) == (len(numbers), max(numbers) + 1)
     assert result.are_first == (numbers == set(range(len(numbers))))
-    left = result.without(held)
+    left = result.without(excluded)
     assert [i for a, b in left.split(size) for i in range(a, b)] == sorted(numbers - others)
     assert all(0 < b - a <= size for a, b in left.split(size))
-    assert result.omits(held) == bool(others - numbers)
+    assert result.omits(excluded) == bool(others - numbers)
     assert result.count_common(CaseSelection.of(others)) == len(numbers & others)
     assert [i in result for i in range(75)] == [i in numbers for i in range(75)]
     assert read(f"{result},{result}") == result

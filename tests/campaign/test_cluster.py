@@ -123,10 +123,10 @@ def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatc
 
         with pytest.raises(InterruptedError):
             campaign.run(**given, stats_only=True, executor=by, progress=progress)
-    held = shards.accumulator_entry(tmp_path / "run").first
-    assert EXACT_VALUES + ACCUMULATION_BLOCK < held < given["cases"]
+    n_stored = shards.accumulator_entry(tmp_path / "run").first
+    assert EXACT_VALUES + ACCUMULATION_BLOCK < n_stored < given["cases"]
     result = campaign.run(**given, executor=workers)
-    assert result.resumed == held
+    assert result.resumed == n_stored
     whole = campaign.run(cases=given["cases"], stats_only=True)
     assert statistics_of(result) == statistics_of(whole)
     assert result.status_counts == whole.status_counts
@@ -138,20 +138,20 @@ def test_a_scheduler_that_is_started_again(campaign, alone, tmp_path):
     options = {"n_workers": 1, "threads_per_worker": 1, "memory_limit": 0}
     options |= {"dashboard_address": ":0", "silence_logs": "CRITICAL"}
     first = LocalCluster(**options)
-    port, held = first.scheduler.port, [first]
+    port, clusters = first.scheduler.port, [first]
 
     def progress(done, total, failures):
-        if done and len(held) == 1:
+        if done and len(clusters) == 1:
             first.close()
-            held.append(LocalCluster(**options, scheduler_port=port))
+            clusters.append(LocalCluster(**options, scheduler_port=port))
 
     try:
         with dask_executor(address=first.scheduler_address) as workers:
             campaign.run(cases=CASES, out=tmp_path / "run", executor=workers, progress=progress)
     finally:
-        for cluster in held:
+        for cluster in clusters:
             cluster.close()
-    assert len(held) == 2
+    assert len(clusters) == 2
     assert same(alone.folder, tmp_path / "run")
 
 

@@ -64,8 +64,8 @@ def test_what_is_damaged_is_mended(wholes, tmp_path, seed):
 def test_what_is_counted_is_mended(wholes, tmp_path, lost):
     """Also where the list of files forgot some: rows that were kept are not let go unseen."""
     whole, folder = wholes[1], shutil.copytree(wholes[1], tmp_path / "run")
-    held = ledger.read(folder).values()
-    ledger.rewrite(folder, [one for one in held if not one.file.startswith(lost)])
+    entries = ledger.read(folder).values()
+    ledger.rewrite(folder, [one for one in entries if not one.file.startswith(lost)])
     assert call("doctor", str(folder)) == 1
     assert is_repaired(folder, contents(whole))
 

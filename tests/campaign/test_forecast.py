@@ -26,13 +26,13 @@ def test_a_folder_is_as_large_as_foretold(settings, tmp_path):
 def test_too_much_for_a_disk_is_refused(tmp_path, monkeypatch):
     """Before anything is flown, with the figures and what would help."""
     usage = namedtuple("usage", "total used free")
-    asked = []
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: asked.append(path) or usage(0, 0, 10**6))
+    paths = []
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: paths.append(path) or usage(0, 0, 10**6))
     with pytest.raises(StoreError, match=r"take 11 MB to .*, and 1 MB are free") as caught:
         sepmc.load("table2").run(cases=10_000, out=tmp_path / "new" / "run")
     assert "stats_only=True" in str(caught.value)
     assert 'run.history_step_s": 0' in str(caught.value)
-    assert Path(asked[0]) in (tmp_path, tmp_path / "new", tmp_path / "new" / "run")
+    assert Path(paths[0]) in (tmp_path, tmp_path / "new", tmp_path / "new" / "run")
     assert not (tmp_path / "new" / "run").exists()
     sepmc.load("table2").run(cases=100, out=tmp_path / "run")
     sepmc.load("table2").run(cases=10_000, out=tmp_path / "stats", stats_only=True)

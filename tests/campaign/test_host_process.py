@@ -294,17 +294,17 @@ def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
     from sepmc.engine import host_process, kernel_texts
     from sepmc.kernel.emit import module
 
-    held = []
+    locked = []
     write = module.emit
     monkeypatch.setattr(
         module,
         "emit",
-        lambda *given: held.append(host_process.loading._is_owned()) or write(*given),
+        lambda *given: locked.append(host_process.loading._is_owned()) or write(*given),
     )
     monkeypatch.setattr(cache_files, "read_sealed", lambda path: None)  # as if none was kept
-    monkeypatch.setattr(kernel_texts, "_texts", {})
+    kernel_texts._texts.clear()
     kernel_text(campaign)
-    assert held == [True]
+    assert locked == [True]
 
 
 # hosts, a few answers of each; `python tests/measure/library.py` asks for a hundred

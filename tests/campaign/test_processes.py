@@ -35,15 +35,15 @@ def test_an_interruption_while_they_start(tmp_path):
     path = tmp_path / "script.py"
     path.write_text(SCRIPT, encoding="utf-8")
     for k in range(12):
-        asked = subprocess.Popen(
+        process = subprocess.Popen(
             [sys.executable, str(path)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
         )
-        assert asked.stdout.readline() == "ready\n"
+        assert process.stdout.readline() == "ready\n"
         time.sleep(0.03 * k)
-        os.killpg(asked.pid, signal.SIGINT)
-        message, failed = asked.communicate(timeout=30.0)
+        os.killpg(process.pid, signal.SIGINT)
+        message, failed = process.communicate(timeout=30.0)
         assert (message, failed) == ("interrupted\n", "")

@@ -165,11 +165,11 @@ def test_film_shows_what_a_release_lets_go(pair):
     history = campaign.simulate(step_s=0.05)
     assert history.attrs["releases"] == pytest.approx({"pins": 0.2})
     assert history.attrs["events"] == pytest.approx({"late": 0.4})
-    held = {
+    locked = {
         float(history["time_s"].iloc[row]): bool(_Frame(history, campaign.scene, row).locked)
         for row in range(len(history))
     }
-    assert all(holds == (time < 0.2 - 1e-9) for time, holds in held.items()), held
+    assert all(holds == (time < 0.2 - 1e-9) for time, holds in locked.items()), locked
 
 
 def test_film_shows_a_joint_that_never_lets_go(pair):

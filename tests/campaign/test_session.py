@@ -11,7 +11,7 @@ import pytest
 import sepmc
 from sepmc.campaign import session as sessions
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.execution.accuracy import errors, scene_scales
+from sepmc.campaign.execution.accuracy import errors, scene_scales, with_scales, with_scales_of
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
 
@@ -61,9 +61,9 @@ def test_design_has_the_rows_of_its_campaign(session, shares):
     scale = scene_scales(expected.campaign.scene, units)
     # each within the accuracy of its own steps
     decisive = [i for i, c in enumerate(columns) if c.unit not in ("", "s")]
-    asked = session.campaign.scene.solver.accuracy
-    assert np.nanmax(errors(a, b, scale)[:, decisive]) < 2.0 * asked
-    assert result.accuracy.worst[1] < asked
+    accuracy = session.campaign.scene.solver.accuracy
+    assert np.nanmax(errors(a, b, scale)[:, decisive]) < 2.0 * accuracy
+    assert result.accuracy.worst[1] < accuracy
     assert result.statistics().index.tolist() == expected.statistics().index.tolist()
 
 
@@ -117,6 +117,18 @@ def test_session_works_in_other_processes():
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         outcome = pool.submit(run_in_process, session, design).result(timeout=120.0)
     assert outcome.tolist() == expected.tolist()
+
+
+def test_scales_are_those_of_a_run():
+    """Of the largest outcome of a unit, whether or not it has a requirement."""
+    result = sepmc.load("table2").session(BOXES["table2"]).run([500.0, 460.0, 1.0], cases=200)
+    rows, box = result.to_pandas(), result.box
+    outcomes = rows.loc[rows["status"] == "ok", [c.name for c in box.outcome_columns]]
+    from_cases = with_scales_of(box, {}, outcomes.to_numpy())
+    from_statistics = with_scales(box, {}, result.statistics())
+    assert from_cases.keys() == from_statistics.keys()
+    for name, (_, scale) in from_cases.items():
+        assert scale == pytest.approx(from_statistics[name][1], rel=0.01), name
 
 
 def test_verdicts_are_those_of_a_run():
@@ -261,11 +273,11 @@ def test_loads_that_end_before_they_start_are_those_of_the_design(monkeypatch):
     campaign = with_load()
     session = campaign.session({"load.push.end_s": (0.45, 1.5)})
     for end in (0.5, 1.5):
-        found, expected = (
+        result, expected = (
             session.run([end], cases=300, seed=1),
             session.with_design([end]).run(300, seed=1),
         )
-        table, rows = found.to_pandas(), expected.to_pandas()
+        table, rows = result.to_pandas(), expected.to_pandas()
         assert (table["status"] == rows["status"]).all()
         for column in expected.campaign.input_columns:  # those of invalid cases too
             np.testing.assert_allclose(table[column.name], rows[column.name], rtol=1e-13)

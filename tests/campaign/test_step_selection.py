@@ -15,7 +15,7 @@ from oracles.independent import simulate
 
 import sepmc
 from sepmc.campaign import cases
-from sepmc.campaign.execution import chunk, step_search, step_selection
+from sepmc.campaign.execution import chunk, common_steps, step_search, step_selection
 from sepmc.campaign.execution.accuracy import SAFETY, achieved, decisive, errors, scene_scales
 from sepmc.campaign.execution.diagnostics import accuracy_notes
 from sepmc.campaign.execution.integration import Integration, _is_calibrated
@@ -262,10 +262,10 @@ def test_errors_are_shares_of_what_statistics_are_of():
         has_outcomes=np.array([True, True, True, False, True]),
         has_indicators=np.array([True, True, True, True, False]),
     )
-    assert_array_equal(step_selection._completed(block, None), [[1.0], [1.2]])
-    assert_array_equal(step_selection._completed(block, 0.1), [[1.0], [1.2], [1.4]])
+    assert_array_equal(common_steps._completed(block, None), [[1.0], [1.2]])
+    assert_array_equal(common_steps._completed(block, 0.1), [[1.0], [1.2], [1.4]])
     block.status[:] = [never, never, other, other, never]
-    assert_array_equal(step_selection._completed(block, None), [[1.0], [50.0]])
+    assert_array_equal(common_steps._completed(block, None), [[1.0], [50.0]])
 
 
 # -- what a run tells
@@ -491,7 +491,7 @@ def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
     told."""
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": 1e-7} | settings)
     expected = campaign.run(cases=60)
-    monkeypatch.setattr(step_selection, "_common_steps", lambda *given: None)
+    monkeypatch.setattr(step_selection, "common_steps", lambda *given: None)
     result = campaign.run(cases=60)
     assert result.notes == []
     assert result.accuracy.met

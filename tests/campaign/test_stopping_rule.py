@@ -82,18 +82,18 @@ def test_it_goes_on_as_if_it_had_not_stopped(written, tmp_path, orders, again):
     statement, the same bits, whether the rule is given again or was noted."""
     campaign, whole, folder = sepmc.load(written("")), tmp_path / "whole", tmp_path / "run"
     error = campaign.run(64, stats_only=True).statistics()["mean_se"]["separation_speed_m_s"]
-    asked = f"separation_speed_m_s:{1.01 * error * stdtrit(63, 1.0 - 0.025 / LOOKS)}"
-    left_alone = campaign.run(CASES, out=whole, until=asked, **orders)
+    until = f"separation_speed_m_s:{1.01 * error * stdtrit(63, 1.0 - 0.025 / LOOKS)}"
+    left_alone = campaign.run(CASES, out=whole, until=until, **orders)
     end = left_alone.numbers.count
     assert end == 64
     for most in (8, 16, 24):
-        rule = asked if again or most == 8 else None
+        rule = until if again or most == 8 else None
         with pytest.raises(Interrupted):
             campaign.run(
                 CASES, out=folder, until=rule, resume=True, progress=stopping(most), **orders
             )
         assert not read_manifest(folder)["complete"]
-    result = campaign.run(CASES, out=folder, until=asked if again else None, resume=True)
+    result = campaign.run(CASES, out=folder, until=until if again else None, resume=True)
     assert result.numbers.count == end
     assert 0 < result.resumed < end
     manifest = [read_manifest(place) for place in (whole, folder)]
@@ -106,7 +106,7 @@ def test_it_goes_on_as_if_it_had_not_stopped(written, tmp_path, orders, again):
     # told once more, it says the same; a narrower rule goes on
     if not (again and orders.get("stats_only")):
         return
-    once_more = campaign.run(CASES, out=folder, until=asked, resume=True)
+    once_more = campaign.run(CASES, out=folder, until=until, resume=True)
     assert (once_more.numbers.count, once_more.resumed) == (end, end)
     narrower = campaign.run(CASES, out=folder, until="separation_speed_m_s:0.01%", resume=True)
     assert narrower.numbers.count == CASES
@@ -119,12 +119,12 @@ def test_it_does_not_look_at_more_cases_than_a_look_has(written, tmp_path):
     """Rows that are flown already, beyond the first looks: it looks next where it would have."""
     campaign, folder = sepmc.load(written("")), tmp_path / "run"
     campaign.run(20, out=folder)
-    asked = "separation_speed_m_s.p50:50%"
-    result = campaign.run(CASES, out=folder, until=asked, resume=True)
+    rule = "separation_speed_m_s.p50:50%"
+    result = campaign.run(CASES, out=folder, until=rule, resume=True)
     assert result.numbers.count == 32
     gone = sorted((folder / "cases").glob("*.parquet"))[0]
     gone.unlink()
-    again = campaign.run(CASES, out=folder, until=asked, resume=True)
+    again = campaign.run(CASES, out=folder, until=rule, resume=True)
     assert again.to_pandas().equals(campaign.run(again.numbers.count).to_pandas())
 
 
@@ -132,15 +132,15 @@ def test_a_pair_that_correlates_must_have_occurred(written, tmp_path):
     """Both failures together have 33 %: ten of them are expected after 31 cases, each by itself
     after 25; both ways of keeping cases stop at the same."""
     campaign = sepmc.load(written(PAIR))
-    asked = "separation_speed_m_s:50%"
-    rows = campaign.run(CASES, out=tmp_path / "run", until=asked)
-    counted = campaign.run(CASES, until=asked, stats_only=True)
+    rule = "separation_speed_m_s:50%"
+    rows = campaign.run(CASES, out=tmp_path / "run", until=rule)
+    counted = campaign.run(CASES, until=rule, stats_only=True)
     assert rows.numbers.count == counted.numbers.count
     table = rows.to_pandas()
     both = (table["in_spring_push_factor"] == 0.5) & (table["in_initial_pitch_deg"] == 1.0)
     assert both.sum() >= 10
     with pytest.raises(InputError, match=r"with initial\.pitch_deg = 1 .* occurs 10 times"):
-        campaign.run(28, until=asked)
+        campaign.run(28, until=rule)
 
 
 def test_workers_are_refused_before_anything_is_flown(written, tmp_path):

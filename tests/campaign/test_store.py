@@ -254,8 +254,8 @@ def test_overwrite_takes_only_what_a_run_made(tmp_path, mine):
 def test_numbers_left(cases, done, chunk):
     """Every case not done once, in order, in ranges no longer than a chunk, split only where they
     must be."""
-    held = np.array(sorted({i for i in done if i < cases}), dtype=np.int64)
-    ranges = list(CaseSelection.first(cases).without(held).split(chunk))
+    stored = np.array(sorted({i for i in done if i < cases}), dtype=np.int64)
+    ranges = list(CaseSelection.first(cases).without(stored).split(chunk))
     assert [i for first, end in ranges for i in range(first, end)] == [
         i for i in range(cases) if i not in done
     ]

@@ -279,9 +279,9 @@ def test_a_file_that_is_written_is_a_new_one(tmp_path, monkeypatch):
     ],
 )
 def test_lines_that_tell_of_what_cannot_be_say_nothing(folder, entry):
-    held = dict(ledger.read(folder))
+    before = dict(ledger.read(folder))
     ledger.add(folder, entry)
-    assert dict(ledger.read(folder)) == held
+    assert dict(ledger.read(folder)) == before
     assert ledger.count_damaged_lines(folder) == 1
 
 

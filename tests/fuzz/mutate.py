@@ -29,13 +29,13 @@ OTHERS = (
 
 def bases():
     """Texts of campaigns to start from, by path."""
-    found = {}
+    texts = {}
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).glob("*.toml")):
             text = path.read_text(encoding="utf-8")
             if "initial" in tomllib.loads(text):
-                found[path.relative_to(ROOT).as_posix()] = text
-    return found
+                texts[path.relative_to(ROOT).as_posix()] = text
+    return texts
 
 
 class Trees:
@@ -141,15 +141,15 @@ class Trees:
 
 def slots(tree):
     """All places (container, key) in a tree."""
-    found, left = [], [tree]
+    places, left = [], [tree]
     while left:
         node = left.pop()
         pairs = node.items() if isinstance(node, dict) else enumerate(node)
         for key, value in pairs:
-            found.append((node, key))
+            places.append((node, key))
             if isinstance(value, dict | list):
                 left.append(value)
-    return found
+    return places
 
 
 def scaled(value, rng):

@@ -65,21 +65,21 @@ def call(words):
 def _whole(place):
     """Intact runs of every kind."""
     whole = place / "whole"
-    found = {kind: whole / kind for kind in ("cases", "single", "plan", "stats")}
+    runs = {kind: whole / kind for kind in ("cases", "single", "plan", "stats")}
     fly = ["campaign", "table2.toml", "--cases", "14", "--quiet", "--no-plots", *_SETTINGS]
     one = ["run", "table1.toml", "--every-s", "0.05", "--quiet", "--no-plots"]
     plan = str(place / "plan.csv")
     for words in (
-        [*fly, "--out", str(found["cases"])],
-        [*one, "--out", str(found["single"])],
+        [*fly, "--out", str(runs["cases"])],
+        [*one, "--out", str(runs["single"])],
         ["sample", "table2.toml", "--cases", "8", "--out", plan],
-        [*fly[:2], "--samples", plan, "--quiet", "--no-plots", "--out", str(found["plan"])],
-        [*fly, "--stats-only", "--out", str(found["stats"])],
+        [*fly[:2], "--samples", plan, "--quiet", "--no-plots", "--out", str(runs["plan"])],
+        [*fly, "--stats-only", "--out", str(runs["stats"])],
     ):
         done = CliRunner().invoke(app.main, words)
         if done.exit_code:
             raise RuntimeError(done.output) from done.exception
-    return found
+    return runs
 
 
 def _outside(at):
@@ -157,10 +157,10 @@ def _change(folder, outside, rng):
 
 def _any(folder, rng, kind="*"):
     """A file of a run, of some kind."""
-    found = sorted(p for p in folder.rglob(kind) if _is_own(p))
-    if not found:
+    files = sorted(p for p in folder.rglob(kind) if _is_own(p))
+    if not files:
         raise OSError(f"no {kind} left")
-    return rng.choice(found)
+    return rng.choice(files)
 
 
 def _bytes(folder, _, rng):
@@ -246,14 +246,14 @@ def _own(path):
 
 def _entries(folder):
     """Entries of the list of files of a run, by path."""
-    found = {}
+    entries = {}
     for line in _own(folder / ledger.LEDGER).read_bytes().splitlines():
         try:
             one = msgspec.json.decode(line.rpartition(b" ")[0], type=ledger.Entry)
         except (msgspec.MsgspecError, ValueError):
             continue
-        found[one.file] = one
-    return found
+        entries[one.file] = one
+    return entries
 
 
 def _seal(folder, manifest):

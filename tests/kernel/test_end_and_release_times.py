@@ -86,9 +86,9 @@ def test_invalid_stroke_of_a_case(pair, plainly):
     campaign = pair(SLIDES | {"spring": [endless], "dispersion": strokes})
     status = campaign.run(cases=20).table["status"]
     number = int(np.flatnonzero(status == "invalid-input")[0])
-    found = campaign.simulate(number).attrs
-    assert found["status"] == "invalid-input"
-    assert math.isnan(found["springs"]["push"])
+    attributes = campaign.simulate(number).attrs
+    assert attributes["status"] == "invalid-input"
+    assert math.isnan(attributes["springs"]["push"])
 
 
 LONG = {

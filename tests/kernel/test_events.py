@@ -518,8 +518,8 @@ def test_late(pair):
     (first, *names), (second, *same) = changes(history)
     assert_allclose([first, second], [0.1, 0.15], rtol=0, atol=EXACT)
     assert (names, same) == (["p0", "p1"], ["p1", "p1"])
-    held = history["pins_force_on_aft_x_N"].abs() > 1.0
-    assert list(held) == [
+    constrained = history["pins_force_on_aft_x_N"].abs() > 1.0
+    assert list(constrained) == [
         i < np.flatnonzero(history["time_s"] == second)[1] for i in range(len(history))
     ]
     assert_allclose(outcomes["separation_distance_mm"], 1e3 * 0.35**2, rtol=1e-12)

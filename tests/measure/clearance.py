@@ -35,16 +35,16 @@ def measure(name, cases):
     fine = sepmc.load(name, {"solver.step_s": STEP_S})
     rows = result.to_pandas()
     flown = [i for i in range(cases) if rows["status"][i] == "ok"]
-    found = {i: exact(fine, fine.case(i)) for i in flown}
+    exact_clearances = {i: exact(fine, fine.case(i)) for i in flown}
     for clearance in fine.scene.clearance:
         column = f"{clearance.name}_clearance_mm"
         stated = result.accuracy.errors[column] if result.accuracy else np.nan
         scale = max(np.abs(rows[column]).max(), rows[column].std())
         differences, where = [], []
         for i in flown:
-            if abs(rows[column][i] - found[i][clearance.name][0]) > stated * scale:
-                found[i] = exact(fine, fine.case(i), every_s=ROWS_S / DENSER)
-            least, when = found[i][clearance.name]
+            if abs(rows[column][i] - exact_clearances[i][clearance.name][0]) > stated * scale:
+                exact_clearances[i] = exact(fine, fine.case(i), every_s=ROWS_S / DENSER)
+            least, when = exact_clearances[i][clearance.name]
             differences.append(rows[column][i] - least)
             where.append(
                 (i, rows[column][i], least, rows[f"{clearance.name}_clearance_time_s"][i], when)

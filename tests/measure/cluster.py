@@ -53,10 +53,10 @@ def damage(times, seed):
             folder = Path(temporary) / f"run-{number}"
             after, which = float(rng.uniform(0.0, 3.0)), int(rng.integers(2))
             result = one_killed(campaign, folder, after, which)
-            found = manifests.diagnose(folder)
-            bad = not same(whole, folder) or statistics_of(result) != alone or bool(found)
+            faults = manifests.diagnose(folder)
+            bad = not same(whole, folder) or statistics_of(result) != alone or bool(faults)
             wrong += bad
-            said = f"DIFFERS {found}" if bad else "same"
+            said = f"DIFFERS {faults}" if bad else "same"
             print(f"{number}: killed after {after:.2f} s, {said}", flush=True)
     return wrong
 
@@ -85,12 +85,14 @@ def main():
     parser.add_argument("--times", type=int, default=50)
     parser.add_argument("--cases", type=float, default=1e7)
     parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
-    wrong = damage(asked.times, asked.seed)
-    print(f"{wrong} of {asked.times} runs that lost a worker differ from one that was left alone")
-    if asked.cases:
-        took = throughput(int(asked.cases))
-        rates = {name: round(asked.cases / seconds) for name, seconds in took.items()}
+    arguments = parser.parse_args()
+    wrong = damage(arguments.times, arguments.seed)
+    print(
+        f"{wrong} of {arguments.times} runs that lost a worker differ from one that was left alone"
+    )
+    if arguments.cases:
+        took = throughput(int(arguments.cases))
+        rates = {name: round(arguments.cases / seconds) for name, seconds in took.items()}
         print(json.dumps({"cases a second": rates}))
         print(f"two workers fly {took['process'] / took['workers']:.2f} x as many as one process")
     sys.exit(1 if wrong else 0)

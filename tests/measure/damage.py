@@ -36,15 +36,15 @@ def main():
     parser.add_argument("--mended", type=int, default=200, help="of how many it is tried")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kept", type=Path, help="where folders go that were not mended")
-    asked = parser.parse_args()
-    rng, seen, missed = np.random.default_rng(asked.seed), Counter(), []
+    arguments = parser.parse_args()
+    rng, seen, missed = np.random.default_rng(arguments.seed), Counter(), []
     with tempfile.TemporaryDirectory() as temporary:
         folder, wholes = Path(temporary) / "damaged", []
         for name, words in RUNS.items():
             whole = make_run(Path(temporary) / name, *words)
             before = {name: (whole / name).read_bytes() for name in files(whole)}
             wholes.append((whole, before, rows(whole), contents(whole)))
-        for number in range(asked.count):
+        for number in range(arguments.count):
             whole, before, was, kept = wholes[number % len(wholes)]
             shutil.rmtree(folder, ignore_errors=True)
             shutil.copytree(whole, folder)
@@ -52,15 +52,15 @@ def main():
             seen.update(done)
             if not is_reported(folder, before, was):
                 missed.append(("not told", done))
-            if number < asked.mended and not is_repaired(folder, kept):
+            if number < arguments.mended and not is_repaired(folder, kept):
                 missed.append(("not mended", done))
-                if asked.kept:
-                    shutil.copytree(folder, asked.kept / str(number))
+                if arguments.kept:
+                    shutil.copytree(folder, arguments.kept / str(number))
     by_way = Counter()
     for (way, _), count in seen.items():
         by_way[way] += count
     print(json.dumps({"damages": sum(seen.values()), **by_way}))
-    print(f"{asked.count} folders, {asked.mended} of them mended: {len(missed)} missed")
+    print(f"{arguments.count} folders, {arguments.mended} of them mended: {len(missed)} missed")
     for one in missed[:20]:
         print(*one)
     sys.exit(1 if missed else 0)

@@ -19,7 +19,8 @@ from sepmc.campaign import cases
 from sepmc.campaign.execution import accuracy, step_selection
 from sepmc.campaign.execution.integration import integrate
 from sepmc.campaign.execution.step_refinement import changes
-from sepmc.scene.read import parse_setting, shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
+from sepmc.scene.settings import parse_setting
 
 QUIET = {"run.history_step_s": 0.0}
 ROUND = {"uniform": [0.0, 360.0]}
@@ -125,7 +126,7 @@ def measure(name, campaign, count, seconds):
         if told.worst_position
         else ""
     )
-    asked = (
+    requested = (
         "-" if campaign.scene.solver.step else f"{told.asked:g} {'met' if told.met else 'NOT MET'}"
     )
     ok = (own.status == 0) & (reference.status == 0)
@@ -137,7 +138,9 @@ def measure(name, campaign, count, seconds):
     share = np.where(np.isnan(share), 0.0, share)
     rows = " ".join(f"{x:.2g}" for x in np.quantile(share, [0.01, 0.5, 0.99, 1.0]))
     failed = (
-        ratio < 1 / 3 or share.max() > 3.0 or (asked.endswith(" met") and true[worst] > told.asked)
+        ratio < 1 / 3
+        or share.max() > 3.0
+        or (requested.endswith(" met") and true[worst] > told.asked)
     )
     how = trial.steps.tolist() if trial.step is None else f"{trial.step:.4g} s"
     lost = f", {own.refinement.n_refined} finer" if own.refinement.n_refined else ""
@@ -147,7 +150,7 @@ def measure(name, campaign, count, seconds):
     print(
         f"| {name} | {len(draws)} | {told.worst[1]:.1e} ({told.worst[0]}) | {true[worst]:.1e} "
         f"({columns[worst].name}) | {ratio:.2g} | {rows} | "
-        f"{asked} | {how}{lost}; {other} end otherwise; pilot {planned:.2f} "
+        f"{requested} | {how}{lost}; {other} end otherwise; pilot {planned:.2f} "
         f"s{place}{' | FAILS' if failed else ''} |",
         flush=True,
     )

@@ -40,18 +40,18 @@ def main():
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--part", choices=PARTS, action="append")
     parser.add_argument("--shown", type=int, default=300, help="characters of an input")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     total = bad = 0
-    for name in asked.part or PARTS:
+    for name in arguments.part or PARTS:
         part, share, of_time = PARTS[name]
-        count = max(1, round(asked.count * share))
-        seconds = asked.seconds * (1.0 if asked.part else of_time)
-        tried = spread(part, count, seconds, asked.seed, asked.processes)
+        count = max(1, round(arguments.count * share))
+        seconds = arguments.seconds * (1.0 if arguments.part else of_time)
+        tried = spread(part, count, seconds, arguments.seed, arguments.processes)
         total += tried.counts["inputs"]
         bad += len(tried.findings)
         print(name, json.dumps(tried.counts), "longest", *tried.longest, flush=True)
         for kind, (times, inputs) in sorted(tried.findings.items(), key=lambda x: -x[1][0]):
-            print(f"  {times} x {kind}\n      {inputs[0][: asked.shown]}", flush=True)
+            print(f"  {times} x {kind}\n      {inputs[0][: arguments.shown]}", flush=True)
     print(f"{total} inputs, {bad} kinds of findings")
     sys.exit(1 if bad else 0)
 

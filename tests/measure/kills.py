@@ -89,8 +89,8 @@ def main():
     parser.add_argument("--kills", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--disk", type=Path)
-    asked = parser.parse_args()
-    rng, kills, runs, wrong = np.random.default_rng(asked.seed), Counter(), 0, 0
+    arguments = parser.parse_args()
+    rng, kills, runs, wrong = np.random.default_rng(arguments.seed), Counter(), 0, 0
     with tempfile.TemporaryDirectory() as temporary:
         whole = [Path(temporary) / f"whole-{number}" for number in range(len(MANNERS))]
         for folder in whole:
@@ -98,9 +98,9 @@ def main():
         began = time.perf_counter()
         subprocess.run(command(whole[0], "--overwrite"), check=True)
         takes = time.perf_counter() - began
-        while kills.total() < asked.kills:
-            folder, runs = (asked.disk or Path(temporary)) / f"run-{runs}", runs + 1
-            while way := killed(folder, rng, 1.3 * takes, asked.disk):
+        while kills.total() < arguments.kills:
+            folder, runs = (arguments.disk or Path(temporary)) / f"run-{runs}", runs + 1
+            while way := killed(folder, rng, 1.3 * takes, arguments.disk):
                 kills[way] += 1
             wrong += not same(whole[(runs - 1) % len(MANNERS)], folder) or bool(
                 manifests.diagnose(folder)

@@ -20,9 +20,9 @@ def main() -> int:
     good = True
     for way in options.ways.split(","):
         for layer in LAYERS.get(way, ("default",)):
-            found = measure(way, options.times, layer)
-            good &= found["right"] + found["sentence"] == options.times or MISSING in found
-            said = ", ".join(f"{count} {what}" for what, count in found.items())
+            counts = measure(way, options.times, layer)
+            good &= counts["right"] + counts["sentence"] == options.times or MISSING in counts
+            said = ", ".join(f"{count} {what}" for what, count in counts.items())
             print(f"{way} ({layer}), of {options.times}: {said}", flush=True)
     return 0 if good else 1
 

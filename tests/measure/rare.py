@@ -141,16 +141,16 @@ def known(repeats):
 
 def tell(name, repeat, repeats):
     """Repeat an estimate, and print its quality."""
-    found, inside, flights, told, doubted = [], 0, 0, [], 0
+    ratios, inside, flights, told, doubted = [], 0, 0, [], 0
     for seed in range(repeats):
         each, (low, high), flown, doubts = repeat(seed)
         inside += low <= P <= high
-        found.append(each.mean() / P)
+        ratios.append(each.mean() / P)
         told.append(each.std(ddof=1) / each.mean() / np.sqrt(len(each)))
         flights, doubted = max(flights, flown), doubted + bool(doubts)
     print(
-        f"{name:28s} {100 * inside / repeats:4.0f} % {np.mean(found) - 1.0:+.3f}  "
-        f"{np.std(found):.3f}   {np.median(told):.3f}  {flights}  {doubted}",
+        f"{name:28s} {100 * inside / repeats:4.0f} % {np.mean(ratios) - 1.0:+.3f}  "
+        f"{np.std(ratios):.3f}   {np.median(told):.3f}  {flights}  {doubted}",
         flush=True,
     )
 
@@ -206,16 +206,16 @@ def plain(name, cases, repeats=10):
     )
     for item in about:
         begun, seeds = time.perf_counter(), range(1, repeats + 1)
-        found = [campaign.rare(item["name"], seed=seed) for seed in seeds]
+        estimates = [campaign.rare(item["name"], seed=seed) for seed in seeds]
         each = (time.perf_counter() - begun) / repeats
-        best = np.mean([one.probability for one in found])
+        best = np.mean([one.probability for one in estimates])
         count = int(counts[item["name"]])
         share, (low, high) = count / cases, of_share(count, cases)
-        ends = [one.interval for one in found]
+        ends = [one.interval for one in estimates]
         print(
             f"  {item['name']:8s} {count} violate: {share:.3e} ({low:.2e} to {high:.2e}); mean of "
             f"{repeats} estimates {best:.3e}, scatter "
-            f"{np.std([one.probability for one in found]) / best:.2f}; of their intervals "
+            f"{np.std([one.probability for one in estimates]) / best:.2f}; of their intervals "
             f"{sum(a <= share <= b for a, b in ends)} hold it, "
             f"{sum(a <= high and low <= b for a, b in ends)} overlap; {each:.1f} s each",
             flush=True,
@@ -225,13 +225,13 @@ def plain(name, cases, repeats=10):
 def main():
     """Measure and print."""
     warnings.simplefilter("ignore")
-    asked = sys.argv[1:]
-    if asked[:1] == ["plain"]:
-        cases = int(float(asked[1])) if len(asked) > 1 else 100_000_000
-        for name in asked[2:] or PLAIN:
+    arguments = sys.argv[1:]
+    if arguments[:1] == ["plain"]:
+        cases = int(float(arguments[1])) if len(arguments) > 1 else 100_000_000
+        for name in arguments[2:] or PLAIN:
             plain(name, cases)
     else:
-        known(int(asked[0]) if asked else 100)
+        known(int(arguments[0]) if arguments else 100)
 
 
 if __name__ == "__main__":

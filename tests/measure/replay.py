@@ -11,7 +11,7 @@ import numpy as np
 
 import sepmc
 from sepmc.campaign.execution import replay
-from sepmc.scene.read import shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
 
 CASES, REPLAYED = 2000, 100
 
@@ -25,10 +25,10 @@ def main(names: list[str]) -> None:
             again = sepmc.load(run)
             chosen = np.random.default_rng(1).choice(CASES, REPLAYED, replace=False)
             flight = replay.earlier_integration(again)
-            found = [
+            comparisons = [
                 replay.compare_row(again, flight, run, int(n), result.seed, CASES) for n in chosen
             ]
-            same = sum(one.was_run and not one.columns for one in found)
+            same = sum(one.was_run and not one.columns for one in comparisons)
             print(f"{name}: {same} of {REPLAYED} rows the same bit by bit", flush=True)
 
 

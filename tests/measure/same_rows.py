@@ -30,8 +30,8 @@ def rows(root: Path, name: str, cases: int, folder: Path) -> pd.DataFrame:
 
 
 def differing(one: pd.DataFrame, other: pd.DataFrame) -> list[str]:
-    """Columns that are not in both tables, or whose values differ in any bit."""
-    found = sorted(set(one.columns) ^ set(other.columns))
+    """Columns of both tables whose values differ in any bit."""
+    names = []
     for column in one.columns.intersection(other.columns):
         a, b = one[column].to_numpy(), other[column].to_numpy()
         same = len(a) == len(b) and (
@@ -40,8 +40,8 @@ def differing(one: pd.DataFrame, other: pd.DataFrame) -> list[str]:
             else list(a) == list(b)
         )
         if not same:
-            found.append(column)
-    return found
+            names.append(column)
+    return names
 
 
 def main() -> None:
@@ -49,18 +49,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("other", type=Path)
     parser.add_argument("--cases", type=int, default=400)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     failed = False
     with tempfile.TemporaryDirectory() as work:
         for file in sorted((HERE / "campaigns").glob("*.toml")):
             tables = []
-            for k, root in enumerate((HERE, asked.other.resolve())):
+            for k, root in enumerate((HERE, arguments.other.resolve())):
                 folder = Path(work) / str(k)
                 folder.mkdir(exist_ok=True)
-                tables.append(rows(root, file.name, asked.cases, folder))
+                tables.append(rows(root, file.name, arguments.cases, folder))
             columns = differing(*tables)
-            failed |= bool(columns)
-            print(f"{file.stem}: {'same bits' if not columns else ', '.join(columns)}", flush=True)
+            missing = sorted(set(tables[0].columns) ^ set(tables[1].columns))
+            failed |= bool(columns or missing)
+            print(
+                f"{file.stem}: {'same bits' if not columns else 'differ: ' + ', '.join(columns)}"
+                + (f"; in one table only: {', '.join(missing)}" if missing else ""),
+                flush=True,
+            )
     sys.exit(1 if failed else 0)
 
 

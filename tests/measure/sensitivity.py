@@ -164,7 +164,7 @@ def coverage(sampler, problem, repeats, cases):
     is given; and the fraction of repeats with intervals."""
     inputs, outcome, *known = PROBLEMS[problem]
     cases -= cases % 6 if sampler == "saltelli" else 0
-    held = np.full((2, repeats, 4), np.nan)
+    covered = np.full((2, repeats, 4), np.nan)
     for seed in range(repeats):
         x = inputs(drawn(sampler, seed, cases))
         names = [f"x{k}" for k in range(4)]
@@ -178,9 +178,9 @@ def coverage(sampler, problem, repeats, cases):
         for k, (name, true) in enumerate(zip(("first", "total"), known, strict=True)):
             if true is not None and table[f"{name}_low"].notna().all():
                 low, high = table[f"{name}_low"] - NEAR, table[f"{name}_high"] + NEAR
-                held[k, seed] = (low <= true) & (true <= high)
-    given = ~np.isnan(held[0]).any(axis=1)
-    mean = held[:, given].mean(axis=1) if given.any() else np.full((2, 4), np.nan)
+                covered[k, seed] = (low <= true) & (true <= high)
+    given = ~np.isnan(covered[0]).any(axis=1)
+    mean = covered[:, given].mean(axis=1) if given.any() else np.full((2, 4), np.nan)
     return mean, float(given.mean())
 
 

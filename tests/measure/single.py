@@ -14,7 +14,7 @@ import tomllib
 from importlib.resources import files
 from pathlib import Path
 
-from sepmc.scene.read import shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
 
 MOST_S, LIMIT_S = 10.0, 300.0
 SAID = ("takes plain Python about", "its integrations take up to about", "compiling")
@@ -79,8 +79,8 @@ def scenes(folder):
     for name, text in texts.items():
         tomllib.loads(text)
         (folder / f"{name}.toml").write_text(text)
-    found = {name: str(path) for name, path in shipped_campaigns().items()}
-    return found | {name: str(folder / f"{name}.toml") for name in texts}
+    shipped = {name: str(path) for name, path in shipped_campaigns().items()}
+    return shipped | {name: str(folder / f"{name}.toml") for name in texts}
 
 
 def timed(command, cache):
@@ -88,7 +88,7 @@ def timed(command, cache):
     begun = time.perf_counter()
     environment = os.environ | {"SEPMC_CACHE_DIR": str(cache)}
     try:
-        found = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-m", "sepmc", *command],
             capture_output=True,
             text=True,
@@ -98,9 +98,9 @@ def timed(command, cache):
         )
     except subprocess.TimeoutExpired:
         return LIMIT_S, "stopped", ""
-    lines = (found.stdout + found.stderr).splitlines()
+    lines = (process.stdout + process.stderr).splitlines()
     said = next((line for line in lines if any(word in line for word in SAID)), "")
-    return time.perf_counter() - begun, str(found.returncode), said
+    return time.perf_counter() - begun, str(process.returncode), said
 
 
 def main():
@@ -109,9 +109,9 @@ def main():
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         files_of = scenes(folder)
-        asked = sys.argv[1:] or list(files_of)
+        names = sys.argv[1:] or list(files_of)
         print(f"{'scene':24s} {'check':>8s} {'cold':>8s} {'warm':>8s}  exit  said before")
-        for name in asked:
+        for name in names:
             run = ["run", files_of[name], "--out", str(folder / "run"), "--overwrite", "--no-plots"]
             check = timed(["check", files_of[name]], folder / name)
             cold, warm = timed(run, folder / name), timed(run, folder / name)

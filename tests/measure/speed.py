@@ -25,7 +25,8 @@ from sepmc.campaign.campaign import Campaign, load
 from sepmc.campaign.execution.integration import by_name, integrate_once
 from sepmc.campaign.execution.step_selection import kernel_text, select_steps
 from sepmc.engine.dispatch import integrate_cases, load_kernel, use_threads
-from sepmc.scene.read import parse_campaign, shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
+from sepmc.scene.read import parse_campaign
 
 REPEATS, PAIRS, CASES = 7, 5, 10_000
 BARE = {"run.history_step_s": 0.0}
@@ -148,10 +149,10 @@ def features(file, cases=2000):
             k, s.layout, flight.steps, flight.durations, s.slots, d, 0, m
         )
         works[name, "own"] = lambda s=scene, o=own, d=those: integrate_once(s, o, d)
-    found = {key: median(times) for key, times in rounds(works, REPEATS).items()}
+    medians = {key: median(times) for key, times in rounds(works, REPEATS).items()}
     said = [
-        f"{name} {found['all', 'same'] / found[name, 'same']:.2f} x in the same steps, "
-        f"{found['all', 'own'] / found[name, 'own']:.2f} x as each is flown"
+        f"{name} {medians['all', 'same'] / medians[name, 'same']:.2f} x in the same steps, "
+        f"{medians['all', 'own'] / medians[name, 'own']:.2f} x as each is flown"
         for name in scenes
         if name != "all"
     ]
@@ -204,19 +205,19 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--before", type=Path, metavar="FOLDER")
     parser.add_argument("part", nargs="*", metavar="PART", default=["all"])
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     dispersed = [file for file in shipped_campaigns() if "dispersion" in load(file).file.tree]
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         parts = {
-            "before": lambda: asked.before and against(asked.before),
+            "before": lambda: arguments.before and against(arguments.before),
             "big": lambda: big(folder),
             "commands": lambda: commands(folder),
             "campaigns": lambda: campaigns(folder, dispersed),
             "features": lambda: [features(file) for file in dispersed],
         }
         for name, part in parts.items():
-            if name in asked.part or "all" in asked.part:
+            if name in arguments.part or "all" in arguments.part:
                 part()
 
 

@@ -120,8 +120,8 @@ def agreement(campaign):
     flown = cases[outcomes][:50].copy()
     reference = flown.copy()
     for i in range(len(reference)):
-        found = lagrange.simulate(campaign.case(i).to_dict())
-        reference.loc[i] = [found[name] for name in outcomes]
+        outcomes_of_case = lagrange.simulate(campaign.case(i).to_dict())
+        reference.loc[i] = [outcomes_of_case[name] for name in outcomes]
     line(
         "accuracy 1e-9 against DOP853 at rtol 1e-13, 50 cases",
         "<= 1e-8",

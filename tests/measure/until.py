@@ -14,9 +14,9 @@ def main():
     repeats = int(sys.argv[1]) if len(sys.argv) > 1 else REPEATS
     print(f"{repeats} repeats each, of {CASES} cases at most")
     for name, problem in PROBLEMS.items():
-        held, enough, cases = coverage(name, repeats)
+        covered, enough, cases = coverage(name, repeats)
         print(
-            f"  {name:40s} {problem.until:20s} holds the truth in {100 * held:5.1f} %; "
+            f"  {name:40s} {problem.until:20s} holds the truth in {100 * covered:5.1f} %; "
             f"known well enough in {100 * enough:5.1f} %, after {cases:7.0f} cases"
         )
 

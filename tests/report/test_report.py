@@ -17,7 +17,7 @@ from sepmc.cli import app
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
 from sepmc.report import drawing as drawing_module
 from sepmc.report.drawing import _nozzle, draw_vehicle
-from sepmc.scene.read import shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
 
 EVERYTHING = Path(__file__).parents[1] / "data" / "everything.toml"
 REQUIRED = [

@@ -95,7 +95,7 @@ def test_loaded_cells_agree_with_lookups(counts):
     for n in range(3):
         w[cell + 3 * n * LANES : cell + (3 * n + 1) * LANES] = math.inf
     lines = "\n".join(cell_sum_lines(str(cell), str(point), str(out), 6, seen))
-    random, held = np.random.default_rng(4), 0
+    random, n_in_cell = np.random.default_rng(4), 0
     lanes = inside(axes, LANES)
     for turn in range(60):
         lanes = np.clip(
@@ -108,7 +108,7 @@ def test_loaded_cells_agree_with_lookups(counts):
         w[point : point + 3 * LANES] = lanes.T.ravel()
         for lane in range(LANES):
             if in_cell(w, cell + lane, *lanes[lane]):
-                held += 1
+                n_in_cell += 1
             else:
                 load_cell(w, cell + lane, at, *lanes[lane])
         for lane in range(LANES):
@@ -116,7 +116,7 @@ def test_loaded_cells_agree_with_lookups(counts):
         expected = np.array([grid6(pack_of, 0, *lanes[lane]) for lane in range(LANES)])
         assert_allclose(w[out:].reshape(6, LANES).T, expected, rtol=0, atol=1e-13)
         assert np.isnan(expected[0]).all() == (turn == 30 and max(counts) > 1)
-    assert held > 20 * LANES
+    assert n_in_cell > 20 * LANES
 
 
 def test_few_points_give_the_line_and_the_parabola():

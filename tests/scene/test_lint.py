@@ -13,7 +13,7 @@ import sepmc
 from sepmc.campaign.execution.diagnostics import file_notes, min_at_end
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.cli import app
-from sepmc.scene.read import shipped_campaigns
+from sepmc.scene.campaign_files import shipped_campaigns
 
 BACK = [-1.0, 0.0, 0.0]
 UNIT, OVERLAP, BACKWARD = "is it in another unit?", "overlap at the start", "the other way round?"

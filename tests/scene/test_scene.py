@@ -19,10 +19,12 @@ from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
 from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.scene import model
+from sepmc.scene.campaign_files import shipped_campaigns
 from sepmc.scene.fields import fields_of
 from sepmc.scene.messages import SceneError
 from sepmc.scene.parameters import UnknownPath, find, replace, value
-from sepmc.scene.read import parse_campaign, parse_setting, read_campaign, shipped_campaigns
+from sepmc.scene.read import parse_campaign, read_campaign
+from sepmc.scene.settings import parse_setting
 from sepmc.scene.units import UNITS, split_unit
 
 FILE = Path(__file__).parents[2] / "campaigns" / "table2.toml"

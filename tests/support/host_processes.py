@@ -53,8 +53,8 @@ def answer(which: int = 0) -> str:
 def _by_processes(method: str, times: int) -> Iterator[str]:
     """Answers of a pool whose processes answer once each."""
     with multiprocessing.get_context(method).Pool(2, maxtasksperchild=1) as pool:
-        asked = [pool.apply_async(answer, (k,)) for k in range(times)]
-        for each in asked:
+        results = [pool.apply_async(answer, (k,)) for k in range(times)]
+        for each in results:
             try:
                 yield each.get(timeout=WAIT_S)
             except multiprocessing.TimeoutError:
@@ -125,8 +125,8 @@ def mixed(times: int) -> Iterator[str]:
 
     with ThreadPoolExecutor(THREADS) as pool:
         for _ in range(times):
-            asked = [pool.submit(work) for work in (answer, single) * 2]
-            answers = {each.result(WAIT_S) for each in asked}
+            futures = [pool.submit(work) for work in (answer, single) * 2]
+            answers = {each.result(WAIT_S) for each in futures}
             yield answers.pop() if len(answers) == 1 else "they differ"
 
 
@@ -197,8 +197,8 @@ def _of_cell(client) -> str:
         client.execute_interactive(code, timeout=WAIT_S, output_hook=hear)
     except TimeoutError:
         return "hung"
-    found = "".join(said).partition("ANSWER ")[2].split("\n")
-    return found[0] or "died"
+    lines = "".join(said).partition("ANSWER ")[2].split("\n")
+    return lines[0] or "died"
 
 
 def xdist(times: int) -> Iterator[str]:
@@ -227,8 +227,8 @@ def xdist(times: int) -> Iterator[str]:
             stdout=subprocess.DEVNULL,
         )
         for k in range(times):
-            found = Path(folder) / f"answer-{k}"
-            yield found.read_text(encoding="utf-8") if found.exists() else "died"
+            file = Path(folder) / f"answer-{k}"
+            yield file.read_text(encoding="utf-8") if file.exists() else "died"
 
 
 def restored(times: int) -> Iterator[str]:
@@ -283,13 +283,13 @@ def measure(way: str, times: int, layer: str = "default") -> Counter[str]:
         end.cancel()
         _kill(host.pid)  # remaining processes
     right, *answers = lines or ["", "no host"]
-    found = Counter(
+    counts = Counter(
         "right" if each == right else each.partition(":")[0] if len(each) != 64 else "other rows"
         for each in answers
     )
-    if MISSING not in found and found.total() < times:
-        found["no answer"] = times - found.total()
-    return found
+    if MISSING not in counts and counts.total() < times:
+        counts["no answer"] = times - counts.total()
+    return counts
 
 
 def _kill(group: int) -> None:

@@ -159,8 +159,8 @@ def stopped(problem, seed, max_cases=CASES):
         tables.append(table)
         counts += count_values(values, inputs)
         rows = {name: np.concatenate([t[name] for t in tables]) for name in table}
-        found = occurrences(values, counts.tolist())
-        look = until.look(TableStatistics(rows, OUTCOMES, [], {}), len(every), found)
+        counts_of_values = occurrences(values, counts.tolist())
+        look = until.look(TableStatistics(rows, OUTCOMES, [], {}), len(every), counts_of_values)
         if look.sufficient:
             break
     return numbers.end, look

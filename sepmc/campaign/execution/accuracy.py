@@ -165,6 +165,30 @@ def relative_error(
     )
 
 
+def column_scales(
+    campaign: Definition, outcomes: np.ndarray, spread: np.ndarray | None = None
+) -> np.ndarray:
+    """Size below which the error of an outcome is absolute, in the unit of its column.
+
+    Parameters
+    ----------
+    campaign : Definition
+    outcomes : ndarray, shape (n, o)
+        In the units of their columns.
+    spread : ndarray, shape (o,), optional
+        Standard deviation of each outcome; computed from ``outcomes`` if not given.
+
+    Returns
+    -------
+    ndarray, shape (o,)
+        See `scales`.
+    """
+    columns = campaign.outcome_columns
+    units = [column.unit for column in columns]
+    sizes = np.array([column.scale for column in columns])
+    return scales(outcomes, units, scene_scales(campaign.scene, units) * sizes, spread)
+
+
 def with_scales(
     campaign: Definition, errors_by_name: Mapping[str, float], statistics: pd.DataFrame
 ) -> dict[str, tuple[float, float]]:
@@ -183,17 +207,27 @@ def with_scales(
     dict of str to (float, float)
         Error (NaN if unknown) and scale, by outcome.
     """
-    columns = campaign.outcome_columns
-    units = [column.unit for column in columns]
-    scene_scale = scene_scales(campaign.scene, units) * np.array(
-        [column.scale for column in columns]
-    )
-    extremes = statistics.loc[[column.name for column in columns], ["min", "max"]].to_numpy()
-    sigma = statistics.loc[[column.name for column in columns], "sigma"].fillna(0.0).to_numpy()
-    outcome_scales = scales(extremes.T, units, scene_scale, sigma)
+    names = [column.name for column in campaign.outcome_columns]
+    extremes = statistics.loc[names, ["min", "max"]].to_numpy()
+    sigma = statistics.loc[names, "sigma"].fillna(0.0).to_numpy()
+    return _by_name(campaign, errors_by_name, column_scales(campaign, extremes.T, sigma))
+
+
+def with_scales_of(
+    campaign: Definition, errors_by_name: Mapping[str, float], outcomes: np.ndarray
+) -> dict[str, tuple[float, float]]:
+    """Error and scale of each outcome of cases, as `with_scales`; ``outcomes`` (n, o) in the units
+    of their columns."""
+    return _by_name(campaign, errors_by_name, column_scales(campaign, outcomes))
+
+
+def _by_name(
+    campaign: Definition, errors_by_name: Mapping[str, float], outcome_scales: np.ndarray
+) -> dict[str, tuple[float, float]]:
+    """Error (NaN if unknown) and scale by outcome."""
     return {
         column.name: (errors_by_name.get(column.name, np.nan), float(scale))
-        for column, scale in zip(columns, outcome_scales, strict=True)
+        for column, scale in zip(campaign.outcome_columns, outcome_scales, strict=True)
     }
 
 
@@ -218,17 +252,10 @@ def zero_below_error(
 
     ``errors_by_name`` are relative errors as `errors` measures them.
     """
-    columns = campaign.outcome_columns
-    units = [column.unit for column in columns]
-    scene_scale = scene_scales(campaign.scene, units) * np.array(
-        [column.scale for column in columns]
-    )
-    scale = scales(np.array([[outcomes[column.name] for column in columns]]), units, scene_scale)
+    values = np.array([[outcomes[column.name] for column in campaign.outcome_columns]])
     magnitudes = {
-        column.name: error_size(
-            errors_by_name.get(column.name, np.nan), float(size), outcomes[column.name]
-        )
-        for column, size in zip(columns, scale, strict=True)
+        name: error_size(error, scale, outcomes[name])
+        for name, (error, scale) in with_scales_of(campaign, errors_by_name, values).items()
     }
     return {
         name: 0.0 if abs(value) <= magnitudes.get(name, 0.0) else value

@@ -18,10 +18,9 @@ from sepmc.campaign.execution.integration import Integration, integrate
 from sepmc.engine.dispatch import Block
 from sepmc.scene.messages import InputError, Log, nearest
 from sepmc.scene.model import VIOLATION, Requirement
-from sepmc.schema import Column, Status, is_yes_or_no
+from sepmc.schema import STATUS_LABELS, Column, Status, is_yes_or_no
 from sepmc.wording import setting
 
-LABELS = [status.label for status in Status]
 _CASES_PER_CALL = 4096  # a call cannot be interrupted
 _CONTACT = "_recontact"
 _CONTACT_MARGIN = -1e-9  # mm: outlines that touch have a negative margin
@@ -203,7 +202,7 @@ class MarginEvaluator:
             worst.add(results[ok, index], numbers[ok])
         self.n_without_outcome += int(np.count_nonzero(ok & np.isnan(margin)))
         self.count += len(inputs)
-        self.statuses.update(LABELS[int(code)] for code in status)
+        self.statuses.update(STATUS_LABELS[int(code)] for code in status)
         self.report(self.count, self.summary.failures)
         return margin, rows
 

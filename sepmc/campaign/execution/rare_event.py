@@ -25,7 +25,6 @@ from sepmc.campaign.execution.diagnostics import accuracy_notes, min_at_end_note
 from sepmc.campaign.execution.flight_log import FlightLog, interrupted
 from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.limit_state import (
-    LABELS,
     LimitState,
     MarginEvaluator,
     RareValue,
@@ -34,12 +33,13 @@ from sepmc.campaign.execution.limit_state import (
 )
 from sepmc.campaign.execution.missing_events import missing_notes
 from sepmc.campaign.execution.runner import implausible_note
+from sepmc.campaign.execution.sinks import status_labels
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.engine.dispatch import check_int
 from sepmc.scene.limits import SEED
 from sepmc.scene.messages import Log
-from sepmc.schema import Column, Status
+from sepmc.schema import STATUS_LABELS, Column, Status
 
 DEFAULT_FLIGHTS, _MIN_FLIGHTS, _MAX_FLIGHTS = 100_000, 10_000, 10_000_000
 _NEAR = 0.1  # share of the probability within the numerical error of the bound that is reported
@@ -243,7 +243,7 @@ def estimate_rare_event(
         seed,
         _rows(campaign, known),
         _violating_inputs(campaign, known),
-        {label: evaluator.statuses[label] for label in LABELS if evaluator.statuses[label]},
+        {label: evaluator.statuses[label] for label in STATUS_LABELS if evaluator.statuses[label]},
         _notes(evaluator, known, of_all, rare_values),
         folder,
     )
@@ -325,7 +325,7 @@ def _rows(campaign: Definition, estimate: Estimate) -> dict[str, np.ndarray]:
     order = np.argsort(estimate.last.margin[positions], kind="stable")  # NaN last
     positions, weight = positions[order], weight[order]
     rows, inputs = estimate.last.records[positions], len(campaign.input_columns)
-    labels = np.array(LABELS, dtype=object)[rows[:, inputs].astype(int)]
+    labels = status_labels(rows[:, inputs].astype(int))
     names = [c.name for c in campaign.input_columns], [c.name for c in campaign.result_columns]
     return {
         "case": np.arange(len(positions)),

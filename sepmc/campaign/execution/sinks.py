@@ -18,9 +18,8 @@ from sepmc.campaign.execution.chunk import Chunk, SampleSpec
 from sepmc.campaign.store import folders, shards
 from sepmc.campaign.store.ledger import Entry
 from sepmc.campaign.store.row_selection import REASON, RowSelection
-from sepmc.schema import Column, Status
+from sepmc.schema import STATUS_LABELS, Column
 
-_LABELS = [status.label for status in Status]
 _ROWS_OF_A_SHARD = 200_000  # of selected rows: up to this many go into one shard
 
 
@@ -68,8 +67,7 @@ class MemorySink:
     def take(self, chunks: list[Chunk]) -> None:
         """Append the rows of chunks, and their histories if there are any."""
         self.chunk_tables.append(
-            case_table(self.campaign, chunks)
-            | {"status": np.array(_LABELS, dtype=object)[_codes(chunks)]}
+            case_table(self.campaign, chunks) | {"status": status_labels(_codes(chunks))}
         )
         if self.separation:
             self.histories.append(_histories(chunks, self.separation))
@@ -120,7 +118,7 @@ class ParquetSink:
                 )
             )
         table: dict[str, Any] = case_table(campaign, chunks) | {
-            "status": pd.Categorical.from_codes(_codes(chunks), pd.Index(_LABELS))
+            "status": pd.Categorical.from_codes(_codes(chunks), pd.Index(STATUS_LABELS))
         }
         written.append(
             shards.write_shard(
@@ -159,7 +157,7 @@ class SelectedRowWriter:
 
     def write(self, chunks: list[Chunk]) -> list[Entry]:
         """Write the shard of chunks."""
-        status = {"status": np.array(_LABELS, dtype=object)[_codes(chunks)]}
+        status = {"status": status_labels(_codes(chunks))}
         table = case_table(self.campaign, chunks) | status
         positions, reasons = self.selection.choose(table)
         if not len(positions):
@@ -238,6 +236,11 @@ def add_to(
     """Add the cases of chunks to statistics."""
     first, count = chunks[0].first, sum(len(chunk.inputs) for chunk in chunks)
     stream.add(np.arange(first, first + count), _codes(chunks), _results(campaign, chunks))
+
+
+def status_labels(codes: np.ndarray) -> np.ndarray:
+    """Values (n,) of the ``status`` column, as Python objects."""
+    return np.array(STATUS_LABELS, dtype=object)[codes]
 
 
 def _codes(chunks: list[Chunk]) -> np.ndarray:

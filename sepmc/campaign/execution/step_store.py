@@ -8,20 +8,19 @@ import contextlib
 import hashlib
 import itertools
 import pickle
-from collections import OrderedDict
 from functools import cache
 from pathlib import Path
 
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.calibration_cases import CalibrationSize
 from sepmc.campaign.execution.integration import Integration
+from sepmc.recent_items import RecentItems
 
 # sources that steps follow from, in addition to the compiled ones
 _SOURCES = ("analysis/*.py", "campaign/**/*.py", "kernel/**/*.py", "scene/*.py", "schema.py")
-_MAX_IN_MEMORY = 32
 _MAX_FILES, _PRUNE_EVERY = 1000, 100  # some 15 kB each
 _count = itertools.count(1)  # files that this process stored
-_in_memory: OrderedDict[str, Integration] = OrderedDict()
+_in_memory: RecentItems[str, Integration] = RecentItems(32)
 
 
 def key_of(campaign: Definition, history: bool, size: CalibrationSize) -> str:
@@ -51,10 +50,7 @@ def _sources_digest() -> bytes:
 
 def in_memory(key: str) -> Integration | None:
     """Integration selected earlier in this process, with its kernels."""
-    integration = _in_memory.get(key)
-    if integration is not None:
-        _in_memory.move_to_end(key)
-    return integration
+    return _in_memory.get(key)
 
 
 def stored(key: str) -> Integration | None:
@@ -71,9 +67,7 @@ def stored(key: str) -> Integration | None:
 
 def remember(key: str, integration: Integration) -> None:
     """Keep an integration in memory."""
-    _in_memory[key] = integration
-    while len(_in_memory) > _MAX_IN_MEMORY:
-        _in_memory.popitem(last=False)
+    _in_memory.put(key, integration)
 
 
 def forget() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from sepmc.paths import is_local
 from sepmc.scene import limits
-from sepmc.schema import Status
+from sepmc.schema import STATUS_LABELS
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -25,7 +25,6 @@ KINDS = ("cases", "histories", "selected", "accumulators")
 _FILE_NAME = re.compile(rf"(({'|'.join(KINDS)})/)?[A-Za-z0-9][A-Za-z0-9_.+-]{{0,250}}")
 _COLUMN_NAME = re.compile(r"[A-Za-z0-9_]{1,250}")
 _TEXT_COLUMNS = ("status", "phase", "kept_as")
-_STATUS_LABELS = frozenset(status.label for status in Status)
 
 
 class StoreError(Exception):
@@ -129,7 +128,7 @@ def table_fault(table: "pa.Table", first: int | None = None) -> str:
             return f"has rows without {name}"
     if "status" in table.column_names:
         known = {label for chunk in _categories(table["status"]) for label in chunk.to_pylist()}
-        if other := sorted(map(str, known - _STATUS_LABELS)):
+        if other := sorted(map(str, known.difference(STATUS_LABELS))):
             return f"has an unknown status: {other[0][:60]!r}"
     if first is not None and "case" in table.column_names:
         numbers = table["case"].to_numpy()

@@ -3,42 +3,42 @@ transitions between segments, and results."""
 
 import functools
 import math
-from collections.abc import Iterator
-from typing import Any
 
-from sepmc.kernel.emit.context import Context, change_time, component, reject_unless
+from sepmc.kernel.emit.clauses import due_time, record_events, reset_clauses, update_clauses
+from sepmc.kernel.emit.context import Context, component, reject_unless
 from sepmc.kernel.emit.history import fit_curves
-from sepmc.kernel.emit.ignition import ignition, ignition_time, store_ignitions
+from sepmc.kernel.emit.ignition import ignition_time, store_ignitions
+from sepmc.kernel.emit.joint_changes import (
+    due_changes,
+    event_time,
+    flag_unreleased,
+    kind_of,
+    record_change,
+    record_release,
+    release_joints,
+)
 from sepmc.kernel.emit.monitor import load_side
 from sepmc.kernel.emit.outcomes import (
     emit_results,
-    event_angle,
     event_field,
     time_fields,
-    tip_off_field,
     tip_off_fields,
 )
 from sepmc.kernel.emit.steps import advance
 from sepmc.kernel.emit.tables import has_tables
 from sepmc.kernel.spec.kernel_spec import (
     ANY_PHASE,
-    Change,
-    Due,
-    Release,
     Segment,
     condition_flag,
-    condition_numbers,
-    stroke_flag,
 )
 from sepmc.kernel.spec.variant import Variant
-from sepmc.kernel.tracer.formulas import ZERO, scalar, vec3
+from sepmc.kernel.tracer.formulas import scalar, vec3
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Expr, Scope, total, where
+from sepmc.kernel.tracer.tracer import total, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
-_SAME_TIME = 1e-12  # s
 # of a lane: its case has no final status (cases for another variant continue)
 _CONTINUES = "w[REJECTED + l] <= 0.0"
 # minimum fraction of the time left in the typical duration of a phase that a load may end at once
@@ -140,13 +140,13 @@ def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
     if segment.pending_event:
         text(f"pending_event_{segment.name}(w, 1.0)")
     if segment.releases:
-        _record_events(text, c, segment)
+        record_events(text, c, segment)
     if segment.variable_joints:
-        _release_joints(text, c, segment)
+        release_joints(text, c, segment)
     if segment.max_intervals > 1:
         text.lanes()("w[DONE + l] = 0.0")
         if segment.clauses:
-            _reset_clauses(text, c, segment)
+            reset_clauses(text, c, segment)
 
 
 def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
@@ -165,52 +165,14 @@ def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
     if number:
         reject_unless(
             scope,
-            scope.load("T") >= scope.load(f"ENDED_{c.spec.segments[number - 1].name}") - _SAME_TIME,
+            scope.load("T") >= scope.load(f"ENDED_{c.spec.segments[number - 1].name}") - at.GRAIN,
         )
     scope.store(f"ENDED_{segment.name}", scope.load("T"))
     scope.write(text)
     if number + 1 < len(c.spec.segments):
         _hand_over(text, c, segment, c.spec.segments[number + 1])
     elif c.spec.initial_kinds:
-        _flag_unreleased(text, c)
-
-
-def _flag_unreleased(text: Text, c: Context) -> None:
-    """Flag the cases in which a joint is still constrained at the end although its release was
-    triggered or required."""
-    scope = c.scope()
-    for joint in c.spec.initial_kinds:
-        for change in c.spec.changes_of(joint):
-            constrained = _kind(scope, c, joint) < float(change.to)
-            if change.optional:
-                constrained = constrained & (_event_time(scope, c, change) < math.inf)
-            scope.store("UNRELEASED", where(constrained, 1.0, scope.load("UNRELEASED")))
-    scope.write(text)
-
-
-def _kind(scope: Scope, c: Context, joint: str) -> Expr:
-    """Number of the present kind of a joint."""
-    c.start(f"KIND_{joint}", float(c.spec.initial_kinds[joint]))
-    return scope.load(f"KIND_{joint}")
-
-
-def _event_time(scope: Scope, c: Context, change: Change) -> Expr:
-    """Time at which the trigger of a change occurred, infinite before."""
-    c.start(f"EVENT_TIME_{change.event}", math.inf)
-    return scope.load(f"EVENT_TIME_{change.event}")
-
-
-def _due_changes(
-    scope: Scope, c: Context, segment: Segment, joint: str
-) -> Iterator[tuple[Change, Expr]]:
-    """Changes that a joint may make in a segment, and the time at which each is due."""
-    slots = c.spec.layout.slots
-    delay = c.case.number(slots[f"joint.{joint}.delay"])
-    if joint in c.spec.failing_joints:  # it is never released
-        delay = where(c.case.number(slots[f"joint.{joint}.fails"]) >= 0.5, math.inf, delay)
-    for change in c.spec.changes_of(joint):
-        if change.to in segment.joint_kinds[joint] and change.to > min(segment.joint_kinds[joint]):
-            yield change, _event_time(scope, c, change) + delay
+        flag_unreleased(text, c)
 
 
 def _reset_load_sides(text: Text, c: Context, segment: Segment) -> None:
@@ -218,123 +180,6 @@ def _reset_load_sides(text: Text, c: Context, segment: Segment) -> None:
     for load in segment.loads:
         if load.direction and not load.any_phase:
             text.lanes()(f"w[{load_side(segment, load)} + l] = 0.0")
-
-
-def _reset_clauses(text: Text, c: Context, segment: Segment) -> None:
-    """Reset the conditions of a segment, then set those that are past times."""
-    scope = c.scope()
-    for number in condition_numbers(segment.clauses):
-        c.workspace.add(condition_flag(segment.name, number), 1)
-        scope.store(condition_flag(segment.name, number), 0.0)
-    scope.write(text)
-    _update_clauses(text, c, segment)
-
-
-def _update_clauses(text: Text, c: Context, segment: Segment) -> None:
-    """Set conditions that are past times, and DONE if a clause is met."""
-    scope = c.scope()
-    done = (scope.load("DONE") > 0.0) | _clause_met(scope, c, segment.name, segment)
-    scope.store("DONE", where(done, 1.0, 0.0))
-    scope.write(text)
-
-
-def _clause_met(
-    scope: Scope,
-    c: Context,
-    segment: str,
-    source: Segment | Release,
-) -> Expr:
-    """Expression that is true if any clause is met; flags of times and stroke ends are updated."""
-    flags = {}
-    for number in condition_numbers(source.clauses):
-        flags[number] = scope.load(condition_flag(segment, number)) > 0.0
-    for number, occurs in _passive_conditions(scope, c, source):
-        flags[number] = flags[number] | occurs
-        scope.store(condition_flag(segment, number), where(flags[number], 1.0, 0.0))
-    met = None
-    for clause in source.clauses:
-        all_met = flags[clause[0]]
-        for number in clause[1:]:
-            all_met = all_met & flags[number]
-        met = all_met if met is None else met | all_met
-    assert met is not None
-    return met
-
-
-def _passive_conditions(
-    scope: Scope, c: Context, source: Segment | Release
-) -> Iterator[tuple[int, Expr]]:
-    """Conditions without an event step, times and stroke ends: number, and whether each is met."""
-    now = scope.load("T")
-    for number, due in source.times.items():
-        yield number, now >= _time(scope, c, due) - _SAME_TIME
-    for number, spring in source.springs.items():
-        c.start(stroke_flag(spring), 0.0)
-        yield number, scope.load(stroke_flag(spring)) > 0.0
-
-
-def _time(scope: Scope, c: Context, due: Due) -> Expr:
-    """Time at which a condition is due, s."""
-    terms = [c.case.number(slot) for slot in due.slots]
-    for motor in c.spec.triggered_motors:
-        if motor.name == due.motor:
-            terms.insert(0, ignition(scope, c, motor))
-    return total(terms)
-
-
-def _record_events(text: Text, c: Context, segment: Segment) -> None:
-    """Record the times of releases and observation events, and the state at the latter."""
-    scope = c.scope()
-    for release in segment.releases:
-        for number in condition_numbers(release.clauses):
-            c.start(condition_flag(ANY_PHASE, number), 0.0)
-        path = f"EVENT_TIME_{release.name}"
-        c.start(path, math.inf)
-        occurs = _clause_met(scope, c, ANY_PHASE, release) & scope.load(path).equals(math.inf)
-        scope.store(path, where(occurs, scope.load("T"), scope.load(path)))
-        if not release.joint:
-            c.workspace.add(f"OCCURS_NOW_{release.name}", 1)
-            scope.store(f"OCCURS_NOW_{release.name}", where(occurs, 1.0, 0.0))
-    scope.write(text)
-    for release in segment.releases:
-        if not release.joint:
-            _store_event_state(text, c, segment, release.name)
-
-
-def _store_event_state(text: Text, c: Context, segment: Segment, event: str) -> None:
-    """Store the state of lanes in which an event occurs now; every body that finally rotates by
-    itself gets its attitude and angles, whichever body leads its group now."""
-    path = event_field(event)
-    text.block(f"for k in range({c.size}):").lanes()(
-        f"w[{path} + k * LANES + l] = w[Y + k * LANES + l] "
-        f"if w[OCCURS_NOW_{event} + l] > 0.0 else w[{path} + k * LANES + l]"
-    )
-    scope = c.scope()
-    now = scope.load(f"OCCURS_NOW_{event}") > 0.0
-    for body in c.spec.segments[-1].leaders:
-        leader = segment.leader(body)
-        if leader == GROUND:
-            values: list[tuple[str, int, Any]] = [
-                (f"{path} + Q_{body}", 4, c.case.attitude),
-                (f"{path} + OMEGA_{body}", 3, ZERO),
-            ]
-            angles = [c.case.number(at.PITCH), c.case.number(at.ROLL)]
-        else:
-            values = [
-                (f"{path} + Q_{body}", 4, scope.load(f"Y + Q_{leader}", 4)),
-                (f"{path} + OMEGA_{body}", 3, scope.load(f"Y + OMEGA_{leader}", 3)),
-            ]
-            angles = [scope.load(component(f"ANGLES_{leader}", k)) for k in range(2)]
-        if leader != body:
-            for field, count, value in values:
-                for k in range(count):
-                    scope.store(
-                        component(field, k), where(now, value[k], scope.load(component(field, k)))
-                    )
-        for k, value in enumerate(angles):
-            angle = event_angle(c, event, body, k)
-            scope.store(angle, where(now, value, scope.load(angle)))
-    scope.write(text)
 
 
 def _check_start(text: Text, c: Context) -> None:
@@ -356,7 +201,7 @@ def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
     now = scope.load("T")
     if segment.after_late:  # its end came during a release delay
         reject_unless(
-            scope, (time >= now - _SAME_TIME) | (scope.load("UNRELEASED") > 0.0), Variant.ANY_ORDER
+            scope, (time >= now - at.GRAIN) | (scope.load("UNRELEASED") > 0.0), Variant.ANY_ORDER
         )
     until = scalar.larger(time, now)
     scope.store(
@@ -398,8 +243,8 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
     else:
         scope.store("DONE", 0.0)
     for joint in segment.variable_joints:
-        for change, due in _due_changes(scope, c, segment, joint):
-            pending = _kind(scope, c, joint) < float(change.to)
+        for change, due in due_changes(scope, c, segment, joint):
+            pending = kind_of(scope, c, joint) < float(change.to)
             end = where(pending & (due < end), scalar.larger(due, now), end)
     times = [(condition_flag(segment.name, number), due) for number, due in segment.times.items()]
     times += [
@@ -408,10 +253,10 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
         for number, due in release.times.items()
     ]
     for flag, instant in times:
-        due_time, pending = _time(scope, c, instant), scope.load(flag).equals(0.0)
+        due, pending = due_time(scope, c, instant), scope.load(flag).equals(0.0)
         end = where(
-            pending & (scope.load("DONE").equals(0.0)) & (due_time < end),
-            scalar.larger(due_time, now),
+            pending & (scope.load("DONE").equals(0.0)) & (due < end),
+            scalar.larger(due, now),
             end,
         )
     scope.store("END", where(end < run_end, end, run_end))
@@ -437,11 +282,11 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
     else:
         text.lanes()("w[T + l] = w[END + l]")
     if segment.clauses:
-        _update_clauses(text, c, segment)
+        update_clauses(text, c, segment)
     if segment.releases:
-        _record_events(text, c, segment)
+        record_events(text, c, segment)
     if segment.variable_joints:
-        _release_joints(text, c, segment)
+        release_joints(text, c, segment)
 
 
 def _common_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
@@ -515,63 +360,6 @@ def _pending_calls(segment: Segment) -> list[str]:
     return [f"pending_event_{segment.name}(w, 0.0)"] if segment.pending_event else []
 
 
-def _release_joints(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that make due changes of joints and record them."""
-    scope = c.scope()
-    now = scope.load("T")
-    for joint in segment.variable_joints:
-        kind_before = kind = _kind(scope, c, joint)
-        for change, due in _due_changes(scope, c, segment, joint):
-            kind = where(
-                (now >= due - _SAME_TIME) & (kind < float(change.to)), float(change.to), kind
-            )
-        scope.store(f"KIND_{joint}", kind)
-        _record_change(scope, c, joint, kind_before, kind)
-        for free in segment.free_kinds(joint):
-            _record_release(
-                scope, c, segment, joint, (kind_before < float(free)) & (kind >= float(free))
-            )
-    scope.write(text)
-
-
-def _record_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr) -> None:
-    """Record the time of a kind change, unless a phase before had not ended at the end time."""
-    for changing_joint, number in c.recorded_changes:
-        if changing_joint == joint:
-            path = change_time(joint, number)
-            c.start(path, math.nan)
-            changes = (before < float(number)) & (kind >= float(number))
-            changes = changes & scope.load("UNRELEASED").equals(0.0)
-            scope.store(path, where(changes, scope.load("T"), scope.load(path)))
-
-
-def _record_release(
-    scope: Scope, c: Context, segment: Segment, joint: str, goes: Expr | None
-) -> None:
-    """Record the time at which a joint becomes free, in all cases or where ``goes``, and the
-    tip-off rates of its bodies if they are outputs."""
-    c.start(f"RELEASE_{joint}", math.nan)
-    in_time = scope.load("UNRELEASED").equals(0.0)
-    goes = in_time if goes is None else goes & in_time
-    records = [(f"RELEASE_{joint}", scope.load("T"))]
-    for path, rate in _tip_off(scope, c, segment, joint):
-        records += [(component(path, k), rate[k]) for k in range(3)]
-    for path, now in records:
-        scope.store(path, where(goes, now, scope.load(path)))
-
-
-def _tip_off(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tuple[str, Any]]:
-    """Fields and values of the tip-off rates of the bodies of a joint, if they are outputs."""
-    if joint in c.spec.scene.output.tip_off:
-        for body in c.spec.scene.joint[joint].bodies:
-            if body != GROUND:
-                leader = segment.leader(body)
-                yield (
-                    tip_off_field(joint, body),
-                    ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3),
-                )
-
-
 def _after_step(c: Context, number: int) -> list[str]:
     """Calls that write the history, monitor loads and search clearances after a step."""
     segment = c.spec.segments[number]
@@ -640,17 +428,17 @@ def _hand_over(text: Text, c: Context, segment: Segment, after: Segment) -> None
             and change.joint in c.spec.initial_kinds
         ):
             scope.store(
-                f"EVENT_TIME_{change.event}", where(ended, now, _event_time(scope, c, change))
+                f"EVENT_TIME_{change.event}", where(ended, now, event_time(scope, c, change))
             )
     for joint, kinds in after.joint_kinds.items():
         masked, to = joint in c.spec.initial_kinds, min(kinds)
         if segment.constrains(joint) and not kinds[to]:
-            _record_release(
-                scope, c, segment, joint, _kind(scope, c, joint) < float(to) if masked else None
+            record_release(
+                scope, c, segment, joint, kind_of(scope, c, joint) < float(to) if masked else None
             )
         if masked and to > min(segment.joint_kinds[joint]):
-            kind = _kind(scope, c, joint)
+            kind = kind_of(scope, c, joint)
             changed = where(ended & (kind < float(to)), float(to), kind)
             scope.store(f"KIND_{joint}", changed)
-            _record_change(scope, c, joint, kind, changed)
+            record_change(scope, c, joint, kind, changed)
     scope.write(text)

@@ -12,31 +12,22 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from sepmc.kernel.tracer.storage import (
+    ATOM,
+    CONDITION,
+    NUMBER,
+    PRECEDENCE,
+    READS,
+    SYMMETRIC,
+    Shape,
+    items_of,
+    number_code,
+    read_of,
+    size_of,
+    store_line,
+)
 from sepmc.kernel.tracer.text import Text, Workspace
 
-# Shape of a value: one number, a condition, several numbers, a symmetric matrix (nine numbers
-# stored as six), or a tuple of shapes.
-Shape = int | str | tuple[Any, ...]
-NUMBER, CONDITION, SYMMETRIC = 1, "condition", "symmetric"
-
-# suffix of get and put, and size
-_STORED: dict[Shape, tuple[str, int]] = {3: ("3", 3), 4: ("4", 4), SYMMETRIC: ("6", 6), 9: ("9", 9)}
-_PRECEDENCE = {
-    "where": 0,
-    "or": 1,
-    "and": 2,
-    "==": 3,
-    "<": 3,
-    "<=": 3,
-    ">": 3,
-    ">=": 3,
-    "+": 4,
-    "-": 4,
-    "*": 5,
-    "/": 5,
-    "neg": 6,
-}
-_ATOM = 9
 # names that functions already use, and names of functions
 _TAKEN = {"w", "math", "np", "phase", "typical", "left", "size"}
 _TAKEN |= {"e", "i", "k", "l"}  # counters of hand-written loops
@@ -156,8 +147,8 @@ def called(value: Any, name: str) -> Any:
 
 
 def where(condition: Expr, one: Any, other: Any) -> Expr:
-    """Expression ``one`` where a condition is satisfied and ``other`` elsewhere; both are "
-    "computed."""
+    """Expression ``one`` where a condition is satisfied and ``other`` elsewhere; both are
+    computed."""
     shape = next((v.shape for v in (one, other) if isinstance(v, Expr)), NUMBER)
     return trace("where", (condition, one, other), shape)
 
@@ -302,7 +293,7 @@ class Scope:
             name = self.names.get(value.node, self.nodes[value.node][0].rpartition(".")[2])
             name = (name if name.isidentifier() else "value").upper()
             number = 1
-            while not self.workspace.add(f"{name}_{number}", _size(value.shape)):
+            while not self.workspace.add(f"{name}_{number}", size_of(value.shape)):
                 number += 1
             path = self._fields[value.node] = f"{name}_{number}"
             self.stores[path] = value.node + 1, value  # right after it is computed
@@ -355,7 +346,7 @@ class Scope:
             for name, node in needed.items():
                 op, args, shape = self.nodes[node]
                 code = (
-                    _READS[op](args[0], shape) if node in parameters else _load(paths[node], shape)
+                    READS[op](args[0], shape) if node in parameters else read_of(paths[node], shape)
                 )
                 loop.append(f"{name} = {code[0]}")
             for node, line in group:
@@ -380,7 +371,7 @@ class _Writer:
         self.spelled: dict[int, tuple[str, int]] = {}
         self.named: dict[int, str] = {}  # values with a line of their own
         self.shared: list[str] = []
-        self.taken = {op.partition(".")[0] for op, _, _ in scope.nodes if op not in _READS} | _TAKEN
+        self.taken = {op.partition(".")[0] for op, _, _ in scope.nodes if op not in READS} | _TAKEN
 
     def _visit(self, args: tuple[Any, ...]) -> None:
         """Count the uses of all nodes that some expressions depend on."""
@@ -422,11 +413,11 @@ class _Writer:
         if op == "shared":
             name = self._name(f"shared_{args[0]}", shape)
             self.shared.append(f"{name} = {code}")
-            self.spelled[node] = name, _ATOM
+            self.spelled[node] = name, ATOM
             return None
         # the value at a path may change before it is used
         reads = op == "load" and args[0] not in self.scope.stores
-        plain = op in ("item", "constant", "tuple") or (op in _READS and (op != "load" or reads))
+        plain = op in ("item", "constant", "tuple") or (op in READS and (op != "load" or reads))
         inline = (
             self.uses[node] == 1
             and not (op == "load" and not reads)
@@ -436,7 +427,7 @@ class _Writer:
             self.spelled[node] = code, precedence
             return None
         name = self._name(self.scope.names.get(node) or _word(op, args), shape)
-        self.spelled[node], self.named[node] = (name, _ATOM), name
+        self.spelled[node], self.named[node] = (name, ATOM), name
         return f"{name} = {code}"
 
     def _name(self, base: str, shape: Shape) -> str:
@@ -452,19 +443,19 @@ class _Writer:
 
     def _code(self, op: str, args: tuple[Any, ...], shape: Shape) -> tuple[str, int]:
         """Code of a call and its precedence."""
-        rank = _PRECEDENCE.get(op, _ATOM)
-        if op in _READS:
-            return _READS[op](args[0], shape)
+        rank = PRECEDENCE.get(op, ATOM)
+        if op in READS:
+            return READS[op](args[0], shape)
         if op in ("constant", "tuple"):
             code = self._spell(args[0])
         elif op == "item":
-            code = f"{self._spell(args[0], _ATOM)}[{args[1]}]"
+            code = f"{self._spell(args[0], ATOM)}[{args[1]}]"
         elif op == "neg":
             code = f"-{self._spell(args[0], rank)}"
         elif op == "where":
             condition, one, other = (self._spell(a, rank + 1) for a in args)
             code = f"{one} if {condition} else {other}"
-        elif rank < _ATOM:
+        elif rank < ATOM:
             code = f"{self._spell(args[0], rank)} {op} {self._spell(args[1], rank + 1)}"
         else:
             code = f"{op}({', '.join(self._spell(a) for a in args)})"
@@ -475,7 +466,7 @@ class _Writer:
         if isinstance(a, tuple):
             return f"({', '.join(self._spell(item) for item in a)}{',' if len(a) == 1 else ''})"
         if not isinstance(a, Expr):
-            return _number(a)
+            return number_code(a)
         code, precedence = self.spelled[a.node]
         return code if precedence >= precedence_needed else f"({code})"
 
@@ -485,58 +476,10 @@ class _Writer:
         if isinstance(value.shape, tuple):
             assert value.node in self.named, "a tuple without a name would be computed twice"
             return [
-                _store(to, f"{code}[{k}]", shape)
-                for k, (to, shape) in enumerate(_items(path, value.shape))
+                store_line(to, f"{code}[{k}]", shape)
+                for k, (to, shape) in enumerate(items_of(path, value.shape))
             ]
-        return [_store(path, code, value.shape)]
-
-
-def _size(shape: Shape) -> int:
-    """Number of floats of a value."""
-    if isinstance(shape, tuple):
-        return sum(_size(item) for item in shape)
-    return _STORED[shape][1] if shape in _STORED else 1
-
-
-def _items(path: str, shapes: tuple[Shape, ...]) -> Iterator[tuple[str, Shape]]:
-    """Paths and shapes of the items of a tuple."""
-    offset = 0
-    for shape in shapes:
-        yield (f"{path} + {offset} * LANES" if offset else path), shape
-        offset += _size(shape)
-
-
-def _store(path: str, code: str, shape: Shape) -> str:
-    """Line that stores code of some shape at a path."""
-    if shape in _STORED:
-        return f"put{_STORED[shape][0]}(w, {path} + l, {code})"
-    return f"w[{path} + l] = {f'1.0 if {code} else 0.0' if shape == CONDITION else code}"
-
-
-def _load(path: str, shape: Shape) -> tuple[str, int]:
-    """Code and precedence of a read from a path."""
-    if isinstance(shape, tuple):
-        return f"({', '.join(_load(at, item)[0] for at, item in _items(path, shape))})", _ATOM
-    if shape in _STORED:
-        return f"get{_STORED[shape][0]}(w, {path} + l)", _ATOM
-    return (
-        (f"w[{path} + l] > 0.0", _PRECEDENCE[">"])
-        if shape == CONDITION
-        else (f"w[{path} + l]", _ATOM)
-    )
-
-
-def _shared(index: int, shape: Shape) -> tuple[str, int]:
-    """Code and precedence of a read of shared numbers."""
-    return f"w[SHARED + {index}]" if shape == NUMBER else f"vec3.get(w, SHARED + {index})", _ATOM
-
-
-_READS: dict[str, Callable[[Any, Shape], tuple[str, int]]] = {
-    "load": _load,
-    "parameter": lambda index, _: (f"w[P + {index} * LANES + l]", _ATOM),
-    "shared": _shared,
-    "named": lambda name, _: (name, _ATOM),
-}
+        return [store_line(path, code, value.shape)]
 
 
 def _key(a: Any) -> Any:
@@ -553,7 +496,7 @@ def _word(op: str, args: tuple[Any, ...]) -> str:
     if op in ("load", "parameter", "shared", "tuple"):
         word = str(args[0]).rpartition(" + ")[2].lower() if op == "load" else op
         return word if word.isidentifier() else "value"
-    if op in _PRECEDENCE:
+    if op in PRECEDENCE:
         return {
             "where": "selected",
             "and": "condition",
@@ -564,13 +507,6 @@ def _word(op: str, args: tuple[Any, ...]) -> str:
             ">=": "condition",
         }.get(op, "x")
     return op.rpartition(".")[2]
-
-
-def _number(a: Any) -> str:
-    """Code of a known number."""
-    if isinstance(a, float) and not math.isfinite(a):
-        return "math.nan" if math.isnan(a) else "math.inf" if a > 0.0 else "-math.inf"
-    return repr(a)
 
 
 class Formulas:

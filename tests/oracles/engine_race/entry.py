@@ -54,14 +54,14 @@ def worst(
     sigma : mapping of float
         Standard deviation of each outcome over the campaign.
     """
-    found = (0.0, "")
+    worst = (0.0, "")
     for name, values in outcomes.items():
         right = np.asarray(reference[name])[: len(values)]
         off = np.abs(values - right) / np.maximum(np.maximum(np.abs(right), sigma[name]), 1e-300)
         error = float(np.inf if np.isnan(off).any() else off.max())
-        if error > found[0]:
-            found = (error, name)
-    return found
+        if error > worst[0]:
+            worst = (error, name)
+    return worst
 
 
 def error(entry: Entry, reference: Mapping[str, np.ndarray], sigma: Mapping[str, float]) -> float:

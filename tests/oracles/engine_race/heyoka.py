@@ -180,7 +180,7 @@ class HeyokaFlight:
         size = state.shape[1]
         now, pars, fly, series = ta.state[:size], ta.pars, ta.propagate_until, ta.tc[:size]
         step = np.full(BATCH, self.typical / steps if steps > 1 else self.inputs.end)
-        found = np.empty((*series.shape[:2], len(state), BATCH))
+        coefficients = np.empty((*series.shape[:2], len(state), BATCH))
         for at, begin in enumerate(state):
             now[:], pars[:] = begin, parameters[at]
             for _ in range(steps - 1):
@@ -188,9 +188,9 @@ class HeyokaFlight:
                 fly(step)
             ta.set_time(0.0)
             fly(step, write_tc=True)
-            found[:, :, at] = series
+            coefficients[:, :, at] = series
         rows = evaluate(
-            self.root, np.concatenate([found.reshape(-1, len(state), BATCH), target[None]])
+            self.root, np.concatenate([coefficients.reshape(-1, len(state), BATCH), target[None]])
         )
         state[:] = rows[:-1].transpose(1, 0, 2)
         return rows[-1] + (steps - 1) * step

@@ -79,16 +79,16 @@ def mated(inputs: Inputs, slides: bool) -> Equations:
     speed = eq.par(np.linalg.norm(inputs.velocity - inputs.wind, axis=1))
     radius = eq.par(loads.EARTH_RADIUS + inputs.altitude)
     V, up = plus(D, scaled(speed, U)), dot(e, r)
-    found = []
+    loads_of_bodies = []
     for part, body in zip(share, inputs.bodies, strict=True):
         height = hy.sum([radius, (1.0 / KM) * hy.expression("z"), part * up])
-        found.append(body_loads(eq, body, plus(V, scaled(part, moving)), height, level))
-    each = [plus(push(), minus(scaled(gravity, e))) for push, _, gravity in found]
+        loads_of_bodies.append(body_loads(eq, body, plus(V, scaled(part, moving)), height, level))
+    each = [plus(push(), minus(scaled(gravity, e))) for push, _, gravity in loads_of_bodies]
     kinematics(eq, "", D, w, plus(scaled(weight[0], each[0]), scaled(weight[1], each[1])))
     apart = plus(each[1], minus(each[0]))
     J = first.inertia + second.inertia
     ones = np.ones_like(J)
-    moment = plus(*(moments(ones) for _, moments, _ in found))
+    moment = plus(*(moments(ones) for _, moments, _ in loads_of_bodies))
     if slides:
         _slide(eq, J, gap, reduced, r, w, moment, apart)
     else:

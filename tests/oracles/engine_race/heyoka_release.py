@@ -46,13 +46,15 @@ def parting(old: list[str], new: list[str]) -> Any:
     swing = times(w, r)
     swing[0] = swing[0] + hy.expression("vx")
     up = KM * hy.sum([x * y for x, y in zip(e, r, strict=True)])
-    found: dict[str, Any] = {"L": hy.expression("L")}
+    expressions: dict[str, Any] = {"L": hy.expression("L")}
     for tag, share in zip("ab", more[:2], strict=True):
-        found[f"z{tag}"] = hy.expression("z") + share * up
+        expressions[f"z{tag}"] = hy.expression("z") + share * up
         for i, a in enumerate("xyz"):
-            found |= {f"U{tag}{a}": U[i], f"e{tag}{a}": e[i], f"w{tag}{a}": w[i]}
-            found |= {f"X{tag}{a}": share * r[i], f"D{tag}{a}": D[i] + share * swing[i]}
-    return hy.cfunc([found[name] for name in new], [*(hy.expression(name) for name in old), *more])
+            expressions |= {f"U{tag}{a}": U[i], f"e{tag}{a}": e[i], f"w{tag}{a}": w[i]}
+            expressions |= {f"X{tag}{a}": share * r[i], f"D{tag}{a}": D[i] + share * swing[i]}
+    return hy.cfunc(
+        [expressions[name] for name in new], [*(hy.expression(name) for name in old), *more]
+    )
 
 
 def evaluate(function: Any, rows: Array) -> Array:

@@ -97,12 +97,12 @@ class Inputs:
 
 
 def _part(rows: Any, first: int, end: int, of: int) -> Any:
-    found = {f.name: getattr(rows, f.name) for f in fields(rows)}
+    values = {f.name: getattr(rows, f.name) for f in fields(rows)}
     shorter = {
-        k: v[first:end] for k, v in found.items() if isinstance(v, np.ndarray) and len(v) == of
+        k: v[first:end] for k, v in values.items() if isinstance(v, np.ndarray) and len(v) == of
     }
-    shorter |= {k: _part(v, first, end, of) for k, v in found.items() if isinstance(v, BodyRows)}
-    return replace(rows, **shorter, **({"count": end - first} if "count" in found else {}))
+    shorter |= {k: _part(v, first, end, of) for k, v in values.items() if isinstance(v, BodyRows)}
+    return replace(rows, **shorter, **({"count": end - first} if "count" in values else {}))
 
 
 class _Values:

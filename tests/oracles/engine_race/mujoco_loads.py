@@ -54,19 +54,19 @@ def places(data: Any) -> dict[str, int]:
     """Positions in ``mjData`` of the pointers of `FIELDS` and of the time, in words of eight
     bytes."""
     wanted = {getattr(data, name).ctypes.data: name for name in FIELDS}
-    found: dict[str, int] = {}
+    offsets: dict[str, int] = {}
     kept, data.time = data.time, 0.123456789
     for word in range(STEPS_OUT):
         at = data._address + 8 * word
         name = wanted.get(ctypes.c_uint64.from_address(at).value)
         if name is not None:
-            found.setdefault(name, word)
-        elif "time" not in found and ctypes.c_double.from_address(at).value == data.time:
-            found["time"] = word
-        if len(found) == len(FIELDS) + 1:
+            offsets.setdefault(name, word)
+        elif "time" not in offsets and ctypes.c_double.from_address(at).value == data.time:
+            offsets["time"] = word
+        if len(offsets) == len(FIELDS) + 1:
             break
     data.time = kept
-    return found
+    return offsets
 
 
 def userdata(inputs: Inputs) -> Array:

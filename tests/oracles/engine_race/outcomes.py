@@ -30,7 +30,7 @@ def _body(inputs: Inputs, body: BodyRows, final: Final) -> dict[str, Array]:
     u, v, w = _back(final.R, final.v + inputs.velocity - inputs.wind).T
     R = final.R
     pitch = np.arctan2(R[:, 1, 0], R[:, 0, 0])
-    found = {
+    outcomes = {
         "alpha_deg": np.arctan2(-v, u),
         "beta_deg": np.arctan2(w, np.hypot(u, v)),
         "alpha_ref_deg": pitch - inputs.path_reference,
@@ -41,7 +41,7 @@ def _body(inputs: Inputs, body: BodyRows, final: Final) -> dict[str, Array]:
         "yaw_deg": -np.arcsin(R[:, 2, 0]),
         "pitch_deg": pitch,
     }
-    return {f"{body.name}_{key}": np.degrees(value) for key, value in found.items()}
+    return {f"{body.name}_{key}": np.degrees(value) for key, value in outcomes.items()}
 
 
 def outcomes(inputs: Inputs, first: Final, second: Final, release: Array) -> dict[str, Array]:

@@ -48,9 +48,9 @@ def measure(study: Study, reference: Reference) -> pd.DataFrame:
 def _error(study: Study, reference: Reference, entry: Entry) -> float:
     """Error as the engine's is computed; columns in SI. Unfinished cases are left out."""
     columns = [entry.outcomes[c.name] / c.scale for c in study.campaign.outcome_columns]
-    found = np.column_stack(columns)
+    values = np.column_stack(columns)
     return study.error_of(
-        found, np.asarray(np.isfinite(found).all(axis=1)), reference.outcomes, reference.valid
+        values, np.asarray(np.isfinite(values).all(axis=1)), reference.outcomes, reference.valid
     )[0]
 
 

@@ -23,7 +23,7 @@ class Workers:
     def __init__(
         self, factory: str, shares: list[tuple[Any, ...]], environment: dict[str, str] | None = None
     ):
-        found = {
+        variables = {
             **os.environ,
             "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
             **(environment or {}),
@@ -33,7 +33,7 @@ class Workers:
         self.folder = tempfile.TemporaryDirectory()
         self.processes = []
         for number in range(len(shares)):
-            own = {**found, "XDG_CACHE_HOME": os.path.join(self.folder.name, str(number))}
+            own = {**variables, "XDG_CACHE_HOME": os.path.join(self.folder.name, str(number))}
             self.processes.append(
                 subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=own)
             )

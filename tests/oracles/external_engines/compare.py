@@ -71,19 +71,19 @@ FLIGHTS = (
 
 def installed(say: Log = print) -> dict[str, Any]:
     """Installed engines, by name: their ``fly``."""
-    found = {}
+    engines = {}
     for name in ENGINES:
         try:
-            found[name] = importlib.import_module(f"oracles.external_engines.{name}").fly
+            engines[name] = importlib.import_module(f"oracles.external_engines.{name}").fly
         except ImportError:
             say(f"{name} is not installed, its flights are left out: {EXTRA.format('peers')}")
-    return found
+    return engines
 
 
 def needed(say: Log) -> dict[str, Any]:
     """Installed engines; raises InputError if there is none."""
-    found = installed(no_log)
-    if not found:
+    engines = installed(no_log)
+    if not engines:
         names = ", ".join(ENGINES)
         raise InputError(f"none of {names} is installed: {EXTRA.format('peers')}")
     return installed(say)
@@ -122,8 +122,10 @@ def text(frame: pd.DataFrame) -> str:
         + f"{'s/case':>8s}  verdict"
     ]
     for (campaign, engine), rows in frame.groupby(["campaign", "engine"], sort=False):
-        found = dict(zip(rows["quantity"], rows["difference"], strict=True))
-        cells = "".join(f"{found[q]:11.1e}" if q in found else f"{'-':>11s}" for q in FLOORS)
+        differences = dict(zip(rows["quantity"], rows["difference"], strict=True))
+        cells = "".join(
+            f"{differences[q]:11.1e}" if q in differences else f"{'-':>11s}" for q in FLOORS
+        )
         verdict = "agrees" if (rows["verdict"] == "agrees").all() else "DIFFERS"
         lines.append(
             f"{campaign:17.16s}{engine:10s}{cells}{rows['seconds_per_case'].iloc[0]:8.1f}  "
@@ -279,7 +281,7 @@ def compare(
         largest), tolerance, verdict, and seconds a case.
     """
     engines = installed(say) if engines is None else engines
-    found: dict[tuple[str, str], tuple[float, int]] = {}
+    largest: dict[tuple[str, str], tuple[float, int]] = {}
     spent = dict.fromkeys(engines, 0.0)
     for number in numbers:
         resolved = campaign.nominal() if number < 0 else campaign.case(number)
@@ -307,10 +309,10 @@ def compare(
             spent[name] += time.perf_counter() - began
             theirs = peer_record(case, getattr(flight, "flight", flight))
             for quantity, value in differences(ours, theirs, keep).items():
-                if value >= found.get((name, quantity), (-1.0, 0))[0]:
-                    found[name, quantity] = (value, number)
+                if value >= largest.get((name, quantity), (-1.0, 0))[0]:
+                    largest[name, quantity] = (value, number)
     rows = []
-    for (name, quantity), (value, number) in found.items():
+    for (name, quantity), (value, number) in largest.items():
         tolerance = TOLERANCES.get(name, TOLERANCES["exudyn"])[
             "wrenches" if quantity.startswith(("force", "moment")) else "states"
         ]

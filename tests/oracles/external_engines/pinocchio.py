@@ -234,13 +234,13 @@ def joint_wrenches(
     waiting = list(case.bodies)
     order: list[tuple[str, str]] = []
     while waiting:
-        found = [
+        connections = [
             (n, j)
             for n in waiting
             for j in active
             if n in (j.first, j.second) and ({j.first, j.second} - {n}).pop() in place
         ]
-        body, joint = found[0] if found else (waiting[0], None)
+        body, joint = connections[0] if connections else (waiting[0], None)
         waiting.remove(body)
         if joint is None:
             order.append((GROUND, body))

@@ -201,11 +201,11 @@ def newton_euler(
 
 def _beyond(start: str, joints: list[Joint]) -> list[str]:
     """Bodies that these joints connect with one."""
-    found = [start]
-    for name in found:
+    bodies = [start]
+    for name in bodies:
         for joint in joints:
             if name in (joint.first, joint.second):
                 other = joint.second if name == joint.first else joint.first
-                if other not in found:
-                    found.append(other)
-    return found
+                if other not in bodies:
+                    bodies.append(other)
+    return bodies

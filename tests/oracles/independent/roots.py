@@ -12,14 +12,14 @@ def first_root(value: Callable[[float], float], start: float, end: float) -> flo
     """First time in (start, end] at which ``value`` is not negative, or None. It is negative at the
     start."""
     times = np.linspace(start, end, _SAMPLES + 1).tolist()
-    found = [value(t) for t in times]
+    values = [value(t) for t in times]
     for i in range(1, _SAMPLES + 1):
         low, high = times[i - 1], times[i]
-        if found[i] < 0.0:
-            if i == _SAMPLES or not (found[i] >= found[i - 1] and found[i] >= found[i + 1]):
+        if values[i] < 0.0:
+            if i == _SAMPLES or not (values[i] >= values[i - 1] and values[i] >= values[i + 1]):
                 continue
             # too far below zero for a smooth peak to reach it
-            if found[i] + (found[i] - min(found[i - 1], found[i + 1])) < 0.0:
+            if values[i] + (values[i] - min(values[i - 1], values[i + 1])) < 0.0:
                 continue
             high = _peak(value, low, times[i + 1])
             if value(high) < 0.0:
@@ -32,7 +32,7 @@ def first_root(value: Callable[[float], float], start: float, end: float) -> flo
 
 def _peak(value: Callable[[float], float], low: float, high: float) -> float:
     """Time of the maximum between two times."""
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         lambda t: -value(t), bounds=(low, high), method="bounded", options={"xatol": 1e-12}
     )
-    return float(found.x)
+    return float(minimum.x)

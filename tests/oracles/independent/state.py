@@ -57,8 +57,8 @@ class State(NamedTuple):
 
 def attitudes(q: Array) -> Array:
     """Attitude matrices (n, 3, 3) of quaternions (n, 4) of any length."""
-    found = (q[:, :, None] * q[:, None, :]).reshape(-1, 16) @ _TURN
-    return (found / np.sum(q * q, axis=1)[:, None]).reshape(-1, 3, 3)
+    matrices = (q[:, :, None] * q[:, None, :]).reshape(-1, 16) @ _TURN
+    return (matrices / np.sum(q * q, axis=1)[:, None]).reshape(-1, 3, 3)
 
 
 def quaternion_rates(q: Array, w: Array) -> Array:

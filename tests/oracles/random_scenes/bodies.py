@@ -70,13 +70,13 @@ def _inertia(draft: Draft, mass: float) -> Tree:
         along = up = side
     elif sort == "flat":
         along = 0.0
-    found: Tree = {"inertia_kg_m2": [up + side, along + side, along + up]}
+    inertia: Tree = {"inertia_kg_m2": [up + side, along + side, along + up]}
     if sort == "any" and draft.special != "symmetric" and rng.chance(0.6):
         sizes = (math.sqrt(along * up), math.sqrt(along * side), math.sqrt(up * side))
-        found["inertia_products_kg_m2"] = [rng.symmetric(0.3) * size for size in sizes]
+        inertia["inertia_products_kg_m2"] = [rng.symmetric(0.3) * size for size in sizes]
     if rng.chance(0.15):
-        found["inertia_factor"] = rng.uniform(0.8, 1.2)
-    return found
+        inertia["inertia_factor"] = rng.uniform(0.8, 1.2)
+    return inertia
 
 
 def add_air(draft: Draft) -> None:

@@ -1,0 +1,141 @@
+"""Clauses that end phases and trigger releases, as lines of a kernel: which are met, and the times
+of releases and observation events."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from sepmc.kernel.emit.context import Context, component
+from sepmc.kernel.emit.ignition import ignition
+from sepmc.kernel.emit.outcomes import event_angle, event_field
+from sepmc.kernel.spec.kernel_spec import (
+    ANY_PHASE,
+    Due,
+    Release,
+    Segment,
+    condition_flag,
+    condition_numbers,
+    stroke_flag,
+)
+from sepmc.kernel.tracer.formulas import ZERO
+from sepmc.kernel.tracer.text import Text
+from sepmc.kernel.tracer.tracer import Expr, Scope, total, where
+from sepmc.routines import layout as at
+from sepmc.scene.model import GROUND
+
+
+def reset_clauses(text: Text, c: Context, segment: Segment) -> None:
+    """Reset the conditions of a segment, then set those that are past times."""
+    scope = c.scope()
+    for number in condition_numbers(segment.clauses):
+        c.workspace.add(condition_flag(segment.name, number), 1)
+        scope.store(condition_flag(segment.name, number), 0.0)
+    scope.write(text)
+    update_clauses(text, c, segment)
+
+
+def update_clauses(text: Text, c: Context, segment: Segment) -> None:
+    """Set conditions that are past times, and DONE if a clause is met."""
+    scope = c.scope()
+    done = (scope.load("DONE") > 0.0) | _clause_met(scope, c, segment.name, segment)
+    scope.store("DONE", where(done, 1.0, 0.0))
+    scope.write(text)
+
+
+def _clause_met(
+    scope: Scope,
+    c: Context,
+    segment: str,
+    source: Segment | Release,
+) -> Expr:
+    """Expression that is true if any clause is met; flags of times and stroke ends are updated."""
+    flags = {}
+    for number in condition_numbers(source.clauses):
+        flags[number] = scope.load(condition_flag(segment, number)) > 0.0
+    for number, occurs in _passive_conditions(scope, c, source):
+        flags[number] = flags[number] | occurs
+        scope.store(condition_flag(segment, number), where(flags[number], 1.0, 0.0))
+    met = None
+    for clause in source.clauses:
+        all_met = flags[clause[0]]
+        for number in clause[1:]:
+            all_met = all_met & flags[number]
+        met = all_met if met is None else met | all_met
+    assert met is not None
+    return met
+
+
+def _passive_conditions(
+    scope: Scope, c: Context, source: Segment | Release
+) -> Iterator[tuple[int, Expr]]:
+    """Conditions without an event step, times and stroke ends: number, and whether each is met."""
+    now = scope.load("T")
+    for number, due in source.times.items():
+        yield number, now >= due_time(scope, c, due) - at.GRAIN
+    for number, spring in source.springs.items():
+        c.start(stroke_flag(spring), 0.0)
+        yield number, scope.load(stroke_flag(spring)) > 0.0
+
+
+def due_time(scope: Scope, c: Context, due: Due) -> Expr:
+    """Time at which a condition is due, s."""
+    terms = [c.case.number(slot) for slot in due.slots]
+    for motor in c.spec.triggered_motors:
+        if motor.name == due.motor:
+            terms.insert(0, ignition(scope, c, motor))
+    return total(terms)
+
+
+def record_events(text: Text, c: Context, segment: Segment) -> None:
+    """Record the times of releases and observation events, and the state at the latter."""
+    scope = c.scope()
+    for release in segment.releases:
+        for number in condition_numbers(release.clauses):
+            c.start(condition_flag(ANY_PHASE, number), 0.0)
+        path = f"EVENT_TIME_{release.name}"
+        c.start(path, math.inf)
+        occurs = _clause_met(scope, c, ANY_PHASE, release) & scope.load(path).equals(math.inf)
+        scope.store(path, where(occurs, scope.load("T"), scope.load(path)))
+        if not release.joint:
+            c.workspace.add(f"OCCURS_NOW_{release.name}", 1)
+            scope.store(f"OCCURS_NOW_{release.name}", where(occurs, 1.0, 0.0))
+    scope.write(text)
+    for release in segment.releases:
+        if not release.joint:
+            _store_event_state(text, c, segment, release.name)
+
+
+def _store_event_state(text: Text, c: Context, segment: Segment, event: str) -> None:
+    """Store the state of lanes in which an event occurs now; every body that finally rotates by
+    itself gets its attitude and angles, whichever body leads its group now."""
+    path = event_field(event)
+    text.block(f"for k in range({c.size}):").lanes()(
+        f"w[{path} + k * LANES + l] = w[Y + k * LANES + l] "
+        f"if w[OCCURS_NOW_{event} + l] > 0.0 else w[{path} + k * LANES + l]"
+    )
+    scope = c.scope()
+    now = scope.load(f"OCCURS_NOW_{event}") > 0.0
+    for body in c.spec.segments[-1].leaders:
+        leader = segment.leader(body)
+        if leader == GROUND:
+            values: list[tuple[str, int, Any]] = [
+                (f"{path} + Q_{body}", 4, c.case.attitude),
+                (f"{path} + OMEGA_{body}", 3, ZERO),
+            ]
+            angles = [c.case.number(at.PITCH), c.case.number(at.ROLL)]
+        else:
+            values = [
+                (f"{path} + Q_{body}", 4, scope.load(f"Y + Q_{leader}", 4)),
+                (f"{path} + OMEGA_{body}", 3, scope.load(f"Y + OMEGA_{leader}", 3)),
+            ]
+            angles = [scope.load(component(f"ANGLES_{leader}", k)) for k in range(2)]
+        if leader != body:
+            for field, count, value in values:
+                for k in range(count):
+                    scope.store(
+                        component(field, k), where(now, value[k], scope.load(component(field, k)))
+                    )
+        for k, value in enumerate(angles):
+            angle = event_angle(c, event, body, k)
+            scope.store(angle, where(now, value, scope.load(angle)))
+    scope.write(text)

@@ -1,0 +1,110 @@
+"""Changes of joints from one kind to another, as lines of a kernel: when they are due, their times,
+and what is recorded at a release."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from sepmc.kernel.emit.context import Context, change_time, component
+from sepmc.kernel.emit.outcomes import tip_off_field
+from sepmc.kernel.spec.kernel_spec import Change, Segment
+from sepmc.kernel.tracer.formulas import ZERO
+from sepmc.kernel.tracer.text import Text
+from sepmc.kernel.tracer.tracer import Expr, Scope, where
+from sepmc.routines import layout as at
+from sepmc.scene.model import GROUND
+
+
+def flag_unreleased(text: Text, c: Context) -> None:
+    """Flag the cases in which a joint is still constrained at the end although its release was
+    triggered or required."""
+    scope = c.scope()
+    for joint in c.spec.initial_kinds:
+        for change in c.spec.changes_of(joint):
+            constrained = kind_of(scope, c, joint) < float(change.to)
+            if change.optional:
+                constrained = constrained & (event_time(scope, c, change) < math.inf)
+            scope.store("UNRELEASED", where(constrained, 1.0, scope.load("UNRELEASED")))
+    scope.write(text)
+
+
+def kind_of(scope: Scope, c: Context, joint: str) -> Expr:
+    """Number of the present kind of a joint."""
+    c.start(f"KIND_{joint}", float(c.spec.initial_kinds[joint]))
+    return scope.load(f"KIND_{joint}")
+
+
+def event_time(scope: Scope, c: Context, change: Change) -> Expr:
+    """Time at which the trigger of a change occurred, infinite before."""
+    c.start(f"EVENT_TIME_{change.event}", math.inf)
+    return scope.load(f"EVENT_TIME_{change.event}")
+
+
+def due_changes(
+    scope: Scope, c: Context, segment: Segment, joint: str
+) -> Iterator[tuple[Change, Expr]]:
+    """Changes that a joint may make in a segment, and the time at which each is due."""
+    slots = c.spec.layout.slots
+    delay = c.case.number(slots[f"joint.{joint}.delay"])
+    if joint in c.spec.failing_joints:  # it is never released
+        delay = where(c.case.number(slots[f"joint.{joint}.fails"]) >= 0.5, math.inf, delay)
+    for change in c.spec.changes_of(joint):
+        if change.to in segment.joint_kinds[joint] and change.to > min(segment.joint_kinds[joint]):
+            yield change, event_time(scope, c, change) + delay
+
+
+def release_joints(text: Text, c: Context, segment: Segment) -> None:
+    """Append lines that make due changes of joints and record them."""
+    scope = c.scope()
+    now = scope.load("T")
+    for joint in segment.variable_joints:
+        kind_before = kind = kind_of(scope, c, joint)
+        for change, due in due_changes(scope, c, segment, joint):
+            kind = where(
+                (now >= due - at.GRAIN) & (kind < float(change.to)), float(change.to), kind
+            )
+        scope.store(f"KIND_{joint}", kind)
+        record_change(scope, c, joint, kind_before, kind)
+        for free in segment.free_kinds(joint):
+            record_release(
+                scope, c, segment, joint, (kind_before < float(free)) & (kind >= float(free))
+            )
+    scope.write(text)
+
+
+def record_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr) -> None:
+    """Record the time of a kind change, unless a phase before had not ended at the end time."""
+    for changing_joint, number in c.recorded_changes:
+        if changing_joint == joint:
+            path = change_time(joint, number)
+            c.start(path, math.nan)
+            changes = (before < float(number)) & (kind >= float(number))
+            changes = changes & scope.load("UNRELEASED").equals(0.0)
+            scope.store(path, where(changes, scope.load("T"), scope.load(path)))
+
+
+def record_release(
+    scope: Scope, c: Context, segment: Segment, joint: str, goes: Expr | None
+) -> None:
+    """Record the time at which a joint becomes free, in all cases or where ``goes``, and the
+    tip-off rates of its bodies if they are outputs."""
+    c.start(f"RELEASE_{joint}", math.nan)
+    in_time = scope.load("UNRELEASED").equals(0.0)
+    goes = in_time if goes is None else goes & in_time
+    records = [(f"RELEASE_{joint}", scope.load("T"))]
+    for path, rate in _tip_off(scope, c, segment, joint):
+        records += [(component(path, k), rate[k]) for k in range(3)]
+    for path, now in records:
+        scope.store(path, where(goes, now, scope.load(path)))
+
+
+def _tip_off(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tuple[str, Any]]:
+    """Fields and values of the tip-off rates of the bodies of a joint, if they are outputs."""
+    if joint in c.spec.scene.output.tip_off:
+        for body in c.spec.scene.joint[joint].bodies:
+            if body != GROUND:
+                leader = segment.leader(body)
+                yield (
+                    tip_off_field(joint, body),
+                    ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3),
+                )

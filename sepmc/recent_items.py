@@ -1,0 +1,43 @@
+"""Store of a bounded number of items in memory."""
+
+from collections import OrderedDict
+from typing import Generic, TypeVar
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+class RecentItems(Generic[K, V]):
+    """Items by key, of which those used last stay.
+
+    Parameters
+    ----------
+    max_items : int
+        Number of items that stay.
+    """
+
+    def __init__(self, max_items: int):
+        self.max_items = max_items
+        self._items: OrderedDict[K, V] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def get(self, key: K) -> V | None:
+        """Return an item, which counts as used; None if it is missing."""
+        try:
+            self._items.move_to_end(key)
+        except KeyError:
+            return None
+        return self._items.get(key)  # another thread may have removed it
+
+    def put(self, key: K, item: V) -> None:
+        """Store an item; remove the one whose use is longest ago if there are too many."""
+        self._items[key] = item
+        self._items.move_to_end(key)
+        while len(self._items) > self.max_items:
+            self._items.popitem(last=False)
+
+    def clear(self) -> None:
+        """Remove all items."""
+        self._items.clear()

@@ -1,0 +1,137 @@
+"""Settings ``path = value``: put into a TOML tree, and read from the command line."""
+
+import tomllib
+from typing import Any
+
+import msgspec
+
+from sepmc.scene.fields import fields_of, to_si
+from sepmc.scene.messages import Problems, SceneError, nearest
+from sepmc.scene.model import XYZ, Scene
+from sepmc.scene.setting_checks import NAMES, parts
+from sepmc.scene.units import UNITS, split_unit, unit_kind
+
+
+def apply_settings(tree: dict[str, Any], settings: dict[str, Any], problems: Problems) -> None:
+    """Put settings, values by TOML path, into a tree."""
+    for key, value in settings.items():
+        _put(tree, parts(key), _builtin(value), problems, key)
+
+
+def _put(
+    node: Any, keys: list[str], value: Any, problems: Problems, key: str, table: str = ""
+) -> None:
+    """Put a value at a TOML path, replacing the same parameter in another unit.
+
+    Parameters
+    ----------
+    node : dict or list
+    keys : list of str
+        Rest of the path.
+    value : any
+    problems : Problems
+    key : str
+        The whole path, for messages.
+    table : str
+        Key of ``node``. Bodies and joints are named by the user: they are changed, not created.
+    """
+    head, rest = keys[0], keys[1:]
+    if isinstance(node, list):
+        tables = {
+            name: item
+            for number, item in enumerate(node)
+            if isinstance(item, dict) and isinstance(name := item.get("name", str(number)), str)
+        }
+        if head in tables and rest:
+            _put(tables[head], rest, value, problems, key)
+        else:
+            problems.add(
+                key,
+                f"{head!r} is a table; name one of its values"
+                if head in tables
+                else f"no {head!r} here; {nearest(head, tables)}",
+            )
+        return
+    if not isinstance(node, dict):
+        problems.add(key, "the path ends before " + repr(head))
+        return
+    stem, unit = (head, "") if table in NAMES else split_unit(head)
+    other = next(
+        (k for k in node if k != head and unit and split_unit(k)[1] and split_unit(k)[0] == stem),
+        None,
+    )
+    if other is not None:
+        previous, previous_unit = node.pop(other), split_unit(other)[1]
+        units = UNITS[unit_kind(unit)]
+        if rest and isinstance(previous, list | dict) and previous_unit in units:
+            factor = units[previous_unit] / units[unit]
+            node[head] = (
+                to_si(previous, factor)
+                if isinstance(previous, list)
+                else {k: to_si(v, factor) for k, v in previous.items()}
+            )
+    if not rest:
+        node[head] = value
+    elif stem == "points" and len(rest) == 2 and isinstance(node.get(head), list):
+        points = {str(number): point for number, point in enumerate(node[head])}
+        if rest[0] in points and rest[1] in XYZ and len(points[rest[0]]) == len(XYZ):
+            points[rest[0]][XYZ.index(rest[1])] = value
+        else:
+            problems.add(key, f"no point {'.'.join(rest)!r} here; a path ends as in points_m.0.x")
+    elif head not in node and table in ("body", "joint"):
+        problems.add(key, f"no {head!r} here; {nearest(head, node)}")
+    elif isinstance(node.get(head), list) and len(rest) == 1 and stem in _COMPONENTS:
+        if rest[0] in _COMPONENTS[stem] and len(node[head]) == len(_COMPONENTS[stem]):
+            node[head][_COMPONENTS[stem].index(rest[0])] = value
+        else:
+            problems.add(
+                key, f"{rest[0]!r} is no component; allowed: " + ", ".join(_COMPONENTS[stem])
+            )
+    else:
+        _put(node.setdefault(head, {}), rest, value, problems, key, head)
+
+
+def _vector_components(kind: type[msgspec.Struct]) -> dict[str, tuple[str, ...]]:
+    """Components of every vector of the model, by the name of its field."""
+    components: dict[str, tuple[str, ...]] = {}
+    for field in fields_of(kind).values():
+        inner = field.table or field.table_of_tables or field.array_of_tables
+        if inner is kind:
+            continue
+        if inner is not None:
+            components |= _vector_components(inner)
+        elif field.quantity.components:
+            components[field.name] = field.quantity.components
+    return components
+
+
+_COMPONENTS = _vector_components(Scene)
+
+
+def _builtin(value: Any) -> Any:
+    """Setting from Python with the types of TOML: numpy numbers and tuples become numbers and
+    lists."""
+    if isinstance(value, dict):
+        return {str(k): _builtin(v) for k, v in value.items()}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [_builtin(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """Path and value of a command-line setting ``path=value``, whose value is TOML or else text.
+    Raises SceneError."""
+    key, separator, raw = text.partition("=")
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise SceneError(
+            [f"--set {text.encode(errors='replace').decode()}: is not text in UTF-8"]
+        ) from None
+    if not separator or not key.strip():
+        raise SceneError([f"--set {text}: must read path=value, such as body.upper.mass_kg=460"])
+    try:
+        value = tomllib.loads(f"value = {raw.strip()}")["value"]
+    except (ValueError, RecursionError):
+        value = raw.strip()
+    return key.strip().replace('"', ""), value
