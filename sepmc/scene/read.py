@@ -44,6 +44,7 @@ from sepmc.scene.model import (
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.setting_checks import NAMES, check_settings, expand, parts
 from sepmc.scene.shape_checks import check_shapes
+from sepmc.scene.signals import check_signals, read_signals, take_driven
 from sepmc.scene.tables import read_array, read_table
 from sepmc.scene.units import UNITS, split_unit, unit_kind
 from sepmc.schema import Status, is_yes_or_no, outcome_columns
@@ -270,9 +271,10 @@ def _parse(
     for key in tree:
         if key not in known:
             problems.add(key, "unknown key; " + nearest(key, known))
-    scene = read_table(
-        Scene, {k: v for k, v in tree.items() if k not in _OWN_TABLES and k in known}, "", problems
-    )
+    tables = {k: v for k, v in tree.items() if k not in (*_OWN_TABLES, "signal") and k in known}
+    tables, driven = take_driven(tables, problems)
+    scene = read_table(Scene, tables, "", problems)
+    signals = read_signals(tree.get("signal", []), problems)
     distributions = _read_distributions(tree.get("dispersion", {}), problems)
     reference = (
         read_table(Reference, tree["reference"], "reference", problems)
@@ -282,6 +284,12 @@ def _parse(
     requirements = read_array(Requirement, tree.get("requirement", []), "requirement", problems)
     correlations = read_array(Correlation, tree.get("correlation", []), "correlation", problems)
     problems.raise_if_any(source)
+    if signals or driven:
+        scene = msgspec.structs.replace(
+            scene, signal=signals, driven={path: drive for path, (_, drive) in driven.items()}
+        )
+        check_signals(scene, driven, problems)
+        problems.raise_if_any(source)
     check_scene(scene, problems)
     table = None
     if scene.run.samples is not None:
