@@ -25,6 +25,7 @@ class Status(IntEnum):
     JAMMED = 11
     TOO_MANY_EVENTS = 12
     NO_CLEARANCE = 13
+    UNDEFINED_FORMULA = 14
 
     @property
     def label(self) -> str:
@@ -51,8 +52,8 @@ class Status(IntEnum):
 STATUS_LABELS = tuple(status.label for status in Status)
 NOT_OK_LABELS = STATUS_LABELS[1:]
 
-# Meaning and remedy of each status. No kernel writes NO_ROOT, NOT_FLOWN, TOO_MANY_EVENTS and
-# NO_CLEARANCE today; their numbers and names stay.
+# Meaning and remedy of each status. No kernel writes NO_ROOT, NOT_FLOWN and NO_CLEARANCE
+# today; their numbers and names stay.
 _MEANINGS = {
     Status.OK: ("reached the end of the run", ""),
     Status.NEVER_RELEASED: (
@@ -103,11 +104,17 @@ _MEANINGS = {
     ),
     Status.TOO_MANY_EVENTS: (
         "events at one instant did not end",
-        "look for conditions that are met again and again",
+        "look for conditions that are met again and again; a formula that switches a load by the "
+        "motion that the load causes needs a smooth passage, as x / sqrt(x**2 + 0.01**2) for "
+        "sign(x)",
     ),
     Status.NO_CLEARANCE: (
         "the minimum distance of two outlines was not found in a step",
         "move stations of outlines that are flush at the start by 0.1 mm, or shorten solver.step_s",
+    ),
+    Status.UNDEFINED_FORMULA: (
+        "the formula of a signal divided by zero, overflowed, or left the domain of a function",
+        "limit the argument, as in sqrt(max(x, 0)), or narrow the dispersion of its constants",
     ),
 }
 

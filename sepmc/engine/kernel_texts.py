@@ -23,7 +23,7 @@ from sepmc.recent_items import RecentItems
 from sepmc.routines.layout import NO_HISTORY
 
 # sources of the texts, in addition to the compiled ones: a change asks for new texts
-_WRITERS = ("kernel/**/*.py", "schema.py")
+_WRITERS = ("kernel/**/*.py", "schema.py", "scene/formula.py", "scene/signals.py")
 _COMPARED = (-1.0, 0.0, 1.0, math.inf)  # constants that values are compared with
 _texts: RecentItems[str, str] = RecentItems(64)  # by digest
 
@@ -100,7 +100,9 @@ def structure_of(spec: KernelSpec) -> bytes:
     numbers = layout.model.numbers
     counts = np.where(numbers == np.rint(numbers), numbers, np.nan)
     derived = {f.name: getattr(spec, f.name) for f in fields(spec)}
-    derived |= {"dispersed": sorted(spec.dispersed), "layout": None, "names": None}
+    # formulas have the names of the file, and factors of units are written into the text
+    names = (spec.names.of, spec.scene.driven) if spec.scene.signal else None
+    derived |= {"dispersed": sorted(spec.dispersed), "layout": None, "names": names}
     parts = (
         _ranked(tree, ranks),
         [ranks[value] for value in _COMPARED],

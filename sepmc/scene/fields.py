@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 import msgspec
 import numpy as np
 
-from sepmc.scene.model import Quantity
+from sepmc.scene.model import Derived, Quantity
 from sepmc.scene.units import UNITS
 
 
@@ -117,10 +117,12 @@ class Field:
 
 @functools.cache
 def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
-    """Fields of a table of the model by name, in the order of declaration."""
+    """Fields of a table of the model that keys set, by name, in the order of declaration."""
     hints = get_type_hints(kind, include_extras=True)
     result = {}
     for info in msgspec.structs.fields(kind):
+        if any(isinstance(extra, Derived) for extra in get_args(hints[info.name])):
+            continue
         annotation, instead = _split(hints[info.name])
         bare, quantity = _unwrap(annotation)
         result[info.name] = Field(

@@ -54,6 +54,7 @@ ITEMS = {
     "motor": 128,
     "spring": 128,
     "load": 128,
+    "signal": 64,
     "proximity": 64,
     "phase": 64,
     "release": 128,

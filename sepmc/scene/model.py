@@ -9,6 +9,10 @@ from msgspec import Meta, Struct, field
 from sepmc.scene.limits import CASES, NAME, SEED
 
 
+class Derived:
+    """Marks a field that no key of its own sets: it follows from other keys of a file."""
+
+
 class Quantity(NamedTuple):
     """Kind of quantity of a field (of `sepmc.scene.units.UNITS`), and the component names of a
     vector."""
@@ -224,9 +228,26 @@ class Spring(_Table, frozen=True, kw_only=True):
     table: ForceTable | None = None
 
 
+class Signal(_Table, frozen=True, kw_only=True):
+    """A number computed during flight by a formula of quantities, of other signals, and of
+    constants: all further keys of its table."""
+
+    name: Name
+    formula: str
+    constants: Annotated[dict[str, float], Derived()] = field(default_factory=dict)
+
+
+class Driven(NamedTuple):
+    """A number that a signal gives during flight: name of the signal, and the factor from the unit
+    of the key to SI."""
+
+    signal: str
+    factor: float
+
+
 class Load(_Table, frozen=True, kw_only=True):
-    """A constant force at a point of a body and a constant moment, in body or ground axes, from
-    ``start`` to ``end``."""
+    """A force at a point of a body and a moment, in body or ground axes, from ``start`` to
+    ``end``; their components are numbers or names of signals."""
 
     name: Name
     body: str
@@ -416,6 +437,7 @@ class Scene(_Table, frozen=True, kw_only=True):
     motor: tuple[Motor, ...] = ()
     spring: tuple[Spring, ...] = ()
     load: tuple[Load, ...] = ()
+    signal: tuple[Signal, ...] = ()
     proximity: tuple[Proximity, ...] = ()
     joint: dict[Name, Joint] = field(default_factory=dict)
     phase: tuple[Phase, ...]
@@ -426,6 +448,8 @@ class Scene(_Table, frozen=True, kw_only=True):
     initial: Initial
     run: Run
     solver: Solver = field(default_factory=Solver)
+    # numbers that signals give, by the paths of their parameters
+    driven: Annotated[dict[str, Driven], Derived()] = field(default_factory=dict)
 
 
 class Distribution(_Table, frozen=True, kw_only=True):

@@ -7,7 +7,7 @@ import msgspec
 
 from sepmc.scene.fields import Field, fields_of, keys_of
 from sepmc.scene.messages import nearest
-from sepmc.scene.model import XYZ, Scene
+from sepmc.scene.model import XYZ, Scene, Signal
 from sepmc.scene.units import split_unit
 
 
@@ -52,7 +52,9 @@ def find(scene: Scene, key: str) -> Parameter:
     path: list[str] = []
     unit, factor, last = "", 1.0, None
     for part in key.split("."):
-        if isinstance(node, msgspec.Struct):
+        if isinstance(node, Signal):
+            last, (name, node) = None, _item(node.constants, part, None)
+        elif isinstance(node, msgspec.Struct):
             name, unit, factor, last = _field(node, part)
             node = getattr(node, name)
         else:
@@ -65,6 +67,11 @@ def find(scene: Scene, key: str) -> Parameter:
         path.append(name)
     if isinstance(node, bool) or not isinstance(node, int | float):
         raise UnknownPath(_not_a_number(node, last))
+    if (drive := scene.driven.get(".".join(path))) is not None:
+        raise UnknownPath(
+            f"is given by signal {drive.signal!r} during flight; vary constants of the signal, "
+            f"such as signal.{drive.signal}.NAME"
+        )
     return Parameter(key, ".".join(path), unit, factor, last)
 
 
@@ -149,7 +156,9 @@ def value(scene: Scene, path: str) -> float:
     node: Any = scene
     field: Field | None = None
     for part in path.split("."):
-        if isinstance(node, msgspec.Struct):
+        if isinstance(node, Signal):
+            node = node.constants[part]
+        elif isinstance(node, msgspec.Struct):
             field = fields_of(type(node))[part]
             node = getattr(node, part)
         else:
@@ -169,6 +178,8 @@ def _replace(node: Any, parts: list[str], number: float, field: Field | None) ->
     if not parts:
         return number
     part, rest = parts[0], parts[1:]
+    if isinstance(node, Signal):
+        return msgspec.structs.replace(node, constants={**node.constants, part: number})
     if isinstance(node, msgspec.Struct):
         inner = fields_of(type(node))[part]
         return msgspec.structs.replace(

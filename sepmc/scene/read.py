@@ -45,6 +45,7 @@ from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.setting_checks import check_settings, expand
 from sepmc.scene.settings import apply_settings
 from sepmc.scene.shape_checks import check_shapes
+from sepmc.scene.signals import check_signals, read_signals, take_driven
 from sepmc.scene.tables import read_array, read_table
 from sepmc.schema import NOT_OK_LABELS, is_yes_or_no, outcome_columns
 from sepmc.wording import setting
@@ -228,9 +229,10 @@ def _parse(
     for key in tree:
         if key not in known:
             problems.add(key, "unknown key; " + nearest(key, known))
-    scene = read_table(
-        Scene, {k: v for k, v in tree.items() if k not in _OWN_TABLES and k in known}, "", problems
-    )
+    tables = {k: v for k, v in tree.items() if k not in (*_OWN_TABLES, "signal") and k in known}
+    tables, driven = take_driven(tables, problems)
+    scene = read_table(Scene, tables, "", problems)
+    signals = read_signals(tree.get("signal", []), problems)
     distributions = _read_distributions(tree.get("dispersion", {}), problems)
     reference = (
         read_table(Reference, tree["reference"], "reference", problems)
@@ -241,6 +243,12 @@ def _parse(
     correlations = read_array(Correlation, tree.get("correlation", []), "correlation", problems)
     problems.raise_if_any(source)
     scene = _with_strokes(scene)
+    if signals or driven:
+        scene = msgspec.structs.replace(
+            scene, signal=signals, driven={path: drive for path, (_, drive) in driven.items()}
+        )
+        check_signals(scene, driven, problems)
+        problems.raise_if_any(source)
     check_scene(scene, problems)
     table = None
     if scene.run.samples is not None:

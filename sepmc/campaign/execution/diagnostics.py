@@ -138,7 +138,7 @@ def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
     def is_zero(path: str, **numbers: float | tuple[float, ...]) -> bool:
         paths = tuple(f"{path}.{key}" for key in numbers)
         return not np.any(np.hstack(list(numbers.values()))) and not any(
-            one.startswith(paths) for one in dispersed
+            one.startswith(paths) for one in (*dispersed, *scene.driven)
         )
 
     for motor in scene.motor:

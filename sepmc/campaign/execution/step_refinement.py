@@ -32,7 +32,13 @@ _COMPLETED = (Status.OK, Status.NEVER_RELEASED)
 STEP_TOO_LONG = (Status.NOT_FINITE, Status.UNRESOLVED)  # a shorter step may help
 
 # a step that is far too long can end so too
-DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)
+DOUBTFUL = (
+    Status.OUTSIDE_ATMOSPHERE,
+    Status.OUTSIDE_TABLE,
+    Status.JAMMED,
+    Status.UNDEFINED_FORMULA,
+    Status.TOO_MANY_EVENTS,
+)
 _CHECK_RATIO = 64.0  # the step that checks such a status is this much shorter
 
 # (step, case numbers) to outcomes (n, o) and status (n,)

@@ -115,6 +115,8 @@ def _begin(out: Text, c: Context) -> None:
         text("enter_layers(w)")
     if c.spec.layer_borders or c.workspace.has("AIR"):
         text("recentre_air(w, 0.0)")
+    if c.spec.formulas.kinks:
+        text("set_modes(w)")
     if c.spec.load_switches:
         text.lanes().block("for k in range(nominal.shape[0]):")(
             f"w[CASES + {int(c.model.size_w)} * l + k] = w[P + k * LANES + l]"

@@ -12,6 +12,7 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, component, height, reject_if, stroke_end_time
 from sepmc.kernel.emit.geometry import State
+from sepmc.kernel.emit.kinks import set_mode, time_to_kink
 from sepmc.kernel.emit.loads import vector_sum
 from sepmc.kernel.emit.steps import mark_inactive
 from sepmc.kernel.spec.kernel_spec import Event, Segment
@@ -56,6 +57,8 @@ def _time_to_event(s: State, event: Event) -> Any:
     """Predicted time to an event, s."""
     if event.direction:
         return _time_to_crossing(s, event)
+    if event.quantity == at.AT_KINK:
+        return _time_to_kink(s, event)
     scope, name = s.scope, f"{s.segment.name}_{event.name}"
     for field, count in (("VALUE", 1), ("RATE", 1), ("PREVIOUS", 2), ("MET_AT_START", 1)):
         s.c.workspace.add(f"{field}_{name}", count)
@@ -101,6 +104,17 @@ def _time_to_event(s: State, event: Event) -> Any:
         if event.ends_phase or event.is_border
         else where(scope.load(event.flag(s.segment.name)) > 0.0, math.inf, time_left)
     )
+
+
+def _time_to_kink(s: State, event: Event) -> Any:
+    """Predicted time, s, to a kink of a formula."""
+    time_left, records = time_to_kink(s, event)
+    (_, value), (_, rate) = records[:2]
+    _flag_graze(s.scope, event, s.segment.name, value, rate)
+    inactive = s.scope.load("INACTIVE") > 0.0
+    for path, value_now in records:
+        s.scope.store(path, where(inactive, s.scope.load(path), value_now))
+    return time_left
 
 
 def _time_to_crossing(s: State, event: Event) -> Any:
@@ -203,7 +217,7 @@ def _flag_graze(
         & (previous_time < math.inf)
         & (previous < 0.0)
     )
-    if not event.is_border:
+    if not (event.is_border or event.quantity == at.AT_KINK):
         grazes = grazes & scope.load(event.flag(segment)).equals(0.0)
     scope.store("UNEVEN", where(grazes, 1.0, scope.load("UNEVEN")))
 
@@ -397,6 +411,9 @@ def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
     """Set the flag of a condition that is met, and the indicator 1 / rate: an error of the value
     causes a time error of error / rate."""
     name, flag = f"{segment.name}_{event.name}", event.flag(segment.name)
+    if event.quantity == at.AT_KINK:
+        set_mode(scope, c, event, segment.name)
+        return
     if event.direction:
         _set_crossing_flag(scope, c, segment, event)
         return

@@ -14,6 +14,7 @@ from sepmc.kernel.emit.context import (
 )
 from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import ignition_time
+from sepmc.kernel.emit.signals import number, vector
 from sepmc.kernel.emit.tables import looks_up, table_force
 from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
@@ -199,7 +200,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
     case, p = s.case, s.case.body(body)
     flow = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called("flow")
     alpha, beta = loads.flow_angles(flow).called("angles")
-    pressure = (_density(s, body) * vec3.dot(flow, flow)).called("pressure")
+    pressure = (air_density(s, body) * vec3.dot(flow, flow)).called("pressure")
     coefficients = _coefficients(s, body, alpha, beta)
     if looks_up(s.spec, body):
         coefficients = [
@@ -223,7 +224,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
         acting.moments.append(vec3.cross(arm, force))
 
 
-def _density(s: State, body: str) -> Expr:
+def air_density(s: State, body: str) -> Expr:
     """Expression of the air density at a body, kg/m3."""
     if not s.spec.in_layers(body):
         return scalar.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
@@ -254,10 +255,13 @@ def _power(x: Expr, n: int) -> Expr:
 
 def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     """Thrust along a fixed line: build-up and, with load switches, profile and tail-off."""
-    case, scope, name = s.case, s.scope, motor.name
+    case, scope, name, path = s.case, s.scope, motor.name, f"motor.{motor.name}"
     p = int(s.c.model.motors_p) + at.MOTOR_SIZE * i
     line = loads.thrust_direction(
-        *(case.number(p + k) for k in (at.CANT, at.CLOCK, at.DEFLECTION, at.DEFLECTION_CLOCK))
+        case.number(p + at.CANT),
+        case.number(p + at.CLOCK),
+        number(s, f"{path}.deflection", p + at.DEFLECTION),
+        number(s, f"{path}.deflection_clock", p + at.DEFLECTION_CLOCK),
     ).called("line")
     point = (
         case.number(p + k) for k in (at.STATION, at.RADIUS, at.CLOCK, at.OFFSET, at.OFFSET + 1)
@@ -265,7 +269,8 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     moment = vec3.cross(loads.thrust_arm(case.centre_of_mass(motor.body), *point), line).called(
         "moment"
     )
-    full_thrust, build_up = case.number(p + at.THRUST), case.number(p + at.BUILD_UP)
+    full_thrust = number(s, f"{path}.thrust", p + at.THRUST)
+    build_up = case.number(p + at.BUILD_UP)
     rate = where(build_up > 0.0, 1.0 / build_up, 0.0).called("building")
 
     def thrust_level(elapsed: Expr) -> Expr:
@@ -308,10 +313,10 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
 
 
 def _load(s: State, i: int, acting: _Loads) -> None:
-    """Constant force and moment, in body or ground axes."""
+    """Force and moment, in body or ground axes."""
     load, p = s.spec.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
-    force: Any = s.case.vector(p + at.LOAD_FORCE)
-    moment: Any = s.case.vector(p + at.LOAD_MOMENT)
+    force: Any = vector(s, f"load.{load.name}.force", p + at.LOAD_FORCE)
+    moment: Any = vector(s, f"load.{load.name}.moment", p + at.LOAD_MOMENT)
     if s.spec.load_switches:
         acts = s.scope.load(f"ACTS_{load.name}")
         force, moment = vec3.scale(acts, force), vec3.scale(acts, moment)
@@ -350,15 +355,23 @@ def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> No
     """Force along the line of a spring on both of its bodies; none after its stroke."""
     p = int(s.c.model.springs_p) + at.SPRING_SIZE * i
     line = s.spring(spring)
-    coefficients = (s.case.number(p + k) for k in (at.SPRING_FORCE, at.STIFFNESS, at.DAMPING))
+    path = f"spring.{spring.name}"
+    coefficients = (
+        number(s, f"{path}.{key}", p + k)
+        for key, k in (
+            ("force", at.SPRING_FORCE),
+            ("stiffness", at.STIFFNESS),
+            ("damping", at.DAMPING),
+        )
+    )
     force = getattr(loads, "springs.spring_force")(
         *coefficients, line.length - s.spring_start(spring), line.rate
     )
     if spring.table is not None:
         force = force + s.scope.load(table_force(spring.name))
-    if s.spec.may_occur(f"spring.{spring.name}.factor", spring.factor != 1.0):
-        force = s.case.number(p + at.SPRING_FACTOR) * force
-    if s.spec.may_occur(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
+    if s.spec.may_occur(f"{path}.factor", spring.factor != 1.0):
+        force = number(s, f"{path}.factor", p + at.SPRING_FACTOR) * force
+    if s.spec.may_occur(f"{path}.stroke", math.isfinite(spring.stroke)):
         s.c.start(stroke_flag(spring.name), 0.0)
         force = where(s.scope.load(stroke_flag(spring.name)) > 0.0, 0.0, force)
     force = force.called("force")

@@ -13,6 +13,7 @@ from sepmc.kernel.emit.events import emit_event_flags, emit_event_step, emit_pen
 from sepmc.kernel.emit.extension import emit_extension
 from sepmc.kernel.emit.guides import emit_friction
 from sepmc.kernel.emit.history import emit_history
+from sepmc.kernel.emit.kinks import emit_modes
 from sepmc.kernel.emit.loads import emit_layers, emit_recentre_air
 from sepmc.kernel.emit.monitor import emit_monitor
 from sepmc.kernel.emit.motion import emit_correct
@@ -110,6 +111,7 @@ def _body(c: Context) -> Text:
             emit_pending_event(body, c, segment)
     if c.spec.layer_borders:
         emit_layers(body, c)
+    emit_modes(body, c)
     emit_load_switch(body, c)
     emit_recentre_air(body, c)
     emit_step_length(body, c)
@@ -193,6 +195,8 @@ def _head(c: Context) -> Text:
     )
     head = Text()
     head(*_HEADER.format(about=about).rstrip().split("\n"))
+    if c.spec.scene.signal:
+        head("from sepmc.physics import signals")
     for rk in c.used.values():
         head(
             "",

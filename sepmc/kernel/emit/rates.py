@@ -4,6 +4,7 @@ from sepmc.kernel.emit.context import Context
 from sepmc.kernel.emit.energy import power
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.motion import before_motion, make_motion
+from sepmc.kernel.emit.signals import reject_undefined
 from sepmc.kernel.emit.tables import emit_look_up
 from sepmc.kernel.emit.wrenches import store_wrenches
 from sepmc.kernel.spec.kernel_spec import Segment
@@ -47,6 +48,8 @@ def _emit_rates(out: Text, c: Context, segment: Segment) -> None:
         s.scope.store(f"D + OMEGA_{leader}", motion.spin_rate[leader])
     s.scope.comment("power of the loads")
     s.scope.store("D + WORK", power(s, motion.force, motion.moment))
+    if c.spec.scene.driven:
+        reject_undefined(s)
     if c.wrenches_from_rates(segment):
         store_wrenches(s, motion)
     s.scope.write(text)

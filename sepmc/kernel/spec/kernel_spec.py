@@ -7,6 +7,7 @@ equal specifications share one compiled kernel.
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from sepmc.kernel.spec.kinks import Formulas
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.kernel.spec.variant import Variant
@@ -42,7 +43,7 @@ class Event:
     """Condition on the state or on a joint load, compared with a threshold.
 
     ``quantity`` is its code (AT_STROKE, ... of `sepmc.routines.layout`) and ``item`` the joint,
-    spring or body; ``threshold`` is a parameter index. It either ends its phase by itself, or is
+    spring, body or kink; ``threshold`` is a parameter index. It either ends its phase by itself, or is
     condition ``number`` of several that end a phase together or, with ``any_phase``, trigger a
     release or an observation event. ``direction`` of the crossing that counts: rising, falling,
     either, or "" if the quantity may also start beyond the threshold.
@@ -72,6 +73,8 @@ class Event:
         """Workspace field that is 1 once the event has occurred."""
         if self.is_border:
             return f"ENTERS_{self.item}"
+        if self.quantity == at.AT_KINK:
+            return f"SWITCH_{self.item}"
         if self.ends_phase:
             return "DONE"
         return (
@@ -272,6 +275,11 @@ class KernelSpec:
     def scene(self) -> Scene:
         """The scene, with the names of the kernel."""
         return self.layout.scene
+
+    @cached_property
+    def formulas(self) -> Formulas:
+        """Formulas of the signals."""
+        return Formulas(self.scene, self.names)
 
     @property
     def triggered_motors(self) -> list[Motor]:

@@ -16,6 +16,7 @@ _WORDS = {
     "motor": "motor",
     "spring": "spring",
     "load": "load",
+    "signal": "signal",
     "phase": "phase",
     "release": "release",
     "event": "event",
@@ -84,6 +85,12 @@ class Names:
             load=tuple(
                 change(x, name=self.of["load"][x.name], body=self._body(x.body)) for x in scene.load
             ),
+            # formulas keep the names of the file
+            signal=tuple(change(x, name=self.of["signal"][x.name]) for x in scene.signal),
+            driven={
+                self.path(path): drive._replace(signal=self.of["signal"][drive.signal])
+                for path, drive in scene.driven.items()
+            },
             phase=tuple(self._phase(phase) for phase in scene.phase),
             release=tuple(
                 change(

@@ -246,8 +246,8 @@ def _parameters(
 def _varied(
     scene: Scene, dispersed: frozenset[str], start: int
 ) -> tuple[dict[str, int], dict[str, int], list[float]]:
-    """Extra parameters for quantities that all cases share unless they are dispersed: axes of
-    joints and springs, outlines, factor and turn of the wind profile.
+    """Extra parameters: constants of signals, and quantities that all cases share unless they are
+    dispersed: axes of joints and springs, outlines, factor and turn of the wind profile.
 
     Returns the indices by path (from ``start`` on), the first index of each dispersed outline
     (elements as in `sepmc.routines.clearances.load_outline`), and the values.
@@ -261,6 +261,9 @@ def _varied(
         slots.update({path: start + len(numbers) + i for path, i in offsets.items()})
         numbers.extend(map(float, values))
 
+    for signal in scene.signal:
+        paths = [f"signal.{signal.name}.{key}" for key in signal.constants]
+        add(list(signal.constants.values()), {path: i for i, path in enumerate(paths)})
     for name, joint in scene.joint.items():
         x, y = f"joint.{name}.x_axis", f"joint.{name}.y_axis"
         if varies(x, y):

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from sepmc.kernel.spec.conditions import Leaf, make_conditions
 from sepmc.kernel.spec.heights import may_pass_borders
 from sepmc.kernel.spec.kernel_spec import Change, Due, Event, KernelSpec, Kinds, Release, Segment
+from sepmc.kernel.spec.kinks import Formulas, kink_name
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout, is_ground_named
 from sepmc.kernel.spec.variant import Variant
@@ -27,6 +28,8 @@ _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
 # intervals of a segment that a load may end: each as long as the phase typically is, or a fraction
 # of the time left
 _MANY_INTERVALS = 2**17
+# of a segment at kinks of formulas
+_MOST_SWITCHES = 2**11
 
 
 def _needs_any_order(spec: KernelSpec) -> bool:
@@ -116,6 +119,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
         body.aerodynamics is not None for body in scene.body.values()
     )
     borders = in_layers and (any_order or may_pass_borders(scene, layout.extremes))
+    kinks = [kink_name(k) for k in range(len(Formulas(scene, names).kinks))]
     for segment in segments:
         segment.events += [
             Event(at.AT_SPRING_STROKE, name, layout.slots[f"spring.{name}.stroke"], False)
@@ -128,6 +132,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
                     Event(quantity, body, -1, False)
                     for quantity in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
                 ]
+        segment.events += [Event(at.AT_KINK, kink, -1, False) for kink in kinks]
         segment.events += dict.fromkeys(
             event for release in segment.releases for event in release.events
         )
@@ -144,6 +149,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
             + switches
             + changes
             + (_MANY_INTERVALS if segment.may_end_by_load else 0)
+            + (_MOST_SWITCHES if kinks else 0)
         )
         # lanes then use steps of their own: an event may occur much later than predicted
         segment.max_intervals = (

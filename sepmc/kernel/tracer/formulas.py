@@ -73,6 +73,10 @@ air: Any = Formulas(
         "layer": (4, NUMBER),
     },
 )
+signals: Any = Formulas(
+    "signals",
+    dict.fromkeys(("quotient", "root", "logarithm", "growth", "power", "sine", "cosine"), NUMBER),
+)
 vehicle: Any = Formulas("", {"inertia_tensor": SYMMETRIC, "arm": 3, "flight_direction": 3})
 scalar: Any = Formulas(
     "",

@@ -153,6 +153,13 @@ def where(condition: Expr, one: Any, other: Any) -> Expr:
     return trace("where", (condition, one, other), shape)
 
 
+def undefined_with(value: Any, other: Any) -> Any:
+    """Expression ``value``, NaN where ``other`` is NaN or infinite."""
+    if not isinstance(other, Expr):
+        return value if math.isfinite(other) else math.nan
+    return trace("+", (value, trace("*", (0.0, other), NUMBER)), NUMBER)
+
+
 def total(values: Sequence[Any]) -> Any:
     """Sum of numbers (at least one), from left to right."""
     result = values[0]
@@ -533,5 +540,6 @@ __all__ = [
     "product",
     "total",
     "trace",
+    "undefined_with",
     "where",
 ]

@@ -1,0 +1,153 @@
+"""Kinks of formulas as events, as lines of a kernel.
+
+The sign of the switching function of a kink is fixed within an interval (its mode: -1, 0 or 1; 0
+while the function stays at zero), so that a formula is smooth within a step. A step ends where the
+function reaches zero, and the mode changes there.
+"""
+
+import math
+from typing import Any
+
+from sepmc.kernel.emit.context import Context, component, reject_if
+from sepmc.kernel.emit.geometry import State
+from sepmc.kernel.emit.signals import Signals, mode_field
+from sepmc.kernel.emit.tables import call_look_up, has_tables
+from sepmc.kernel.spec.kernel_spec import Event
+from sepmc.kernel.spec.kinks import Kink, kink_name
+from sepmc.kernel.tracer.formulas import scalar
+from sepmc.kernel.tracer.text import Text
+from sepmc.kernel.tracer.tracer import Expr, Scope, called, where
+from sepmc.routines import layout as at
+from sepmc.schema import Status
+
+# A switching function is at zero within this part of the numbers that it is the difference of (or
+# of 1). Its rate or acceleration then tell its sign if they move it further within a millisecond.
+_AT_ZERO, _PER_RATE, _PER_ACCELERATION = 1e-12, 1e3, 1e6
+# s, a step that is rejected: the mode was wrong in the step before
+_REJECTED = -1.0
+_SAME_TIME = 2.0 * at.GRAIN
+
+
+def time_field(kink: str) -> str:
+    """Field of the time at which the mode of a kink last changed."""
+    return f"SWITCHED_{kink}"
+
+
+def _tolerance(numbers: list[Any]) -> Any:
+    """Distance from zero within which a switching function is at zero."""
+    size: Any = max([1.0, *(abs(x) for x in numbers if not isinstance(x, Expr))])
+    for x in numbers:
+        if isinstance(x, Expr):
+            size = scalar.larger(scalar.abs(x), size)
+    return _AT_ZERO * size
+
+
+def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
+    """Predicted time to a kink, s; and what is recorded of it, by field: its value, below zero
+    before it, and rate, the time, its acceleration, and the mode from the end of the step on."""
+    c, scope, kink = s.c, s.scope, event.item
+    name, field = f"{s.segment.name}_{kink}", mode_field(kink)
+    for stem, count in (("VALUE", 1), ("RATE", 1), ("PREVIOUS", 2)):
+        c.workspace.add(f"{stem}_{name}", count)
+    c.workspace.add(event.flag(s.segment.name), 1)
+    c.start(time_field(kink), -math.inf)
+    scope.comment(f"{kink} of a formula")
+    signals = _moving(s)
+    jet, numbers = signals.switching(_kink(s, kink))
+    value, rate = called(jet.value, "switching"), called(jet.rate, "switching_rate")
+    time, mode = s.time, scope.load(field)
+    previous_time, previous_acceleration = (
+        scope.load(f"PREVIOUS_{name}"),
+        scope.load(component(f"PREVIOUS_{name}", 1)),
+    )
+    first = previous_time.equals(math.inf)
+    elapsed = where(time > previous_time, time - previous_time, math.inf)
+    before = scope.load(f"RATE_{name}")
+    acceleration = jet.second
+    if acceleration is None:
+        acceleration = (rate + mode * before) / elapsed
+    acceleration = called(acceleration, "switching_acceleration")
+    jerk = (acceleration - previous_acceleration) / elapsed
+    tolerance = called(_tolerance(numbers), "tolerance")
+    at_zero = scalar.abs(value) <= tolerance
+    trend = where(scalar.abs(acceleration) > _PER_ACCELERATION * tolerance, acceleration, 0.0)
+    trend = where(scalar.abs(rate) > _PER_RATE * tolerance, rate, trend)
+    trend = where(at_zero, trend, value).called("trend")
+    wanted = where(trend > 0.0, 1.0, where(trend < 0.0, -1.0, mode)).called("wanted")
+    unset = mode.equals(0.0)
+    differs = where(wanted.equals(mode), 0.0, 1.0) > 0.5
+    # of one instant: both modes lead to the other one
+    switched = time - scope.load(time_field(kink)) <= _SAME_TIME
+    reject_if(scope, first & differs & switched, Status.TOO_MANY_EVENTS)
+    left_zero = unset & differs & (previous_time < math.inf) & (scalar.abs(value) > tolerance)
+    scope.store("UNEVEN", where(left_zero, 1.0, scope.load("UNEVEN")))
+    below, slope = -(mode * value), -(mode * rate)
+    left = scalar.time_left(below, slope, -(mode * acceleration), -(mode * jerk))
+    passed = (below > tolerance) & (slope <= 0.0)
+    left = where(passed, _REJECTED, left)
+    # at the start of an interval: now, or not before the function has moved away
+    now_or_later = where(differs, 0.0, where(at_zero, math.inf, left))
+    left = where(first, now_or_later, where(unset, where(differs, 0.0, math.inf), left))
+    left = where(at_zero & (trend * trend <= 0.0), math.inf, left)
+    records = [
+        (f"VALUE_{name}", below),
+        (f"RATE_{name}", slope),
+        (f"PREVIOUS_{name}", time),
+        (component(f"PREVIOUS_{name}", 1), acceleration),
+        (event.flag(s.segment.name), wanted),
+    ]
+    return left.called("remaining"), records
+
+
+def _moving(s: State) -> Signals:
+    """Signals with their rates at a state; one object for each state."""
+    known: Signals | None = getattr(s, "_moving", None)
+    if known is None:
+        known = Signals(s, moving=True)
+        s._moving = known  # type: ignore[attr-defined]
+    return known
+
+
+def _kink(s: State, name: str) -> Kink:
+    """Kink by its name."""
+    return next(kink for k, kink in enumerate(s.spec.formulas.kinks) if kink_name(k) == name)
+
+
+def set_mode(scope: Scope, c: Context, event: Event, segment: str) -> None:
+    """Set the mode of a kink at the end of an interval, and its error indicator."""
+    kink = event.item
+    field, time = mode_field(kink), time_field(kink)
+    mode, wanted = scope.load(field), scope.load(event.flag(segment))
+    changes = (where(wanted.equals(mode), 0.0, 1.0) > 0.5).called("changes")
+    rate = scope.load(f"RATE_{segment}_{kink}")
+    time_per_unit = where(rate > 0.0, 1.0 / rate, 0.0)
+    indicator = c.indicator(f"{segment}_{event.name}")
+    scope.store(
+        indicator,
+        scalar.larger(scope.load(indicator), where(changes, time_per_unit, 0.0)),
+    )
+    scope.store(time, where(changes, scope.load("T"), scope.load(time)))
+    scope.store(field, where(changes, wanted, mode))
+
+
+def emit_modes(out: Text, c: Context) -> None:
+    """Write the function that sets the modes of all kinks at the start of a case."""
+    kinks = c.spec.formulas.kinks
+    if not kinks:
+        return
+    text = out.function("set_modes(w)", "Set the modes of the kinks of formulas at the start.")
+    segment = c.spec.segments[0]
+    if has_tables(c.spec):
+        text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+        text.lanes()("w[CLOCK + l] = w[T + l]")
+        call_look_up(text, c, segment)
+    s = State(c, c.scope(), segment, "Y")
+    signals = Signals(s)
+    for k, kink in enumerate(kinks):
+        field = mode_field(kink_name(k))
+        c.workspace.add(field, 1)
+        jet, numbers = signals.switching(kink)
+        tolerance = _tolerance(numbers)
+        mode = where(jet.value > tolerance, 1.0, where(jet.value < -tolerance, -1.0, 0.0))
+        s.scope.store(field, mode)
+    s.scope.write(text)

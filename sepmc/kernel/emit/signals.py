@@ -1,0 +1,425 @@
+"""Signals at a state: formulas of the file as expressions of the kernel, and the quantities that
+they name."""
+
+import math
+from typing import Any
+
+from sepmc.kernel.emit import jets
+from sepmc.kernel.emit.context import Context, component, origin_height, reject_unless
+from sepmc.kernel.emit.geometry import State
+from sepmc.kernel.emit.jets import Jet
+from sepmc.kernel.spec.kinks import Kink, kink_name
+from sepmc.kernel.tracer.formulas import ZERO, loads, quat, scalar, square_root, vec3
+from sepmc.kernel.tracer.tracer import Expr, total, trace, undefined_with, where
+from sepmc.routines import layout as at
+from sepmc.scene.formula import (
+    COMPARISONS,
+    Call,
+    Name,
+    Node,
+    Number,
+    is_condition,
+    may_be_undefined,
+    walk,
+)
+from sepmc.scene.model import GROUND
+from sepmc.scene.signals import Quantity
+from sepmc.schema import Status
+
+_SCALE_HEIGHT = 7000.0  # m: rough rate of the density, to predict kinks only
+_OPPOSITE = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
+
+
+def mode_field(kink: str) -> str:
+    """Field of the sign of the switching function of a kink in the present interval."""
+    return f"MODE_{kink}"
+
+
+class Signals:
+    """Values of signals at a state.
+
+    Parameters
+    ----------
+    s : State
+    moving : bool
+        True to compute rates and accelerations too, from the derivative K1 of the state.
+    """
+
+    def __init__(self, s: State, moving: bool = False):
+        self.s, self.moving, self.formulas = s, moving, s.spec.formulas
+        self._kinks = {kink: k for k, kink in enumerate(self.formulas.kinks)}
+        self._signals: dict[str, Jet] = {}
+        self._nodes: dict[tuple[str, Node], Jet] = {}
+        self._quantities: dict[Quantity, Jet] = {}
+        self._of_quantities = Quantities(s, moving)
+
+    def value(self, signal: str) -> Any:
+        """Value of a signal, in the unit of the keys that name it."""
+        return self.of(signal).value
+
+    def of(self, signal: str) -> Jet:
+        """Signal by its name in the kernel."""
+        if signal not in self._signals:
+            self._signals[signal] = self._number(signal, self.formulas.tree(signal))
+        return self._signals[signal]
+
+    def switching(self, kink: Kink) -> tuple[Jet, list[Any]]:
+        """Switching function of a kink, and the numbers that it is the difference of."""
+        numbers = [self._number(kink.signal, one) for one in kink.node.arguments]
+        if len(numbers) == 1:
+            return numbers[0], [numbers[0].value]
+        a, b = numbers
+        return jets.add(a, jets.negative(b)), [a.value, b.value]
+
+    def inputs(self, signal: str) -> list[Any]:
+        """Expressions of the quantities that a signal depends on, time excepted."""
+        values: list[Any] = []
+        for node in walk(self.formulas.tree(signal)):
+            if not isinstance(node, Name):
+                continue
+            if other := self.formulas.other(signal, node):
+                values += self.inputs(other)
+            elif node.path not in self.formulas.signals[signal].constants:
+                quantity = self.formulas.quantity(node)
+                value = self._quantity(quantity).value
+                if quantity.table != "time" and isinstance(value, Expr):
+                    values.append(value)
+        return values
+
+    def _number(self, signal: str, node: Node) -> Jet:
+        """Jet of a node that is a number."""
+        if isinstance(node, Number):
+            return Jet(node.value)
+        key = (signal, node)
+        if key not in self._nodes:
+            self._nodes[key] = (
+                self._name(signal, node) if isinstance(node, Name) else self._call(signal, node)
+            )
+        return self._nodes[key]
+
+    def _name(self, signal: str, node: Name) -> Jet:
+        """Jet of a constant, another signal, or a quantity in the unit of its name."""
+        if node.path in self.formulas.signals[signal].constants:
+            slot = self.s.spec.layout.slots[f"signal.{signal}.{node.path}"]
+            return Jet(self.s.case.number(slot))
+        if other := self.formulas.other(signal, node):
+            return self.of(other)
+        quantity = self.formulas.quantity(node)
+        jet = self._quantity(quantity)
+        if quantity.factor == 1.0:
+            return jet
+        return Jet(*(None if x is None else x * (1.0 / quantity.factor) for x in jet))
+
+    def _quantity(self, quantity: Quantity) -> Jet:
+        """Jet of a quantity, SI."""
+        key = quantity._replace(factor=1.0)
+        if key not in self._quantities:
+            self._quantities[key] = self._of_quantities.jet(key)
+        return self._quantities[key]
+
+    def _call(self, signal: str, node: Call) -> Jet:
+        """Jet of a call that is a number."""
+        function = node.function
+        if function == "where":
+            condition, switching = self._condition(signal, node.arguments[0])
+            one, other = (self._number(signal, x) for x in node.arguments[1:])
+            return self._tied(jets.select(condition, one, other), switching)
+        arguments = [self._number(signal, one) for one in node.arguments]
+        if function == "+":
+            return jets.add(*arguments)
+        if function == "-":
+            last = jets.negative(arguments[-1])
+            return last if len(arguments) == 1 else jets.add(arguments[0], last)
+        if function == "*":
+            return jets.multiply(*arguments)
+        if function == "/":
+            return jets.divide(*arguments)
+        if function == "**":
+            return jets.power(*arguments)
+        if function == "atan2":
+            return jets.angle(*arguments)
+        if function in ("abs", "sign", "min", "max"):
+            return self._kinked(signal, node, arguments)
+        return jets.apply(function, arguments[0])
+
+    def _kinked(self, signal: str, node: Call, arguments: list[Jet]) -> Jet:
+        """Jet of abs, sign, min or max: of the branch of the present interval."""
+        first, last = arguments[0], arguments[-1]
+        low, high = self._sides(signal, node)
+        if node.function == "sign":
+            up = jets.select(high, Jet(1.0), Jet(0.0))
+            result = jets.select(low, Jet(-1.0), up)
+        elif node.function == "abs":
+            result = jets.select(low, jets.negative(first), first)
+        else:
+            below, above = (first, last) if node.function == "min" else (last, first)
+            result = jets.select(low, below, above)
+        undefined = any(may_be_undefined(one) for one in self._expanded(signal, node))
+        return self._tied(result, [one.value for one in arguments] if undefined else [])
+
+    def _sides(self, signal: str, node: Call) -> tuple[Any, Any]:
+        """Conditions that the switching function of a call is negative, and that it is
+        positive."""
+        number = self._kinks.get(Kink(signal, node))
+        if number is not None:
+            mode = self.s.scope.load(mode_field(kink_name(number)))
+            return mode < 0.0, mode > 0.0
+        jet, _ = self.switching(Kink(signal, node))
+        return jet.value < 0.0, jet.value > 0.0
+
+    def _condition(self, signal: str, node: Node, negated: bool = False) -> tuple[Any, list[Any]]:
+        """A condition, or its opposite, and numbers that must be defined for it."""
+        assert isinstance(node, Call)
+        if node.function == "not":
+            return self._condition(signal, node.arguments[0], not negated)
+        if node.function in COMPARISONS:
+            low, high = self._sides(signal, node)
+            function = _OPPOSITE[node.function] if negated else node.function
+            undefined = any(may_be_undefined(one) for one in self._expanded(signal, node))
+            tied = [self._number(signal, one).value for one in node.arguments] if undefined else []
+            if function == "<":
+                return low, tied
+            if function == ">":
+                return high, tied
+            return _opposite(low if function == ">=" else high), tied
+        (one, of_one), (other, of_other) = (
+            self._condition(signal, x, negated) for x in node.arguments
+        )
+        joins = (node.function == "and") != negated
+        return _joined(one, other, joins), [*of_one, *of_other]
+
+    def _expanded(self, signal: str, node: Node) -> list[Node]:
+        """A node, and the trees of the signals that it names."""
+        trees = [node]
+        for one in walk(node):
+            if isinstance(one, Name) and (other := self.formulas.other(signal, one)):
+                trees += self._expanded(other, self.formulas.tree(other))
+        return trees
+
+    def _tied(self, jet: Jet, values: list[Any]) -> Jet:
+        """Jet that is undefined where any of some values is."""
+        value = jet.value
+        for other in values:
+            value = undefined_with(value, other)
+        return jet._replace(value=value)
+
+
+def _opposite(condition: Any) -> Any:
+    """Opposite of a condition."""
+    if isinstance(condition, bool):
+        return not condition
+    return where(condition, 0.0, 1.0) > 0.5
+
+
+def _joined(one: Any, other: Any, both: bool) -> Any:
+    """Both conditions, or any of them."""
+    for known, unknown in ((one, other), (other, one)):
+        if isinstance(known, bool):
+            return unknown if known == both else known
+    return one & other if both else one | other
+
+
+class Quantities:
+    """Quantities of the flight at a state, SI; with rates and accelerations if ``moving``."""
+
+    def __init__(self, s: State, moving: bool):
+        self.s, self.moving = s, moving
+
+    def jet(self, quantity: Quantity) -> Jet:
+        """Jet of a quantity with the names of the kernel."""
+        if quantity.table == "time":
+            return Jet(self.s.time, 1.0 if self.moving else 0.0)
+        if quantity.table == "joint":
+            return self._joint(quantity)
+        if quantity.table == "spring":
+            return self._spring(quantity)
+        key, body = quantity.key, quantity.item
+        if key in ("pitch", "yaw", "roll"):
+            return self._attitude(body, key)
+        if key.startswith("omega"):
+            return self._rate(body, "xyz".index(key[-1]))
+        if key in ("x", "y", "z"):
+            return self._place(body, "xyz".index(key))
+        if key in ("vx", "vy", "vz"):
+            return self._speed(body, "xyz".index(key[-1]))
+        return self._flow(body, key)
+
+    def _acceleration(self, body: str) -> Any:
+        """Acceleration of a mass centre, ground axes, m/s2."""
+        return self.s.scope.load(f"K1 + V_{body}", 3)
+
+    def _jet(self, value: Any, rate: Any, second: Any = None) -> Jet:
+        """Jet, of which only the value counts if nothing moves."""
+        return Jet(value, rate(), second() if second else None) if self.moving else Jet(value)
+
+    def _rate(self, body: str, k: int) -> Jet:
+        """Component of the angular rate, body axes."""
+        leader = self.s.segment.leader(body)
+        if leader == GROUND:
+            return Jet(0.0)
+        return self._jet(
+            self.s.rate(leader)[k], lambda: self.s.scope.load(f"K1 + OMEGA_{leader}", 3)[k]
+        )
+
+    def _place(self, body: str, k: int) -> Jet:
+        """Coordinate of a mass centre, ground axes; y is the height."""
+        s = self.s
+        if k == 1:
+            value = s.place(body)[1] + origin_height(s.scope, s.time)
+        else:
+            value = s.place(body)[k] + s.time * s.case.velocity[k]
+        return self._jet(
+            value,
+            lambda: s.speed(body)[k] + s.case.velocity[k],
+            lambda: self._acceleration(body)[k],
+        )
+
+    def _speed(self, body: str, k: int) -> Jet:
+        """Component of the velocity of a mass centre, ground axes."""
+        value = self.s.speed(body)[k] + self.s.case.velocity[k]
+        return self._jet(value, lambda: self._acceleration(body)[k])
+
+    def _joint(self, quantity: Quantity) -> Jet:
+        """Stroke of a joint along its x axis from the start, or its rate."""
+        s, joint = self.s, quantity.item
+        line, bodies = s.separation(joint), s.spec.scene.joint[joint].bodies
+
+        def second() -> Any:
+            return s.case.separation_sign(joint) * s.lengthening_by("K1", bodies, line)
+
+        if quantity.key == "rate":
+            return self._jet(line.rate, second)
+        return self._jet(line.length, lambda: line.rate, second)
+
+    def _spring(self, quantity: Quantity) -> Jet:
+        """Extension of a spring from the start, or its rate."""
+        s = self.s
+        spring = next(one for one in s.spec.scene.spring if one.name == quantity.item)
+        line = s.spring(spring)
+
+        def second() -> Any:
+            return s.lengthening_by("K1", spring.bodies, line)
+
+        if quantity.key == "rate":
+            return self._jet(line.rate, second)
+        return self._jet(line.length - s.spring_start(spring), lambda: line.rate, second)
+
+    def _attitude(self, body: str, key: str) -> Jet:
+        """Pitch and roll with full turns, or yaw."""
+        s, leader = self.s, self.s.segment.leader(body)
+        if leader == GROUND:
+            return Jet(s.case.number({"pitch": at.PITCH, "yaw": at.YAW, "roll": at.ROLL}[key]))
+        r = s.attitude(body)
+        if key == "yaw":
+            value = quat.yaw(r)
+        else:
+            last = s.scope.load(component(f"ANGLES_{leader}", int(key == "roll")))
+            value = scalar.nearest_turn(getattr(quat, key)(r), last)
+        if not self.moving:
+            return Jet(value)
+        if key == "pitch":
+            jet = jets.angle(self._axis(body, 0, 1), self._axis(body, 0, 0))
+        elif key == "roll":
+            jet = jets.angle(self._axis(body, 1, 1, 2), self._axis(body, 2, 1, 2))
+        else:
+            along, up = self._axis(body, 0, 0), self._axis(body, 0, 1)
+            level = jets.apply("sqrt", jets.add(jets.multiply(along, along), jets.multiply(up, up)))
+            jet = jets.angle(jets.negative(self._axis(body, 0, 2)), level)
+        return jet._replace(value=value)
+
+    def _axis(self, body: str, axis: int, component_of: int, ground: int | None = None) -> Jet:
+        """Ground component of a body axis."""
+        s, leader = self.s, self.s.segment.leader(body)
+        k = component_of if ground is None else ground
+        r, spin = s.attitude(body), s.spin(body)
+        e = (r[axis], r[axis + 3], r[axis + 6])
+        spin_rate = vec3.rotate(r, s.scope.load(f"K1 + OMEGA_{leader}", 3)).called("spin_rate")
+        e_rate = vec3.cross(spin, e).called("e_rate")
+        e_second = vec3.add(vec3.cross(spin_rate, e), vec3.cross(spin, e_rate)).called("e_second")
+        return Jet(e[k], e_rate[k], e_second[k])
+
+    def _flow(self, body: str, key: str) -> Jet:
+        """Flow angles, airspeed, and dynamic pressure without the factor of the density."""
+        from sepmc.kernel.emit.loads import air_density  # noqa: PLC0415
+
+        s = self.s
+        flow = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called(
+            "flow"
+        )
+        flow_rate: Any = ZERO
+        if self.moving:
+            leader = s.segment.leader(body)
+            flow_rate = vec3.unrotate(s.attitude(body), self._acceleration(body))
+            if leader != GROUND:
+                flow_rate = vec3.sub(flow_rate, vec3.cross(s.rate(leader), flow))
+            flow_rate = flow_rate.called("flow_rate")
+        u, v, w = (
+            Jet(flow[k], flow_rate[k], None) if self.moving else Jet(flow[k]) for k in range(3)
+        )
+        if key in ("alpha", "beta"):
+            alpha, beta = loads.flow_angles(flow).called("angles")
+            if not self.moving:
+                return Jet(alpha if key == "alpha" else beta)
+            if key == "alpha":
+                return jets.angle(jets.negative(v), u)._replace(value=alpha)
+            level = jets.apply("sqrt", jets.add(jets.multiply(u, u), jets.multiply(v, v)))
+            return jets.angle(w, level)._replace(value=beta)
+        square = jets.add(jets.add(jets.multiply(u, u), jets.multiply(v, v)), jets.multiply(w, w))
+        if key == "airspeed":
+            value = square_root(vec3.dot(flow, flow))
+            return jets.apply("sqrt", square)._replace(value=value)
+        density = Jet(0.5 * s.case.number(at.DENSITY_FACTOR) * air_density(s, body))
+        if self.moving:
+            climb = self._place(body, 1).rate
+            density = Jet(density.value, density.value * climb * (-1.0 / _SCALE_HEIGHT), None)
+        return jets.multiply(density, square)
+
+
+def signals_of(s: State) -> Signals:
+    """Signals at a state; one object for each state."""
+    known: Signals | None = getattr(s, "_signals", None)
+    if known is None:
+        known = Signals(s)
+        s._signals = known  # type: ignore[attr-defined]
+    return known
+
+
+def number(s: State, path: str, slot: int) -> Any:
+    """Number of a parameter, SI: from its signal if it has one, else from the case."""
+    drive = s.spec.scene.driven.get(path)
+    if drive is None:
+        return s.case.number(slot)
+    value = signals_of(s).value(drive.signal)
+    return value * drive.factor
+
+
+def vector(s: State, path: str, slot: int) -> Any:
+    """Vector of three parameters; see `number`."""
+    if not any(f"{path}.{axis}" in s.spec.scene.driven for axis in "xyz"):
+        return s.case.vector(slot)
+    return tuple(number(s, f"{path}.{axis}", slot + k) for k, axis in enumerate("xyz"))
+
+
+def reject_undefined(s: State) -> None:
+    """Reject a case where a signal in use is undefined although its quantities are not."""
+    known = signals_of(s)
+    finite = getattr(scalar, "math.isfinite")
+    for signal in s.spec.formulas.used:
+        trees = known._expanded(signal, s.spec.formulas.tree(signal))
+        value = known.value(signal)
+        if not any(map(may_be_undefined, trees)):
+            continue
+        if not isinstance(value, Expr):
+            value = s.time * 0.0 + value
+        defined = finite(value)
+        if inputs := known.inputs(signal):
+            defined = defined | _opposite(finite(total(inputs)))
+        reject_unless(s.scope, defined, Status.UNDEFINED_FORMULA)
+
+
+def emit_signals(c: Context, s: State) -> list[Any]:
+    """Values of all signals of a scene in the order of the file."""
+    return [signals_of(s).value(signal.name) for signal in c.spec.scene.signal]
+
+
+__all__ = ["Signals", "mode_field", "number", "reject_undefined", "signals_of", "vector"]

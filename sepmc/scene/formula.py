@@ -1,0 +1,384 @@
+"""Formulas of a file: text to a checked syntax tree, and the value of a tree.
+
+A file is data from anyone: the text is bounded, parsed and translated to the three node types
+below; nothing of it is run as Python. Independent of scenes and kernels.
+"""
+
+import ast
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+MAX_TEXT, MAX_NODES, MAX_DEPTH = 1000, 300, 40
+# functions and the number of their arguments; None: two or more
+FUNCTIONS: dict[str, int | None] = {
+    "sin": 1,
+    "cos": 1,
+    "tan": 1,
+    "atan2": 2,
+    "sqrt": 1,
+    "exp": 1,
+    "log": 1,
+    "abs": 1,
+    "sign": 1,
+    "min": None,
+    "max": None,
+    "clip": 3,
+    "where": 3,
+}
+CONSTANTS = {"pi": math.pi}
+COMPARISONS = ("<", "<=", ">", ">=")
+# functions that are not smooth where their switching function is zero
+KINKS = ("abs", "sign", "min", "max", *COMPARISONS)
+# functions that are undefined, or overflow, for some arguments
+_PARTIAL = ("/", "**", "tan", "sqrt", "exp", "log", "sin", "cos")
+_CONDITIONS = (*COMPARISONS, "and", "or", "not")
+_OPERATORS: dict[type, str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Pow: "**",
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.And: "and",
+    ast.Or: "or",
+}
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?P<glued>\w?)"
+    r"|(?P<name>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)"
+    r"|(?P<operator>\*\*|<=|>=|==|!=|[-+*/(),<>]))",
+    re.ASCII,
+)
+
+
+class FormulaError(ValueError):
+    """A text that is no formula; the message tells why and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number."""
+
+    value: float
+
+
+@dataclass(frozen=True)
+class Name:
+    """A quantity by its name, such as ``upper.pitch_deg``."""
+
+    path: str
+
+
+@dataclass(frozen=True)
+class Call:
+    """A function or operator of nodes. ``min`` and ``max`` have two arguments."""
+
+    function: str
+    arguments: tuple["Node", ...]
+
+
+Node = Number | Name | Call
+
+
+@lru_cache(maxsize=1024)
+def parse(text: str) -> Node:
+    """Parse a formula.
+
+    Parameters
+    ----------
+    text : str
+        numbers, names, ``+ - * / **``, comparisons, ``and or not``, and `FUNCTIONS`
+
+    Returns
+    -------
+    Number, Name or Call
+        A number, not a condition; parts without names are computed.
+
+    Raises
+    ------
+    FormulaError
+        With the reason, in the words of a message for users.
+    """
+    _check_tokens(text)
+    try:
+        tree = ast.parse(text.strip().replace("\n", " "), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise FormulaError("is no formula: an operator, a number or a bracket is missing") from None
+    count = sum(1 for _ in ast.walk(tree))
+    if count > 3 * MAX_NODES:
+        raise FormulaError(f"must have at most {MAX_NODES} numbers, names and operators")
+    node = _node(tree, 0)
+    if is_condition(node):
+        raise FormulaError("is a condition, not a number: write where(condition, a, b)")
+    if sum(1 for _ in walk(node)) > MAX_NODES:
+        raise FormulaError(f"must have at most {MAX_NODES} numbers, names and operators")
+    return node
+
+
+def _check_tokens(text: str) -> None:
+    """Raise FormulaError if a text is too long, nested too deep, or has characters or words that
+    no formula has."""
+    if len(text) > MAX_TEXT:
+        raise FormulaError(f"has {len(text):,} characters: must have at most {MAX_TEXT:,}")
+    if not text.strip():
+        raise FormulaError("is empty: write numbers, names and + - * / **")
+    position, depth, run = 0, 0, 0
+    while position < len(text.rstrip()):
+        token = _TOKEN.match(text, position)
+        if token is None:
+            shown = text[position:].lstrip()[:1]
+            if shown == "=":
+                raise FormulaError("has '=': a formula is one expression; compare with < or >")
+            raise FormulaError(f"has {shown!r}: write numbers, names, + - * / ** < > and ( ) ,")
+        if token["glued"]:
+            part = f"{token['number']}{token['glued']}"
+            raise FormulaError(f"has {part!r}: put an operator between a number and a name")
+        operator = token["operator"] or ("not" if token["name"] == "not" else "")
+        if operator in ("==", "!="):
+            raise FormulaError(f"has {operator!r}, which is true at instants only: use < or >")
+        depth += (operator == "(") - (operator == ")")
+        run = run + 1 if operator in ("+", "-", "**", "not") else 0
+        if depth > MAX_DEPTH or run > MAX_DEPTH:
+            raise FormulaError(f"must have brackets at most {MAX_DEPTH} deep")
+        position = token.end()
+
+
+def _node(tree: ast.expr, depth: int) -> Node:
+    """Node of a Python expression; FormulaError if it is not on the list of those allowed."""
+    if depth > MAX_DEPTH:
+        raise FormulaError(f"must be nested at most {MAX_DEPTH} deep")
+
+    def inner(*trees: ast.expr) -> tuple[Node, ...]:
+        return tuple(_node(one, depth + 1) for one in trees)
+
+    if isinstance(tree, ast.Constant):
+        return _number(tree.value)
+    if isinstance(tree, ast.Name | ast.Attribute):
+        path = _path(tree)
+        return Number(CONSTANTS[path]) if path in CONSTANTS else Name(path)
+    if isinstance(tree, ast.UnaryOp):
+        if isinstance(tree.op, ast.UAdd):
+            return _numeric("+", inner(tree.operand))[0]
+        return _call("not" if isinstance(tree.op, ast.Not) else "-", inner(tree.operand))
+    if isinstance(tree, ast.BinOp) and type(tree.op) in _OPERATORS:
+        # a chain of sums or products is no deeper than its terms
+        left = _node(tree.left, depth if isinstance(tree.left, ast.BinOp) else depth + 1)
+        return _call(_OPERATORS[type(tree.op)], (left, *inner(tree.right)))
+    if isinstance(tree, ast.BoolOp):
+        return _joined(_OPERATORS[type(tree.op)], inner(*tree.values))
+    if isinstance(tree, ast.Compare) and all(type(op) in _OPERATORS for op in tree.ops):
+        values = inner(tree.left, *tree.comparators)
+        pairs = zip(tree.ops, values, values[1:], strict=False)
+        return _joined("and", tuple(_call(_OPERATORS[type(op)], (a, b)) for op, a, b in pairs))
+    if isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name) and not tree.keywords:
+        return _function(tree.func.id, inner(*tree.args))
+    raise FormulaError("must consist of numbers, names, + - * / **, < <= > >= and functions")
+
+
+def _number(value: object) -> Number:
+    """A number of the text."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise FormulaError(f"has {value!r}, which is no number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise FormulaError("has a number that is too large: at most 1.8e308")
+    return Number(number)
+
+
+def _path(tree: ast.expr) -> str:
+    """Dotted name of an expression."""
+    parts: list[str] = []
+    while isinstance(tree, ast.Attribute):
+        parts.insert(0, tree.attr)
+        tree = tree.value
+    if not isinstance(tree, ast.Name):
+        raise FormulaError("must consist of numbers, names, + - * / **, < <= > >= and functions")
+    return ".".join([tree.id, *parts])
+
+
+def _function(name: str, arguments: tuple[Node, ...]) -> Node:
+    """Call of a function by its name."""
+    if name not in FUNCTIONS:
+        raise FormulaError(f"has {name}(...): functions are {', '.join(FUNCTIONS)}")
+    count = FUNCTIONS[name]
+    if (len(arguments) < 2) if count is None else (len(arguments) != count):
+        wanted = "at least 2" if count is None else str(count)
+        raise FormulaError(
+            f"has {name} of {len(arguments)} numbers: it takes {wanted}"
+            + (", as clip(x, low, high)" if name == "clip" else "")
+        )
+    if name == "clip":
+        x, low, high = arguments
+        return _call("min", (_call("max", (x, low)), high))
+    result, *others = arguments
+    if count is None:
+        for other in others:
+            result = _call(name, (result, other))
+        return result
+    return _call(name, arguments)
+
+
+def _joined(function: str, conditions: tuple[Node, ...]) -> Node:
+    """Conditions that are joined by ``and`` or ``or``."""
+    result, *others = conditions
+    for other in others:
+        result = _call(function, (result, other))
+    return result
+
+
+def _numeric(function: str, arguments: tuple[Node, ...]) -> tuple[Node, ...]:
+    """Arguments that must be numbers."""
+    if any(map(is_condition, arguments)):
+        raise FormulaError(f"has {function!r} of a condition, which is no number: use where")
+    return arguments
+
+
+def _call(function: str, arguments: tuple[Node, ...]) -> Node:
+    """Call whose arguments have the right types; computed if they are all numbers."""
+    numbers = arguments
+    if function == "where":
+        numbers = arguments[1:]
+        if not is_condition(arguments[0]):
+            raise FormulaError("has where(...) without a condition: where(a < b, one, other)")
+    elif function in ("and", "or", "not"):
+        numbers = ()
+        if not all(map(is_condition, arguments)):
+            raise FormulaError(f"has {function!r} of a number: it joins conditions such as a < b")
+    _numeric(function, numbers)
+    node = Call(function, arguments)
+    if function in _CONDITIONS or not all(isinstance(one, Number) for one in arguments):
+        return node
+    value = float(evaluate(node, {}))
+    if not math.isfinite(value):
+        shown = ", ".join(f"{one.value:g}" for one in arguments if isinstance(one, Number))
+        raise FormulaError(f"has {function!r} of {shown}, which is undefined or too large")
+    return Number(value)
+
+
+def is_condition(node: Node) -> bool:
+    """True if a node is a condition, not a number."""
+    return isinstance(node, Call) and node.function in _CONDITIONS
+
+
+def walk(node: Node) -> Iterator[Node]:
+    """Nodes of a tree, arguments before the calls that use them."""
+    if isinstance(node, Call):
+        for argument in node.arguments:
+            yield from walk(argument)
+    yield node
+
+
+def names(node: Node) -> list[str]:
+    """Names in a tree, in order and without repetition."""
+    return list(dict.fromkeys(one.path for one in walk(node) if isinstance(one, Name)))
+
+
+def may_be_undefined(node: Node) -> bool:
+    """True if a tree has a function that is undefined, or overflows, for some arguments."""
+    return any(isinstance(one, Call) and one.function in _PARTIAL for one in walk(node))
+
+
+_DEFINED: dict[str, Callable[..., Any]] = {
+    "/": lambda a, b: b != 0.0,
+    "sqrt": lambda a: a >= 0.0,
+    "log": lambda a: a > 0.0,
+    "**": lambda a, b: (a > 0.0) | ((a == 0.0) & (b >= 0.0)) | ((a < 0.0) & (b == np.floor(b))),
+}
+_VALUES: dict[str, Callable[..., Any]] = {
+    "+": np.add,
+    "*": np.multiply,
+    "/": np.divide,
+    "**": np.power,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "atan2": np.arctan2,
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "log": np.log,
+    "abs": np.abs,
+    "sign": np.sign,
+    "min": np.minimum,
+    "max": np.maximum,
+    "<": np.less,
+    "<=": np.less_equal,
+    ">": np.greater,
+    ">=": np.greater_equal,
+    "and": np.logical_and,
+    "or": np.logical_or,
+    "not": np.logical_not,
+}
+
+
+def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
+    """Value of a formula.
+
+    Parameters
+    ----------
+    node : Number, Name or Call
+    values : mapping of str to float or ndarray, shape (n,)
+        Value of each of its `names`.
+
+    Returns
+    -------
+    float or ndarray, shape (n,)
+        NaN where the formula is undefined: a quotient by zero, a root or logarithm of a negative
+        number, a result that is too large, or a value that is NaN.
+    """
+    with np.errstate(all="ignore"):
+        result, undefined = _value(node, values)
+        return np.where(undefined | ~np.isfinite(result), np.nan, result)
+
+
+def _value(node: Node, values: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Value of a node, and where it is undefined."""
+    if isinstance(node, Number):
+        return node.value, np.False_
+    if isinstance(node, Name):
+        value = np.asarray(values[node.path], dtype=float)
+        return value, ~np.isfinite(value)
+    parts = [_value(one, values) for one in node.arguments]
+    arguments = [value for value, _ in parts]
+    if node.function == "where":
+        (condition, unknown), (one, of_one), (other, of_other) = parts
+        return np.where(condition, one, other), unknown | np.where(condition, of_one, of_other)
+    undefined: Any = np.False_
+    for _, flag in parts:
+        undefined = undefined | flag
+    if node.function == "-":
+        return -arguments[0] if len(arguments) == 1 else arguments[0] - arguments[1], undefined
+    if node.function in _DEFINED:
+        undefined = undefined | ~np.asarray(_DEFINED[node.function](*arguments))
+    result = _VALUES[node.function](*arguments)
+    if not is_condition(node):
+        undefined = undefined | ~np.isfinite(result)
+    return result, undefined
+
+
+__all__ = [
+    "COMPARISONS",
+    "FUNCTIONS",
+    "KINKS",
+    "Call",
+    "FormulaError",
+    "Name",
+    "Node",
+    "Number",
+    "evaluate",
+    "is_condition",
+    "may_be_undefined",
+    "names",
+    "parse",
+    "walk",
+]

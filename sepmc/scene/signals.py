@@ -1,0 +1,311 @@
+"""Signals: formulas of quantities of the flight, read from a file, and the numbers that they give
+during flight."""
+
+import re
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from sepmc.scene.fields import fields_of, keys_of, to_si
+from sepmc.scene.formula import (
+    CONSTANTS,
+    FUNCTIONS,
+    FormulaError,
+    Node,
+    evaluate,
+    names,
+    parse,
+)
+from sepmc.scene.limits import LARGEST, NAME
+from sepmc.scene.messages import Problems, nearest
+from sepmc.scene.model import Driven, Load, Motor, Scene, Signal, Spring
+from sepmc.scene.tables import read_table
+from sepmc.scene.units import UNITS, split_unit
+
+# kind of quantity of each name: of time, of a body, of a joint, of a spring
+TIME = {"time": "time"}
+OF_BODY = {
+    **dict.fromkeys(("pitch", "yaw", "roll", "alpha", "beta"), "angle"),
+    **dict.fromkeys(("omega_x", "omega_y", "omega_z"), "angular rate"),
+    **dict.fromkeys(("x", "y", "z"), "length"),
+    **dict.fromkeys(("vx", "vy", "vz", "airspeed"), "speed"),
+    "dynamic_pressure": "pressure",
+}
+OF_JOINT = {"stroke": "length", "rate": "speed"}
+OF_SPRING = {"extension": "length", "rate": "speed"}
+_OF_ITEM = {"joint": OF_JOINT, "spring": OF_SPRING}
+# fields of the tables of arrays that a signal may give
+_DRIVEN: dict[str, tuple[type[msgspec.Struct], tuple[str, ...]]] = {
+    "load": (Load, ("force", "moment")),
+    "motor": (Motor, ("thrust", "deflection", "deflection_clock")),
+    "spring": (Spring, ("force", "stiffness", "damping", "factor")),
+}
+_OWN_KEYS = ("name", "formula")
+_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_WORDS = ("and", "or", "not", *FUNCTIONS, *CONSTANTS)
+Items = Mapping[str, Collection[str]]  # names by table
+_TIMES = 400  # at which `size` looks for the largest value
+
+
+class Quantity(NamedTuple):
+    """Quantity of the flight that a formula names.
+
+    ``table`` is time, body, joint or spring, ``item`` the name of the latter three, ``key`` the
+    quantity. In the unit of its name it is its value in SI over ``factor``.
+    """
+
+    table: str
+    item: str
+    key: str
+    factor: float
+
+
+def take_driven(tree: dict[str, Any], problems: Problems) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Take the names of signals out of the tables of a campaign.
+
+    Parameters
+    ----------
+    tree : dict
+        It stays as it is.
+    problems : Problems
+
+    Returns
+    -------
+    tree : dict
+        With 0 in place of each name.
+    driven : dict of str to (str, Driven)
+        TOML path and signal of each, by the path of its parameter.
+    """
+    result, driven = dict(tree), dict[str, Any]()
+    for array, (kind, fields) in _DRIVEN.items():
+        if not isinstance(tree.get(array), list):
+            continue
+        keys = {
+            key: (field, factor)
+            for key, (field, factor) in keys_of(fields_of(kind)).items()
+            if field.name in fields
+        }
+        result[array] = []
+        for item in tree[array]:
+            table = dict(item) if isinstance(item, dict) else item
+            result[array].append(table)
+            if not isinstance(item, dict) or not isinstance(item.get("name"), str):
+                continue
+            for key, (field, factor) in keys.items():
+                if key not in item:
+                    continue
+                where = f"{array}.{item['name']}"
+                table[key], taken = _without_names(item[key], field.quantity.components)
+                for component, signal in taken:
+                    path = ".".join(filter(None, (where, field.name, component)))
+                    shown = ".".join(filter(None, (where, key, component)))
+                    driven[path] = shown, Driven(signal, factor)
+    return result, driven
+
+
+def _without_names(value: Any, components: tuple[str, ...]) -> tuple[Any, list[tuple[str, str]]]:
+    """Value of a key with 0 in place of names, and each name with its component."""
+    if isinstance(value, str):
+        return (0.0, [("", value)]) if not components else (value, [])
+    if components and isinstance(value, list) and len(value) == len(components):
+        taken = [(c, v) for c, v in zip(components, value, strict=True) if isinstance(v, str)]
+        return [0.0 if isinstance(v, str) else v for v in value], taken
+    if components and isinstance(value, dict):
+        taken = [(c, v) for c, v in value.items() if isinstance(v, str) and c in components]
+        names_taken = dict(taken)
+        return {c: 0.0 if c in names_taken else v for c, v in value.items()}, taken
+    return value, []
+
+
+def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
+    """Convert ``[[signal]]``: its keys are name and formula, all others are constants."""
+    if not isinstance(tree, list):
+        problems.add("signal", "must be an array of tables: [[signal]]", tree)
+        return ()
+    signals: list[Signal] = []
+    for number, table in enumerate(tree):
+        name = table.get("name", number) if isinstance(table, dict) else number
+        key_path = f"signal.{name}"
+        own = (
+            {key: value for key, value in table.items() if key in _OWN_KEYS}
+            if isinstance(table, dict)
+            else table
+        )
+        signal = read_table(Signal, own, key_path, problems)
+        constants = {
+            key: _constant(key, value, f"{key_path}.{key}", problems)
+            for key, value in (table.items() if isinstance(table, dict) else ())
+            if key not in _OWN_KEYS
+        }
+        if signal is None:
+            continue
+        if signal.name in _WORDS:
+            problems.add(f"{key_path}.name", "is a word of formulas; choose another", name)
+        if any(signal.name == other.name for other in signals):
+            problems.add(key_path, "the name is used twice")
+        signals.append(msgspec.structs.replace(signal, constants=constants))
+    return tuple(signals)
+
+
+def _constant(key: str, value: Any, key_path: str, problems: Problems) -> float:
+    """A constant of a signal; its number stays in the unit of its key."""
+    if not _IDENTIFIER.fullmatch(key) or len(key) > NAME:
+        problems.add(
+            key_path, f"a name is a letter followed by at most {NAME - 1} letters, digits or _"
+        )
+    elif key in _WORDS:
+        problems.add(key_path, "is a word of formulas; choose another name")
+    elif isinstance(value, bool) or not isinstance(value, int | float):
+        problems.add(key_path, "must be a number: a constant of the formula", value)
+    elif not abs(to_si(value, 1.0)) <= LARGEST:
+        problems.add(key_path, f"must be finite and at most {LARGEST:g} in size", value)
+    else:
+        return float(value)
+    return 0.0
+
+
+def check_signals(
+    scene: Scene, driven: Mapping[str, tuple[str, Driven]], problems: Problems
+) -> None:
+    """Note formulas that are none, unknown names in them, cycles, and unknown signals."""
+    known = [signal.name for signal in scene.signal]
+    for shown, drive in driven.values():
+        if drive.signal not in known:
+            reason = "must be a number or the name of a [[signal]]; "
+            problems.add(shown, reason + nearest(drive.signal, known), drive.signal)
+    trees: dict[str, Node] = {}
+    for signal in scene.signal:
+        key_path = f"signal.{signal.name}.formula"
+        try:
+            tree = parse(signal.formula)
+        except FormulaError as error:
+            problems.add(key_path, str(error), signal.formula)
+            continue
+        trees[signal.name] = tree
+        for constant in signal.constants:
+            if constant in known:
+                reason = "is the name of a signal too; choose another"
+                problems.add(f"signal.{signal.name}.{constant}", reason)
+            elif constant not in names(tree):
+                reason = "unknown key, and no constant of the formula: it does not name it"
+                problems.add(f"signal.{signal.name}.{constant}", reason)
+        for name in names(tree):
+            if name not in signal.constants and name not in known:
+                if reason := _unknown(name, scene, [*signal.constants, *known]):
+                    problems.add(key_path, f"{name}: {reason}", signal.formula)
+    for name in trees:
+        if cycle := _cycle(name, trees, ()):
+            problems.add(f"signal.{name}.formula", f"depends on itself: {' -> '.join(cycle)}")
+            break
+
+
+def _cycle(name: str, trees: Mapping[str, Node], above: tuple[str, ...]) -> tuple[str, ...]:
+    """Names from a signal back to itself; empty if it does not depend on itself."""
+    if name in above:
+        return (*above[above.index(name) :], name)
+    for other in names(trees[name]):
+        if other in trees and (cycle := _cycle(other, trees, (*above, name))):
+            return cycle
+    return ()
+
+
+def quantity(name: str, items: Items) -> Quantity | None:
+    """Quantity of a name, of a scene with some items; None if it is unknown."""
+    *head, last = name.split(".")
+    key, unit = split_unit(last)
+    if not head:
+        table, item, kinds = "time", "", TIME
+    elif len(head) == 1 and head[0] in items["body"]:
+        table, item, kinds = "body", head[0], OF_BODY
+    elif len(head) == 2 and head[0] in _OF_ITEM and head[1] in items[head[0]]:
+        table, item, kinds = head[0], head[1], _OF_ITEM[head[0]]
+    else:
+        return None
+    factor = UNITS.get(kinds.get(key, ""), {}).get(unit)
+    return None if factor is None else Quantity(table, item, key, factor)
+
+
+def items_of(scene: Scene) -> Items:
+    """Names of the bodies, joints and springs of a scene."""
+    return {
+        "body": list(scene.body),
+        "joint": list(scene.joint),
+        "spring": [spring.name for spring in scene.spring],
+    }
+
+
+def _unknown(name: str, scene: Scene, others: list[str]) -> str:
+    """Reason why a name of a formula is unknown; empty if it is a quantity that the scene has."""
+    items = items_of(scene)
+    known = quantity(name, items)
+    if known is not None:
+        aero = scene.body[known.item].aerodynamics if known.table == "body" else None
+        if known.key == "dynamic_pressure" and (
+            aero is None or scene.environment.atmosphere == "none"
+        ):
+            return "needs a body with aerodynamics, in an atmosphere"
+        return ""
+    *head, last = name.split(".")
+    key, unit = split_unit(last)
+    if not head:
+        if key in TIME:
+            return f"the unit is missing or wrong; allowed: {_spellings('', key, 'time')}"
+        return "no such constant or signal; " + nearest(name, [*others, "time_s"])
+    if head[0] in _OF_ITEM and head[0] not in scene.body:
+        kinds = _OF_ITEM[head[0]]
+        if len(head) != 2 or head[1] not in items[head[0]]:
+            reason = f"write {head[0]}.NAME.QUANTITY with the name of a {head[0]}"
+            return f"{reason}; {nearest(head[1], items[head[0]])}" if len(head) == 2 else reason
+    elif len(head) == 1 and head[0] in scene.body:
+        kinds = OF_BODY
+    else:
+        return "no such body; " + nearest(head[0], [*scene.body, *_OF_ITEM])
+    stem = ".".join(head) + "."
+    meant = key if key in kinds else last if last in kinds else ""
+    if meant:
+        return f"the unit is missing or wrong; allowed: {_spellings(stem, meant, kinds[meant])}"
+    spellings = [f"{one}_{next(iter(UNITS[kind]))}" for one, kind in kinds.items()]
+    return "no such quantity; " + nearest(last, spellings)
+
+
+def _spellings(stem: str, key: str, kind: str) -> str:
+    """A quantity in all its units."""
+    return ", ".join(f"{stem}{key}_{unit}" for unit in UNITS[kind])
+
+
+def size(scene: Scene, path: str) -> float:
+    """Size of a driven number, SI: the largest of its signal over time, at rest in still air; 0 for
+    a number that is not driven, or a signal that is undefined there."""
+    if path not in scene.driven:
+        return 0.0
+    times = np.linspace(0.0, scene.run.end_time, _TIMES)
+    drive = scene.driven[path]
+    values = np.abs(np.nan_to_num(value_at(scene, drive.signal, times), nan=0.0))
+    return float(values.max()) * drive.factor
+
+
+def value_at(scene: Scene, name: str, times: np.ndarray) -> np.ndarray:
+    """Values (n,) of a signal at times (n,), s, with all other quantities at 0."""
+    by_name = {signal.name: signal for signal in scene.signal}
+    known: dict[str, np.ndarray] = {}
+
+    def value(signal: str) -> np.ndarray:
+        if signal not in known:
+            tree = parse(by_name[signal].formula)
+            known[signal] = np.zeros(len(times)) + evaluate(
+                tree, {one: of_name(by_name[signal], one) for one in names(tree)}
+            )
+        return known[signal]
+
+    def of_name(signal: Signal, one: str) -> Any:
+        if one in signal.constants:
+            return signal.constants[one]
+        if one in by_name:
+            return value(one)
+        known_quantity = quantity(one, items_of(scene))
+        assert known_quantity is not None
+        return times / known_quantity.factor if known_quantity.table == "time" else 0.0 * times
+
+    return value(name)
