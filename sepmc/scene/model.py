@@ -36,6 +36,8 @@ Polynomial = dict[str, float]
 Series = tuple[float, ...]
 Grid = list[Any]  # nested lists of numbers, one level per axis of the table
 Axis = Literal["x", "y", "z"]
+# of a table between its rows: a spline, straight lines, or cubics without overshoot
+Interpolation = Literal["cubic", "linear", "monotone"]
 GROUND = "ground"  # the body at rest, which joints and springs may name
 
 
@@ -44,14 +46,15 @@ class _Table(Struct, frozen=True):
 
 
 class WindProfile(_Table, frozen=True, kw_only=True):
-    """Wind over height, smooth between the rows, added to the steady wind. ``factor`` multiplies
-    all speeds, ``turn`` is added to all directions."""
+    """Wind over height, added to the steady wind. ``factor`` multiplies all speeds, ``turn`` is
+    added to all directions."""
 
     altitude: Annotated[Series, Quantity("length")]
     speed: Annotated[Series, Quantity("speed")]
     direction: Annotated[Series, Quantity("angle")]
     factor: float = 1.0
     turn: Angle = 0.0
+    interpolation: Interpolation = "cubic"
 
 
 class Wind(_Table, frozen=True, kw_only=True):
@@ -63,11 +66,12 @@ class Wind(_Table, frozen=True, kw_only=True):
 
 
 class AirProfile(_Table, frozen=True, kw_only=True):
-    """Air over height, smooth between the rows, for ``atmosphere = "table"``."""
+    """Air over height, for ``atmosphere = "table"``; density is interpolated by its logarithm."""
 
     altitude: Annotated[Series, Quantity("length")]
     density: Annotated[Series, Quantity("density")]
     speed_of_sound: Annotated[Series, Quantity("speed")] = ()
+    interpolation: Interpolation = "cubic"
 
 
 class Environment(_Table, frozen=True, kw_only=True):
@@ -94,6 +98,7 @@ class AeroTable(_Table, frozen=True, kw_only=True):
     roll: Grid = field(default_factory=list)
     yaw: Grid = field(default_factory=list)
     pitch: Grid = field(default_factory=list)
+    interpolation: Interpolation = "cubic"
 
 
 class Aerodynamics(_Table, frozen=True, kw_only=True):
@@ -242,6 +247,7 @@ class Proximity(_Table, frozen=True, kw_only=True):
     yaw: Series = ()
     pitch: Series = ()
     factor: float = 1.0
+    interpolation: Interpolation = "cubic"
 
 
 class Guide(_Table, frozen=True, kw_only=True):

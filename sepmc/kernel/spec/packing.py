@@ -82,10 +82,10 @@ def direction(axis: tuple[float, float, float] | None) -> np.ndarray:
 
 
 def add_air(pool: Pool, scene: Scene) -> int:
-    """Append the minimum and maximum altitude (m) and the splines of log density (kg/m3) and speed
+    """Append the minimum and maximum altitude (m) and the functions of log density (kg/m3) and speed
     of sound (m/s) over altitude.
 
-    Returns the start of the splines, or -1 without a table.
+    Returns the start of the functions, or -1 without a table.
     """
     air = scene.environment.air
     if scene.environment.atmosphere != "table" or air is None:
@@ -93,11 +93,15 @@ def add_air(pool: Pool, scene: Scene) -> int:
     sound = air.speed_of_sound or (math.inf,) * len(air.altitude)
     finite = [1.0 if math.isinf(x) else x for x in sound]
     pool.add([air.altitude[0], air.altitude[-1]])
-    return pool.add(pack([air.altitude], np.array([np.log(air.density), finite])))
+    return pool.add(
+        pack(
+            [air.altitude], np.array([np.log(air.density), finite]), interpolation=air.interpolation
+        )
+    )
 
 
 def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
-    """Append the splines of the wind along ground x and z (m/s) over altitude.
+    """Append the functions of the wind along ground x and z (m/s) over altitude.
 
     With ``varies`` (factor and turn differ from case to case) the profile is stored without them.
     Returns the start, or -1 without a profile.
@@ -107,7 +111,8 @@ def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
         return -1
     if varies:
         profile = replace(profile, factor=1.0, turn=0.0)
-    return pool.add(pack([profile.altitude], along_ground(profile), ends="flat"))
+    rows = along_ground(profile)
+    return pool.add(pack([profile.altitude], rows, "flat", profile.interpolation))
 
 
 def along_ground(profile: WindProfile) -> np.ndarray:
@@ -137,7 +142,7 @@ def add_profile(pool: Pool, motor: Motor) -> tuple[int, int]:
 
 
 def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
-    """Append the splines of six coefficients over (Mach, alpha, beta); return the start, or -1
+    """Append the functions of six coefficients over (Mach, alpha, beta); return the start, or -1
     without a table."""
     aero = scene.body[name].aerodynamics if name in scene.body else None
     if aero is None or aero.table is None:
@@ -149,16 +154,17 @@ def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
         grid = getattr(aero.table, coefficient)
         if grid:
             values[code] = np.array(grid, dtype=float).reshape(shape)
-    return pool.add(pack(axes, values))
+    return pool.add(pack(axes, values, interpolation=aero.table.interpolation))
 
 
 def add_proximity(pool: Pool, entry: Proximity) -> int:
-    """Append the splines of six coefficient increments over separation distance (m); return the
+    """Append the functions of six coefficient increments over separation distance (m); return the
     start."""
     values = [
         getattr(entry, coefficient) or (0.0,) * len(entry.distance) for coefficient in COEFFICIENTS
     ]
-    return pool.add(pack([entry.distance], np.array(values, dtype=float), ends="flat"))
+    numbers = np.array(values, dtype=float)
+    return pool.add(pack([entry.distance], numbers, "flat", entry.interpolation))
 
 
 def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:

@@ -18,8 +18,9 @@ ENVIRONMENT = {
 WIND = {"speed": 0.0, "direction": 0.0, "profile": None}
 WIND_PROFILE = {
     "altitude": REQUIRED, "speed": REQUIRED, "direction": REQUIRED, "factor": 1.0, "turn": 0.0,
+    "interpolation": "cubic",
 }  # fmt: skip
-AIR = {"altitude": REQUIRED, "density": REQUIRED, "speed_of_sound": ()}
+AIR = {"altitude": REQUIRED, "density": REQUIRED, "speed_of_sound": (), "interpolation": "cubic"}
 BODY = {
     "mass": REQUIRED, "inertia": REQUIRED, "inertia_products": ZERO, "inertia_factor": 1.0,
     "cg": REQUIRED, "aerodynamics": None,
@@ -30,7 +31,10 @@ AERODYNAMICS = {
     "moment_factor": 1.0, "moment_point": None,
     "table": None, **dict.fromkeys(COEFFICIENTS),
 }  # fmt: skip
-AERO_TABLE = {"mach": (), "alpha": (), "beta": (), **dict.fromkeys(COEFFICIENTS, ())}
+AERO_TABLE = {
+    "mach": (), "alpha": (), "beta": (), **dict.fromkeys(COEFFICIENTS, ()),
+    "interpolation": "cubic",
+}  # fmt: skip
 MOTOR = {
     "name": REQUIRED, "body": REQUIRED, "thrust": REQUIRED, "build_up": 0.0, "ignition": 0.0,
     "delay": 0.0, "burn": math.inf,
@@ -55,6 +59,7 @@ PROXIMITY = {
     "joint": REQUIRED,
     "distance": REQUIRED,
     "factor": 1.0,
+    "interpolation": "cubic",
     **dict.fromkeys(COEFFICIENTS, ()),
 }
 JOINT = {
