@@ -82,8 +82,8 @@ def direction(axis: tuple[float, float, float] | None) -> np.ndarray:
 
 
 def add_air(pool: Pool, scene: Scene) -> int:
-    """Append the minimum and maximum altitude (m) and the functions of log density (kg/m3) and speed
-    of sound (m/s) over altitude.
+    """Append the minimum and maximum altitude (m) and the functions of log density (kg/m3) and
+    speed of sound (m/s) over altitude.
 
     Returns the start of the functions, or -1 without a table.
     """

@@ -7,10 +7,10 @@ interpolations alike:
 - ``"cubic"``: cubic B-splines on a clamped knot vector. Two and three points give a line and a
   parabola, raised to cubics on one span.
 - ``"linear"``: two hat functions; the others are zero.
-- ``"monotone"``: the Hermite functions of values and slopes at both ends of a span. Slopes are those
-  of Fritsch and Butland (scipy's ``PchipInterpolator``), axis by axis: no value between two rows is
-  beyond theirs. Two coefficients belong to a row, so every row is two breaks at one place, and the
-  span between them is empty.
+- ``"monotone"``: the Hermite functions of values and slopes at both ends of a span. Slopes are
+  those of Fritsch and Butland (scipy's ``PchipInterpolator``), axis by axis: no value between two
+  rows is beyond theirs. Two coefficients belong to a row, so every row is two breaks at one place,
+  and the span between them is empty.
 """
 
 from collections.abc import Sequence
