@@ -19,8 +19,10 @@ from sepmc.scene.model import Body, Motor, Profile, Spring
 def test_mated_bodies_are_their_points(pair):
     """Two bodies as twelve points each: mass, centre and inertia of all points."""
     random = np.random.default_rng(5)
-    points = {name: (*random.normal(0.0, 1.0, (12, 3)), -x, 0.0, 0.0) for name, x in
-              (("fore", 1.0), ("aft", 3.0))}  # body axes: x forward  # fmt: skip
+    points = {
+        name: random.normal(0.0, 1.0, (12, 3)) - [x, 0.0, 0.0]  # body axes: x forward
+        for name, x in (("fore", 1.0), ("aft", 3.0))
+    }
     bodies = {}
     for name, at in points.items():
         centre = at.mean(axis=0)
