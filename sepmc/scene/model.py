@@ -87,7 +87,8 @@ class Environment(_Table, frozen=True, kw_only=True):
 
 class AeroTable(_Table, frozen=True, kw_only=True):
     """Coefficients on a grid over the given axes, in the order mach, alpha, beta, added to the
-    polynomials."""
+    polynomials; an axis of one point changes nothing. ``pitch_q`` and the like are derivatives by
+    the reduced rates p, q, r."""
 
     mach: Series = ()
     alpha: Annotated[Series, Quantity("angle")] = ()
@@ -98,11 +99,29 @@ class AeroTable(_Table, frozen=True, kw_only=True):
     roll: Grid = field(default_factory=list)
     yaw: Grid = field(default_factory=list)
     pitch: Grid = field(default_factory=list)
+    axial_q: Grid = field(default_factory=list)
+    normal_q: Grid = field(default_factory=list)
+    pitch_q: Grid = field(default_factory=list)
+    side_p: Grid = field(default_factory=list)
+    side_r: Grid = field(default_factory=list)
+    roll_p: Grid = field(default_factory=list)
+    roll_r: Grid = field(default_factory=list)
+    yaw_p: Grid = field(default_factory=list)
+    yaw_r: Grid = field(default_factory=list)
     interpolation: Interpolation = "cubic"
 
 
+# grids of a table, and of these the derivatives by a rate: coefficient and rate
+COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
+DERIVATIVES = (
+    "axial_q", "normal_q", "pitch_q", "side_p", "side_r", "roll_p", "roll_r", "yaw_p", "yaw_r",
+)  # fmt: skip
+RATES = ("p", "q", "r")  # roll to the right, pitch up, yaw to the right
+
+
 class Aerodynamics(_Table, frozen=True, kw_only=True):
-    """Aerodynamic coefficients of a body: polynomials in alpha and beta, and a table."""
+    """Aerodynamic coefficients of a body: polynomials in alpha, beta and the reduced rates, and a
+    table."""
 
     reference_area: Annotated[float, Positive, Quantity("area")]
     reference_length: Annotated[float, Positive, Quantity("length")]

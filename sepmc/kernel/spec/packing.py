@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from sepmc.kernel.spec.splines import pack
 from sepmc.routines import layout as at
-from sepmc.scene.model import Motor, Proximity, Scene, WindProfile
+from sepmc.scene.model import DERIVATIVES, RATES, AeroTable, Motor, Proximity, Scene, WindProfile
 
 COEFFICIENTS = {
     "axial": at.AXIAL,
@@ -39,13 +39,15 @@ class Pool:
 
 @dataclass(frozen=True)
 class Term:
-    """Term of an aerodynamic polynomial: coefficient times powers of alpha and beta."""
+    """Term of an aerodynamic polynomial: coefficient times powers of alpha and beta, and a reduced
+    rate (one of `RATES`, or none)."""
 
     path: str
     body: str
     coefficient: int
     alpha: int
     beta: int
+    rate: str = ""
 
 
 def aero_terms(scene: Scene) -> list[Term]:
@@ -64,7 +66,9 @@ def aero_terms(scene: Scene) -> list[Term]:
         for coefficient, code in COEFFICIENTS.items():
             for term in getattr(body.aerodynamics, coefficient) if body.aerodynamics else ():
                 path = f"body.{name}.aerodynamics.{coefficient}.{term}"
-                terms.append(Term(path, name, code, _power(term, "alpha"), _power(term, "beta")))
+                rate = term[-1] if term.split("_")[-1] in RATES else ""
+                powers = _power(term, "alpha"), _power(term, "beta")
+                terms.append(Term(path, name, code, *powers, rate))
     return terms
 
 
@@ -141,19 +145,41 @@ def add_profile(pool: Pool, motor: Motor) -> tuple[int, int]:
     return pool.add([x for row in rows for x in row]), len(rows)
 
 
+def derivative_grids(table: AeroTable) -> list[tuple[str, int, str]]:
+    """Grids of derivatives by a rate that a table has: name, coefficient, rate.
+
+    Parameters
+    ----------
+    table : AeroTable
+
+    Returns
+    -------
+    list of tuple
+        In the order of their functions, which follow those of the six coefficients.
+    """
+    return [
+        (name, COEFFICIENTS[name.rpartition("_")[0]], name[-1])
+        for name in DERIVATIVES
+        if getattr(table, name)
+    ]
+
+
 def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
-    """Append the functions of six coefficients over (Mach, alpha, beta); return the start, or -1
-    without a table."""
+    """Append the functions of six coefficients over (Mach, alpha, beta), and of derivatives by
+    rates; return the start, or -1 without a table."""
     aero = scene.body[name].aerodynamics if name in scene.body else None
     if aero is None or aero.table is None:
         return -1
     axes = [axis or (0.0,) for axis in (aero.table.mach, aero.table.alpha, aero.table.beta)]
     shape = tuple(len(axis) for axis in axes)
-    values = np.zeros((6, *shape))
+    derivatives = derivative_grids(aero.table)
+    values = np.zeros((len(COEFFICIENTS) + len(derivatives), *shape))
     for coefficient, code in COEFFICIENTS.items():
         grid = getattr(aero.table, coefficient)
         if grid:
             values[code] = np.array(grid, dtype=float).reshape(shape)
+    for k, (key, _, _) in enumerate(derivatives, len(COEFFICIENTS)):
+        values[k] = np.array(getattr(aero.table, key), dtype=float).reshape(shape)
     return pool.add(pack(axes, values, interpolation=aero.table.interpolation))
 
 

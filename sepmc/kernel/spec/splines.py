@@ -56,14 +56,14 @@ def pack(
     assert coefficients.shape[1:] == tuple(len(points) for points in axes)
     head = [[float(len(coefficients))]]
     for points in axes:  # each pass moves the first axis to the end
-        points = np.asarray(points, float)
+        places = np.asarray(points, float)
         if len(points) > 1 and interpolation == "linear":
-            basis, matrix = _lines(points)
+            basis, matrix = _lines(places)
             coefficients = np.tensordot(coefficients, matrix, (1, 1))
         elif len(points) > 1 and interpolation == "monotone":
-            basis, coefficients = _monotone(points, coefficients, ends)
+            basis, coefficients = _monotone(places, coefficients, ends)
         else:
-            basis, matrix = _axis(points, ends)
+            basis, matrix = _axis(places, ends)
             coefficients = np.tensordot(coefficients, matrix, (1, 1))
         head.append(basis)
     head += [[0.0, 0.0]] * (AXES - len(axes))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator, make_interp_spline
 
-from oracles.independent.case import COEFFICIENTS, Table
+from oracles.independent.case import COEFFICIENTS, DERIVATIVES, Table
 from oracles.independent.state import Array
 from sepmc.validation.classical_loads import EARTH_RADIUS, LAYER_BASE, LAYER_LAPSE, polynomial
 
@@ -152,12 +152,30 @@ class Increments:
         return self.factor * self.curve(min(max(distance, self.ends[0]), self.ends[1]))
 
 
+def _by_rate(terms: dict[str, float] | None) -> list[tuple[str, float, str]]:
+    """Terms of a polynomial without their rate, coefficients, and rates p, q, r or none."""
+    result = []
+    for term, value in (terms or {}).items():
+        *angles, last = term.split("_")
+        rate = last if last in ("p", "q", "r") else ""
+        result.append(("_".join(angles) or "const" if rate else term, value, rate))
+    return result
+
+
+def _factors(term: str, value: float) -> tuple[float, int, int]:
+    """Coefficient and powers of alpha and beta of a term."""
+    return polynomial({term: value})[0]
+
+
 class Coefficients:
     """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha and beta plus a table over Mach,
     alpha and beta."""
 
     def __init__(self, table: Table):
-        self.terms = [polynomial(table[key]) for key in COEFFICIENTS]
+        self.terms = [
+            [(*_factors(term, value), rate) for term, value, rate in _by_rate(table[key])]
+            for key in COEFFICIENTS
+        ]
         # axis (0 Mach, 1 alpha, 2 beta) and its points
         self.axes: list[tuple[int, Array]] = []
         self.grid = None
@@ -166,7 +184,7 @@ class Coefficients:
             shape = tuple(max(1, len(points)) for points in axes)
             zero = np.zeros(shape)
             self.grid = np.array(
-                [np.reshape(table["table"][key] or zero, shape) for key in COEFFICIENTS]
+                [np.reshape(table["table"][k] or zero, shape) for k in COEFFICIENTS + DERIVATIVES]
             )
             self.axes = [(i, points) for i, points in enumerate(axes) if len(points) > 1]
             self.interpolation = table["table"]["interpolation"]
@@ -174,20 +192,32 @@ class Coefficients:
                 curve(points, np.eye(len(points)), self.interpolation) for _, points in self.axes
             ]
 
-    def at(self, mach: float, alpha: float, beta: float) -> Array:
-        """Coefficients (6,) at a Mach number and angles alpha and beta, rad."""
-        coefficients = [sum(c * alpha**i * beta**j for c, i, j in terms) for terms in self.terms]
+    def at(self, mach: float, alpha: float, beta: float, rates: dict[str, float]) -> Array:
+        """Coefficients (6,) at a Mach number, angles alpha and beta, rad, and the reduced rates p,
+        q, r."""
+        coefficients = np.array(
+            [
+                sum(c * alpha**i * beta**j * (rates[r] if r else 1.0) for c, i, j, r in terms)
+                for terms in self.terms
+            ],
+            float,
+        )
         if self.grid is None:
-            return np.array(coefficients)
+            return coefficients
         grid, flow = self.grid, (mach, alpha, beta)
         if self.interpolation == "monotone":
             axes = [points for _, points in self.axes]
-            rows = grid.reshape(6, *map(len, axes))
+            rows = grid.reshape(len(grid), *map(len, axes))
             grid = _monotone(axes, np.moveaxis(rows, 0, -1), [flow[i] for i, _ in self.axes])
         else:
             for (i, _), cardinal in zip(reversed(self.axes), reversed(self.cardinals), strict=True):
                 grid = np.tensordot(grid, cardinal(flow[i]), (i + 1, 0))
-        return np.array(coefficients) + grid.reshape(6)
+        values = grid.ravel()
+        coefficients += values[:6]
+        for key, value in zip(DERIVATIVES, values[6:], strict=True):
+            coefficient, rate = key.split("_")
+            coefficients[COEFFICIENTS.index(coefficient)] += value * rates[rate]
+        return coefficients
 
     def beyond(self, mach: float, alpha: float, beta: float) -> list[float]:
         """Distance of the flow beyond each edge of the table; negative inside."""

@@ -9,6 +9,10 @@ Table = dict[str, Any]
 GROUND = "ground"
 REQUIRED = object()
 COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
+# of a table, by the rate at the end of the name
+DERIVATIVES = (
+    "axial_q", "normal_q", "pitch_q", "side_p", "side_r", "roll_p", "roll_r", "yaw_p", "yaw_r",
+)  # fmt: skip
 ZERO = (0.0, 0.0, 0.0)
 
 ENVIRONMENT = {
@@ -32,7 +36,7 @@ AERODYNAMICS = {
     "table": None, **dict.fromkeys(COEFFICIENTS),
 }  # fmt: skip
 AERO_TABLE = {
-    "mach": (), "alpha": (), "beta": (), **dict.fromkeys(COEFFICIENTS, ()),
+    "mach": (), "alpha": (), "beta": (), **dict.fromkeys((*COEFFICIENTS, *DERIVATIVES), ()),
     "interpolation": "cubic",
 }  # fmt: skip
 MOTOR = {
