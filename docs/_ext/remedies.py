@@ -20,8 +20,16 @@ OF_NOTES = {
     r"is never released|is free in all phases": "give the release, or remove the output",
     r"constraint rows are redundant": "the motion is unique; use other kinds of joint if their "
     "loads matter",
-    r"give more rows where it changes": "more rows of the table there; distances between rows that "
-    "differ much make the curve swing",
+    r"give more rows where it changes": "more rows of the table there, or `interpolation`; "
+    "distances between rows that differ much make a spline swing",
+    r"is it in the other unit": "check whether the key ends in `_deg` or `_rad`",
+    r"is it per degree": 'give the slope per rad, or `per = "deg"`',
+    r"points left here": 'turn the sign of `side`, or give `convention = "datcom"`',
+    r"statically stable in alpha": "check the signs of `side` and `yaw`, and `moment_point_m`",
+    r"is the table transposed": "rows are those of the first axis, of mach, alpha and beta",
+    r"are they reversed": "stations are positive aft of the nose",
+    r"mirrored they would have the other": "turn the signs of the products named",
+    r"is shorter than build_up_s": "check both times: `build_up_s` is a time constant",
     r"applies to the nominal case only": "set the distribution instead: `--set dispersion.KEY=...`",
     r"the nominal case has no|the nominal case violates it": "check the bound and its unit; if "
     "both are right, most cases will violate it",

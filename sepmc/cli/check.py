@@ -62,10 +62,13 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
     from sepmc.campaign.execution.step_selection import stage_names
     from sepmc.kernel.emit.module import features
     from sepmc.kernel.spec.describe import lines
+    from sepmc.scene.budget import budget_lines
     from sepmc.scene.units import unit_text
 
     click.echo(f"{campaign.name}: {campaign.file.title or 'no title'}")
     for line in lines(campaign.layout):
+        click.echo("  " + line)
+    for line in budget_lines(campaign.scene):
         click.echo("  " + line)
     click.echo("  kernel       generated for the scene (print it with --code)")
     body_names = spec.names.back

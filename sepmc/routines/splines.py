@@ -1,4 +1,4 @@
-"""Smooth tables: cubic splines on a grid of up to three axes.
+"""Tables as piecewise cubics on a grid of up to three axes.
 
 A pack is stored in a flat array as ``sepmc.kernel.spec.splines`` writes it: the number of
 functions; for each of three axes its number of spans q, q + 1 breaks and, for each span, four basis

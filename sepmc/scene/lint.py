@@ -7,6 +7,8 @@ import numpy as np
 
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.kinds import axial_offset, mass_centres
+from sepmc.scene.lint_aerodynamics import lint_aerodynamics
+from sepmc.scene.lint_layout import lint_layout
 from sepmc.scene.model import GROUND, Condition, Part, Scene
 from sepmc.scene.parameters import item_names, value
 
@@ -55,6 +57,8 @@ def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
         *_late_thrust(scene, dispersions),
         *_never_occurring(scene, dispersions),
         *_nearly_level(scene),
+        *lint_aerodynamics(scene),
+        *lint_layout(scene),
     ]
 
 

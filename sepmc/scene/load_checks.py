@@ -8,13 +8,12 @@ import numpy as np
 
 from sepmc.scene.limits import SMALLEST, TABLE_CELLS, TABLE_ROWS
 from sepmc.scene.messages import Problems, nearest
-from sepmc.scene.model import GROUND, AeroTable, Part, Scene, Spring
+from sepmc.scene.model import COEFFICIENTS, DERIVATIVES, GROUND, AeroTable, Part, Scene, Spring
 from sepmc.scene.outline_parts import selected_parts
 from sepmc.scene.parameters import item_names
 
 # s: the engine takes instants closer than this as one
 SHORTEST = 1e-12
-_COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 
 def check_known(key_path: str, name: str, known, what: str, problems: Problems) -> None:
@@ -88,7 +87,7 @@ def check_loads(scene: Scene, problems: Problems) -> None:
         check_known(f"{key_path}.body", entry.body, scene.body, "body", problems)
         check_known(f"{key_path}.joint", entry.joint, scene.joint, "joint", problems)
         check_series(key_path, "distance_m", entry.distance, 2, problems)
-        coefficients = {key: getattr(entry, key) for key in _COEFFICIENTS if getattr(entry, key)}
+        coefficients = {key: getattr(entry, key) for key in COEFFICIENTS if getattr(entry, key)}
         check_lengths(key_path, {"distance_m": entry.distance, **coefficients}, problems)
         if entry.body in scene.body and scene.body[entry.body].aerodynamics is None:
             problems.add(f"{key_path}.body", "has no aerodynamics to add to", entry.body)
@@ -140,7 +139,7 @@ def _check_aero_table(key_path: str, table: AeroTable, scene: Scene, problems: P
     axes = {"mach": table.mach, "alpha_deg": table.alpha, "beta_deg": table.beta}
     axes_given = {key: axis for key, axis in axes.items() if axis}
     for key, axis in axes_given.items():
-        check_series(key_path, key, axis, 2, problems)
+        check_series(key_path, key, axis, 1, problems)
     if not axes_given:
         problems.add(key_path, "needs an axis: mach, alpha_deg or beta_deg")
     shape = tuple(len(axis) for axis in axes_given.values())
@@ -148,7 +147,7 @@ def _check_aero_table(key_path: str, table: AeroTable, scene: Scene, problems: P
         problems.add(
             key_path, f"has {math.prod(shape):,} combinations of its axes: at most {TABLE_CELLS:,}"
         )
-    for coefficient in _COEFFICIENTS:
+    for coefficient in (*COEFFICIENTS, *DERIVATIVES):
         grid = getattr(table, coefficient)
         if not grid:
             continue
@@ -167,7 +166,7 @@ def _check_aero_table(key_path: str, table: AeroTable, scene: Scene, problems: P
                 f"is {' x '.join(map(str, array.shape))}, but the axes ask for {wanted}",
             )
     if (
-        table.mach
+        len(table.mach) > 1
         and scene.environment.atmosphere == "table"
         and not (scene.environment.air and scene.environment.air.speed_of_sound)
     ):

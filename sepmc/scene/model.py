@@ -41,6 +41,8 @@ Polynomial = dict[str, float]
 Series = tuple[float, ...]
 Grid = list[Any]  # nested lists of numbers, one level per axis of the table
 Axis = Literal["x", "y", "z"]
+# of a table between its rows: a spline, straight lines, or cubics without overshoot
+Interpolation = Literal["cubic", "linear", "monotone"]
 GROUND = "ground"  # the body at rest, which joints and springs may name
 
 
@@ -49,14 +51,15 @@ class _Table(Struct, frozen=True):
 
 
 class WindProfile(_Table, frozen=True, kw_only=True):
-    """Wind over height, smooth between the rows, added to the steady wind. ``factor`` multiplies
-    all speeds, ``turn`` is added to all directions."""
+    """Wind over height, added to the steady wind. ``factor`` multiplies all speeds, ``turn`` is
+    added to all directions."""
 
     altitude: Annotated[Series, Quantity("length")]
     speed: Annotated[Series, Quantity("speed")]
     direction: Annotated[Series, Quantity("angle")]
     factor: float = 1.0
     turn: Angle = 0.0
+    interpolation: Interpolation = "cubic"
 
 
 class Wind(_Table, frozen=True, kw_only=True):
@@ -68,11 +71,12 @@ class Wind(_Table, frozen=True, kw_only=True):
 
 
 class AirProfile(_Table, frozen=True, kw_only=True):
-    """Air over height, smooth between the rows, for ``atmosphere = "table"``."""
+    """Air over height, for ``atmosphere = "table"``; density is interpolated by its logarithm."""
 
     altitude: Annotated[Series, Quantity("length")]
     density: Annotated[Series, Quantity("density")]
     speed_of_sound: Annotated[Series, Quantity("speed")] = ()
+    interpolation: Interpolation = "cubic"
 
 
 class Environment(_Table, frozen=True, kw_only=True):
@@ -88,7 +92,8 @@ class Environment(_Table, frozen=True, kw_only=True):
 
 class AeroTable(_Table, frozen=True, kw_only=True):
     """Coefficients on a grid over the given axes, in the order mach, alpha, beta, added to the
-    polynomials."""
+    polynomials; an axis of one point changes nothing. ``pitch_q`` and the like are derivatives by
+    the reduced rates p, q, r."""
 
     mach: Series = ()
     alpha: Annotated[Series, Quantity("angle")] = ()
@@ -99,10 +104,29 @@ class AeroTable(_Table, frozen=True, kw_only=True):
     roll: Grid = field(default_factory=list)
     yaw: Grid = field(default_factory=list)
     pitch: Grid = field(default_factory=list)
+    axial_q: Grid = field(default_factory=list)
+    normal_q: Grid = field(default_factory=list)
+    pitch_q: Grid = field(default_factory=list)
+    side_p: Grid = field(default_factory=list)
+    side_r: Grid = field(default_factory=list)
+    roll_p: Grid = field(default_factory=list)
+    roll_r: Grid = field(default_factory=list)
+    yaw_p: Grid = field(default_factory=list)
+    yaw_r: Grid = field(default_factory=list)
+    interpolation: Interpolation = "cubic"
+
+
+# grids of a table, and of these the derivatives by a rate: coefficient and rate
+COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
+DERIVATIVES = (
+    "axial_q", "normal_q", "pitch_q", "side_p", "side_r", "roll_p", "roll_r", "yaw_p", "yaw_r",
+)  # fmt: skip
+RATES = ("p", "q", "r")  # roll to the right, pitch up, yaw to the right
 
 
 class Aerodynamics(_Table, frozen=True, kw_only=True):
-    """Aerodynamic coefficients of a body: polynomials in alpha and beta, and a table."""
+    """Aerodynamic coefficients of a body: polynomials in alpha, beta and the reduced rates, and a
+    table."""
 
     reference_area: Annotated[float, Positive, Quantity("area")]
     reference_length: Annotated[float, Positive, Quantity("length")]
@@ -274,6 +298,7 @@ class Proximity(_Table, frozen=True, kw_only=True):
     yaw: Series = ()
     pitch: Series = ()
     factor: float = 1.0
+    interpolation: Interpolation = "cubic"
 
 
 class Guide(_Table, frozen=True, kw_only=True):

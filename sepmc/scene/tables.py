@@ -13,7 +13,7 @@ from sepmc.scene.limits import NAME as LONGEST_NAME
 from sepmc.scene.messages import Problems, shorten
 from sepmc.scene.units import split_unit
 
-_TERM = re.compile(r"^(const|(alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)$")
+_TERM = re.compile(r"^(const|((alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)(_[pqr])?|[pqr])$")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _RENAMED = {"plan": "samples"}  # keys of earlier versions
 
@@ -105,8 +105,8 @@ def _read_items(
         if kind is float and not _TERM.match(key):
             problems.add(
                 _join(key_path, key),
-                "terms are const, alpha, alpha2 ... alpha5, beta ... beta5 and products such as "
-                "alpha_beta2",
+                "terms are const, alpha, alpha2 ... alpha5, beta ... beta5, products such as "
+                "alpha_beta2, and one of the rates p, q, r alone or at the end",
             )
         elif fault := _size_fault(value):
             problems.add(_join(key_path, key), fault, value)

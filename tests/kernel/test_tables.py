@@ -450,8 +450,8 @@ def test_a_table_that_overshoots_is_said(pair):
     do not."""
     drag = {"reference_area_m2": 1.0, "reference_length_m": 0.5}
 
-    def said(mach, axial):
-        table = {"table": {"mach": mach, "axial": axial}}
+    def said(mach, axial, interpolation="cubic"):
+        table = {"table": {"mach": mach, "axial": axial, "interpolation": interpolation}}
         return overshooting(
             pair({"environment.atmosphere": "us1976", "body.aft.aerodynamics": drag | table}).scene
         )
@@ -459,7 +459,11 @@ def test_a_table_that_overshoots_is_said(pair):
     (sentence,) = said([0.1, 0.3, 0.300001, 0.6, 0.9], [0.2, 0.3, 0.301, 0.4, 0.5])
     assert "body.aft.aerodynamics.table.axial" in sentence
     assert "the rows only 0.2 to 0.5" in sentence
-    assert said([0.1, 0.3, 0.5, 0.7, 0.9], [0.2, 0.3, 0.6, 0.5, 0.4]) == []
+    assert said([0.1, 0.3, 0.5, 0.7, 0.9], [0.2, 0.25, 0.4, 0.5, 0.55]) == []
+    (sentence,) = said([0.1, 0.3, 0.5, 0.7, 0.9], [0.2, 0.3, 0.6, 0.5, 0.4])
+    assert "reaches 0.1584 between the rows mach = 0.1 and 0.3, which are 0.2 and 0.3" in sentence
+    assert 'interpolation = "linear"' in sentence
+    assert said([0.1, 0.3, 0.5, 0.7, 0.9], [0.2, 0.3, 0.6, 0.5, 0.4], "linear") == []
     assert said([0.1, 0.3, 0.5], [0.2, 0.2, 0.2]) == []
     thin = {
         "altitude_m": [0.0, 500.0, 500.001, 1000.0, 2000.0],

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator, RegularGridInterpolator
 from spline_values import curve, grid6
 
 from sepmc.kernel.emit.tables import cell_sum_lines
@@ -78,12 +78,23 @@ def test_three_axes_agree_with_scipy():
         assert_allclose(grid6(numbers, 0, x, y, z), expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("counts", [(1, 1, 1), (3, 1, 1), (1, 5, 1), (4, 5, 1), (2, 4, 6)])
-def test_loaded_cells_agree_with_lookups(counts):
+@pytest.mark.parametrize(
+    ("counts", "interpolation"),
+    [
+        ((1, 1, 1), "cubic"),
+        ((3, 1, 1), "cubic"),
+        ((1, 5, 1), "cubic"),
+        ((4, 5, 1), "cubic"),
+        ((2, 4, 6), "cubic"),
+        ((4, 5, 1), "linear"),
+        ((4, 5, 1), "monotone"),
+    ],
+)
+def test_loaded_cells_agree_with_lookups(counts, interpolation):
     """Lanes moving through a table, each with a loaded cell, stay in it or leave it; on edges, too,
     and NaN outside."""
     axes = [axis[:n] for axis, n in zip((X, Y, Z), counts, strict=True)]
-    pack_of = pack(axes, table(axes))
+    pack_of = pack(axes, table(axes), interpolation=interpolation)
     seen = [4 if n > 1 else 1 for n in counts]
     at, cell, point = (
         0,
@@ -209,3 +220,51 @@ def test_missing_axes():
             point = (u, v, w)
             expected = CubicSpline(b[0], CubicSpline(a[0], values, axis=1)(a[1]), axis=1)(b[1])
             assert_allclose(grid6(numbers, 0, *point), expected, rtol=0, atol=1e-12)
+
+
+def test_lines_agree_with_scipy():
+    """Three axes at random points, rows and edges: scipy's interpolator of grids."""
+    axes, values = [X, Y, Z], table([X, Y, Z])
+    numbers = pack(axes, values, interpolation="linear")
+    expected = RegularGridInterpolator(axes, np.moveaxis(values, 0, -1))
+    for point in [*inside(axes, 50), [X[2], Y[1], Z[3]], [X[0], Y[-1], Z[-1]]]:
+        assert_allclose(grid6(numbers, 0, *point), expected(point)[0], rtol=0, atol=1e-14)
+    assert_allclose(grid6(numbers, 0, X[-1], math.nextafter(Y[-1], 9.0), 0.0), NAN)
+
+
+def test_lines_between_two_points_are_lines():
+    numbers = pack([[1.0, 3.0]], [[2.0, -4.0]], "flat", "linear")
+    for x in (1.0, 1.3, 2.9, 3.0):
+        assert_allclose(curve(numbers, 0, 0, x), 5.0 - 3.0 * x, rtol=0, atol=1e-14)
+
+
+def test_monotone_cubics_agree_with_scipy():
+    """One axis, every row and between them; the same along a line of rows of two axes."""
+    values = table([Z])
+    numbers, expected = (
+        pack([Z], values, interpolation="monotone"),
+        PchipInterpolator(Z, values, axis=1),
+    )
+    for x in [*np.linspace(Z[0], Z[-1], 40), *Z]:
+        assert_allclose(grid6(numbers, 0, x, 0.0, 0.0), expected(x), rtol=0, atol=1e-14)
+    values = table([X, Z])
+    numbers = pack([X, [0.0], Z], values[:, :, None], interpolation="monotone")
+    for i, x in enumerate(X):
+        for z in np.linspace(Z[0], Z[-1], 20):
+            result = PchipInterpolator(Z, values[:, i], axis=1)(z)
+            assert_allclose(grid6(numbers, 0, x, 7.0, z), result, rtol=0, atol=1e-13)
+
+
+def test_monotone_cubics_stay_between_their_rows():
+    """A step of a table: the spline leaves it, monotone cubics do not, also with flat ends."""
+    axis, values = [0.0, 1.0, 1.1, 1.2, 3.0], np.array([[0.0, 0.0, 1.0, 1.0, 1.0]])
+    points = np.linspace(0.0, 3.0, 301)
+
+    def reached(interpolation, ends):
+        numbers = pack([axis], values, ends, interpolation)
+        found = [curve(numbers, 0, 0, x) for x in points]
+        return min(found), max(found)
+
+    assert reached("cubic", "flat")[1] > 1.05
+    for ends in ("flat", "not-a-knot"):
+        assert reached("monotone", ends) == (0.0, 1.0)

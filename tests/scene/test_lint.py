@@ -297,3 +297,108 @@ def test_a_side_that_is_nearly_level_is_told(tmp_path, shift, reported):
     side = "positive" if shift >= 0.0 else "negative"
     assert all(f"separation is counted {side} along its x axis" in note for note in notes)
     assert not level_notes(tmp_path, shift, "apart = 1")
+
+
+def aerodynamics(**more):
+    return {"reference_area_m2": 1.0, "reference_length_m": 2.0, **more}
+
+
+STABLE = {"normal": {"alpha": 3.0}, "side": {"beta": 3.0}, "pitch": {"alpha": -1.0}}
+GRID = [[-0.6, -0.1, 0.5], [-0.7, -0.1, 0.6], [-0.8, -0.2, 0.7]]  # over alpha in each row
+AXES = {"mach": [1.0, 2.0, 3.0], "alpha_deg": [-10.0, 0.0, 10.0]}
+MIRRORED = {
+    name: {
+        "mass_kg": 3.0,
+        "inertia_kg_m2": [3.0, 4.0, 5.0],
+        "inertia_products_kg_m2": products,
+        "cg_m": [1.0, 0.0, aside],
+    }
+    for name, products, aside in (("fore", [0.1, 0.2, 0.3], 0.5), ("aft", [0.1, 0.2, 0.3], -0.5))
+}
+CANNOT_BE_MEANT = {
+    "slope per degree": (aerodynamics(normal={"alpha": 0.1}), "changes by 0.1 per rad of alpha"),
+    "slope of a table": (
+        aerodynamics(table=AXES | {"normal": [[-0.01, 0.0, 0.01]] * 3}),
+        "changes by 0.0573 per rad of alpha",
+    ),
+    "side force of DATCOM": (aerodynamics(**STABLE | {"side": {"beta": -3.0}}), "points left here"),
+    "stable in alpha only": (
+        aerodynamics(**STABLE, yaw={"beta": -1.0}),
+        "statically stable in alpha (C_m -1 per rad) and not in beta (C_n -1 per rad)",
+    ),
+    "stable in both": (aerodynamics(**STABLE, yaw={"beta": 1.0}), None),
+    "moment point": (  # 1 m aft of the mass centre, half a length: C_n about it is -0.5 + 1.5
+        aerodynamics(**STABLE, yaw={"beta": -0.5}, moment_point_m=[4.0, 0.0, 0.0]),
+        None,
+    ),
+    "transposed": (
+        aerodynamics(table=AXES | {"normal": np.transpose(GRID).tolist()}),
+        "is the table transposed? Its rows are those of mach",
+    ),
+    "as it is": (aerodynamics(table=AXES | {"normal": GRID}), None),
+    "degrees in an axis of rad": (
+        aerodynamics(table={"alpha_rad": [-10.0, 0.0, 10.0], "normal": [-9.0, 0.0, 9.0]}),
+        "table.alpha reaches 573 deg (10 rad)",
+    ),
+    "radians in an axis of degrees": (
+        aerodynamics(table={"alpha_deg": [-0.2, 0.0, 0.2], "normal": [-0.5, 0.0, 0.5]}),
+        "table.alpha reaches 0.2 deg only",
+    ),
+}
+
+
+def notes_of(pair, settings):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return file_notes(pair(settings))
+
+
+@pytest.mark.parametrize(("aero", "message"), CANNOT_BE_MEANT.values(), ids=list(CANNOT_BE_MEANT))
+def test_aerodynamics_that_cannot_be_meant(pair, aero, message):
+    """Each trap alone, with place and value; none where nothing is wrong."""
+    notes = notes_of(pair, {"environment.atmosphere": "us1976", "body.aft.aerodynamics": aero})
+    assert (notes == []) == (message is None), notes
+    assert message is None or (len(notes) == 1 and message in notes[0]), notes
+    assert all(note.startswith("body.aft.aerodynamics") for note in notes)
+
+
+def test_angles_of_more_than_a_turn(pair):
+    (note,) = notes_of(pair, {"initial.pitch_rad": 12.0})
+    assert note.startswith("initial.pitch = 687.5 deg (12 rad)")
+    assert notes_of(pair, {"initial.pitch_deg": 120.0}) == []
+
+
+def test_stations_that_count_forward(pair):
+    settings = {"body.fore.cg_m": [-1.0, 0.0, 0.0], "body.aft.cg_m": [-3.0, 0.0, 0.0]}
+    settings |= {"joint.pins.point_m": [-2.0, 0.0, 0.0]}
+    (note,) = notes_of(pair, settings)
+    assert "negative (-3 to -1 m): stations count aft from the nose" in note
+    outline = [{"stations_m": [2.0, 4.0], "radii_m": [0.2, 0.2]}]
+    engine = {"name": "engine", "body": "aft", "thrust_N": 5.0, "station_m": 2.0, "cant_deg": 0.0}
+    (note,) = notes_of(pair, {"body.aft.outline": outline, "motor": [engine]})
+    assert "motor.engine.station = 2 m pushes aft forward from its front end" in note
+    assert (
+        notes_of(pair, {"body.aft.outline": outline, "motor": [engine | {"station_m": 4.0}]}) == []
+    )
+
+
+@pytest.mark.parametrize(
+    ("products", "wrong"), [([0.1, 0.2, 0.3], True), ([0.1, -0.2, -0.3], False)]
+)
+def test_products_of_mirrored_bodies(pair, products, wrong):
+    """Mirrored in z, xz and yz change their sign; xy does not."""
+    bodies = MIRRORED | {"aft": MIRRORED["aft"] | {"inertia_products_kg_m2": products}}
+    notes = [note for note in file_notes(pair({"body": bodies})) if "mirrors" in note]
+    assert bool(notes) == wrong
+    assert not wrong or "body.aft mirrors body.fore in z" in notes[0]
+    assert not wrong or "xz and yz" in notes[0]
+
+
+def test_a_burn_shorter_than_its_build_up(pair):
+    motor = {"name": "kick", "body": "aft", "thrust_N": 5.0, "station_m": 3.0}
+    (note,) = [
+        note
+        for note in file_notes(pair({"motor": [motor | {"build_up_s": 0.2, "burn_s": 0.1}]}))
+        if "build_up_s" in note
+    ]
+    assert "reaches 39 % only" in note  # 1 - exp(-1/2)

@@ -1,6 +1,7 @@
-"""Tables whose interpolant goes far beyond the values of their rows: rows at uneven distances."""
+"""Tables whose spline goes beyond the values of their rows: rows at uneven distances, or too few
+where the values bend."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -11,7 +12,10 @@ _BETWEEN = 17  # points from one row to the next
 _FASTER = 1.25  # times the largest speed in the rows of a wind
 _BEYOND = 0.25  # of the range of a table's values
 _SMALLER = 1e-6  # range of values, of their size, that is round-off
+# of the range of a table's values: between two rows a spline is not further beyond both
+_BEYOND_NEIGHBOURS = 0.05
 _REMEDY = "give more rows where it changes, at even distances"
+_OTHERS = 'or interpolation = "linear" or "monotone"'
 _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 Array = np.ndarray
@@ -20,18 +24,19 @@ Array = np.ndarray
 def overshooting(scene: Scene) -> list[str]:
     """Notes on tables whose interpolant is much larger or smaller between rows than at rows."""
     notes, environment = list[str](), scene.environment
-    if environment.wind.profile is not None:
-        notes += _wind_notes(environment.wind.profile)
-    if environment.air is not None:
+    profile, air = environment.wind.profile, environment.air
+    if profile is not None and profile.interpolation == "cubic":
+        notes += _wind_notes(profile)
+    if air is not None and air.interpolation == "cubic":
         notes += [
             note
-            for name, values in _air_columns(environment.air)
-            for note in _table_notes(name, [environment.air.altitude], values)
+            for name, values in _air_columns(air)
+            for note in _table_notes(name, {"altitude": air.altitude}, values)
         ]
     for name, body in scene.body.items():
         table = body.aerodynamics.table if body.aerodynamics is not None else None
-        if table is not None:
-            axes = [axis for axis in (table.mach, table.alpha, table.beta) if axis]
+        if table is not None and table.interpolation == "cubic":
+            axes = {key: axis for key in ("mach", "alpha", "beta") if (axis := getattr(table, key))}
             for coefficient in _COEFFICIENTS:
                 if grid := getattr(table, coefficient):
                     notes += _table_notes(
@@ -53,7 +58,7 @@ def _wind_notes(profile: WindProfile) -> list[str]:
     return [
         f"environment.wind.profile: the smooth curve through the rows reaches {speeds[worst]:.3g} "
         f"m/s at {points_between[worst]:.5g} m, "
-        f"the rows {max_speed:.3g} m/s at most: {_REMEDY}"
+        f"the rows {max_speed:.3g} m/s at most: {_REMEDY}, {_OTHERS}"
     ]
 
 
@@ -64,25 +69,50 @@ def _air_columns(air: AirProfile) -> Iterator[tuple[str, Array]]:
         yield "environment.air.speed_of_sound", np.array(air.speed_of_sound)
 
 
-def _table_notes(name: str, axes: list[tuple[float, ...]], values: Array) -> list[str]:
+def _table_notes(name: str, axes: dict[str, tuple[float, ...]], values: Array) -> list[str]:
     """Note if the interpolant of ``values``, a row for each number of the axes, goes far beyond
-    them."""
+    them, or along an axis beyond two neighbouring rows."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415
 
     low, high, curve = float(values.min()), float(values.max()), values
-    for number, axis in enumerate(axes):
+    furthest, where = 0.0, ""
+    for number, (key, axis) in enumerate(axes.items()):
         if len(axis) > 1:
             points = np.array(axis)
             points_between = np.unique(np.linspace(points[:-1], points[1:], _BETWEEN))
-            curve = make_interp_spline(points, curve, k=min(3, len(points) - 1), axis=number)(
-                points_between
-            )
+            degree = min(3, len(points) - 1)
+            curve = make_interp_spline(points, curve, k=degree, axis=number)(points_between)
+            along = make_interp_spline(points, np.moveaxis(values, number, 0), k=degree)
+            excess, sentence = _beyond_neighbours(key, points, along)
+            if excess > furthest:
+                furthest, where = excess, sentence
     allowed = _BEYOND * (high - low) + _SMALLER * max(abs(low), abs(high))
     lowest, highest = float(curve.min()), float(curve.max())
     if low - allowed <= lowest and highest <= high + allowed:
-        return []
+        least = _BEYOND_NEIGHBOURS * (high - low) + _SMALLER * max(abs(low), abs(high))
+        return [f"{name}: {where}: {_REMEDY}, {_OTHERS}"] if furthest > least else []
     extreme = highest if highest - high > low - lowest else lowest
     return [
         f"{name}: the smooth function through the rows reaches {extreme:.4g}, the rows only "
-        f"{low:.4g} to {high:.4g}: {_REMEDY}"
+        f"{low:.4g} to {high:.4g}: {_REMEDY}, {_OTHERS}"
     ]
+
+
+def _beyond_neighbours(
+    key: str, points: Array, along: Callable[[Array], Array]
+) -> tuple[float, str]:
+    """Largest excess of a spline over the two rows that it is between, and where."""
+    angle = key in ("alpha", "beta")
+    between = np.linspace(points[:-1], points[1:], _BETWEEN, axis=1)  # (intervals, points)
+    values, rows = along(between), along(points)
+    shape = (len(points) - 1, 1, *rows.shape[1:])
+    least, most = np.minimum(rows[:-1], rows[1:]), np.maximum(rows[:-1], rows[1:])
+    excess = np.maximum(values - most.reshape(shape), least.reshape(shape) - values)
+    at = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    first, last = (np.degrees(x) if angle else x for x in points[at[0] : at[0] + 2])
+    column = at[2:]
+    return float(excess[at]), (
+        f"the smooth function reaches {values[at]:.4g} between the rows {key} = {first:.5g} and "
+        f"{last:.5g}{' deg' if angle else ''}, which are {rows[(at[0], *column)]:.4g} and "
+        f"{rows[(at[0] + 1, *column)]:.4g}"
+    )

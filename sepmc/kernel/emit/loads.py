@@ -15,15 +15,16 @@ from sepmc.kernel.emit.context import (
 from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import ignition_time
 from sepmc.kernel.emit.signals import number, vector
-from sepmc.kernel.emit.tables import looks_up, table_force
+from sepmc.kernel.emit.tables import looks_up, table_derivatives, table_force
 from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
 from sepmc.kernel.spec.variant import Variant
-from sepmc.kernel.tracer.formulas import ZERO, air, loads, scalar, vec3, vehicle
+from sepmc.kernel.tracer.formulas import ZERO, air, loads, scalar, square_root, vec3, vehicle
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr, total, where
+from sepmc.physics.aerodynamics import STILL
 from sepmc.routines import layout as at
-from sepmc.scene.model import GROUND, Motor, Spring
+from sepmc.scene.model import GROUND, RATES, Motor, Spring
 from sepmc.schema import Status
 
 _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
@@ -201,12 +202,16 @@ def _air(s: State, body: str, acting: _Loads) -> None:
     flow = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called("flow")
     alpha, beta = loads.flow_angles(flow).called("angles")
     pressure = (air_density(s, body) * vec3.dot(flow, flow)).called("pressure")
-    coefficients = _coefficients(s, body, alpha, beta)
+    rates = _reduced_rates(s, body, flow)
+    coefficients = _coefficients(s, body, alpha, beta, rates)
     if looks_up(s.spec, body):
         coefficients = [
             value + s.scope.load(component(f"LOOKED_UP_{body}", k))
             for k, value in enumerate(coefficients)
         ]
+        for k, (_, code, rate) in enumerate(table_derivatives(s.spec, body), len(coefficients)):
+            slope = s.scope.load(component(f"LOOKED_UP_{body}", k))
+            coefficients[code] = coefficients[code] + slope * rates[rate]
     scale = 0.5 * case.number(at.DENSITY_FACTOR) * case.number(p + at.AREA)
     of_force = (scale * case.number(p + at.FORCE_FACTOR)).called("force_scale")
     force = loads.aero_force(pressure * of_force, tuple(coefficients[:3])).called("force")
@@ -233,8 +238,29 @@ def air_density(s: State, body: str) -> Expr:
     return air.density_near(s.scope.load(f"DENSITY_{body}", 9), higher).called("density")
 
 
-def _coefficients(s: State, body: str, alpha: Expr, beta: Expr) -> list[Any]:
-    """Six aerodynamic coefficients, polynomials in the flow angles; 0.0 without terms."""
+def _reduced_rates(s: State, body: str, flow: Any) -> dict[str, Any]:
+    """Rates p, q, r of a body times reference length over twice the airspeed, of those that its
+    coefficients depend on; 0 in still air."""
+    terms = {term.rate for term in aero_terms(s.spec.scene) if term.body == body and term.rate}
+    needed = terms | {rate for _, _, rate in table_derivatives(s.spec, body)}
+    leader = s.segment.leader(body)
+    if not needed:
+        return {}
+    if leader == GROUND:
+        return dict.fromkeys(needed, 0.0)
+    speed = square_root(vec3.dot(flow, flow)).called("airspeed")
+    length = s.case.number(s.case.body(body) + at.LENGTH)
+    scale = where(speed > STILL, 0.5 * length / where(speed > STILL, speed, 1.0), 0.0)
+    scale, omega = scale.called("rate_scale"), s.rate(leader)
+    values = {"p": omega[0], "q": omega[2], "r": -omega[1]}
+    return {
+        rate: (scale * values[rate]).called(f"reduced_{rate}") for rate in RATES if rate in needed
+    }
+
+
+def _coefficients(s: State, body: str, alpha: Expr, beta: Expr, rates: dict[str, Any]) -> list[Any]:
+    """Six aerodynamic coefficients, polynomials in the flow angles and reduced rates; 0.0 without
+    terms."""
     terms: dict[int, list[Expr]] = {code: [] for code in range(6)}
     for k, term in enumerate(aero_terms(s.spec.scene)):
         if term.body == body:
@@ -242,6 +268,8 @@ def _coefficients(s: State, body: str, alpha: Expr, beta: Expr) -> list[Any]:
             for angle, power in ((alpha, term.alpha), (beta, term.beta)):
                 if power:
                     value = value * _power(angle, power)
+            if term.rate:
+                value = value * rates[term.rate]
             terms[term.coefficient].append(value)
     return [
         total(terms[code]).called(name) if terms[code] else 0.0

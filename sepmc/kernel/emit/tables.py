@@ -12,6 +12,7 @@ from typing import Any
 from sepmc.kernel.emit.context import Context, component, origin_height, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment
+from sepmc.kernel.spec.packing import derivative_grids
 from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr
@@ -30,6 +31,13 @@ def looks_up(spec: KernelSpec, body: str) -> bool:
         (aero is not None and aero.table is not None)
         or any(one.body == body for one in spec.scene.proximity)
     )
+
+
+def table_derivatives(spec: KernelSpec, body: str) -> list[tuple[str, int, str]]:
+    """Derivatives by rates that the table of a body has: name, coefficient, rate; those of the
+    look-up after the six coefficients."""
+    aero = spec.scene.body[body].aerodynamics
+    return derivative_grids(aero.table) if aero is not None and aero.table is not None else []
 
 
 def has_wind_profile(spec: KernelSpec) -> bool:
@@ -84,7 +92,7 @@ def _emit_aero_tables(
         _store_point(s, f"DISTANCE_{i}", (s.separation(entry.joint).length, 0.0, 0.0))
     s.scope.write(text)
     for body in bodies:
-        c.workspace.add(f"LOOKED_UP_{body}", COEFFICIENTS)
+        c.workspace.add(f"LOOKED_UP_{body}", COEFFICIENTS + len(table_derivatives(c.spec, body)))
         if (start := _table_start(c, body)) >= 0:
             _emit_table(out, text, c, start, f"CELL_{body}", f"FLOW_{body}", f"LOOKED_UP_{body}")
         else:

@@ -8,7 +8,16 @@ from msgspec.structs import replace
 
 from sepmc.kernel.spec.splines import pack
 from sepmc.routines import layout as at
-from sepmc.scene.model import Motor, Proximity, Scene, Spring, WindProfile
+from sepmc.scene.model import (
+    DERIVATIVES,
+    RATES,
+    AeroTable,
+    Motor,
+    Proximity,
+    Scene,
+    Spring,
+    WindProfile,
+)
 
 COEFFICIENTS = {
     "axial": at.AXIAL,
@@ -39,13 +48,15 @@ class Pool:
 
 @dataclass(frozen=True)
 class Term:
-    """Term of an aerodynamic polynomial: coefficient times powers of alpha and beta."""
+    """Term of an aerodynamic polynomial: coefficient times powers of alpha and beta, and a reduced
+    rate (one of `RATES`, or none)."""
 
     path: str
     body: str
     coefficient: int
     alpha: int
     beta: int
+    rate: str = ""
 
 
 def aero_terms(scene: Scene) -> list[Term]:
@@ -64,7 +75,9 @@ def aero_terms(scene: Scene) -> list[Term]:
         for coefficient, code in COEFFICIENTS.items():
             for term in getattr(body.aerodynamics, coefficient) if body.aerodynamics else ():
                 path = f"body.{name}.aerodynamics.{coefficient}.{term}"
-                terms.append(Term(path, name, code, _power(term, "alpha"), _power(term, "beta")))
+                rate = term[-1] if term.split("_")[-1] in RATES else ""
+                powers = _power(term, "alpha"), _power(term, "beta")
+                terms.append(Term(path, name, code, *powers, rate))
     return terms
 
 
@@ -82,10 +95,10 @@ def direction(axis: tuple[float, float, float] | None) -> np.ndarray:
 
 
 def add_air(pool: Pool, scene: Scene) -> int:
-    """Append the minimum and maximum altitude (m) and the splines of log density (kg/m3) and speed
-    of sound (m/s) over altitude.
+    """Append the minimum and maximum altitude (m) and the functions of log density (kg/m3) and
+    speed of sound (m/s) over altitude.
 
-    Returns the start of the splines, or -1 without a table.
+    Returns the start of the functions, or -1 without a table.
     """
     air = scene.environment.air
     if scene.environment.atmosphere != "table" or air is None:
@@ -93,11 +106,15 @@ def add_air(pool: Pool, scene: Scene) -> int:
     sound = air.speed_of_sound or (math.inf,) * len(air.altitude)
     finite = [1.0 if math.isinf(x) else x for x in sound]
     pool.add([air.altitude[0], air.altitude[-1]])
-    return pool.add(pack([air.altitude], np.array([np.log(air.density), finite])))
+    return pool.add(
+        pack(
+            [air.altitude], np.array([np.log(air.density), finite]), interpolation=air.interpolation
+        )
+    )
 
 
 def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
-    """Append the splines of the wind along ground x and z (m/s) over altitude.
+    """Append the functions of the wind along ground x and z (m/s) over altitude.
 
     With ``varies`` (factor and turn differ from case to case) the profile is stored without them.
     Returns the start, or -1 without a profile.
@@ -107,7 +124,8 @@ def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
         return -1
     if varies:
         profile = replace(profile, factor=1.0, turn=0.0)
-    return pool.add(pack([profile.altitude], along_ground(profile), ends="flat"))
+    rows = along_ground(profile)
+    return pool.add(pack([profile.altitude], rows, "flat", profile.interpolation))
 
 
 def along_ground(profile: WindProfile) -> np.ndarray:
@@ -136,29 +154,52 @@ def add_profile(pool: Pool, motor: Motor) -> tuple[int, int]:
     return pool.add([x for row in rows for x in row]), len(rows)
 
 
+def derivative_grids(table: AeroTable) -> list[tuple[str, int, str]]:
+    """Grids of derivatives by a rate that a table has: name, coefficient, rate.
+
+    Parameters
+    ----------
+    table : AeroTable
+
+    Returns
+    -------
+    list of tuple
+        In the order of their functions, which follow those of the six coefficients.
+    """
+    return [
+        (name, COEFFICIENTS[name.rpartition("_")[0]], name[-1])
+        for name in DERIVATIVES
+        if getattr(table, name)
+    ]
+
+
 def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
-    """Append the splines of six coefficients over (Mach, alpha, beta); return the start, or -1
-    without a table."""
+    """Append the functions of six coefficients over (Mach, alpha, beta), and of derivatives by
+    rates; return the start, or -1 without a table."""
     aero = scene.body[name].aerodynamics if name in scene.body else None
     if aero is None or aero.table is None:
         return -1
     axes = [axis or (0.0,) for axis in (aero.table.mach, aero.table.alpha, aero.table.beta)]
     shape = tuple(len(axis) for axis in axes)
-    values = np.zeros((6, *shape))
+    derivatives = derivative_grids(aero.table)
+    values = np.zeros((len(COEFFICIENTS) + len(derivatives), *shape))
     for coefficient, code in COEFFICIENTS.items():
         grid = getattr(aero.table, coefficient)
         if grid:
             values[code] = np.array(grid, dtype=float).reshape(shape)
-    return pool.add(pack(axes, values))
+    for k, (key, _, _) in enumerate(derivatives, len(COEFFICIENTS)):
+        values[k] = np.array(getattr(aero.table, key), dtype=float).reshape(shape)
+    return pool.add(pack(axes, values, interpolation=aero.table.interpolation))
 
 
 def add_proximity(pool: Pool, entry: Proximity) -> int:
-    """Append the splines of six coefficient increments over separation distance (m); return the
+    """Append the functions of six coefficient increments over separation distance (m); return the
     start."""
     values = [
         getattr(entry, coefficient) or (0.0,) * len(entry.distance) for coefficient in COEFFICIENTS
     ]
-    return pool.add(pack([entry.distance], np.array(values, dtype=float), ends="flat"))
+    numbers = np.array(values, dtype=float)
+    return pool.add(pack([entry.distance], numbers, "flat", entry.interpolation))
 
 
 def add_force_table(pool: Pool, spring: Spring) -> int:

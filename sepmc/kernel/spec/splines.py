@@ -1,10 +1,16 @@
-"""Tables as smooth functions: cubic splines on a grid of up to three axes, packed into one flat
-array.
+"""Tables as functions on a grid of up to three axes: piecewise cubics packed into one flat array.
 
-Each axis has cubic B-splines on a clamped knot vector. The four that are non-zero on a span are
-stored as polynomials, so that a kernel finds the span and evaluates four cubics without a division.
-Two and three points give a line and a parabola, raised to cubics on one span. The packs are read by
-``sepmc.routines.splines``.
+Each axis has four basis functions on a span, stored as polynomials, so that a kernel finds the span
+and evaluates four cubics without a division. The packs are read by ``sepmc.routines.splines``, all
+interpolations alike:
+
+- ``"cubic"``: cubic B-splines on a clamped knot vector. Two and three points give a line and a
+  parabola, raised to cubics on one span.
+- ``"linear"``: two hat functions; the others are zero.
+- ``"monotone"``: the Hermite functions of values and slopes at both ends of a span. Slopes are
+  those of Fritsch and Butland (scipy's ``PchipInterpolator``), axis by axis: no value between two
+  rows is beyond theirs. Two coefficients belong to a row, so every row is two breaks at one place,
+  and the span between them is empty.
 """
 
 from collections.abc import Sequence
@@ -14,12 +20,18 @@ import numpy as np
 
 AXES = 3
 _BOUNDARY = {"not-a-knot": None, "flat": "clamped"}
+# the Hermite functions on 0 to 1 in powers of the coordinate: value and slope at the start, at the
+# end
+_HERMITE = ((1, 0, -3, 2), (0, 1, -2, 1), (0, 0, 3, -2), (0, 0, -1, 1))
 
 
 def pack(
-    axes: Sequence[Sequence[float]], values: np.ndarray, ends: str = "not-a-knot"
+    axes: Sequence[Sequence[float]],
+    values: np.ndarray,
+    ends: str = "not-a-knot",
+    interpolation: str = "cubic",
 ) -> np.ndarray:
-    """Pack the spline through tabulated functions.
+    """Pack the interpolant of tabulated functions.
 
     Parameters
     ----------
@@ -29,23 +41,31 @@ def pack(
     values : ndarray, shape (functions, n1, n2, n3), without the missing axes
     ends : {"not-a-knot", "flat"}
         "not-a-knot" reproduces cubic polynomials; "flat" has zero slope at both ends, which is
-        smooth if the function is constant beyond
+        smooth if the function is constant beyond. Lines have no such ends.
+    interpolation : {"cubic", "linear", "monotone"}
 
     Returns
     -------
     ndarray, shape (size,)
         number of functions; for each of three axes the number of spans q, q + 1 breaks and 16 q
-        basis coefficients; then the spline coefficients, functions side by side. The functions are
-        twice continuously differentiable.
+        basis coefficients; then the coefficients, functions side by side. The functions are twice
+        ("cubic"), once ("monotone") or not ("linear") continuously differentiable.
     """
     coefficients = np.asarray(values, float)
     assert len(axes) <= AXES
     assert coefficients.shape[1:] == tuple(len(points) for points in axes)
     head = [[float(len(coefficients))]]
     for points in axes:  # each pass moves the first axis to the end
-        basis, matrix = _axis(np.asarray(points, float), ends)
+        places = np.asarray(points, float)
+        if len(points) > 1 and interpolation == "linear":
+            basis, matrix = _lines(places)
+            coefficients = np.tensordot(coefficients, matrix, (1, 1))
+        elif len(points) > 1 and interpolation == "monotone":
+            basis, coefficients = _monotone(places, coefficients, ends)
+        else:
+            basis, matrix = _axis(places, ends)
+            coefficients = np.tensordot(coefficients, matrix, (1, 1))
         head.append(basis)
-        coefficients = np.tensordot(coefficients, matrix, (1, 1))
     head += [[0.0, 0.0]] * (AXES - len(axes))
     return np.concatenate([*head, np.moveaxis(coefficients, 0, -1).ravel()])
 
@@ -69,6 +89,33 @@ def _axis(points, ends):
         knots = np.repeat(points[[0, -1]], 4)
     breaks = knots[3:-3]
     return [float(len(breaks) - 1), *breaks, *_pieces(knots, breaks[:-1]).ravel()], matrix
+
+
+def _lines(points):
+    """Numbers of an axis of lines, and the matrix (coefficients, points) to its coefficients: the
+    values and two zeros."""
+    widths = np.diff(points)
+    pieces = np.zeros((len(widths), 4, 4))
+    pieces[:, 0, 0], pieces[:, 0, 1], pieces[:, 1, 1] = 1.0, -1.0 / widths, 1.0 / widths
+    return [float(len(widths)), *points, *pieces.ravel()], np.eye(len(points) + 2, len(points))
+
+
+def _monotone(points, values, ends):
+    """Numbers of an axis of monotone cubics, and the coefficients of functions (functions, points,
+    ...): values and slopes in turn, with that axis at the end."""
+    from scipy.interpolate import PchipInterpolator  # noqa: PLC0415
+
+    slopes = PchipInterpolator(points, values, axis=1).derivative()(points)
+    if ends == "flat":
+        slopes[:, [0, -1]] = 0.0
+    breaks = np.repeat(points, 2)[1:-1]
+    widths = np.diff(breaks)
+    powers = np.where(widths > 0.0, widths, 1.0)[:, None] ** -np.arange(4.0)
+    pieces = np.array(_HERMITE) * powers[:, None]  # (spans, functions, powers)
+    pieces[:, 1::2] *= widths[:, None, None]  # slopes are per unit of the axis
+    both = np.stack([values, slopes], axis=2)  # (functions, points, 2, ...)
+    coefficients = both.reshape(len(values), 2 * len(points), *values.shape[2:])
+    return [float(len(widths)), *breaks, *pieces.ravel()], np.moveaxis(coefficients, 1, -1)
 
 
 def _raised(degree):

@@ -3,11 +3,12 @@ coefficients."""
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator, make_interp_spline
 
-from oracles.independent.case import COEFFICIENTS, Table
+from oracles.independent.case import COEFFICIENTS, DERIVATIVES, Table
 from oracles.independent.state import Array
 from sepmc.validation.classical_loads import EARTH_RADIUS, LAYER_BASE, LAYER_LAPSE, polynomial
 
@@ -49,13 +50,15 @@ class Standard:
 
 
 class Tabled:
-    """Air tabulated over height: splines of the logarithm of density and of the speed of sound."""
+    """Air tabulated over height: the logarithm of density and the speed of sound between rows."""
 
     def __init__(self, table: Table):
         self.edges = np.array([table["altitude"][0], table["altitude"][-1]])
         sound_speed = table["speed_of_sound"] or (1.0,) * len(table["altitude"])
-        self.curve = CubicSpline(
-            table["altitude"], np.transpose([np.log(table["density"]), sound_speed])
+        self.curve = curve(
+            table["altitude"],
+            np.transpose([np.log(table["density"]), sound_speed]),
+            table["interpolation"],
         )
 
     def at(self, height: float, _layer: int) -> tuple[float, float]:
@@ -79,7 +82,7 @@ class Wind:
                 for speed, direction in zip(profile["speed"], profile["direction"], strict=True)
             ]
             self.curve, self.ends = (
-                clamped_curve(profile["altitude"], rows),
+                clamped_curve(profile["altitude"], rows, profile["interpolation"]),
                 (profile["altitude"][0], profile["altitude"][-1]),
             )
 
@@ -97,9 +100,39 @@ def _level(speed: float, direction: float) -> Array:
     return speed * np.array([math.cos(direction), 0.0, math.sin(direction)])
 
 
-def clamped_curve(points: Array, rows: Array) -> CubicSpline:
-    """Cubic spline of zero slope at both ends, smooth where it continues as a constant."""
-    return CubicSpline(points, np.array(rows, float), bc_type="clamped")
+def curve(points: Array, rows: Array, interpolation: str) -> Any:
+    """Function through ``rows`` at ``points``: a spline, lines, or cubics without overshoot."""
+    if interpolation == "linear":
+        return make_interp_spline(points, np.array(rows, float), k=1)
+    if interpolation == "monotone":
+        return PchipInterpolator(points, np.array(rows, float))
+    return CubicSpline(points, np.array(rows, float))
+
+
+def clamped_curve(points: Array, rows: Array, interpolation: str) -> Any:
+    """Function through ``rows``, continued as a constant: with zero slope at both ends unless it is
+    made of lines."""
+    values = np.array(rows, float)
+    if interpolation == "linear":
+        return curve(points, values, interpolation)
+    if interpolation == "monotone":
+        slopes = PchipInterpolator(points, values).derivative()(points)
+        slopes[[0, -1]] = 0.0
+        return CubicHermiteSpline(points, values, slopes)
+    return CubicSpline(points, values, bc_type="clamped")
+
+
+def _monotone(axes: list[Array], rows: Array, point: list[float]) -> Array:
+    """Values (functions,) at a point of rows (n1, n2, ..., functions): the slopes along the first
+    axis are interpolated along the others as the values are."""
+    if not axes:
+        return rows
+    slopes = PchipInterpolator(axes[0], rows).derivative()(axes[0])
+    here, there = (
+        np.moveaxis(_monotone(axes[1:], np.moveaxis(each, 0, -1), point[1:]), -1, 0)
+        for each in (rows, slopes)
+    )
+    return np.asarray(CubicHermiteSpline(axes[0], here, there)(point[0]))
 
 
 class Increments:
@@ -108,7 +141,9 @@ class Increments:
     def __init__(self, table: Table):
         zero = (0.0,) * len(table["distance"])
         self.curve = clamped_curve(
-            table["distance"], np.transpose([table[key] or zero for key in COEFFICIENTS])
+            table["distance"],
+            np.transpose([table[key] or zero for key in COEFFICIENTS]),
+            table["interpolation"],
         )
         self.ends, self.factor = (table["distance"][0], table["distance"][-1]), table["factor"]
 
@@ -117,43 +152,78 @@ class Increments:
         return self.factor * self.curve(min(max(distance, self.ends[0]), self.ends[1]))
 
 
+def _by_rate(terms: dict[str, float] | None) -> list[tuple[str, float, str]]:
+    """Terms of a polynomial without their rate, coefficients, and rates p, q, r or none."""
+    result = []
+    for term, value in (terms or {}).items():
+        *angles, last = term.split("_")
+        rate = last if last in ("p", "q", "r") else ""
+        result.append(("_".join(angles) or "const" if rate else term, value, rate))
+    return result
+
+
+def _factors(term: str, value: float) -> tuple[float, int, int]:
+    """Coefficient and powers of alpha and beta of a term."""
+    return polynomial({term: value})[0]
+
+
 class Coefficients:
     """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha and beta plus a table over Mach,
     alpha and beta."""
 
     def __init__(self, table: Table):
-        self.terms = [polynomial(table[key]) for key in COEFFICIENTS]
-        # axis (0 Mach, 1 alpha, 2 beta), its points, a cardinal spline for each point
-        self.axes: list[tuple[int, Array, CubicSpline]] = []
+        self.terms = [
+            [(*_factors(term, value), rate) for term, value, rate in _by_rate(table[key])]
+            for key in COEFFICIENTS
+        ]
+        # axis (0 Mach, 1 alpha, 2 beta) and its points
+        self.axes: list[tuple[int, Array]] = []
         self.grid = None
         if table["table"]:
             axes = [np.array(table["table"][key], float) for key in ("mach", "alpha", "beta")]
             shape = tuple(max(1, len(points)) for points in axes)
             zero = np.zeros(shape)
             self.grid = np.array(
-                [np.reshape(table["table"][key] or zero, shape) for key in COEFFICIENTS]
+                [np.reshape(table["table"][k] or zero, shape) for k in COEFFICIENTS + DERIVATIVES]
             )
-            self.axes = [
-                (i, points, CubicSpline(points, np.eye(len(points))))
-                for i, points in enumerate(axes)
-                if len(points) > 1
+            self.axes = [(i, points) for i, points in enumerate(axes) if len(points) > 1]
+            self.interpolation = table["table"]["interpolation"]
+            self.cardinals = [
+                curve(points, np.eye(len(points)), self.interpolation) for _, points in self.axes
             ]
 
-    def at(self, mach: float, alpha: float, beta: float) -> Array:
-        """Coefficients (6,) at a Mach number and angles alpha and beta, rad."""
-        coefficients = [sum(c * alpha**i * beta**j for c, i, j in terms) for terms in self.terms]
+    def at(self, mach: float, alpha: float, beta: float, rates: dict[str, float]) -> Array:
+        """Coefficients (6,) at a Mach number, angles alpha and beta, rad, and the reduced rates p,
+        q, r."""
+        coefficients = np.array(
+            [
+                sum(c * alpha**i * beta**j * (rates[r] if r else 1.0) for c, i, j, r in terms)
+                for terms in self.terms
+            ],
+            float,
+        )
         if self.grid is None:
-            return np.array(coefficients)
+            return coefficients
         grid, flow = self.grid, (mach, alpha, beta)
-        for i, _, spline in reversed(self.axes):
-            grid = np.tensordot(grid, spline(flow[i]), (i + 1, 0))
-        return np.array(coefficients) + grid.reshape(6)
+        if self.interpolation == "monotone":
+            axes = [points for _, points in self.axes]
+            rows = grid.reshape(len(grid), *map(len, axes))
+            grid = _monotone(axes, np.moveaxis(rows, 0, -1), [flow[i] for i, _ in self.axes])
+        else:
+            for (i, _), cardinal in zip(reversed(self.axes), reversed(self.cardinals), strict=True):
+                grid = np.tensordot(grid, cardinal(flow[i]), (i + 1, 0))
+        values = grid.ravel()
+        coefficients += values[:6]
+        for key, value in zip(DERIVATIVES, values[6:], strict=True):
+            coefficient, rate = key.split("_")
+            coefficients[COEFFICIENTS.index(coefficient)] += value * rates[rate]
+        return coefficients
 
     def beyond(self, mach: float, alpha: float, beta: float) -> list[float]:
         """Distance of the flow beyond each edge of the table; negative inside."""
         flow = (mach, alpha, beta)
         return list(
             itertools.chain(
-                *((points[0] - flow[i], flow[i] - points[-1]) for i, points, _ in self.axes)
+                *((points[0] - flow[i], flow[i] - points[-1]) for i, points in self.axes)
             )
         )

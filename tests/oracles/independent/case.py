@@ -9,6 +9,10 @@ Table = dict[str, Any]
 GROUND = "ground"
 REQUIRED = object()
 COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
+# of a table, by the rate at the end of the name
+DERIVATIVES = (
+    "axial_q", "normal_q", "pitch_q", "side_p", "side_r", "roll_p", "roll_r", "yaw_p", "yaw_r",
+)  # fmt: skip
 ZERO = (0.0, 0.0, 0.0)
 
 ENVIRONMENT = {
@@ -18,8 +22,9 @@ ENVIRONMENT = {
 WIND = {"speed": 0.0, "direction": 0.0, "profile": None}
 WIND_PROFILE = {
     "altitude": REQUIRED, "speed": REQUIRED, "direction": REQUIRED, "factor": 1.0, "turn": 0.0,
+    "interpolation": "cubic",
 }  # fmt: skip
-AIR = {"altitude": REQUIRED, "density": REQUIRED, "speed_of_sound": ()}
+AIR = {"altitude": REQUIRED, "density": REQUIRED, "speed_of_sound": (), "interpolation": "cubic"}
 BODY = {
     "mass": REQUIRED, "inertia": REQUIRED, "inertia_products": ZERO, "inertia_factor": 1.0,
     "cg": REQUIRED, "aerodynamics": None,
@@ -30,7 +35,10 @@ AERODYNAMICS = {
     "moment_factor": 1.0, "moment_point": None,
     "table": None, **dict.fromkeys(COEFFICIENTS),
 }  # fmt: skip
-AERO_TABLE = {"mach": (), "alpha": (), "beta": (), **dict.fromkeys(COEFFICIENTS, ())}
+AERO_TABLE = {
+    "mach": (), "alpha": (), "beta": (), **dict.fromkeys((*COEFFICIENTS, *DERIVATIVES), ()),
+    "interpolation": "cubic",
+}  # fmt: skip
 MOTOR = {
     "name": REQUIRED, "body": REQUIRED, "thrust": REQUIRED, "build_up": 0.0, "ignition": 0.0,
     "delay": 0.0, "burn": math.inf,
@@ -56,6 +64,7 @@ PROXIMITY = {
     "joint": REQUIRED,
     "distance": REQUIRED,
     "factor": 1.0,
+    "interpolation": "cubic",
     **dict.fromkeys(COEFFICIENTS, ()),
 }
 JOINT = {

@@ -280,7 +280,8 @@ class Loads:
     def aerodynamics(self, t: float, s: State, flow: Flow) -> tuple[Array, Array]:
         """Aerodynamic force, N, and moment about the mass centre, N m, body axes."""
         speed, density, mach, alpha, beta = self.flow(t, s, flow)
-        c = flow.coefficients.at(mach, alpha, beta)
+        rates = self._reduced_rates(s, flow, speed)
+        c = flow.coefficients.at(mach, alpha, beta, rates)
         for joint, increments in flow.increments:
             c = c + increments.at(joint.separation(s)[0])
         qs = 0.5 * density * speed * speed * flow.table["reference_area"]
@@ -292,6 +293,13 @@ class Loads:
             * np.array([c[3], -c[4], c[5]])
         )
         return force, moment + cross(flow.arm, force)
+
+    def _reduced_rates(self, s: State, flow: Flow, speed: float) -> dict[str, float]:
+        """Rates of roll (to the right), pitch (up) and yaw (to the right) times the reference
+        length over twice the airspeed."""
+        x, y, z = s.w[flow.body]
+        scale = 0.5 * flow.table["reference_length"] / speed if speed > 1e-6 else 0.0
+        return {"p": scale * x, "q": scale * z, "r": -scale * y}
 
     def gravity(self, height: float) -> float:
         """Acceleration downward, m/s2."""

@@ -1,0 +1,191 @@
+"""Mass properties, impulses and energies of a nominal scene: numbers to compare with a budget."""
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sepmc.scene.checks import inertia_tensor
+from sepmc.scene.model import Body, Motor, Scene, Spring
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Mass properties of one body or of several as one rigid body.
+
+    Attributes
+    ----------
+    mass : float
+        kg.
+    centre : ndarray (3,)
+        Centre of mass in the layout: station aft from the nose, y up, z right, m.
+    inertia : ndarray (3, 3)
+        About the centre of mass, body axes, kg m2; products off the diagonal are negative
+        integrals.
+    """
+
+    mass: float
+    centre: Array
+    inertia: Array
+
+    @property
+    def principal(self) -> tuple[Array, float]:
+        """Principal moments (3,), kg m2, in the order of the body axes that theirs are nearest to,
+        and the largest angle between a principal axis and that body axis, rad."""
+        moments, axes = np.linalg.eigh(self.inertia)
+        order = np.argmax(np.abs(axes), axis=0)
+        if len(set(order)) < 3:  # two are as near to one axis: in rising order
+            return moments, math.acos(min(1.0, float(np.abs(axes).max(axis=0).min())))
+        sorted_moments = np.empty(3)
+        sorted_moments[order] = moments
+        largest = float(np.abs(axes).max(axis=0).min())
+        equal = np.ptp(moments) <= 1e-12 * moments.max()
+        return sorted_moments, 0.0 if equal else math.acos(min(1.0, largest))
+
+
+def of_body(body: Body) -> MassProperties:
+    """Mass properties of a body.
+
+    Parameters
+    ----------
+    body : Body
+
+    Returns
+    -------
+    MassProperties
+    """
+    return MassProperties(body.mass, np.array(body.cg), inertia_tensor(body))
+
+
+def mated(scene: Scene) -> MassProperties:
+    """Mass properties of all bodies of a scene as one rigid body.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    MassProperties
+    """
+    parts = [of_body(body) for body in scene.body.values()]
+    mass = sum(part.mass for part in parts)
+    centre = sum((part.mass * part.centre for part in parts), np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for part in parts:
+        arm = (part.centre - centre) * (-1.0, 1.0, 1.0)  # stations count aft, x points forward
+        inertia += part.inertia + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return MassProperties(mass, centre, inertia)
+
+
+def impulse(motor: Motor, end: float) -> float:
+    """Impulse of a motor, from its ignition to its end, tail-off included.
+
+    Parameters
+    ----------
+    motor : Motor
+    end : float
+        s after the ignition at which one without a burn time ends.
+
+    Returns
+    -------
+    float
+        N s; the integral of ``thrust (1 - exp(-t / build_up)) profile(t)``, and the thrust at
+        burn-out times ``tail_off``.
+    """
+    profile, build_up = motor.profile, motor.build_up
+    burn = min(motor.burn, end if profile is None else profile.time[-1])
+    rows = [(0.0, 1.0), (burn, 1.0)]
+    if profile is not None:
+        rows = list(zip(profile.time, profile.fraction, strict=True))
+    total, last = 0.0, 0.0
+    for (t0, f0), (t1, f1) in itertools.pairwise(rows):
+        stop = min(t1, burn)
+        if stop <= t0:
+            break
+        slope = (f1 - f0) / (t1 - t0)
+        total += _of_line(f0 - slope * t0, slope, t0, stop, build_up)
+        last = f0 + slope * (stop - t0)
+    if motor.burn <= burn or (profile is not None and math.isinf(motor.burn)):
+        built = 1.0 - math.exp(-burn / build_up) if build_up > 0.0 else 1.0
+        total += last * built * motor.tail_off
+    return motor.thrust * total
+
+
+def _of_line(level: float, slope: float, t0: float, t1: float, build_up: float) -> float:
+    """Integral of (level + slope t) (1 - exp(-t / build_up)) from t0 to t1, s."""
+    total = level * (t1 - t0) + slope * (t1 * t1 - t0 * t0) / 2.0
+    if build_up <= 0.0:
+        return total
+
+    def missing(t: float) -> float:
+        return -build_up * math.exp(-t / build_up) * (level + slope * (t + build_up))
+
+    return total - (missing(t1) - missing(t0))
+
+
+def energy(spring: Spring) -> float:
+    """Work that a spring does from its start to the end of its stroke, or to where its force is
+    zero.
+
+    Parameters
+    ----------
+    spring : Spring
+
+    Returns
+    -------
+    float
+        J, without damping; infinite if it pushes on.
+    """
+    stroke = spring.stroke
+    if math.isinf(stroke):
+        if spring.stiffness == 0.0:
+            return math.inf if spring.force else 0.0
+        stroke = spring.force / spring.stiffness
+    return spring.factor * (spring.force * stroke - spring.stiffness * stroke * stroke / 2.0)
+
+
+def budget_lines(scene: Scene) -> Iterator[str]:
+    """Sentences on the mass properties, impulses and energies of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Yields
+    ------
+    str
+    """
+    whole = mated(scene)
+    yield "mated        " + _sentence(whole)
+    for name, body in scene.body.items():
+        properties = of_body(body)
+        moments, angle = properties.principal
+        turned = f", axes turned by {math.degrees(angle):.3g} deg" if angle > 1e-9 else ""
+        yield f"body         {name}: principal inertia {_list(moments)} kg m2{turned}"
+    for motor in scene.motor:
+        ends = motor.profile is not None or math.isfinite(motor.burn)
+        until = "" if ends else f" in {scene.run.end_time:g} s"
+        total = impulse(motor, scene.run.end_time)
+        yield f"impulse      {motor.name}: {total:.6g} N s{until}"
+    for spring in scene.spring:
+        work = energy(spring)
+        if math.isfinite(work):
+            yield f"energy       {spring.name}: {work:.6g} J"
+
+
+def _sentence(properties: MassProperties) -> str:
+    inertia, centre = properties.inertia, properties.centre
+    products = [-inertia[0, 1], -inertia[0, 2], -inertia[1, 2]]
+    return (
+        f"{properties.mass:.6g} kg, centre of mass {_list(centre)} m, inertia about it "
+        f"{_list(np.diag(inertia))}, products {_list(products)} kg m2"
+    )
+
+
+def _list(numbers: Array | list[float]) -> str:
+    return "[" + ", ".join(f"{x + 0.0:.5g}" for x in numbers) + "]"

@@ -1,0 +1,152 @@
+"""Lint of aerodynamics: signs, units and tables that are probably not meant."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from sepmc.scene.model import Aerodynamics, AeroTable, Body, Scene
+
+_WEAK_SLOPE = 0.5  # 1/rad: smaller slopes of the normal force are probably per degree
+_FLAT = 1e-9  # slope that is none
+_STABLE = 0.01  # 1/rad, of moment slopes: smaller ones are neither stable nor unstable
+_TURNED = 0.05  # variance that the right axis explains, over that of the other, if transposed
+_RADIANS = 0.6  # largest number of an axis in degrees that may be in radians
+_TURN = 2.0 * math.pi
+
+Array = np.ndarray
+
+
+def lint_aerodynamics(scene: Scene) -> Iterator[str]:
+    """Findings on the aerodynamic coefficients of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Yields
+    ------
+    str
+        A sentence for each value that is probably a mistake.
+    """
+    yield from _angles(scene)
+    for name, body in scene.body.items():
+        aero = body.aerodynamics
+        if aero is None:
+            continue
+        place = f"body.{name}.aerodynamics"
+        yield from _slopes(place, body, aero)
+        if aero.table is not None:
+            yield from _transposed(f"{place}.table", aero.table)
+            yield from _axis_units(f"{place}.table", aero.table)
+
+
+def _angles(scene: Scene) -> Iterator[str]:
+    """Angles beyond a full turn, as with degrees given as radians."""
+    start = scene.initial
+    angles = {
+        f"initial.{key}": getattr(start, key)
+        for key in ("alpha", "pitch", "yaw", "roll", "path_yaw")
+    }
+    for motor in scene.motor:
+        angles |= {
+            f"motor.{motor.name}.{key}": getattr(motor, key)
+            for key in ("cant", "clock", "deflection", "deflection_clock")
+        }
+    for place, angle in angles.items():
+        if abs(angle) > _TURN + 1e-9:
+            yield (
+                f"{place} = {math.degrees(angle):.4g} deg ({angle:.4g} rad) is more than a turn: "
+                "is it in the other unit?"
+            )
+
+
+def _axis_units(place: str, table: AeroTable) -> Iterator[str]:
+    """Axes of angles that look like radians in a key of degrees, or the other way round."""
+    for key, axis in (("alpha", table.alpha), ("beta", table.beta)):
+        if not axis:
+            continue
+        largest = max(map(abs, axis))
+        if largest > _TURN + 1e-9:
+            yield (
+                f"{place}.{key} reaches {math.degrees(largest):.4g} deg ({largest:.4g} rad): is "
+                "it in the other unit?"
+            )
+        elif len(axis) > 2 and math.degrees(largest) < _RADIANS:
+            yield (
+                f"{place}.{key} reaches {math.degrees(largest):.3g} deg only: is it in the other "
+                "unit?"
+            )
+
+
+def _slopes(place: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
+    """Slopes over alpha and beta that are weak as if per degree, or of the other sign."""
+    normal, side = _slope(aero, "normal", "alpha"), _slope(aero, "side", "beta")
+    for key, angle, slope in (("normal", "alpha", normal), ("side", "beta", side)):
+        if _FLAT < abs(slope) < _WEAK_SLOPE and (key == "normal" or abs(slope) < 0.1 * abs(normal)):
+            yield (
+                f"{place}.{key} changes by {slope:.3g} per rad of {angle}: is it per degree "
+                f'({math.degrees(1.0) * slope:.3g} per rad)? per = "deg" says so'
+            )
+    if normal > _FLAT and side < -_FLAT:
+        yield (
+            f"{place}.side has the slope {side:.3g} per rad of beta: a positive C_Y points left "
+            "here, so this force drives the body further aside; DATCOM's C_Y points right: "
+            'convention = "datcom" says so'
+        )
+    # moments about the mass centre, with the forces at the moment point ahead of it by ``ahead``
+    point = aero.moment_point or body.cg
+    ahead = (body.cg[0] - point[0]) / aero.reference_length
+    pitch = _slope(aero, "pitch", "alpha") + ahead * normal
+    yaw = _slope(aero, "yaw", "beta") - ahead * side
+    if pitch < -_STABLE and yaw < -_STABLE:
+        yield (
+            f"{place}: the body is statically stable in alpha (C_m {pitch:.3g} per rad) and not in "
+            f"beta (C_n {yaw:.3g} per rad); a positive C_n turns the nose right, into a sideslip "
+            "beta > 0: is the sign of yaw or of side meant otherwise?"
+        )
+
+
+def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
+    """Slope of a coefficient over an angle at zero, 1/rad: of its polynomial, and the largest of
+    its table in the rows next to zero."""
+    slope = getattr(aero, coefficient).get(angle, 0.0)
+    table = aero.table
+    grid = getattr(table, coefficient) if table is not None else []
+    axis = getattr(table, angle) if table is not None else ()
+    if not grid or len(axis) < 2:
+        return float(slope)
+    assert table is not None
+    number = sum(bool(x) for x in (table.mach, table.alpha)[: 1 if angle == "alpha" else 2])
+    rows = np.moveaxis(np.array(grid, float), number, 0)
+    row = min(max(int(np.searchsorted(axis, 0.0)), 1), len(axis) - 1)
+    slopes = (rows[row] - rows[row - 1]) / (axis[row] - axis[row - 1])
+    slopes = np.ravel(slopes)
+    return float(slope + slopes[int(np.argmax(np.abs(slopes)))])
+
+
+def _transposed(place: str, table: AeroTable) -> Iterator[str]:
+    """Square grids in which a coefficient depends on another axis, hardly on its own angle."""
+    axes = {key: axis for key in ("mach", "alpha", "beta") if (axis := getattr(table, key))}
+    shape = [len(axis) for axis in axes.values()]
+    if len(shape) != 2 or shape[0] != shape[1] or shape[0] < 3:
+        return
+    for coefficient, own in (
+        ("normal", "alpha"),
+        ("pitch", "alpha"),
+        ("side", "beta"),
+        ("yaw", "beta"),
+    ):
+        grid = getattr(table, coefficient)
+        if not grid or own not in axes:
+            continue
+        values = np.array(grid, float)
+        number = list(axes).index(own)
+        by_own, by_other = (float(values.mean(axis=1 - k).var()) for k in (number, 1 - number))
+        if by_other > 0.0 and by_own < _TURNED * by_other:
+            other = next(key for key in axes if key != own)
+            yield (
+                f"{place}.{coefficient} hardly depends on {own}, but on {other}: is the table "
+                f"transposed? Its rows are those of {next(iter(axes))}"
+            )
+            return

@@ -1,0 +1,116 @@
+"""Interpolation of tables: splines, lines and monotone cubics, against the independent flight and
+by hand."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from oracles.independent import simulate
+from scipy.interpolate import PchipInterpolator
+
+HEIGHTS = [0.0, 700.0, 1010.0, 2000.0]
+MACH, ALPHA = [0.5, 1.8, 2.0, 2.5, 3.0], [-20.0, -5.0, -3.0, -1.0, 0.0, 1.0, 5.0, 20.0]
+
+
+def grid(seed, size, middle=0.0):
+    """Numbers on the axes, as lists."""
+    random = np.random.default_rng(seed)
+    return (size * (random.random((len(MACH), len(ALPHA))) - middle)).tolist()
+
+
+def scene(interpolation, step_s):
+    """A body that climbs through all tables of a scene, rotating, from Mach 2.2 to 2."""
+    air = {
+        "altitude_m": HEIGHTS,
+        "density_kg_per_m3": [2.0, 1.9, 1.6, 1.5],
+        "speed_of_sound_m_s": [50.0, 49.0, 45.0, 44.0],
+    }
+    wind = {
+        "altitude_m": [900.0, 1000.5, 1001.0, 1010.0, 1100.0],
+        "speed_m_s": [0.0, 3.0, 1.0, 5.0, 9.0],
+        "direction_deg": [0.0, 30.0, 60.0, 70.0, 20.0],
+    }
+    table = {
+        "mach": MACH,
+        "alpha_deg": ALPHA,
+        "axial": grid(1, 0.01),
+        "normal": grid(3, 0.01),
+        "pitch": grid(2, 1e-4, 0.5),
+    }
+    near = {"distance_mm": [0.0, 5.0, 20.0, 60.0], "axial": [-0.002, -0.001, 0.0, 0.001]}
+    how = {"interpolation": interpolation}
+    return {
+        "environment": {
+            "atmosphere": "table",
+            "gravity": "none",
+            "air": air | how,
+            "wind": {"profile": wind | how},
+        },
+        "body.aft.aerodynamics": {
+            "reference_area_m2": 1.0,
+            "reference_length_m": 0.5,
+            "table": table | how,
+        },
+        "proximity": [{"name": "near", "body": "aft", "joint": "pins"} | near | how],
+        "initial.speed_m_s": 100.0,
+        "initial.pitch_deg": 10.0,
+        "phase": [{"name": "free"}],
+        "run.end_time_s": 0.05,
+        "solver.step_s": step_s,
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("interpolation", "step_s"), [("cubic", 2e-4), ("linear", 2e-5), ("monotone", 1e-4)]
+)
+def test_against_the_independent_flight(pair, interpolation, step_s):
+    """Every outcome to 1e-9, at steps so short that kinks cost no more."""
+    campaign = pair(scene(interpolation, step_s))
+    result = campaign.simulate(step_s=0.05).attrs
+    expected = simulate(campaign.nominal().to_dict())
+    assert result["status"] == expected.status == "ok"
+    for name, value in expected.outcomes.items():
+        assert_allclose(result["outcomes"][name], value, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+def test_kinks_are_in_the_reported_error(pair):
+    """Steps of a millisecond pass kinks of lines: the reported error is that, or more."""
+    campaign = pair(scene("linear", 1e-3))
+    result = campaign.simulate(step_s=0.05).attrs
+    expected = simulate(campaign.nominal().to_dict()).outcomes
+    errors = {
+        name: abs(result["outcomes"][name] / expected[name] - 1.0)
+        for name in ("separation_distance_mm", "aft_omega_z_deg_s", "aft_alpha_deg")
+    }
+    assert max(errors.values()) > 1e-8
+    assert max(errors.values()) < max(result["errors"].values())
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "monotone"])
+def test_transonic_drag_between_its_rows(pair, interpolation):
+    """The axial coefficient over Mach number of a table that splines overshoot, scipy's value
+    between the rows."""
+    mach, axial = [0.5, 0.9, 1.2, 2.0, 4.0], [0.30, 0.32, 0.62, 0.43, 0.28]
+    air = {
+        "altitude_m": [0.0, 2000.0],
+        "density_kg_per_m3": [2.0, 2.0],
+        "speed_of_sound_m_s": [40.0, 40.0],
+    }
+    table = {"mach": mach, "axial": axial, "interpolation": interpolation}
+    settings = {
+        "environment": {"atmosphere": "table", "gravity": "none", "air": air},
+        "body.aft.aerodynamics": {"reference_area_m2": 0.01, "reference_length_m": 0.5},
+        "body.aft.aerodynamics.table": table,
+        "phase": [{"name": "free"}],
+        "run.end_time_s": 1e-6,
+        "solver.step_s": 1e-6,
+    }
+    expected = (
+        (lambda x: np.interp(x, mach, axial))
+        if interpolation == "linear"
+        else PchipInterpolator(mach, axial)
+    )
+    for number in (0.6, 0.9, 1.0, 1.7, 3.2):
+        history = pair(settings | {"initial.speed_m_s": 40.0 * number}).simulate(step_s=1e-6)
+        first = history["aft_axial_acceleration_m_s2"].iloc[0]
+        assert_allclose(-first / (0.01 * (40.0 * number) ** 2), expected(number), rtol=1e-12)
