@@ -4,8 +4,23 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from typing import NamedTuple
 
 DEG = 180.0 / math.pi
+# units of outcomes by formulas, as their columns end: text and factor from SI
+FORMULA_UNITS = {
+    "1": ("1", 1.0),
+    "s": ("s", 1.0),
+    "m": ("m", 1.0),
+    "mm": ("mm", 1e3),
+    "m_s": ("m/s", 1.0),
+    "deg": ("deg", DEG),
+    "deg_s": ("deg/s", DEG),
+    "N": ("N", 1.0),
+    "N_m": ("N m", 1.0),
+    "N_s": ("N s", 1.0),
+    "N_m_s": ("N m s", 1.0),
+}
 
 
 class Status(IntEnum):
@@ -300,6 +315,14 @@ def _columns(rows, prefix: str, name: str) -> list[Column]:
     ]
 
 
+class Formula(NamedTuple):
+    """Outcome by a formula of outcomes before it: name, formula, and unit as in `FORMULA_UNITS`."""
+
+    name: str
+    text: str
+    unit: str
+
+
 @dataclass(frozen=True)
 class Contents:
     """Parts of a scene that have columns.
@@ -320,6 +343,8 @@ class Contents:
         Springs with a stroke.
     partial_releases : tuple of (str, str)
         Joint and kind of each ``[[release]]`` to another kind than free.
+    formulas : tuple of Formula
+        Outcomes by formulas.
     """
 
     bodies: list[str]
@@ -334,6 +359,7 @@ class Contents:
     ignitions: tuple[str, ...] = ()  # motors with an ignition event
     springs: tuple[str, ...] = ()  # with a stroke
     partial_releases: tuple[tuple[str, str], ...] = ()  # joint and kind
+    formulas: tuple[Formula, ...] = ()
 
 
 def is_yes_or_no(outcome: str) -> bool:
@@ -390,10 +416,15 @@ def outcome_columns(contents: Contents) -> list[Column]:
         )
         columns.append(Column(name, "s", meaning))
     meaning = "rate of {0} across its x axis, of yaw and pitch together{1}"
-    return columns + [
+    columns += [
         Column(f"{stem}transverse_rate_deg_s", "deg/s", meaning.format(body, when), DEG)
         for stem, _, body, when in _transverse_rates(contents)
     ]
+    for formula in contents.formulas:
+        unit, scale = FORMULA_UNITS.get(formula.unit, (formula.unit, 1.0))
+        name = formula.name if formula.unit == "1" else f"{formula.name}_{formula.unit}"
+        columns.append(Column(name, unit, formula.text, scale))
+    return columns
 
 
 def _joint_prefix(contents: Contents, joint: str) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from sepmc import schema
+from sepmc.engine.formula_outcomes import fill_formulas
 from sepmc.engine.host_process import loading
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
@@ -290,6 +291,7 @@ def _call(
         times, typical, history_times, outcomes, ends, history,
         status, np.zeros(kernel.n_segments, dtype=np.int64) if methods is None else methods,
     )  # fmt: skip
+    fill_formulas(layout.contents, outcomes, status)
 
 
 def check_int(name: str, value: Any, minimum: float, maximum: float | None = None) -> int:

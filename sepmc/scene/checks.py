@@ -93,6 +93,8 @@ def _check_columns(scene: Scene, problems: Problems) -> None:
     for name in dict.fromkeys(name for name in names if names.count(name) > 1):
         event = next((e.name for e in scene.event if name.startswith(f"{e.name}_")), None)
         key_path = f"event.{event}" if event else "output"
+        if any(name in (one.name, f"{one.name}_{one.unit}") for one in scene.outcome):
+            key_path = "outcome"
         problems.add(key_path, f"there are two outcomes called {name}: choose another name", event)
 
 

@@ -3,7 +3,7 @@
 import math
 
 from sepmc.scene.model import Scene
-from sepmc.schema import Contents
+from sepmc.schema import Contents, Formula
 
 
 def contents(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Contents:
@@ -39,4 +39,5 @@ def contents(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Contents:
             if math.isfinite(spring.stroke) or f"spring.{spring.name}.stroke" in dispersed
         ),
         tuple(dict.fromkeys((r.joint, r.to) for r in scene.release if r.to != "free")),
+        tuple(Formula(one.name, one.formula, one.unit) for one in scene.outcome),
     )

@@ -413,6 +413,14 @@ class Output(_Table, frozen=True, kw_only=True):
     transverse: tuple[str, ...] = ()  # bodies
 
 
+class FormulaOutcome(_Table, frozen=True, kw_only=True):
+    """Outcome by a formula of outcomes before it, in their units; the unit ends its column."""
+
+    name: Name
+    formula: str
+    unit: str = "1"
+
+
 class Initial(_Table, frozen=True, kw_only=True):
     """Initial state of the mated vehicle; see CONVENTIONS.md."""
 
@@ -469,6 +477,7 @@ class Scene(_Table, frozen=True, kw_only=True):
     release: tuple[Release, ...] = ()
     event: tuple[Event, ...] = ()
     clearance: tuple[Clearance, ...] = ()
+    outcome: tuple[FormulaOutcome, ...] = ()
     output: Output = field(default_factory=Output)
     initial: Initial
     run: Run

@@ -19,6 +19,7 @@ from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of
+from sepmc.scene.formula_outcomes import check_formula_outcomes
 from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.input_table import CASE, InputTable, Reader
 from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, read_limited
@@ -277,6 +278,7 @@ def _parse(
                 "needs parameters that vary independently, without [[correlation]]",
                 scene.run.sampler,
             )
+    check_formula_outcomes(scene, dispersed, problems)
     outcomes = [column.name for column in outcome_columns(contents(scene, dispersed))]
     if reference is not None:
         _check_reference(reference, outcomes, problems)

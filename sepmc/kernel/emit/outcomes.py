@@ -197,6 +197,7 @@ def emit_results(text: Text, c: Context) -> None:
             f"outcomes[{o}, i] = math.hypot(outcomes[{y}, i], outcomes[{z}, i])"
         )
         o += 1
+    o += len(spec.layout.contents.formulas)  # computed from the others, `engine.formula_outcomes`
     text(f"put_columns(outcomes, {o}, w, AUDIT, {len(audits)}, first)")
     o += len(audits) + 1  # the error estimate is filled in later
     text(f"put_columns(outcomes, {o}, w, INDICATORS, N_INDICATORS, first)")

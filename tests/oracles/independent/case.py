@@ -86,6 +86,7 @@ PART = {
     "hollow": False,
 }  # fmt: skip
 CLEARANCE = {"name": REQUIRED, "bodies": REQUIRED, "outlines": ((), ()), "after": None}
+FORMULA_OUTCOME = {"name": REQUIRED, "formula": REQUIRED, "unit": "1"}
 PHASE = {"name": REQUIRED, "joints": None, "until": None}
 EVENT = {"name": REQUIRED, "when": REQUIRED}
 RELEASE = {
@@ -117,7 +118,7 @@ SOLVER = dict.fromkeys(("formulation", "method", "accuracy", "step", "drift"))
 SCENE = {
     "environment": None, "body": REQUIRED, "motor": (), "spring": (), "load": (), "proximity": (),
     "joint": None, "phase": REQUIRED,
-    "release": (), "event": (), "clearance": (), "output": None, "initial": REQUIRED,
+    "release": (), "event": (), "clearance": (), "outcome": (), "output": None, "initial": REQUIRED,
     "run": REQUIRED, "solver": None,
 }  # fmt: skip
 
@@ -195,6 +196,7 @@ def read(case: Mapping[str, Any]) -> Table:
         if spring["table"] and math.isinf(spring["stroke"]):
             spring["stroke"] = spring["table"]["extension"][-1]
     scene["load"] = _list(scene["load"], LOAD, "load")
+    scene["outcome"] = _list(scene["outcome"], FORMULA_OUTCOME, "outcome")
     scene["clearance"] = _list(scene["clearance"], CLEARANCE, "clearance")
     scene["proximity"] = _list(scene["proximity"], PROXIMITY, "proximity")
     scene["joint"] = {

@@ -11,7 +11,7 @@ from oracles.independent.joints import Joint
 from oracles.independent.loads import Loads, air_angles
 from oracles.independent.monitor import Monitor
 from oracles.independent.state import Array, State, Vehicle
-from sepmc.schema import Contents, outcome_columns
+from sepmc.schema import Contents, Formula, outcome_columns
 
 _SINGULAR = math.radians(89.0)
 _STILL = 1e-6  # m/s: airspeed below which it has no direction
@@ -34,6 +34,7 @@ def columns(scene: dict[str, Any]) -> list[str]:
         ignitions=tuple(m["name"] for m in scene["motor"] if isinstance(m["ignition"], dict)),
         springs=tuple(s["name"] for s in scene["spring"] if math.isfinite(s["stroke"])),
         partial_releases=tuple(dict.fromkeys(_partial_releases(scene))),
+        formulas=tuple(Formula(t["name"], t["formula"], t["unit"]) for t in scene["outcome"]),
     )
     return [column.name for column in outcome_columns(contents)]
 
@@ -193,7 +194,21 @@ def report(flight: Progress) -> dict[str, float]:
     free |= {name: time for name, (time, _) in flight.released.items()}
     times = {name: values[f"{name}_time_s"] for name, values in flight.observed.items()}
     distances = flight.clearances.report(free) | flight.clearances.at(times, free)
-    return out | flight.monitor.report() | distances | _transverse_rates(flight, out)
+    out |= flight.monitor.report() | distances | _transverse_rates(flight, out)
+    return out | _by_formulas(flight.scene["outcome"], out)
+
+
+def _by_formulas(tables: list[dict[str, Any]], out: dict[str, float]) -> dict[str, float]:
+    """Outcomes by formulas, read by Python itself: the scenes of tests are our own."""
+    known = {name: getattr(math, name) for name in ("sin", "cos", "tan", "sqrt", "exp", "atan2")}
+    known |= {"log": math.log, "abs": abs, "min": min, "max": max, "pi": math.pi}
+    known["sign"] = lambda x: float(np.sign(x))
+    known["where"] = lambda condition, a, b: a if condition else b
+    result: dict[str, float] = {}
+    for table in tables:
+        name = table["name"] + ("" if table["unit"] == "1" else f"_{table['unit']}")
+        result[name] = float(eval(table["formula"], {"__builtins__": {}}, known | out | result))
+    return result
 
 
 def _transverse_rates(flight: Progress, out: dict[str, float]) -> dict[str, float]:

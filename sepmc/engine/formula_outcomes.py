@@ -1,0 +1,38 @@
+"""Outcomes by formulas of other outcomes, computed from the rows that a kernel has written."""
+
+import numpy as np
+
+from sepmc.scene.formula import evaluate, names, parse
+from sepmc.schema import Contents, Status, outcome_columns, result_columns
+
+
+def fill_formulas(contents: Contents, outcomes: np.ndarray, status: np.ndarray) -> None:
+    """Fill the outcomes that a file defines by formulas, and fail the cases in which one is
+    undefined although all outcomes that it names are known.
+
+    Parameters
+    ----------
+    contents : Contents
+    outcomes : ndarray, shape (columns, n)
+        Result columns in SI units, and more; changed in place.
+    status : ndarray of int, shape (n,)
+        Changed in place; cases that are to be integrated again (below 0) keep theirs.
+    """
+    if not contents.formulas:
+        return
+    columns = outcome_columns(contents)
+    indices = {column.name: k for k, column in enumerate(columns)}
+    undefined = np.zeros(len(status), dtype=bool)
+    first = len(columns) - len(contents.formulas)
+    for k, formula in enumerate(contents.formulas, first):
+        tree = parse(formula.text)
+        named = {
+            name: outcomes[indices[name]] * columns[indices[name]].scale for name in names(tree)
+        }
+        value = evaluate(tree, named)
+        is_known = np.logical_and.reduce([np.isfinite(one) for one in named.values()])
+        undefined |= is_known & np.isnan(value)
+        outcomes[k] = value / columns[k].scale
+    failed = undefined & (status >= Status.OK) & (status <= Status.NEVER_RELEASED)
+    status[failed] = Status.UNDEFINED_FORMULA
+    outcomes[: len(result_columns(contents)) - 1, failed] = np.nan

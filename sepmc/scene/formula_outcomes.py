@@ -1,0 +1,32 @@
+"""Checks of outcomes that a file defines by formulas of other outcomes."""
+
+from sepmc.scene.contents import contents
+from sepmc.scene.formula import FormulaError, names, parse
+from sepmc.scene.messages import Problems, nearest
+from sepmc.scene.model import Scene
+from sepmc.schema import FORMULA_UNITS, outcome_columns
+
+
+def check_formula_outcomes(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
+    """Note ``[[outcome]]`` tables with an unknown unit, and formulas that cannot be read or name
+    anything but outcomes before them."""
+    if any(one.unit not in FORMULA_UNITS for one in scene.outcome):
+        for one in scene.outcome:
+            if one.unit not in FORMULA_UNITS:
+                reason = "must be a unit of outcomes: " + ", ".join(FORMULA_UNITS)
+                problems.add(f"outcome.{one.name}.unit", reason, one.unit)
+        return
+    columns = [column.name for column in outcome_columns(contents(scene, dispersed))]
+    for end, one in enumerate(scene.outcome, len(columns) - len(scene.outcome)):
+        key_path = f"outcome.{one.name}.formula"
+        try:
+            named = names(parse(one.formula))
+        except FormulaError as error:
+            problems.add(key_path, str(error), one.formula)
+            continue
+        for name in named:
+            if name not in columns[:end]:
+                reason = "no such outcome, or none before this one; "
+                problems.add(key_path, reason + nearest(name, columns[:end]), name)
+        if not named:
+            problems.add(key_path, "must name an outcome, or more", one.formula)
