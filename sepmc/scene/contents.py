@@ -39,4 +39,5 @@ def contents(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Contents:
             if math.isfinite(spring.stroke) or f"spring.{spring.name}.stroke" in dispersed
         ),
         tuple(dict.fromkeys((r.joint, r.to) for r in scene.release if r.to != "free")),
+        tuple(signal.name for signal in scene.signal),
     )

@@ -49,6 +49,7 @@ LOAD = {
     "name": REQUIRED, "body": REQUIRED, "force": ZERO, "moment": ZERO, "frame": "body",
     "point": None, "start": 0.0, "end": math.inf,
 }  # fmt: skip
+SIGNAL = {"name": REQUIRED, "formula": REQUIRED, "constants": None}
 PROXIMITY = {
     "name": REQUIRED,
     "body": REQUIRED,
@@ -105,6 +106,7 @@ SCENE = {
     "environment": None, "body": REQUIRED, "motor": (), "spring": (), "load": (), "proximity": (),
     "joint": None, "phase": REQUIRED,
     "release": (), "event": (), "clearance": (), "output": None, "initial": REQUIRED,
+    "signal": (), "driven": None,
     "run": REQUIRED, "solver": None,
 }  # fmt: skip
 
@@ -178,6 +180,10 @@ def read(case: Mapping[str, Any]) -> Table:
             motor["burn"] = motor["profile"]["time"][-1]  # no thrust after the last row
     scene["spring"] = _list(scene["spring"], SPRING, "spring")
     scene["load"] = _list(scene["load"], LOAD, "load")
+    scene["signal"] = _list(scene["signal"], SIGNAL, "signal")
+    for signal in scene["signal"]:
+        signal["constants"] = signal["constants"] or {}
+    scene["driven"] = scene["driven"] or {}
     scene["clearance"] = _list(scene["clearance"], CLEARANCE, "clearance")
     scene["proximity"] = _list(scene["proximity"], PROXIMITY, "proximity")
     scene["joint"] = {
