@@ -345,6 +345,8 @@ class Contents:
         Joint and kind of each ``[[release]]`` to another kind than free.
     formulas : tuple of Formula
         Outcomes by formulas.
+    signals : tuple of str
+        Signals, which histories have.
     """
 
     bodies: list[str]
@@ -360,6 +362,7 @@ class Contents:
     springs: tuple[str, ...] = ()  # with a stroke
     partial_releases: tuple[tuple[str, str], ...] = ()  # joint and kind
     formulas: tuple[Formula, ...] = ()
+    signals: tuple[str, ...] = ()
 
 
 def is_yes_or_no(outcome: str) -> bool:
@@ -558,4 +561,7 @@ def history_columns(contents: Contents) -> list[Column]:
             for end in ("mouth", "tip"):
                 meaning = f"lateral load of pin {pin} of {joint} at its {end}, while it may slide"
                 columns.append(Column(f"{joint}_pin{pin}_{end}_load_N", "N", meaning))
+    for signal in contents.signals:
+        meaning = f"signal {signal}, in the unit of the keys that name it"
+        columns.append(Column(f"signal_{signal}", "1", meaning))
     return columns + _distance_columns(contents)

@@ -16,7 +16,7 @@ from sepmc.kernel.spec.kernel_spec import Event
 from sepmc.kernel.spec.kinks import Kink, kink_name
 from sepmc.kernel.tracer.formulas import scalar
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Expr, Scope, called, where
+from sepmc.kernel.tracer.tracer import NUMBER, Expr, Scope, where
 from sepmc.routines import layout as at
 from sepmc.schema import Status
 
@@ -54,7 +54,8 @@ def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
     scope.comment(f"{kink} of a formula")
     signals = _moving(s)
     jet, numbers = signals.switching(_kink(s, kink))
-    value, rate = called(jet.value, "switching"), called(jet.rate, "switching_rate")
+    value = _expression(s, jet.value).called("switching")
+    rate = _expression(s, jet.rate).called("switching_rate")
     time, mode = s.time, scope.load(field)
     previous_time, previous_acceleration = (
         scope.load(f"PREVIOUS_{name}"),
@@ -66,9 +67,9 @@ def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
     acceleration = jet.second
     if acceleration is None:
         acceleration = (rate + mode * before) / elapsed
-    acceleration = called(acceleration, "switching_acceleration")
+    acceleration = _expression(s, acceleration).called("switching_acceleration")
     jerk = (acceleration - previous_acceleration) / elapsed
-    tolerance = called(_tolerance(numbers), "tolerance")
+    tolerance = _expression(s, _tolerance(numbers)).called("tolerance")
     at_zero = scalar.abs(value) <= tolerance
     trend = where(scalar.abs(acceleration) > _PER_ACCELERATION * tolerance, acceleration, 0.0)
     trend = where(scalar.abs(rate) > _PER_RATE * tolerance, rate, trend)
@@ -97,6 +98,11 @@ def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
         (event.flag(s.segment.name), wanted),
     ]
     return left.called("remaining"), records
+
+
+def _expression(s: State, number: Any) -> Expr:
+    """Number as an expression."""
+    return number if isinstance(number, Expr) else s.scope.add("constant", (number,), NUMBER)
 
 
 def _moving(s: State) -> Signals:

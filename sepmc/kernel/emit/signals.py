@@ -121,9 +121,7 @@ class Signals:
         """Jet of a call that is a number."""
         function = node.function
         if function == "where":
-            condition, switching = self._condition(signal, node.arguments[0])
-            one, other = (self._number(signal, x) for x in node.arguments[1:])
-            return self._tied(jets.select(condition, one, other), switching)
+            return self._where(signal, node)
         arguments = [self._number(signal, one) for one in node.arguments]
         if function == "+":
             return jets.add(*arguments)
@@ -142,10 +140,24 @@ class Signals:
             return self._kinked(signal, node, arguments)
         return jets.apply(function, arguments[0])
 
+    def _where(self, signal: str, node: Call) -> Jet:
+        """Jet of where: of the branch of the present interval. A step may pass its end by a little:
+        if the branch is undefined there, the other one counts."""
+        condition, switching = self._condition(signal, node.arguments[0])
+        one, other = (self._number(signal, x) for x in node.arguments[1:])
+        result = jets.select(condition, one, other)
+        if self._may_be_undefined(signal, *node.arguments[1:]) and isinstance(result.value, Expr):
+            now, _ = self._condition(signal, node.arguments[0], by_mode=False)
+            defined = getattr(scalar, "math.isfinite")(result.value)
+            value = jets.select(now, one, other).value
+            result = result._replace(value=where(defined, result.value, value))
+        return self._tied(result, switching)
+
     def _kinked(self, signal: str, node: Call, arguments: list[Jet]) -> Jet:
-        """Jet of abs, sign, min or max: of the branch of the present interval."""
+        """Jet of abs, sign, min or max."""
         first, last = arguments[0], arguments[-1]
-        low, high = self._sides(signal, node)
+        # only sign jumps: the others may pass a kink by the little that a step passes its end
+        low, high = self._sides(signal, node, by_mode=node.function == "sign")
         if node.function == "sign":
             up = jets.select(high, Jet(1.0), Jet(0.0))
             result = jets.select(low, Jet(-1.0), up)
@@ -154,28 +166,30 @@ class Signals:
         else:
             below, above = (first, last) if node.function == "min" else (last, first)
             result = jets.select(low, below, above)
-        undefined = any(may_be_undefined(one) for one in self._expanded(signal, node))
+        undefined = self._may_be_undefined(signal, node)
         return self._tied(result, [one.value for one in arguments] if undefined else [])
 
-    def _sides(self, signal: str, node: Call) -> tuple[Any, Any]:
-        """Conditions that the switching function of a call is negative, and that it is
-        positive."""
-        number = self._kinks.get(Kink(signal, node))
+    def _sides(self, signal: str, node: Call, by_mode: bool = True) -> tuple[Any, Any]:
+        """Conditions that the switching function of a call is negative, and that it is positive;
+        ``by_mode`` in the present interval, else now."""
+        number = self._kinks.get(Kink(signal, node)) if by_mode else None
         if number is not None:
             mode = self.s.scope.load(mode_field(kink_name(number)))
             return mode < 0.0, mode > 0.0
         jet, _ = self.switching(Kink(signal, node))
         return jet.value < 0.0, jet.value > 0.0
 
-    def _condition(self, signal: str, node: Node, negated: bool = False) -> tuple[Any, list[Any]]:
+    def _condition(
+        self, signal: str, node: Node, negated: bool = False, by_mode: bool = True
+    ) -> tuple[Any, list[Any]]:
         """A condition, or its opposite, and numbers that must be defined for it."""
         assert isinstance(node, Call)
         if node.function == "not":
-            return self._condition(signal, node.arguments[0], not negated)
+            return self._condition(signal, node.arguments[0], not negated, by_mode)
         if node.function in COMPARISONS:
-            low, high = self._sides(signal, node)
+            low, high = self._sides(signal, node, by_mode)
             function = _OPPOSITE[node.function] if negated else node.function
-            undefined = any(may_be_undefined(one) for one in self._expanded(signal, node))
+            undefined = self._may_be_undefined(signal, node)
             tied = [self._number(signal, one).value for one in node.arguments] if undefined else []
             if function == "<":
                 return low, tied
@@ -183,10 +197,14 @@ class Signals:
                 return high, tied
             return _opposite(low if function == ">=" else high), tied
         (one, of_one), (other, of_other) = (
-            self._condition(signal, x, negated) for x in node.arguments
+            self._condition(signal, x, negated, by_mode) for x in node.arguments
         )
         joins = (node.function == "and") != negated
         return _joined(one, other, joins), [*of_one, *of_other]
+
+    def _may_be_undefined(self, signal: str, *nodes: Node) -> bool:
+        """True if any of some nodes may be undefined, with the signals that they name."""
+        return any(may_be_undefined(one) for node in nodes for one in self._expanded(signal, node))
 
     def _expanded(self, signal: str, node: Node) -> list[Node]:
         """A node, and the trees of the signals that it names."""
@@ -405,21 +423,15 @@ def reject_undefined(s: State) -> None:
     known = signals_of(s)
     finite = getattr(scalar, "math.isfinite")
     for signal in s.spec.formulas.used:
-        trees = known._expanded(signal, s.spec.formulas.tree(signal))
-        value = known.value(signal)
-        if not any(map(may_be_undefined, trees)):
+        if not known._may_be_undefined(signal, s.spec.formulas.tree(signal)):
             continue
+        value = known.value(signal)
         if not isinstance(value, Expr):
             value = s.time * 0.0 + value
         defined = finite(value)
         if inputs := known.inputs(signal):
             defined = defined | _opposite(finite(total(inputs)))
         reject_unless(s.scope, defined, Status.UNDEFINED_FORMULA)
-
-
-def emit_signals(c: Context, s: State) -> list[Any]:
-    """Values of all signals of a scene in the order of the file."""
-    return [signals_of(s).value(signal.name) for signal in c.spec.scene.signal]
 
 
 __all__ = ["Signals", "mode_field", "number", "reject_undefined", "signals_of", "vector"]

@@ -4,7 +4,7 @@ import numpy as np
 
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import Condition, Motor, Scene
+from sepmc.scene.model import Condition, Motor, Scene, Signal
 
 
 def lines(layout: ParameterLayout) -> list[str]:
@@ -57,12 +57,23 @@ def lines(layout: ParameterLayout) -> list[str]:
             f"release      {release.name}: {release.joint} becomes {release.to} when "
             f"{condition(release.when)}{need}"
         )
+    for signal in scene.signal:
+        text += _signal(scene, signal)
     for event in scene.event:
         text.append(f"event        {event.name}: when {condition(event.when)}")
     for motor in scene.motor:
         if motor.trigger is not None:
             text.append(f"ignition     {motor.name}: {_instant(motor)}")
     return text
+
+
+def _signal(scene: Scene, signal: Signal) -> list[str]:
+    """Lines on a signal: its formula, its constants, and the numbers that it gives."""
+    constants = ", ".join(f"{key} = {number:g}" for key, number in signal.constants.items())
+    paths = [path for path, drive in scene.driven.items() if drive.signal == signal.name]
+    gives = f"gives {', '.join(paths)}" if paths else "gives no number of a load by itself"
+    line = f"signal       {signal.name} = {signal.formula.strip()}"
+    return [line + (f", {constants}" if constants else ""), f"             {gives}"]
 
 
 def _instant(motor: Motor) -> str:

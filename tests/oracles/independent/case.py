@@ -58,6 +58,7 @@ LOAD = {
     "name": REQUIRED, "body": REQUIRED, "force": ZERO, "moment": ZERO, "frame": "body",
     "point": None, "start": 0.0, "end": math.inf,
 }  # fmt: skip
+SIGNAL = {"name": REQUIRED, "formula": REQUIRED, "constants": None}
 PROXIMITY = {
     "name": REQUIRED,
     "body": REQUIRED,
@@ -119,6 +120,7 @@ SCENE = {
     "environment": None, "body": REQUIRED, "motor": (), "spring": (), "load": (), "proximity": (),
     "joint": None, "phase": REQUIRED,
     "release": (), "event": (), "clearance": (), "outcome": (), "output": None, "initial": REQUIRED,
+    "signal": (), "driven": None,
     "run": REQUIRED, "solver": None,
 }  # fmt: skip
 
@@ -197,6 +199,10 @@ def read(case: Mapping[str, Any]) -> Table:
             spring["stroke"] = spring["table"]["extension"][-1]
     scene["load"] = _list(scene["load"], LOAD, "load")
     scene["outcome"] = _list(scene["outcome"], FORMULA_OUTCOME, "outcome")
+    scene["signal"] = _list(scene["signal"], SIGNAL, "signal")
+    for signal in scene["signal"]:
+        signal["constants"] = signal["constants"] or {}
+    scene["driven"] = scene["driven"] or {}
     scene["clearance"] = _list(scene["clearance"], CLEARANCE, "clearance")
     scene["proximity"] = _list(scene["proximity"], PROXIMITY, "proximity")
     scene["joint"] = {

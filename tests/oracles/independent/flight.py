@@ -14,6 +14,7 @@ from oracles.independent.case import GROUND, read
 from oracles.independent.clearances import Clearances
 from oracles.independent.conditions import ASIDE, Leaf
 from oracles.independent.constraints import Singular
+from oracles.independent.formulas import Key, Undefined
 from oracles.independent.loads import GRAIN, Flow
 from oracles.independent.monitor import Monitor
 from oracles.independent.motion import Motion
@@ -26,6 +27,7 @@ _CONSISTENT = 1e-9
 _EDGE = 1e-9  # m beyond the edge of an atmosphere layer at which the next one begins
 _ON_EDGE = 1e-12  # Mach and rad beyond the edge of a table that count as on it, which is inside
 _MAX_INTERVALS = 10_000
+_AHEAD = 1e-5  # s after which the side of a kink that is at zero is read
 # factor on the tolerance where there are tables: error estimates miss a part of the knots' error
 _AT_KNOTS = 0.1
 
@@ -98,6 +100,9 @@ class Simulation:
                 functions.append(
                     (partial(self._excess, leaf), partial(self._reach_threshold, leaf))
                 )
+        formulas = self.loads.formulas
+        for key in formulas.modes:
+            functions.append((partial(formulas.excess, key), partial(self._pass_kink, key)))
         for flow in self.loads.flows:
             for side in (-1, 1):
                 functions.append(
@@ -126,6 +131,25 @@ class Simulation:
             leaf.cross()
         else:
             leaf.take_side(self.motion.value(leaf, self.t, self.state(self.t, self.y)))
+
+    def _pass_kink(self, key: Key) -> None:
+        """Action of a kink of a formula; one that was at zero takes the side it is on."""
+        formulas = self.loads.formulas
+        if formulas.modes[key]:
+            formulas.switch(key)
+        else:
+            value, _ = formulas.switching(self.t, self.state(self.t, self.y))[key]
+            formulas.modes[key] = int(math.copysign(1.0, value))
+
+    def _set_modes(self) -> None:
+        """Set the sides of the kinks of formulas that are not known."""
+        if self.loads.formulas.used:
+            self.loads.formulas.set_modes(
+                self.t,
+                self.state(self.t, self.y),
+                lambda: self.state(self.t + _AHEAD, self._reach(self.t, self.y, self.t + _AHEAD)),
+                _AHEAD,
+            )
 
     def _edges(self) -> Array:
         """Heights, m, of the edges of the atmosphere layers."""
@@ -203,6 +227,7 @@ class Simulation:
                 and name not in self.released
             ):
                 self.released[name] = (self.t, s.w.copy())
+        self._set_modes()
         for pair in self.sequence.loosened():
             self.loosened.setdefault(pair, self.t)
         for name, event in self.sequence.observed.items():
@@ -237,6 +262,8 @@ class Simulation:
             return "singular-joint"
         except np.linalg.LinAlgError:
             return "not-finite"
+        except Undefined:
+            return "undefined-formula"
         return "never-released" if self.sequence.never_released() else "ok"
 
     def _integrate(self) -> None:
@@ -249,6 +276,8 @@ class Simulation:
             solver.max_step = self._longest_step(solver)
             solver.step()
             self.steps += 1
+            if solver.status == "failed" and self.motion.undefined:
+                raise EndOfSimulation("undefined-formula")
             if solver.status == "failed" and self.motion.jammed:
                 raise EndOfSimulation("jammed")
             if solver.status == "failed" or not np.isfinite(solver.y).all():
@@ -267,6 +296,7 @@ class Simulation:
                 self.t, self.y = float(solver.t), solver.y.copy()
             s = self.state(self.t, self.y)
             self.follower.follow(s, self.step)
+            self.loads.last = {"pitch": self.follower.pitch, "roll": self.follower.roll}
             self.drift = max(self.drift, self.motion.constraints.residual(s))
             self.monitor.step(dense, before, self.t)
             self.clearances.step(dense, before, self.t)

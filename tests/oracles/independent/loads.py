@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from oracles.independent.air import Coefficients, Increments, Standard, Tabled, Wind
 from oracles.independent.case import Table
+from oracles.independent.formulas import Formulas
 from oracles.independent.joints import Joint, pair
 from oracles.independent.state import Array, State, Vehicle, cross
 from sepmc.validation.classical_loads import EARTH_RADIUS
@@ -22,22 +23,24 @@ class Motor:
 
     def __init__(self, m: Table, vehicle: Vehicle):
         self.table, self.body = m, vehicle.index[m["body"]]
-        b, p, clock, radius, (dy, dz) = (
-            m["deflection"],
-            m["deflection_clock"],
-            m["clock"],
-            m["radius"],
-            m["offset"],
-        )
-        nozzle = Rotation.from_euler("XY", [clock, -m["cant"]]).as_matrix()
-        self.force = nozzle @ (math.cos(b), -math.sin(b) * math.sin(p), math.sin(b) * math.cos(p))
-        arm = vehicle.arm(
+        clock, radius, (dy, dz) = m["clock"], m["radius"], m["offset"]
+        self.nozzle = Rotation.from_euler("XY", [clock, -m["cant"]]).as_matrix()
+        self.arm = vehicle.arm(
             m["body"], (m["station"], -radius * math.sin(clock) + dy, radius * math.cos(clock) + dz)
         )
-        self.moment = cross(arm, self.force)
+        self.force, self.moment = self.pointing(m["deflection"], m["deflection_clock"])
         # trigger of the ignition, if any
         self.waits: Table = m["ignition"] if isinstance(m["ignition"], dict) else {}
         self.start = math.inf if self.waits else m["ignition"] + m["delay"]
+
+    def pointing(self, b: float, p: float) -> tuple[Array, Array]:
+        """Force and moment for unit thrust at a deflection and its clock angle, rad."""
+        force = self.nozzle @ (
+            math.cos(b),
+            -math.sin(b) * math.sin(p),
+            math.sin(b) * math.cos(p),
+        )
+        return force, cross(self.arm, force)
 
     def ignite(self, t: float) -> None:
         """Ignite at time t, s, plus the delays."""
@@ -135,16 +138,17 @@ class Spring:
         ends = self.curve.x[[0, -1]]
         return float(self.curve(min(max(extension, ends[0]), ends[1])))
 
-    def push(self, s: State, force: Array, moment: Array) -> None:
+    def push(
+        self, s: State, force: Array, moment: Array, number: Callable[[str, float], float]
+    ) -> None:
         """Add the spring's loads to forces (n + 1, 3), ground axes, and moments (n + 1, 3) about
-        the mass centres, body axes."""
+        the mass centres, body axes; ``number`` gives those that signals may give."""
         e, extension, rate, d = self.line(s)
-        size = self.table["factor"] * (
-            self.table["force"]
-            - self.table["stiffness"] * extension
-            - self.table["damping"] * rate
-            + self.tabled(extension)
+        push, stiffness, damping, factor = (
+            number(f"spring.{self.name}.{key}", self.table[key])
+            for key in ("force", "stiffness", "damping", "factor")
         )
+        size = factor * (push - stiffness * extension - damping * rate + self.tabled(extension))
         act(
             s,
             self.a,
@@ -190,9 +194,19 @@ class Constant:
         """True if the load acts in the interval around a time, s."""
         return self.table["start"] <= middle < self.table["end"]
 
-    def wrench(self, s: State) -> tuple[Array, Array]:
-        """Force, N, and moment about the mass centre, N m, body axes."""
-        force, moment = np.array(self.table["force"], float), np.array(self.table["moment"], float)
+    def wrench(self, s: State, number: Callable[[str, float], float]) -> tuple[Array, Array]:
+        """Force, N, and moment about the mass centre, N m, body axes; ``number`` gives those that
+        signals may give."""
+        path = f"load.{self.table['name']}"
+        force, moment = (
+            np.array(
+                [
+                    number(f"{path}.{key}.{axis}", x)
+                    for axis, x in zip("xyz", self.table[key], strict=True)
+                ]
+            )
+            for key in ("force", "moment")
+        )
         if self.table["frame"] == "ground":
             force, moment = s.r[self.body].T @ force, s.r[self.body].T @ moment
         return force, moment + cross(self.arm, force)
@@ -220,6 +234,15 @@ class Loads:
     def __init__(self, scene: Table, vehicle: Vehicle, joints: dict[str, Joint]):
         self.vehicle, self.environment = vehicle, scene["environment"]
         self.wind = Wind(self.environment["wind"])
+        self.joints = joints
+        # pitch and roll at the last step, rad
+        self.last = {
+            key: np.full(vehicle.n, float(scene["initial"][key])) for key in ("pitch", "roll")
+        }
+        self.formulas = Formulas(scene, vehicle, self._quantity)
+        for table in scene["motor"]:  # the signal is a factor then
+            if f"motor.{table['name']}.thrust" in self.formulas.driven:
+                table["thrust"] = 1.0
         self.motors = [Motor(table, vehicle) for table in scene["motor"]]
         self.springs = [Spring(table, vehicle) for table in scene["spring"]]
         self.constants = [self._constant(table) for table in scene["load"]]
@@ -263,6 +286,39 @@ class Loads:
         thrusts = [(motor, motor.thrust(middle)) for motor in self.motors]
         self.thrusts = [(motor, thrust) for motor, thrust in thrusts if thrust is not None]
         self.acting = [load for load in self.constants if load.acts(middle)]
+
+    def _quantity(self, items: list[str], key: str, t: float, s: State) -> float:
+        """Quantity of a formula, SI."""
+        if not items:
+            return t
+        if items[0] == "joint" and len(items) == 2:
+            stroke, rate = self.joints[items[1]].separation(s)
+            return stroke if key == "stroke" else rate
+        if items[0] == "spring" and len(items) == 2:
+            spring = next(one for one in self.springs if one.name == items[1])
+            _, extension, rate, _ = spring.line(s)
+            return extension if key == "extension" else rate
+        b = self.vehicle.index[items[0]]
+        r, place, speed = s.r[b], s.x[b] + self.vehicle.velocity * t, s.v[b] + self.vehicle.velocity
+        if key in ("pitch", "roll"):
+            angle = math.atan2(r[1, 0], r[0, 0]) if key == "pitch" else math.atan2(r[2, 1], r[2, 2])
+            turn = 2.0 * math.pi
+            return float(angle + turn * np.round((self.last[key][b] - angle) / turn))
+        if key == "yaw":
+            return math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
+        if key.startswith("omega"):
+            return float(s.w[b]["xyz".index(key[-1])])
+        if key in ("x", "y", "z"):
+            height = self.vehicle.height(t, s, b)
+            return height if key == "y" else float(place["xyz".index(key)])
+        if key in ("vx", "vy", "vz"):
+            return float(speed["xyz".index(key[-1])])
+        if key == "dynamic_pressure":
+            flow = next(one for one in self.flows if one.body == b)
+            airspeed, density, _, _, _ = self.flow(t, s, flow)
+            return 0.5 * density * airspeed**2
+        airspeed, alpha, beta = air_angles(self.air_velocity(t, s, b))
+        return {"airspeed": airspeed, "alpha": alpha, "beta": beta}[key]
 
     def air_velocity(self, t: float, s: State, body: int) -> Array:
         """Velocity of a body relative to the air, body axes, m/s."""
@@ -312,13 +368,23 @@ class Loads:
         """Forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres, body axes;
         the ground is the last."""
         n = self.vehicle.n
+
+        def number(path: str, otherwise: float) -> float:
+            return self.formulas.number(path, t, s, otherwise)
+
         inside, moment = np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
         for motor, thrust in self.thrusts:
-            size = thrust(t)
-            inside[motor.body] += size * motor.force
-            moment[motor.body] += size * motor.moment
+            path = f"motor.{motor.table['name']}"
+            size = thrust(t) * number(f"{path}.thrust", 1.0)
+            angles = [
+                number(f"{path}.{key}", motor.table[key])
+                for key in ("deflection", "deflection_clock")
+            ]
+            force_1, moment_1 = motor.pointing(*angles)
+            inside[motor.body] += size * force_1
+            moment[motor.body] += size * moment_1
         for body, (force_b, moment_b) in [
-            *((load.body, load.wrench(s)) for load in self.acting),
+            *((load.body, load.wrench(s, number)) for load in self.acting),
             *((flow.body, self.aerodynamics(t, s, flow)) for flow in self.flows),
         ]:
             inside[body] += force_b
@@ -330,7 +396,7 @@ class Loads:
             )
         for spring in self.springs:
             if not spring.spent:
-                spring.push(s, force, moment)
+                spring.push(s, force, moment, number)
         return force, moment
 
 

@@ -1,5 +1,6 @@
 """Motion at a state: loads, active constraints, accelerations, joint wrenches, condition values."""
 
+import math
 from functools import partial
 
 import numpy as np
@@ -8,6 +9,7 @@ from oracles.independent.case import GROUND, Table
 from oracles.independent.conditions import Leaf
 from oracles.independent.constraints import Constraints, Rows
 from oracles.independent.events import Sequence
+from oracles.independent.formulas import Undefined
 from oracles.independent.guides import add_friction, friction, slides
 from oracles.independent.joints import Joint
 from oracles.independent.loads import Loads
@@ -23,7 +25,7 @@ class Motion:
         self.joints = {name: Joint(name, table, vehicle) for name, table in scene["joint"].items()}
         self.loads = Loads(scene, vehicle, self.joints)
         self.sequence = Sequence(scene, self.joints, self.loads)
-        self.evaluations, self.jammed = 0, False
+        self.evaluations, self.jammed, self.undefined = 0, False, False
         self.update()
 
     def update(self) -> None:
@@ -77,7 +79,12 @@ class Motion:
     def derivative(self, t: float, y: Array) -> Array:
         """Rate of the state vector y at time t, s."""
         s = self.vehicle.state(t, y)
-        return self.vehicle.derivative(y, s, self.at(t, s)[0])
+        self.undefined = False
+        try:
+            return self.vehicle.derivative(y, s, self.at(t, s)[0])
+        except Undefined:  # the step is repeated with half of its length
+            self.undefined = True
+            return np.full(y.shape, math.nan)
 
     def wrenches(self, t: float, s: State) -> dict[str, tuple[Array, Array]]:
         """Force, N, and moment, N m, of every joint on its second body, ground axes."""

@@ -1,0 +1,248 @@
+"""Signals of a case: formulas evaluated number by number, and their kinks as event functions."""
+
+import ast
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from oracles.independent.case import Table
+from oracles.independent.state import State, Vehicle
+
+# unit of a name to SI
+_UNITS = {
+    "s": 1.0,
+    "ms": 1e-3,
+    "min": 60.0,
+    "deg": math.pi / 180.0,
+    "rad": 1.0,
+    "deg_s": math.pi / 180.0,
+    "rad_s": 1.0,
+    "rpm": math.pi / 30.0,
+    "m": 1.0,
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "km": 1e3,
+    "in": 0.0254,
+    "ft": 0.3048,
+    "m_s": 1.0,
+    "km_s": 1e3,
+    "km_h": 1.0 / 3.6,
+    "ft_s": 0.3048,
+    "Pa": 1.0,
+    "kPa": 1e3,
+    "psi": 4.4482216152605 / 0.0254**2,
+}
+_AT_ZERO = 1e-11  # relative to the numbers compared
+Key = tuple[str, int, int]  # signal, call in its text, pair of numbers
+Values = dict[Key, tuple[float, float]]  # switching function and the size of its numbers
+
+
+class Undefined(Exception):
+    """A formula has no value."""
+
+
+@dataclass
+class Formulas:
+    """Signals of a case.
+
+    ``read`` gives a quantity in SI by the parts of its name without unit. ``modes`` are the signs
+    of the switching functions in the present interval.
+    """
+
+    scene: Table
+    vehicle: Vehicle
+    read: Callable[[list[str], str, float, State], float]
+    modes: dict[Key, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.signals = {table["name"]: table for table in self.scene["signal"]}
+        self.trees = {
+            name: ast.parse(table["formula"].strip().replace("\n", " "), mode="eval").body
+            for name, table in self.signals.items()
+        }
+        self.driven = {
+            path: (signal, factor) for path, (signal, factor) in self.scene["driven"].items()
+        }
+        self.used = list(dict.fromkeys(signal for signal, _ in self.driven.values()))
+
+    def number(self, path: str, t: float, s: State, otherwise: float) -> float:
+        """Number of a parameter: of its signal, or ``otherwise``."""
+        if path not in self.driven:
+            return otherwise
+        signal, factor = self.driven[path]
+        return self.value(signal, t, s) * factor
+
+    def value(self, signal: str, t: float, s: State) -> float:
+        """Value of a signal at a state, by the branches of the present interval."""
+        return _Evaluation(self, t, s).signal(signal)
+
+    def switching(self, t: float, s: State) -> Values:
+        """Switching functions of all kinks of the signals in use at a state."""
+        evaluation = _Evaluation(self, t, s)
+        for signal in self.used:
+            evaluation.signal(signal)
+        return evaluation.switching
+
+    def set_modes(self, t: float, s: State, later: Callable[[], State], wait: float) -> None:
+        """Set the modes that are not known, of switching functions at zero by the state a little
+        ``later``."""
+        unknown = [key for key, mode in self.modes.items() if mode == 0]
+        for key in unknown:
+            del self.modes[key]
+        for key, (value, size) in self.switching(t, s).items():
+            if key not in self.modes:
+                self.modes[key] = int(math.copysign(1.0, value)) if _is_off(value, size) else 0
+        if any(mode == 0 for mode in self.modes.values()):
+            for key, (value, _) in self.switching(t + wait, later()).items():
+                if self.modes.get(key) == 0 and abs(value) > 1e-14:
+                    self.modes[key] = int(math.copysign(1.0, value))
+
+    def excess(self, key: Key, t: float, s: State) -> float:
+        """Switching function of a kink beyond its present side; positive from the kink on."""
+        value, size = self.switching(t, s)[key]
+        mode = self.modes[key]
+        return -mode * value if mode else abs(value) - 10.0 * _AT_ZERO * max(1.0, size)
+
+    def switch(self, key: Key) -> None:
+        """Pass a kink."""
+        self.modes[key] = -self.modes[key]
+
+
+def _is_off(value: float, size: float) -> bool:
+    """True if a switching function is not zero."""
+    return abs(value) > _AT_ZERO * max(1.0, size)
+
+
+class _Evaluation:
+    """Values at one state."""
+
+    def __init__(self, formulas: Formulas, t: float, s: State):
+        self.formulas, self.t, self.s = formulas, t, s
+        self.values: dict[str, float] = {}
+        self.switching: Values = {}
+
+    def signal(self, name: str) -> float:
+        """Value of a signal; raises `Undefined`."""
+        if name not in self.values:
+            value = self._number(name, self.formulas.trees[name])
+            if not math.isfinite(value):
+                raise Undefined(name)
+            self.values[name] = value
+        return self.values[name]
+
+    def _number(self, signal: str, node: Any) -> float:
+        """Value of a number."""
+        try:
+            value = self._raw(signal, node)
+        except (ValueError, OverflowError, ZeroDivisionError) as error:
+            raise Undefined(signal) from error
+        if isinstance(value, complex) or not math.isfinite(value):
+            raise Undefined(signal)
+        return value
+
+    def _raw(self, signal: str, node: Any) -> float:
+        if isinstance(node, ast.Constant):
+            return float(node.value)
+        if isinstance(node, ast.Name | ast.Attribute):
+            return self._name(signal, ast.unparse(node))
+        if isinstance(node, ast.UnaryOp):
+            value = self._number(signal, node.operand)
+            return -value if isinstance(node.op, ast.USub) else value
+        if isinstance(node, ast.BinOp):
+            a, b = (self._number(signal, one) for one in (node.left, node.right))
+            operations: dict[type, Callable[[], Any]] = {
+                ast.Add: lambda: a + b,
+                ast.Sub: lambda: a - b,
+                ast.Mult: lambda: a * b,
+                ast.Div: lambda: a / b,
+                ast.Pow: lambda: a**b,
+            }
+            return operations[type(node.op)]()
+        assert isinstance(node, ast.Call)
+        assert isinstance(node.func, ast.Name)
+        function = node.func.id
+        if function == "where":
+            return self._where(signal, node)
+        numbers = [self._number(signal, one) for one in node.args]
+        if function == "abs":
+            self._note((signal, node.col_offset, 0), numbers[0], numbers)
+            return abs(numbers[0])
+        if function == "sign":
+            return float(self._side((signal, node.col_offset, 0), numbers[0], numbers))
+        if function == "clip":
+            x, low, high = numbers
+            self._note((signal, node.col_offset, 0), x - low, [x, low])
+            x = max(x, low)
+            self._note((signal, node.col_offset, 1), x - high, [x, high])
+            return min(x, high)
+        if function in ("min", "max"):
+            result = numbers[0]
+            for pair, other in enumerate(numbers[1:]):
+                self._note((signal, node.col_offset, pair), result - other, [result, other])
+                result = min(result, other) if function == "min" else max(result, other)
+            return result
+        return float(getattr(math, function)(*numbers))
+
+    def _where(self, signal: str, node: ast.Call) -> float:
+        """Value of the branch of the present interval; of the other one where that is undefined
+        and the step has passed the kink."""
+        by_mode = self._condition(signal, node.args[0], by_mode=True)
+        try:
+            return self._number(signal, node.args[1 if by_mode else 2])
+        except Undefined:
+            now = self._condition(signal, node.args[0], by_mode=False)
+            if now == by_mode:
+                raise
+            return self._number(signal, node.args[1 if now else 2])
+
+    def _condition(self, signal: str, node: Any, by_mode: bool) -> bool:
+        if isinstance(node, ast.UnaryOp):
+            return not self._condition(signal, node.operand, by_mode)
+        if isinstance(node, ast.BoolOp):
+            values = [self._condition(signal, one, by_mode) for one in node.values]
+            return all(values) if isinstance(node.op, ast.And) else any(values)
+        assert isinstance(node, ast.Compare)
+        numbers = [self._number(signal, one) for one in (node.left, *node.comparators)]
+        result = True
+        for pair, (op, a, b) in enumerate(zip(node.ops, numbers, numbers[1:], strict=False)):
+            # a call and a comparison in it may begin at the same column
+            key = (signal, -1 - node.col_offset, pair)
+            side = self._side(key, a - b, [a, b]) if by_mode else (a > b) - (a < b)
+            holds = {
+                ast.Lt: side < 0,
+                ast.LtE: side <= 0,
+                ast.Gt: side > 0,
+                ast.GtE: side >= 0,
+            }
+            result = result and holds[type(op)]
+        return result
+
+    def _note(self, key: Key, value: float, numbers: list[float]) -> None:
+        self.switching[key] = value, max(map(abs, numbers))
+
+    def _side(self, key: Key, value: float, numbers: list[float]) -> int:
+        """Side of a kink in the present interval."""
+        value = float(value)
+        self._note(key, value, numbers)
+        return self.formulas.modes.get(key, (value > 0.0) - (value < 0.0))
+
+    def _name(self, signal: str, name: str) -> float:
+        """Value of a name: a constant, a signal or a quantity in its unit."""
+        formulas = self.formulas
+        if name in formulas.signals[signal]["constants"]:
+            return float(formulas.signals[signal]["constants"][name])
+        if name in formulas.signals:
+            return self.signal(name)
+        if name == "pi":
+            return math.pi
+        *items, last = name.split(".")
+        key, unit = next(_split(last))
+        return formulas.read(items, key, self.t, self.s) / _UNITS[unit]
+
+
+def _split(name: str) -> Iterator[tuple[str, str]]:
+    """Quantity and unit of a name, the longest unit first."""
+    for unit in sorted(_UNITS, key=len, reverse=True):
+        if name.endswith(f"_{unit}"):
+            yield name[: -len(unit) - 1], unit
