@@ -12,6 +12,7 @@ import msgspec
 import tomli_w
 
 from sepmc.paths import PathError, as_path
+from sepmc.scene.as_brought import convert_tree
 from sepmc.scene.checks import check_dispersion, check_scene, inertia_fault, inertia_tensor
 from sepmc.scene.contents import contents
 from sepmc.scene.correlation import Copula
@@ -76,6 +77,8 @@ class CampaignFile:
         The table of ``run.samples``.
     folder : Path
         Folder that relative paths start from.
+    understood : tuple of str
+        Sentences on data that were brought in other conventions or from other files.
     """
 
     name: str
@@ -89,6 +92,7 @@ class CampaignFile:
     no_effect: tuple[str, ...] = ()
     input_table: InputTable | None = None
     folder: Path = Path()
+    understood: tuple[str, ...] = ()
 
     @property
     def toml(self) -> str:
@@ -256,6 +260,8 @@ def _parse(
     if settings:
         check_tree(tree, problems)
         problems.raise_if_any(source)
+    understood = convert_tree(tree, problems)
+    problems.raise_if_any(source)
     name = tree.get("name", default_name)
     if not (isinstance(name, str) and _FILE_NAME.fullmatch(name) and len(name) <= NAME):
         problems.add(
@@ -330,6 +336,7 @@ def _parse(
         no_effect,
         table,
         folder,
+        tuple(understood),
     )
 
 
