@@ -67,11 +67,8 @@ def _state(place: str, air: dict[str, Any], problems: Problems) -> list[str]:
     given = is_celsius or "temperature" in found, "pressure" in found
     if not any(given):
         return []
-    if not all(given):
+    if not all(given) or "density" in found:
         problems.add(place, "needs pressure_Pa and temperature_K together, or density_kg_per_m3")
-        return []
-    if "density" in found:
-        problems.add(f"{place}.{found['density']}", "follows from pressure and temperature")
         return []
     key = "temperature_degC" if is_celsius else found["temperature"]
     unit = split_unit(found["pressure"])[1]
