@@ -66,6 +66,8 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
     from sepmc.scene.units import unit_text
 
     click.echo(f"{campaign.name}: {campaign.file.title or 'no title'}")
+    for sentence in campaign.file.understood:
+        click.echo("  " + fill("understood   " + sentence, 100, subsequent_indent=" " * 15))
     for line in lines(campaign.layout):
         click.echo("  " + line)
     for line in budget_lines(campaign.scene):

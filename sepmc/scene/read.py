@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import tomli_w
 
+from sepmc.scene.as_brought import convert_tree
 from sepmc.scene.campaign_files import find_file
 from sepmc.scene.checks import check_dispersion, check_scene, inertia_fault, inertia_tensor
 from sepmc.scene.contents import contents
@@ -78,6 +79,8 @@ class CampaignFile:
         The table of ``run.samples``.
     folder : Path
         Folder that relative paths start from.
+    understood : tuple of str
+        Sentences on data that were brought in other conventions or from other files.
     """
 
     name: str
@@ -91,6 +94,7 @@ class CampaignFile:
     no_effect: tuple[str, ...] = ()
     input_table: InputTable | None = None
     folder: Path = Path()
+    understood: tuple[str, ...] = ()
 
     @property
     def toml(self) -> str:
@@ -216,6 +220,8 @@ def _parse(
     if settings:
         check_tree(tree, problems)
         problems.raise_if_any(source)
+    understood = convert_tree(tree, problems)
+    problems.raise_if_any(source)
     name = tree.get("name", default_name)
     if not (isinstance(name, str) and _FILE_NAME.fullmatch(name) and len(name) <= NAME):
         problems.add(
@@ -299,6 +305,7 @@ def _parse(
         no_effect,
         table,
         folder,
+        tuple(understood),
     )
 
 

@@ -13,7 +13,7 @@ UNITS: dict[str, dict[str, float]] = {
     "area": {"m2": 1.0, "cm2": 1e-4, "mm2": 1e-6, "in2": 0.0254**2, "ft2": _FT**2},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
     "angle": {"deg": _DEG, "rad": 1.0},
-    "speed": {"m_s": 1.0, "km_s": 1e3, "km_h": 1.0 / 3.6, "ft_s": _FT},
+    "speed": {"m_s": 1.0, "km_s": 1e3, "km_h": 1.0 / 3.6, "ft_s": _FT, "kn": 1852.0 / 3600.0},
     "angular rate": {"deg_s": _DEG, "rad_s": 1.0, "rpm": 2.0 * math.pi / 60.0},
     "acceleration": {"m_s2": 1.0, "ft_s2": _FT},
     "force": {"N": 1.0, "kN": 1e3, "MN": 1e6, "lbf": _LBF},
@@ -22,7 +22,25 @@ UNITS: dict[str, dict[str, float]] = {
     "stiffness": {"N_per_m": 1.0, "N_per_mm": 1e3, "kN_per_m": 1e3, "lbf_per_in": _LBF / 0.0254},
     "damping": {"N_s_per_m": 1.0, "kN_s_per_m": 1e3, "lbf_s_per_in": _LBF / 0.0254},
     "density": {"kg_per_m3": 1.0, "g_per_cm3": 1e3, "slug_per_ft3": _SLUG / _FT**3},
-    "inertia": {"kg_m2": 1.0, "t_m2": 1e3, "slug_ft2": _SLUG * _FT**2},
+    "inertia": {
+        "kg_m2": 1.0,
+        "kg_mm2": 1e-6,
+        "kg_cm2": 1e-4,
+        "g_cm2": 1e-7,
+        "t_m2": 1e3,
+        "slug_ft2": _SLUG * _FT**2,
+        "lb_ft2": _LB * _FT**2,
+        "lb_in2": _LB * 0.0254**2,
+    },
+    "pressure": {
+        "Pa": 1.0,
+        "hPa": 1e2,
+        "kPa": 1e3,
+        "mbar": 1e2,
+        "bar": 1e5,
+        "psi": _LBF / 0.0254**2,
+    },
+    "temperature": {"K": 1.0},
 }
 
 _SUFFIXES = sorted({s for table in UNITS.values() for s in table}, key=len, reverse=True)

@@ -61,6 +61,14 @@ PINT |= {
     "kN_s_per_m": "kN*s/m",
     "lbf_s_per_in": "force_pound*s/inch",
 }
+PINT |= {
+    "kn": "knot",
+    "kg_mm2": "kg*mm^2",
+    "kg_cm2": "kg*cm^2",
+    "g_cm2": "g*cm^2",
+    "lb_ft2": "pound*ft^2",
+    "lb_in2": "pound*inch^2",
+}
 PINT |= {"kg_per_m3": "kg/m^3", "g_per_cm3": "g/cm^3", "slug_per_ft3": "slug/ft^3"}
 PINT |= {
     "slug_ft2": "slug*ft^2",

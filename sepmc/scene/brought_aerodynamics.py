@@ -1,0 +1,191 @@
+"""Aerodynamic data as brought: signs of DATCOM, slopes per degree, halves of symmetric tables."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from sepmc.scene.messages import Problems
+from sepmc.scene.model import COEFFICIENTS, DERIVATIVES, RATES
+from sepmc.scene.units import UNITS, split_unit
+
+_PER_DEGREE = 180.0 / math.pi
+# coefficients that change their sign in the mirror image of a flow, by the angle that does
+_ODD = {"alpha": ("normal", "pitch", "roll"), "beta": ("side", "yaw", "roll")}
+_ODD_RATES = {"alpha": ("q", "p"), "beta": ("p", "r")}
+_LATERAL = ("roll", "yaw")  # moments that decks divide by the span
+_ZERO = 1e-9  # of the largest value: an odd coefficient at zero
+
+
+def convert_aerodynamics(place: str, aero: dict[str, Any], problems: Problems) -> list[str]:
+    """Write ``convention``, ``per``, ``mirror`` and a lateral length of the aerodynamics of a body
+    in the conventions of this project.
+
+    Parameters
+    ----------
+    place : str
+        TOML path of the aerodynamics.
+    aero : dict
+        Changed in place.
+    problems : Problems
+
+    Returns
+    -------
+    list of str
+    """
+    said: list[str] = []
+    table = aero.get("table") if isinstance(aero.get("table"), dict) else None
+    if table is not None:
+        if (mirror := table.pop("mirror", None)) is not None:
+            said += _mirror(f"{place}.table", table, mirror, problems)
+        said += _single_rows(f"{place}.table", table)
+    if _option(place, aero, "per", ("rad", "deg"), problems) == "deg":
+        for key in COEFFICIENTS:
+            if isinstance(terms := aero.get(key), dict):
+                aero[key] = {term: _scaled(x, _PER_DEGREE ** _degree(term)) for term, x in
+                             terms.items()}  # fmt: skip
+        said.append(f"{place}: slopes of the polynomials taken per degree, times 57.2958 each")
+        for key in DERIVATIVES:
+            if table is not None and key in table:
+                table[key] = _scaled(table[key], _PER_DEGREE)
+                said.append(f"{place}.table.{key} taken per degree, times 57.2958")
+    said += _lateral_length(place, aero, table, problems)
+    if _option(place, aero, "convention", ("sepmc", "datcom"), problems) == "datcom":
+        for tree in (aero, table or {}):
+            for key in ("side", "side_p", "side_r"):
+                if key in tree:
+                    tree[key] = _scaled(tree[key], -1.0)
+        said.append(
+            f"{place}: C_Y taken as DATCOM's (positive to the right), sign turned; C_l, C_m, C_n, "
+            "C_N and C_A have the same signs there"
+        )
+    return said
+
+
+def _option(
+    place: str, tree: dict[str, Any], key: str, allowed: tuple[str, ...], problems: Problems
+) -> Any:
+    """Remove an option and return its value, the first of ``allowed`` without one."""
+    value = tree.pop(key, allowed[0])
+    if value not in allowed:
+        problems.add(f"{place}.{key}", f"must be one of {', '.join(allowed)}", value)
+    return value
+
+
+def _lateral_length(
+    place: str, aero: dict[str, Any], table: dict[str, Any] | None, problems: Problems
+) -> list[str]:
+    """Refer rolling and yawing moments, and p and r, to the reference length instead of a lateral
+    length (the span)."""
+    key = next((k for k in aero if split_unit(k)[0] == "lateral_length"), None)
+    if key is None:
+        return []
+    value, unit = aero.pop(key), split_unit(key)[1]
+    known = next((k for k in aero if split_unit(k)[0] == "reference_length"), None)
+    lengths = UNITS["length"]
+    if not _positive(value) or unit not in lengths or known is None:
+        problems.add(f"{place}.{key}", "must be a length > 0 beside reference_length_m", value)
+        return []
+    length = aero[known]
+    if not _positive(length) or split_unit(known)[1] not in lengths:
+        return []  # noted by the model
+    ratio = value * lengths[unit] / (length * lengths[split_unit(known)[1]])
+    for tree in (aero, table or {}):
+        for name in (*COEFFICIENTS, *DERIVATIVES):
+            coefficient, _, rate = name.partition("_")
+            if name not in tree:
+                continue
+            power = (coefficient in _LATERAL) + (rate in ("p", "r"))
+            if isinstance(tree[name], dict):
+                tree[name] = {
+                    term: _scaled(x, ratio ** (power + (term.split("_")[-1] in ("p", "r"))))
+                    for term, x in tree[name].items()
+                }
+            elif power:
+                tree[name] = _scaled(tree[name], ratio**power)
+    return [
+        f"{place}: C_l, C_n and the rates p, r referred to {key} = {value:g}, times {ratio:.6g}"
+    ]
+
+
+def _mirror(place: str, table: dict[str, Any], mirror: Any, problems: Problems) -> list[str]:
+    """Add the mirror image of a table whose rows of an angle begin at zero."""
+    if mirror not in _ODD:
+        problems.add(f"{place}.mirror", 'must be "alpha" or "beta"', mirror)
+        return []
+    axes = [(split_unit(key)[0], key) for key in table]
+    order = [key for name in ("mach", "alpha", "beta") for stem, key in axes if stem == name]
+    key = next((each for each in order if split_unit(each)[0] == mirror), None)
+    rows = table.get(key or "")
+    if not (isinstance(rows, list) and rows and all(isinstance(x, int | float) for x in rows)):
+        problems.add(f"{place}.mirror", f"needs the axis {mirror}_deg", mirror)
+        return []
+    if rows[0] != 0.0:
+        problems.add(f"{place}.{key}", "must begin at 0 where it is mirrored", rows)
+        return []
+    assert key is not None
+    number = order.index(key)
+    for name in (*COEFFICIENTS, *DERIVATIVES):
+        if name not in table:
+            continue
+        try:
+            grid = np.array(table[name], dtype=float)
+            grid = np.moveaxis(grid, number, 0)
+        except (ValueError, TypeError):
+            continue  # noted by the model
+        if len(grid) != len(rows):
+            continue
+        coefficient, _, rate = name.partition("_")
+        odd = (coefficient in _ODD[mirror]) != (rate in _ODD_RATES[mirror] and bool(rate))
+        if odd and np.abs(grid[0]).max() > _ZERO * np.abs(grid).max():
+            problems.add(
+                f"{place}.{name}",
+                f"is not 0 at {mirror} = 0, so the table is not that of a mirrored body",
+            )
+            continue
+        image = (-1.0 if odd else 1.0) * grid[:0:-1]
+        table[name] = np.moveaxis(np.concatenate([image, grid]) + 0.0, 0, number).tolist()
+    table[key] = [-x for x in rows[:0:-1]] + rows
+    turned = ", ".join(f"C_{short}" for short in ("N, C_m, C_l" if mirror == "alpha" else
+                                                  "Y, C_n, C_l").split(", C_"))  # fmt: skip
+    return [f"{place}: mirrored in {mirror}; {turned} change their signs, the others do not"]
+
+
+def _single_rows(place: str, table: dict[str, Any]) -> list[str]:
+    """Sentences on axes of a single row."""
+    said = []
+    for key, rows in table.items():
+        name = split_unit(key)[0]
+        single = isinstance(rows, list) and len(rows) == 1
+        if name in ("mach", "alpha", "beta") and single:
+            said.append(f"{place}: one row of {name} ({rows[0]}): used at all {name}")
+    return said
+
+
+def _degree(term: str) -> int:
+    """Number of angles and rates that a term multiplies."""
+    total = 0
+    for factor in term.split("_"):
+        for angle in ("alpha", "beta"):
+            if factor.startswith(angle):
+                power = factor.removeprefix(angle)
+                total += int(power) if power.isdigit() else 1
+        total += factor in RATES
+    return total
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    """Numbers in nested lists and tables times a factor; other values stay."""
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, int | float):
+        return value * factor + 0.0
+    if isinstance(value, list):
+        return [_scaled(item, factor) for item in value]
+    if isinstance(value, dict):
+        return {key: _scaled(item, factor) for key, item in value.items()}
+    return value
+
+
+def _positive(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and value > 0.0

@@ -1,0 +1,198 @@
+"""Air and wind as brought: pressure and temperature, geopotential heights, the direction from which
+the wind comes."""
+
+import math
+from typing import Any
+
+from sepmc.physics.us1976_table import M0, R0, R_STAR, TOP
+from sepmc.scene.messages import Problems
+from sepmc.scene.units import UNITS, split_unit
+
+_GAS = R_STAR / M0  # J/(kg K)
+_ABOVE = 500.0  # m, between rows that are added from the standard
+_CELSIUS = 273.15
+_COLD, _HOT = 100.0, 1e4  # K, of air
+
+
+def convert_air(place: str, environment: dict[str, Any], problems: Problems) -> list[str]:
+    """Write pressure and temperature of a table of air as density and speed of sound, geopotential
+    heights as heights, and add rows of the standard atmosphere above it.
+
+    Parameters
+    ----------
+    place : str
+        TOML path of the table.
+    environment : dict
+        With the table ``air``, changed in place.
+    problems : Problems
+
+    Returns
+    -------
+    list of str
+    """
+    air = environment.get("air")
+    if not isinstance(air, dict):
+        return []
+    said = [
+        *_heights(place, air, problems),
+        *_state(place, air, problems),
+        *_above(place, air, problems),
+    ]
+    return said
+
+
+def _heights(place: str, air: dict[str, Any], problems: Problems) -> list[str]:
+    key = next((k for k in air if split_unit(k)[0] == "geopotential"), None)
+    if key is None:
+        return []
+    unit = split_unit(key)[1]
+    heights = _numbers(air[key])
+    if heights is None or unit not in UNITS["length"]:
+        problems.add(f"{place}.{key}", "must be a list of heights, such as geopotential_m")
+        return []
+    if any(split_unit(k)[0] == "altitude" for k in air):
+        problems.add(f"{place}.{key}", "stands beside altitude_m: give one of them")
+        return []
+    factor = UNITS["length"][unit]
+    del air[key]
+    air["altitude_m"] = [
+        R0 * h * factor / (R0 - h * factor) for h in heights
+    ]  # equation 19 of the standard
+    return [f"{place}: geopotential heights taken to geometric ones, r0 H / (r0 - H)"]
+
+
+def _state(place: str, air: dict[str, Any], problems: Problems) -> list[str]:
+    found = {split_unit(k)[0]: k for k in air}
+    is_celsius = "temperature_degC" in air
+    given = is_celsius or "temperature" in found, "pressure" in found
+    if not any(given):
+        return []
+    if not all(given) or "density" in found:
+        problems.add(place, "needs pressure_Pa and temperature_K together, or density_kg_per_m3")
+        return []
+    key = "temperature_degC" if is_celsius else found["temperature"]
+    unit = split_unit(found["pressure"])[1]
+    if unit not in UNITS["pressure"] or not (is_celsius or split_unit(key)[1] == "K"):
+        units = ", ".join(f"pressure_{each}" for each in UNITS["pressure"])
+        problems.add(place, f"needs units: {units}; temperature_K or temperature_degC")
+        return []
+    temperatures, pressures = _numbers(air[key]), _numbers(air[found["pressure"]])
+    if temperatures is None or pressures is None or len(temperatures) != len(pressures):
+        problems.add(f"{place}.{key}", "must be as many numbers as there are of the pressure")
+        return []
+    kelvin = [t + _CELSIUS for t in temperatures] if is_celsius else temperatures
+    if not all(_COLD < t < _HOT for t in kelvin):
+        problems.add(f"{place}.{key}", f"must be temperatures of {_COLD:g} to {_HOT:g} K", air[key])
+        return []
+    del air[key], air[found["pressure"]]
+    factor = UNITS["pressure"][unit]
+    air["density_kg_per_m3"] = [
+        p * factor / (_GAS * t) for p, t in zip(pressures, kelvin, strict=True)
+    ]
+    if "speed_of_sound" not in found:
+        air["speed_of_sound_m_s"] = [math.sqrt(1.4 * _GAS * t) for t in kelvin]
+    return [
+        f"{place}: density p / (R T) with R = {_GAS:.6g} J/(kg K), speed of sound "
+        "sqrt(1.4 R T), from pressure and temperature of dry air"
+    ]
+
+
+def _above(place: str, air: dict[str, Any], problems: Problems) -> list[str]:
+    if (above := air.pop("above", None)) is None:
+        return []
+    if above != "us1976":
+        problems.add(f"{place}.above", 'must be "us1976"', above)
+        return []
+    found = {split_unit(k)[0]: k for k in air}
+    columns = [found.get(name) for name in ("altitude", "density")]
+    values = [_numbers(air.get(key or "")) for key in columns]
+    if values[0] is None or values[1] is None or len(values[0]) != len(values[1]):
+        problems.add(f"{place}.above", "needs the rows of altitude_m and density_kg_per_m3")
+        return []
+    (height_key, density_key), (heights, densities) = columns, values
+    assert height_key is not None and heights is not None  # noqa: PT018
+    assert density_key is not None and densities is not None  # noqa: PT018
+    length = UNITS["length"].get(split_unit(height_key)[1])
+    density = UNITS["density"].get(split_unit(density_key)[1])
+    if length is None or density is None or not heights:
+        return []  # noted by the model
+    from sepmc.physics.atmosphere import sound_speed, us1976  # noqa: PLC0415  (numba)
+
+    top = heights[-1] * length
+    rows = [h for h in _rising(top) if h > top]
+    states = [us1976(h) for h in rows]
+    air[height_key] = heights + [h / length for h in rows]
+    air[density_key] = densities + [state[0] / density for state in states]
+    if sound_key := found.get("speed_of_sound"):
+        factor = UNITS["speed"].get(split_unit(sound_key)[1], 1.0)
+        air[sound_key] = list(air[sound_key]) + [
+            float(sound_speed(state[2])) / factor for state in states
+        ]
+    return [
+        f"{place}: {len(rows)} rows of the standard atmosphere above {top:.6g} m, every "
+        f"{_ABOVE:g} m up to {TOP:g} m"
+    ]
+
+
+def _rising(top: float) -> list[float]:
+    first = math.floor(top / _ABOVE) + 1
+    heights = [k * _ABOVE for k in range(first, round(TOP / _ABOVE) + 1)]
+    return [h for h in heights if h >= top + 0.5 * _ABOVE]
+
+
+def convert_wind(place: str, wind: dict[str, Any], problems: Problems) -> list[str]:
+    """Write the compass direction from which the wind comes as the direction to which it blows.
+
+    Parameters
+    ----------
+    place : str
+        TOML path of the wind.
+    wind : dict
+        Changed in place.
+    problems : Problems
+
+    Returns
+    -------
+    list of str
+    """
+    tables = [(place, wind)]
+    if isinstance(profile := wind.get("profile"), dict):
+        tables.append((f"{place}.profile", profile))
+    azimuth = wind.pop("azimuth_deg", None)
+    used = [(where, table) for where, table in tables if "from_deg" in table]
+    if azimuth is not None and not used:
+        problems.add(f"{place}.azimuth_deg", "belongs to from_deg", azimuth)
+    said = []
+    for where, table in used:
+        if not _is_number(azimuth):
+            problems.add(
+                f"{where}.from_deg",
+                f"needs {place}.azimuth_deg, the compass direction of ground x (downrange)",
+            )
+            continue
+        if "direction_deg" in table or "direction_rad" in table:
+            problems.add(f"{where}.from_deg", "stands beside direction_deg: give one of them")
+            continue
+        value = table.pop("from_deg")
+        values = [value] if _is_number(value) else _numbers(value)
+        if values is None:
+            problems.add(f"{where}.from_deg", "must be a number or a list of numbers", value)
+            continue
+        turned = [x + 180.0 - azimuth for x in values]
+        table["direction_deg"] = turned[0] if _is_number(value) else turned
+        said.append(
+            f"{where}: from_deg taken as where the wind comes from, by compass; direction_deg = "
+            f"from_deg + 180 - {azimuth:g}"
+        )
+    return said
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _numbers(value: Any) -> list[float] | None:
+    """A list of finite numbers; None if it is something else."""
+    if isinstance(value, list) and all(_is_number(x) and math.isfinite(x) for x in value):
+        return [float(x) for x in value]
+    return None

@@ -1,0 +1,156 @@
+"""Mass properties as brought: tensors, and axes other than forward, up, right."""
+
+from typing import Any
+
+import numpy as np
+
+from sepmc.scene.messages import Problems
+from sepmc.scene.units import UNITS, split_unit
+
+# unit vectors of named directions in body axes: x forward, y up, z right
+DIRECTIONS = {
+    "forward": (0, 1.0),
+    "aft": (0, -1.0),
+    "up": (1, 1.0),
+    "down": (1, -1.0),
+    "right": (2, 1.0),
+    "left": (2, -1.0),
+}
+_OURS = "forward-up-right"
+_PAIRS = ((0, 1), (0, 2), (1, 2))
+_SYMMETRIC = 1e-6  # of the largest entry: larger differences are no round-off
+
+
+def convert_inertia(place: str, body: dict[str, Any], problems: Problems) -> list[str]:
+    """Write ``inertia_tensor_*`` and ``inertia_axes`` of a body as moments and positive integrals
+    in its own axes.
+
+    Parameters
+    ----------
+    place : str
+        TOML path of the body.
+    body : dict
+        Changed in place.
+    problems : Problems
+
+    Returns
+    -------
+    list of str
+    """
+    said: list[str] = []
+    key = next((key for key in body if split_unit(key)[0] == "inertia_tensor"), None)
+    axes = body.get("inertia_axes")
+    if key is None and axes is None:
+        return said
+    unit = split_unit(key)[1] if key else ""
+    if key is not None:
+        if unit not in UNITS["inertia"]:
+            allowed = ", ".join(f"inertia_tensor_{each}" for each in UNITS["inertia"])
+            problems.add(f"{place}.{key}", f"the unit is missing or none of inertia: {allowed}")
+            return said
+        tensor = _tensor(f"{place}.{key}", body[key], problems)
+        others = [other for other in body if split_unit(other)[0] in _MOMENTS]
+        if others:
+            problems.add(f"{place}.{others[0]}", f"is given by {key} too")
+        if tensor is None or others:
+            return said
+        del body[key]
+    else:
+        found = _moments(body)
+        if found is None:
+            problems.add(f"{place}.inertia_axes", "needs the inertia that it belongs to", axes)
+            return said
+        tensor, unit = found
+    if axes is not None:
+        del body["inertia_axes"]
+        matrix = _axes(f"{place}.inertia_axes", axes, problems)
+        if matrix is None:
+            return said
+        tensor = matrix.T @ tensor @ matrix + 0.0
+        if axes != _OURS:
+            said.append(f"{place}: inertia in axes {axes}, {_map(str(axes))}")
+    if key is not None:
+        said.append(
+            f"{place}: {key} read as a tensor: entries off its diagonal are -xy, -xz, -yz of the "
+            "positive integrals"
+        )
+    body[f"inertia_{unit}"] = [float(tensor[k, k]) for k in range(3)]
+    body[f"inertia_products_{unit}"] = [float(0.0 - tensor[i, j]) for i, j in _PAIRS]
+    return said
+
+
+_MOMENTS = ("inertia", "inertia_products")
+
+
+def _tensor(place: str, value: Any, problems: Problems) -> np.ndarray | None:
+    """Symmetric matrix of numbers; None, with the problem noted, if it is none."""
+    try:
+        tensor = np.array(value, dtype=float)
+    except (ValueError, TypeError):
+        tensor = np.zeros(0)
+    if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
+        problems.add(place, "must be three rows of three numbers", value)
+        return None
+    if np.abs(tensor - tensor.T).max() > _SYMMETRIC * np.abs(tensor).max():
+        problems.add(place, "must be symmetric, the same numbers on both sides of its diagonal")
+        return None
+    return 0.5 * (tensor + tensor.T)
+
+
+def _moments(body: dict[str, Any]) -> tuple[np.ndarray, str] | None:
+    """Tensor of the moments and products of a body, removed from it, and their unit; None if they
+    are no numbers."""
+    keys = {split_unit(key)[0]: key for key in body if split_unit(key)[0] in _MOMENTS}
+    if "inertia" not in keys:
+        return None
+    unit = split_unit(keys["inertia"])[1]
+    units = UNITS["inertia"]
+    values = {}
+    for name, names in (("inertia", ("xx", "yy", "zz")), ("inertia_products", ("xy", "xz", "yz"))):
+        value = body.get(keys.get(name, ""), [0.0, 0.0, 0.0])
+        if isinstance(value, dict):
+            value = [value.get(each, 0.0) for each in names]
+        own = split_unit(keys[name])[1] if name in keys else unit
+        try:
+            values[name] = np.array(value, dtype=float) * (units[own] / units[unit])
+        except (ValueError, TypeError, KeyError):
+            return None
+        if values[name].shape != (3,):
+            return None
+    for key in keys.values():
+        del body[key]
+    tensor = np.diag(values["inertia"])
+    for (i, j), product in zip(_PAIRS, values["inertia_products"], strict=True):
+        tensor[i, j] = tensor[j, i] = -product
+    return tensor, unit
+
+
+def _axes(place: str, axes: Any, problems: Problems) -> np.ndarray | None:
+    """Matrix of the named axes: its rows are their unit vectors in body axes."""
+    words = axes.split("-") if isinstance(axes, str) else []
+    known = [DIRECTIONS[word] for word in words if word in DIRECTIONS]
+    if len(words) != 3 or len({number for number, _ in known}) != 3:
+        problems.add(
+            place,
+            "must name the directions of x, y and z: three of forward or aft, up or down, right or "
+            'left, such as "forward-right-down"',
+            axes,
+        )
+        return None
+    matrix = np.zeros((3, 3))
+    for row, (number, sign) in enumerate(known):
+        matrix[row, number] = sign
+    return matrix
+
+
+def _map(axes: str) -> str:
+    """Map from named axes to body axes in words: ``xx, zz, yy and -xz, -xy, yz become ...``."""
+    where = {number: (row, sign) for row, (number, sign) in
+             enumerate(DIRECTIONS[word] for word in axes.split("-"))}  # fmt: skip
+    moments = ", ".join(2 * "xyz"[where[k][0]] for k in range(3))
+    products = []
+    for i, j in _PAIRS:
+        (a, one), (b, other) = where[i], where[j]
+        sign = "-" if one * other < 0.0 else ""
+        products.append(sign + "".join(sorted("xyz"[k] for k in (a, b))))
+    return f"where {moments} become Ixx, Iyy, Izz and {', '.join(products)} become xy, xz, yz"
