@@ -48,6 +48,10 @@ BY_HAND = [
     ("missile-rail", "release_time_s", 0.175809, 2e-5),
     ("missile-rail", "shoe_tip_off_missile_z_deg_s", -12.517, 0.01),  # air left out by hand
     ("missile-rail", "shoe_tip_off_missile_y_deg_s", 0.0, 1e-9),
+    ("fairing", "left_hinge_tip_off_left_z_deg_s", 54.98733313, 1e-6),
+    ("fairing", "right_hinge_tip_off_right_z_deg_s", -54.98733313, 1e-6),
+    ("fairing", "left_hinge_tip_off_stage_z_deg_s", 0.0, 1e-7),
+    ("fairing", "opening_lag_s", 0.0, 1e-9),
     ("store", "aft_stroke_end_time_s", 0.0514207, 2e-6),
     ("store", "fore_stroke_end_time_s", 0.0564134, 2e-6),
     ("store", "clear_separation_speed_m_s", 3.63761, 1e-4),
