@@ -49,8 +49,9 @@ from sepmc.scene.contents import contents
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
-from sepmc.scene.messages import InputError, Log, RunWarning, warn
+from sepmc.scene.messages import InputError, Log, Problems, RunWarning, warn
 from sepmc.scene.read import parse_campaign, read_campaign
+from sepmc.scene.scenarios import Scenario, scenario_tree
 
 
 def load(
@@ -131,6 +132,28 @@ class Campaign(Definition):
         tree, folder, name = self.file.tree, self.file.folder, self.name
         read = parse_campaign(tree, name, settings, name, folder, read_input_table)
         return Campaign(read, self.settings | as_text(settings or {}))
+
+    def scenarios(self) -> dict[str, "Campaign"]:
+        """Campaigns of the scenarios of the file, by name.
+
+        A parameter that a scenario sets is constant in it; all others are dispersed as in the
+        campaign, with the same random numbers.
+
+        Raises
+        ------
+        SceneError
+            If a scenario gives no valid campaign.
+        """
+        return {one.name: self._scenario(one) for one in self.file.scenarios}
+
+    def _scenario(self, scenario: Scenario) -> "Campaign":
+        """Campaign of a scenario."""
+        problems = Problems()
+        tree = scenario_tree(self.file.tree, self.scene, scenario, problems)
+        source = f"{self.name}, scenario {scenario.name}"
+        problems.raise_if_any(source)
+        read = parse_campaign(tree, source, {}, self.name, self.file.folder, read_input_table)
+        return Campaign(read, self.settings | as_text(scenario.settings))
 
     def session(
         self,

@@ -35,7 +35,13 @@ from sepmc.scene.units import unit_text
 from sepmc.schema import Column
 
 # keys of [run] that change no row, and the path of the sample table, which has a digest of its own
-_NO_OUTCOME = ("title", "name", "requirement", "reference")  # keys of a file that change no row
+_NO_OUTCOME = (
+    "title",
+    "name",
+    "requirement",
+    "reference",
+    "scenario",
+)  # keys of a file that change no row
 _NOT_IN_DIGEST = ("cases", "seed", "chunk", "samples")
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
 

@@ -20,6 +20,7 @@ from sepmc.cli.replay import replay
 from sepmc.cli.report import report
 from sepmc.cli.run import run
 from sepmc.cli.sample import sample
+from sepmc.cli.scenarios import scenarios
 from sepmc.cli.sensitivity import sensitivity
 from sepmc.cli.stats import stats
 from sepmc.cli.template import list_campaigns, template
@@ -88,6 +89,7 @@ for _command in (
     fit,
     compare,
     map_,
+    scenarios,
     report,
     template,
     list_campaigns,

@@ -65,6 +65,7 @@ ITEMS = {
     "correlation": 256,
     "dispersion": 2000,
     "outcome": 2000,
+    "scenario": 64,
     "discrete": 1000,
     "weights": 1000,
     "parameters": 500,

@@ -44,6 +44,7 @@ from sepmc.scene.model import (
     Scene,
 )
 from sepmc.scene.parameters import UnknownPath, find, replace, value
+from sepmc.scene.scenarios import Scenario, read_scenarios, scenario_tree
 from sepmc.scene.setting_checks import check_settings, expand
 from sepmc.scene.settings import apply_settings
 from sepmc.scene.shape_checks import check_shapes
@@ -53,7 +54,9 @@ from sepmc.schema import NOT_OK_LABELS, is_yes_or_no, outcome_columns
 from sepmc.wording import setting
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-_OWN_TABLES = ("name", "title", "dispersion", "correlation", "requirement", "reference")
+_OWN_TABLES = (
+    *("name", "title", "dispersion", "correlation", "requirement", "reference", "scenario"),
+)
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,8 @@ class CampaignFile:
         Folder that relative paths start from.
     understood : tuple of str
         Sentences on data that were brought in other conventions or from other files.
+    scenarios : tuple of Scenario
+        Failure cases by name.
     """
 
     name: str
@@ -95,6 +100,7 @@ class CampaignFile:
     input_table: InputTable | None = None
     folder: Path = Path()
     understood: tuple[str, ...] = ()
+    scenarios: tuple[Scenario, ...] = ()
 
     @property
     def toml(self) -> str:
@@ -248,6 +254,7 @@ def _parse(
     )
     requirements = read_array(Requirement, tree.get("requirement", []), "requirement", problems)
     correlations = read_array(Correlation, tree.get("correlation", []), "correlation", problems)
+    scenarios = read_scenarios(tree.get("scenario", []), problems)
     problems.raise_if_any(source)
     scene = _with_strokes(scene)
     if signals or driven:
@@ -290,6 +297,8 @@ def _parse(
         _check_reference(reference, outcomes, problems)
     for requirement in requirements:
         _check_requirement(requirement, requirements, outcomes, problems)
+    for scenario in scenarios:
+        scenario_tree(tree, scene, scenario, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
     no_effect = tuple(_no_effect_notes(scene, settings, dispersions, distributions))
@@ -306,6 +315,7 @@ def _parse(
         table,
         folder,
         tuple(understood),
+        scenarios,
     )
 
 

@@ -14,7 +14,7 @@ from sepmc.scene.messages import Problems, shorten
 from sepmc.scene.units import split_unit
 
 _TERM = re.compile(r"^(const|((alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)(_[pqr])?|[pqr])$")
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _RENAMED = {"plan": "samples"}  # keys of earlier versions
 
 
@@ -137,7 +137,7 @@ def _read_named(
         problems.add(key_path, "must be a table of tables", tree)
         return {}
     for name in tree:
-        if not _NAME.fullmatch(name):
+        if not NAME_PATTERN.fullmatch(name):
             problems.add(
                 _join(key_path, name), "a name is a letter followed by letters, digits or _"
             )

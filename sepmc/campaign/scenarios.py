@@ -1,0 +1,101 @@
+"""Scenarios of a campaign, run one by one with common random numbers and compared."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from sepmc.campaign.result import Result
+from sepmc.campaign.run_options import RunOptions
+from sepmc.scene.messages import InputError, Log
+from sepmc.scene.scenarios import BASELINE
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign
+
+Progress = Callable[[str, int, int, int], None]  # scenario, cases done, all of them, failures
+
+
+@dataclass(frozen=True)
+class ScenarioRuns:
+    """Results of a campaign and its scenarios.
+
+    Attributes
+    ----------
+    results : dict of str to Result
+        By name of the scenario; the campaign itself is the first, ``baseline``.
+    titles : dict of str to str
+    """
+
+    results: dict[str, Result]
+    titles: dict[str, str]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row for each scenario and requirement: ``scenario``, ``title``, counts of cases ``run``
+        and ``ok``, and the fields of `sepmc.analysis.requirements.Verdict`."""
+        frames = []
+        for name, result in self.results.items():
+            frame = result.requirements().reset_index()
+            if frame.empty:  # without requirements, a row with the counts
+                frame = pd.DataFrame(index=[0])
+            counts = result.status_counts
+            frame.insert(0, "ok", counts.get("ok", 0))
+            frame.insert(0, "run", sum(counts.values()))
+            frame.insert(0, "title", self.titles[name])
+            frame.insert(0, "scenario", name)
+            frames.append(frame)
+        return pd.concat(frames, ignore_index=True)
+
+
+def run_scenarios(
+    campaign: "Campaign",
+    cases: int | None = None,
+    seed: int | None = None,
+    threads: int | None = None,
+    out: Path | None = None,
+    announce: Log | None = None,
+    progress: Progress | None = None,
+) -> ScenarioRuns:
+    """Run a campaign and each of its scenarios on common random numbers.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    cases, seed, threads : int, optional
+        As for `Campaign.run`, of each.
+    out : path, optional
+        Folder for a run folder of each, named by its scenario.
+    announce, progress : callable, optional
+        Called with messages, and with the name of the scenario and its progress.
+
+    Returns
+    -------
+    ScenarioRuns
+
+    Raises
+    ------
+    InputError
+        If the campaign has no scenario.
+    SceneError
+        If a scenario gives no valid campaign; raised before anything is run.
+    """
+    scenarios = campaign.scenarios()
+    if not scenarios:
+        raise InputError(f'{campaign.name}: has no scenario: give [[scenario]] name = "...", set')
+    results = {}
+    for name, one in {BASELINE: campaign, **scenarios}.items():
+        report = None if progress is None else _of_scenario(progress, name)
+        options = RunOptions(announce=announce, progress=report)
+        folder = None if out is None else out / name
+        results[name] = one.run(cases, seed, threads, folder, options=options)
+    titles = {BASELINE: campaign.file.title}
+    titles |= {one.name: one.title for one in campaign.file.scenarios}
+    return ScenarioRuns(results, titles)
+
+
+def _of_scenario(progress: Progress, name: str) -> Callable[[int, int, int], None]:
+    """Progress of one scenario."""
+    return lambda done, total, failed: progress(name, done, total, failed)

@@ -1,0 +1,74 @@
+"""`sepmc scenarios`: a campaign and its failure cases side by side."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from sepmc.cli.options import CASES, CHECK, FILE, QUIET, SEED, SETTINGS, THREADS, load_campaign
+
+
+@click.command(short_help="Run FILE and each of its scenarios, verdicts side by side.")
+@FILE
+@CASES
+@SEED
+@SETTINGS
+@THREADS
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="New folder, with a run folder for each scenario. Default: runs/NAME-scenarios-N.",
+)
+@CHECK
+@QUIET
+def scenarios(
+    file: str,
+    cases: int | None,
+    seed: int | None,
+    settings: tuple[str, ...],
+    threads: int | None,
+    out: Path | None,
+    must_pass: bool,
+    quiet: bool,
+) -> None:
+    """Run the dispersed cases of FILE, and those of each of its [[scenario]] tables, into a folder
+    with a run folder for each, and print the verdicts side by side.
+
+    All have the same random numbers, so that their differences are those of the scenarios. Each
+    run folder works with every command that takes one.
+
+    \b
+    Example:
+      sepmc scenarios rocket.toml --cases 2000 --out runs/failures
+    """
+    from sepmc.campaign.scenarios import run_scenarios
+    from sepmc.campaign.store import folders
+    from sepmc.cli.options import check_required
+    from sepmc.cli.progress import progress_bar
+    from sepmc.cli.render import logger, show
+    from sepmc.cli.scenario_results import render_scenarios, verdicts_pass
+    from sepmc.scene.messages import InputError
+    from sepmc.wording import exists
+
+    campaign = load_campaign(file, settings)
+    check_required(campaign, must_pass)
+    folder = out or folders.next_folder(f"{campaign.name}-scenarios")
+    if folder.exists():
+        raise InputError(exists(folder))
+    log, count = logger(quiet), campaign.select_cases(cases)[0].count
+    total = count * (1 + len(campaign.file.scenarios))
+    finished: dict[str, int] = {}
+    with progress_bar(total, quiet) as report:
+
+        def progress(name: str, done: int, _: int, failed: int) -> None:
+            finished[name] = done
+            if report:
+                report(sum(finished.values()), total, failed)
+
+        runs = run_scenarios(campaign, cases, seed, threads, folder, log, progress)
+    table = folder / "scenarios.csv"
+    folders.write_text(table, runs.table.to_csv(index=False))
+    if not quiet:
+        show(render_scenarios(runs, campaign))
+    log(f"wrote {folder}: a run folder for each, and {table.name}")
+    sys.exit(int(must_pass and not verdicts_pass(runs)))

@@ -1,0 +1,115 @@
+"""Scenarios: named failure cases of a campaign, each a few values that replace those of the
+file."""
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+from sepmc.scene.limits import NAME
+from sepmc.scene.messages import Problems
+from sepmc.scene.model import Scene
+from sepmc.scene.parameters import UnknownPath, find
+from sepmc.scene.setting_checks import check_settings, expand
+from sepmc.scene.settings import apply_settings
+from sepmc.scene.tables import NAME_PATTERN
+
+BASELINE = "baseline"  # the campaign itself, beside its scenarios
+_KEYS = ("name", "title", "set")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Values that replace those of the file; a parameter that is dispersed is constant then.
+
+    Attributes
+    ----------
+    name, title : str
+    settings : dict of str to any
+        Values by TOML path; ``*`` stands for any name.
+    """
+
+    name: str
+    title: str
+    settings: dict[str, Any]
+
+
+def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
+    """Convert ``[[scenario]]``."""
+    if not isinstance(tree, list):
+        problems.add("scenario", "must be an array of tables: [[scenario]]", tree)
+        return ()
+    scenarios: list[Scenario] = []
+    for number, table in enumerate(tree):
+        key_path = f"scenario.{number}"
+        if not isinstance(table, dict):
+            problems.add(key_path, "must be a table", table)
+            continue
+        name, title, settings = (table.get(key, "") for key in _KEYS)
+        if not isinstance(name, str) or not NAME_PATTERN.fullmatch(name) or len(name) > NAME:
+            reason = f"must be a letter followed by letters, digits or _, at most {NAME} of them"
+            problems.add(f"{key_path}.name", reason, name)
+            continue
+        key_path = f"scenario.{name}"
+        if name == BASELINE or name in [one.name for one in scenarios]:
+            reason = "is the campaign itself" if name == BASELINE else "the name is used twice"
+            problems.add(key_path, reason)
+        if not isinstance(title, str):
+            problems.add(f"{key_path}.title", "must be text", title)
+        for key in table:
+            if key not in _KEYS:
+                problems.add(f"{key_path}.{key}", "unknown key; known here: " + ", ".join(_KEYS))
+        if not isinstance(settings, dict) or not settings:
+            problems.add(f"{key_path}.set", 'must be a table, as { "spring.a.factor" = 0.0 }')
+            continue
+        for key, value in settings.items():
+            if isinstance(value, dict):
+                reason = 'put the path in quotes: "spring.a.factor" = 0.0'
+                problems.add(f"{key_path}.set.{key}", reason)
+        scenarios.append(Scenario(name, str(title), settings))
+    return tuple(scenarios)
+
+
+def scenario_tree(
+    tree: dict[str, Any], scene: Scene, scenario: Scenario, problems: Problems
+) -> dict[str, Any]:
+    """Tree of a scenario.
+
+    A parameter that the campaign disperses gets a constant distribution, so that the scenario needs
+    no other kernel and its other parameters have the same random numbers.
+
+    Parameters
+    ----------
+    tree : dict
+        That of the campaign; it stays as it is.
+    scene : Scene
+        That of the campaign.
+    scenario : Scenario
+    problems : Problems
+
+    Returns
+    -------
+    dict
+    """
+    changed, own = copy.deepcopy(tree), Problems()
+    settings = expand(scenario.settings, tree, own)
+    check_settings(settings, own)
+    if not own:
+        apply_settings(changed, settings, own)
+    dispersed = {_path(scene, key): key for key in tree.get("dispersion", {})}
+    for key, value in {} if own else settings.items():
+        path = _path(scene, key)
+        if path in dispersed and isinstance(value, int | float):
+            factor = find(scene, key).factor / find(scene, dispersed[path]).factor
+            changed["dispersion"][dispersed[path]] = {"constant": value * factor}
+    for problem in own:
+        problems.append(f"scenario.{scenario.name}.set.{problem}")
+    changed.pop("scenario", None)
+    return changed
+
+
+def _path(scene: Scene, key: str) -> str | None:
+    """Path of the parameter that a key names; None if it names none."""
+    try:
+        return find(scene, key).path
+    except UnknownPath:
+        return None
