@@ -48,7 +48,8 @@ class Status(IntEnum):
         return ": ".join(filter(None, _MEANINGS[self]))
 
 
-# Meaning and remedy of each status. No kernel writes NO_ROOT, NOT_FLOWN and NO_CLEARANCE today; their numbers and names stay.
+# Meaning and remedy of each status. No kernel writes NO_ROOT, NOT_FLOWN and NO_CLEARANCE today;
+# their numbers and names stay.
 _MEANINGS = {
     Status.OK: ("reached the end of the run", ""),
     Status.NEVER_RELEASED: (
