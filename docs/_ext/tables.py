@@ -43,6 +43,7 @@ EVERY = Contents(
     ignitions=("MOTOR",),
     springs=("SPRING",),
     partial_releases=(("JOINT", "KIND"),),
+    signals=("SIGNAL",),
 )
 
 

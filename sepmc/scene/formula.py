@@ -5,6 +5,7 @@ below; nothing of it is run as Python. Independent of scenes and kernels.
 """
 
 import ast
+import keyword
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -51,6 +52,7 @@ _OPERATORS: dict[type, str] = {
     ast.And: "and",
     ast.Or: "or",
 }
+_MARK = "\u0436"  # a letter that no formula has
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?P<glued>\w?)"
     r"|(?P<name>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)"
@@ -107,9 +109,9 @@ def parse(text: str) -> Node:
     FormulaError
         With the reason, in the words of a message for users.
     """
-    _check_tokens(text)
+    python_text = _python_text(text)
     try:
-        tree = ast.parse(text.strip().replace("\n", " "), mode="eval").body
+        tree = ast.parse(python_text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise FormulaError("is no formula: an operator, a number or a bracket is missing") from None
     count = sum(1 for _ in ast.walk(tree))
@@ -123,14 +125,15 @@ def parse(text: str) -> Node:
     return node
 
 
-def _check_tokens(text: str) -> None:
-    """Raise FormulaError if a text is too long, nested too deep, or has characters or words that
-    no formula has."""
+def _python_text(text: str) -> str:
+    """Text of a formula as a Python expression: names that are words of Python are marked. Raises
+    FormulaError if it is too long, nested too deep, or has characters that no formula has."""
     if len(text) > MAX_TEXT:
         raise FormulaError(f"has {len(text):,} characters: must have at most {MAX_TEXT:,}")
     if not text.strip():
         raise FormulaError("is empty: write numbers, names and + - * / **")
     position, depth, run = 0, 0, 0
+    pieces: list[str] = []
     while position < len(text.rstrip()):
         token = _TOKEN.match(text, position)
         if token is None:
@@ -149,6 +152,15 @@ def _check_tokens(text: str) -> None:
         if depth > MAX_DEPTH or run > MAX_DEPTH:
             raise FormulaError(f"must have brackets at most {MAX_DEPTH} deep")
         position = token.end()
+        pieces.append(_marked(token["name"]) if token["name"] else token[0].strip())
+    return " ".join(pieces)
+
+
+def _marked(name: str) -> str:
+    """Dotted name whose parts are no words of Python, but and, or, not."""
+    if name in ("and", "or", "not"):
+        return name
+    return ".".join(part + _MARK * keyword.iskeyword(part) for part in name.split("."))
 
 
 def _node(tree: ast.expr, depth: int) -> Node:
@@ -164,6 +176,13 @@ def _node(tree: ast.expr, depth: int) -> Node:
     if isinstance(tree, ast.Name | ast.Attribute):
         path = _path(tree)
         return Number(CONSTANTS[path]) if path in CONSTANTS else Name(path)
+    if isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name) and not tree.keywords:
+        return _function(tree.func.id, inner(*tree.args))
+    return _operator(tree, depth, inner)
+
+
+def _operator(tree: ast.expr, depth: int, inner: Callable[..., tuple[Node, ...]]) -> Node:
+    """Node of an operator or a comparison; ``inner`` gives the nodes of its operands."""
     if isinstance(tree, ast.UnaryOp):
         if isinstance(tree.op, ast.UAdd):
             return _numeric("+", inner(tree.operand))[0]
@@ -178,8 +197,6 @@ def _node(tree: ast.expr, depth: int) -> Node:
         values = inner(tree.left, *tree.comparators)
         pairs = zip(tree.ops, values, values[1:], strict=False)
         return _joined("and", tuple(_call(_OPERATORS[type(op)], (a, b)) for op, a, b in pairs))
-    if isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name) and not tree.keywords:
-        return _function(tree.func.id, inner(*tree.args))
     raise FormulaError("must consist of numbers, names, + - * / **, < <= > >= and functions")
 
 
@@ -204,7 +221,7 @@ def _path(tree: ast.expr) -> str:
         tree = tree.value
     if not isinstance(tree, ast.Name):
         raise FormulaError("must consist of numbers, names, + - * / **, < <= > >= and functions")
-    return ".".join([tree.id, *parts])
+    return ".".join([tree.id, *parts]).replace(_MARK, "")
 
 
 def _function(name: str, arguments: tuple[Node, ...]) -> Node:

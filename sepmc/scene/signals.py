@@ -192,9 +192,9 @@ def check_signals(
                 reason = "unknown key, and no constant of the formula: it does not name it"
                 problems.add(f"signal.{signal.name}.{constant}", reason)
         for name in names(tree):
-            if name not in signal.constants and name not in known:
-                if reason := _unknown(name, scene, [*signal.constants, *known]):
-                    problems.add(key_path, f"{name}: {reason}", signal.formula)
+            others = [*signal.constants, *known]
+            if name not in others and (reason := _unknown(name, scene, others)):
+                problems.add(key_path, f"{name}: {reason}", signal.formula)
     for name in trees:
         if cycle := _cycle(name, trees, ()):
             problems.add(f"signal.{name}.formula", f"depends on itself: {' -> '.join(cycle)}")
@@ -242,17 +242,20 @@ def _unknown(name: str, scene: Scene, others: list[str]) -> str:
     known = quantity(name, items)
     if known is not None:
         aero = scene.body[known.item].aerodynamics if known.table == "body" else None
-        if known.key == "dynamic_pressure" and (
-            aero is None or scene.environment.atmosphere == "none"
-        ):
-            return "needs a body with aerodynamics, in an atmosphere"
-        return ""
+        in_air = aero is not None and scene.environment.atmosphere != "none"
+        needs_air = known.key == "dynamic_pressure" and not in_air
+        return "needs a body with aerodynamics, in an atmosphere" if needs_air else ""
     *head, last = name.split(".")
-    key, unit = split_unit(last)
-    if not head:
-        if key in TIME:
-            return f"the unit is missing or wrong; allowed: {_spellings('', key, 'time')}"
-        return "no such constant or signal; " + nearest(name, [*others, "time_s"])
+    if head:
+        return _unknown_of_item(head, last, scene, items)
+    key = split_unit(last)[0]
+    if key in TIME:
+        return f"the unit is missing or wrong; allowed: {_spellings('', key, 'time')}"
+    return "no such constant or signal; " + nearest(name, [*others, "time_s"])
+
+
+def _unknown_of_item(head: list[str], last: str, scene: Scene, items: Items) -> str:
+    """Reason why a quantity of a body, joint or spring is unknown."""
     if head[0] in _OF_ITEM and head[0] not in scene.body:
         kinds = _OF_ITEM[head[0]]
         if len(head) != 2 or head[1] not in items[head[0]]:
@@ -262,7 +265,7 @@ def _unknown(name: str, scene: Scene, others: list[str]) -> str:
         kinds = OF_BODY
     else:
         return "no such body; " + nearest(head[0], [*scene.body, *_OF_ITEM])
-    stem = ".".join(head) + "."
+    stem, key = ".".join(head) + ".", split_unit(last)[0]
     meant = key if key in kinds else last if last in kinds else ""
     if meant:
         return f"the unit is missing or wrong; allowed: {_spellings(stem, meant, kinds[meant])}"

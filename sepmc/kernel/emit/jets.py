@@ -159,15 +159,15 @@ def _of(function: str, *values: Any) -> Any:
 
 
 _FUNCTIONS: dict[str, Any] = {
-    "/": lambda a, b: signals.quotient(a, b),
-    "**": lambda a, b: signals.power(a, b),
-    "atan2": lambda y, x: scalar.arctan2(y, x),
-    "sin": lambda x: signals.sine(x),
-    "cos": lambda x: signals.cosine(x),
+    "/": signals.quotient,
+    "**": signals.power,
+    "atan2": scalar.arctan2,
+    "sin": signals.sine,
+    "cos": signals.cosine,
     "tan": lambda x: signals.quotient(signals.sine(x), signals.cosine(x)),
-    "exp": lambda x: signals.growth(x),
-    "log": lambda x: signals.logarithm(x),
-    "sqrt": lambda x: signals.root(x),
+    "exp": signals.growth,
+    "log": signals.logarithm,
+    "sqrt": signals.root,
 }
 
 

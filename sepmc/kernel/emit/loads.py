@@ -14,7 +14,7 @@ from sepmc.kernel.emit.context import (
 )
 from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import ignition_time
-from sepmc.kernel.emit.signals import number, vector
+from sepmc.kernel.emit.signals import number, three_numbers
 from sepmc.kernel.emit.tables import looks_up, table_derivatives, table_force
 from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
@@ -343,8 +343,8 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
 def _load(s: State, i: int, acting: _Loads) -> None:
     """Force and moment, in body or ground axes."""
     load, p = s.spec.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
-    force: Any = vector(s, f"load.{load.name}.force", p + at.LOAD_FORCE)
-    moment: Any = vector(s, f"load.{load.name}.moment", p + at.LOAD_MOMENT)
+    force: Any = three_numbers(s, f"load.{load.name}.force", p + at.LOAD_FORCE)
+    moment: Any = three_numbers(s, f"load.{load.name}.moment", p + at.LOAD_MOMENT)
     if s.spec.load_switches:
         acts = s.scope.load(f"ACTS_{load.name}")
         force, moment = vec3.scale(acts, force), vec3.scale(acts, moment)

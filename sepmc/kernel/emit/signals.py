@@ -1,16 +1,15 @@
 """Signals at a state: formulas of the file as expressions of the kernel, and the quantities that
 they name."""
 
-import math
 from typing import Any
 
 from sepmc.kernel.emit import jets
-from sepmc.kernel.emit.context import Context, component, origin_height, reject_unless
+from sepmc.kernel.emit.context import component, origin_height, reject_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.jets import Jet
 from sepmc.kernel.spec.kinks import Kink, kink_name
 from sepmc.kernel.tracer.formulas import ZERO, loads, quat, scalar, square_root, vec3
-from sepmc.kernel.tracer.tracer import Expr, total, trace, undefined_with, where
+from sepmc.kernel.tracer.tracer import Expr, total, undefined_with, where
 from sepmc.routines import layout as at
 from sepmc.scene.formula import (
     COMPARISONS,
@@ -18,7 +17,6 @@ from sepmc.scene.formula import (
     Name,
     Node,
     Number,
-    is_condition,
     may_be_undefined,
     walk,
 )
@@ -27,6 +25,13 @@ from sepmc.scene.signals import Quantity
 from sepmc.schema import Status
 
 _SCALE_HEIGHT = 7000.0  # m: rough rate of the density, to predict kinks only
+_OPERATIONS: dict[str, Any] = {
+    "+": jets.add,
+    "*": jets.multiply,
+    "/": jets.divide,
+    "**": jets.power,
+    "atan2": jets.angle,
+}
 _OPPOSITE = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
 
 
@@ -123,21 +128,13 @@ class Signals:
         if function == "where":
             return self._where(signal, node)
         arguments = [self._number(signal, one) for one in node.arguments]
-        if function == "+":
-            return jets.add(*arguments)
+        if function in ("abs", "sign", "min", "max"):
+            return self._kinked(signal, node, arguments)
         if function == "-":
             last = jets.negative(arguments[-1])
             return last if len(arguments) == 1 else jets.add(arguments[0], last)
-        if function == "*":
-            return jets.multiply(*arguments)
-        if function == "/":
-            return jets.divide(*arguments)
-        if function == "**":
-            return jets.power(*arguments)
-        if function == "atan2":
-            return jets.angle(*arguments)
-        if function in ("abs", "sign", "min", "max"):
-            return self._kinked(signal, node, arguments)
+        if function in _OPERATIONS:
+            return _OPERATIONS[function](*arguments)
         return jets.apply(function, arguments[0])
 
     def _where(self, signal: str, node: Call) -> Jet:
@@ -245,22 +242,20 @@ class Quantities:
 
     def jet(self, quantity: Quantity) -> Jet:
         """Jet of a quantity with the names of the kernel."""
-        if quantity.table == "time":
-            return Jet(self.s.time, 1.0 if self.moving else 0.0)
-        if quantity.table == "joint":
-            return self._joint(quantity)
-        if quantity.table == "spring":
-            return self._spring(quantity)
+        if quantity.table != "body":
+            of_table = {"time": self._time, "joint": self._joint, "spring": self._spring}
+            return of_table[quantity.table](quantity)
         key, body = quantity.key, quantity.item
         if key in ("pitch", "yaw", "roll"):
             return self._attitude(body, key)
-        if key.startswith("omega"):
-            return self._rate(body, "xyz".index(key[-1]))
-        if key in ("x", "y", "z"):
-            return self._place(body, "xyz".index(key))
-        if key in ("vx", "vy", "vz"):
-            return self._speed(body, "xyz".index(key[-1]))
-        return self._flow(body, key)
+        if key in ("alpha", "beta", "airspeed", "dynamic_pressure"):
+            return self._flow(body, key)
+        of_axis = {"omega_": self._rate, "": self._place, "v": self._speed}
+        return of_axis[key[:-1]](body, "xyz".index(key[-1]))
+
+    def _time(self, _: Quantity) -> Jet:
+        """Time since the start."""
+        return Jet(self.s.time, 1.0 if self.moving else 0.0)
 
     def _acceleration(self, body: str) -> Any:
         """Acceleration of a mass centre, ground axes, m/s2."""
@@ -411,7 +406,7 @@ def number(s: State, path: str, slot: int) -> Any:
     return value * drive.factor
 
 
-def vector(s: State, path: str, slot: int) -> Any:
+def three_numbers(s: State, path: str, slot: int) -> Any:
     """Vector of three parameters; see `number`."""
     if not any(f"{path}.{axis}" in s.spec.scene.driven for axis in "xyz"):
         return s.case.vector(slot)
@@ -434,4 +429,4 @@ def reject_undefined(s: State) -> None:
         reject_unless(s.scope, defined, Status.UNDEFINED_FORMULA)
 
 
-__all__ = ["Signals", "mode_field", "number", "reject_undefined", "signals_of", "vector"]
+__all__ = ["Signals", "mode_field", "number", "reject_undefined", "signals_of", "three_numbers"]

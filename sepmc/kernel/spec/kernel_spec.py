@@ -43,8 +43,8 @@ class Event:
     """Condition on the state or on a joint load, compared with a threshold.
 
     ``quantity`` is its code (AT_STROKE, ... of `sepmc.routines.layout`) and ``item`` the joint,
-    spring, body or kink; ``threshold`` is a parameter index. It either ends its phase by itself, or is
-    condition ``number`` of several that end a phase together or, with ``any_phase``, trigger a
+    spring, body or kink; ``threshold`` is a parameter index. It either ends its phase by itself, or
+    is condition ``number`` of several that end a phase together or, with ``any_phase``, trigger a
     release or an observation event. ``direction`` of the crossing that counts: rising, falling,
     either, or "" if the quantity may also start beyond the threshold.
     """

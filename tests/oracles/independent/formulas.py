@@ -2,6 +2,7 @@
 
 import ast
 import math
+import operator
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -114,6 +115,17 @@ def _is_off(value: float, size: float) -> bool:
     return abs(value) > _AT_ZERO * max(1.0, size)
 
 
+_OPERATIONS: dict[type, Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+
+
 class _Evaluation:
     """Values at one state."""
 
@@ -143,46 +155,34 @@ class _Evaluation:
 
     def _raw(self, signal: str, node: Any) -> float:
         if isinstance(node, ast.Constant):
+            assert isinstance(node.value, int | float)
             return float(node.value)
         if isinstance(node, ast.Name | ast.Attribute):
             return self._name(signal, ast.unparse(node))
-        if isinstance(node, ast.UnaryOp):
-            value = self._number(signal, node.operand)
-            return -value if isinstance(node.op, ast.USub) else value
-        if isinstance(node, ast.BinOp):
-            a, b = (self._number(signal, one) for one in (node.left, node.right))
-            operations: dict[type, Callable[[], Any]] = {
-                ast.Add: lambda: a + b,
-                ast.Sub: lambda: a - b,
-                ast.Mult: lambda: a * b,
-                ast.Div: lambda: a / b,
-                ast.Pow: lambda: a**b,
-            }
-            return operations[type(node.op)]()
-        assert isinstance(node, ast.Call)
-        assert isinstance(node.func, ast.Name)
-        function = node.func.id
-        if function == "where":
-            return self._where(signal, node)
+        if isinstance(node, ast.Call):
+            assert isinstance(node.func, ast.Name)
+            is_where = node.func.id == "where"
+            return self._where(signal, node) if is_where else self._call(signal, node, node.func.id)
+        operands = [node.operand] if isinstance(node, ast.UnaryOp) else [node.left, node.right]
+        return _OPERATIONS[type(node.op)](*(self._number(signal, one) for one in operands))
+
+    def _call(self, signal: str, node: ast.Call, function: str) -> float:
+        """Value of a function of numbers."""
+        key = (signal, node.col_offset)
         numbers = [self._number(signal, one) for one in node.args]
         if function == "abs":
-            self._note((signal, node.col_offset, 0), numbers[0], numbers)
+            self._note((*key, 0), numbers[0], numbers)
             return abs(numbers[0])
         if function == "sign":
-            return float(self._side((signal, node.col_offset, 0), numbers[0], numbers))
-        if function == "clip":
-            x, low, high = numbers
-            self._note((signal, node.col_offset, 0), x - low, [x, low])
-            x = max(x, low)
-            self._note((signal, node.col_offset, 1), x - high, [x, high])
-            return min(x, high)
-        if function in ("min", "max"):
-            result = numbers[0]
-            for pair, other in enumerate(numbers[1:]):
-                self._note((signal, node.col_offset, pair), result - other, [result, other])
-                result = min(result, other) if function == "min" else max(result, other)
-            return result
-        return float(getattr(math, function)(*numbers))
+            return float(self._side((*key, 0), numbers[0], numbers))
+        if function not in ("clip", "min", "max"):
+            return float(getattr(math, function)(*numbers))
+        choices = {"min": [min] * len(numbers), "max": [max] * len(numbers), "clip": [max, min]}
+        result = numbers[0]
+        for pair, (other, choose) in enumerate(zip(numbers[1:], choices[function], strict=False)):
+            self._note((*key, pair), result - other, [result, other])
+            result = choose(result, other)
+        return result
 
     def _where(self, signal: str, node: ast.Call) -> float:
         """Value of the branch of the present interval; of the other one where that is undefined

@@ -291,34 +291,36 @@ class Loads:
         """Quantity of a formula, SI."""
         if not items:
             return t
-        if items[0] == "joint" and len(items) == 2:
-            stroke, rate = self.joints[items[1]].separation(s)
-            return stroke if key == "stroke" else rate
-        if items[0] == "spring" and len(items) == 2:
-            spring = next(one for one in self.springs if one.name == items[1])
-            _, extension, rate, _ = spring.line(s)
-            return extension if key == "extension" else rate
+        if len(items) == 2:
+            if items[0] == "joint":
+                length, rate = self.joints[items[1]].separation(s)
+            else:
+                spring = next(one for one in self.springs if one.name == items[1])
+                _, length, rate, _ = spring.line(s)
+            return rate if key == "rate" else length
         b = self.vehicle.index[items[0]]
         r, place, speed = s.r[b], s.x[b] + self.vehicle.velocity * t, s.v[b] + self.vehicle.velocity
-        if key in ("pitch", "roll"):
-            angle = math.atan2(r[1, 0], r[0, 0]) if key == "pitch" else math.atan2(r[2, 1], r[2, 2])
-            turn = 2.0 * math.pi
-            return float(angle + turn * np.round((self.last[key][b] - angle) / turn))
-        if key == "yaw":
-            return math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
-        if key.startswith("omega"):
-            return float(s.w[b]["xyz".index(key[-1])])
-        if key in ("x", "y", "z"):
-            height = self.vehicle.height(t, s, b)
-            return height if key == "y" else float(place["xyz".index(key)])
-        if key in ("vx", "vy", "vz"):
-            return float(speed["xyz".index(key[-1])])
+        airspeed, alpha, beta = air_angles(self.air_velocity(t, s, b))
+        place[1] = self.vehicle.height(t, s, b)
+        known = {
+            "pitch": self._turns(b, "pitch", math.atan2(r[1, 0], r[0, 0])),
+            "roll": self._turns(b, "roll", math.atan2(r[2, 1], r[2, 2])),
+            "yaw": math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0])),
+            "airspeed": airspeed,
+            "alpha": alpha,
+            "beta": beta,
+        }
+        for k, axis in enumerate("xyz"):
+            known |= {f"omega_{axis}": s.w[b][k], axis: place[k], f"v{axis}": speed[k]}
         if key == "dynamic_pressure":
             flow = next(one for one in self.flows if one.body == b)
-            airspeed, density, _, _, _ = self.flow(t, s, flow)
-            return 0.5 * density * airspeed**2
-        airspeed, alpha, beta = air_angles(self.air_velocity(t, s, b))
-        return {"airspeed": airspeed, "alpha": alpha, "beta": beta}[key]
+            return 0.5 * self.flow(t, s, flow)[1] * airspeed**2
+        return float(known[key])
+
+    def _turns(self, b: int, key: str, angle: float) -> float:
+        """Angle plus the number of turns nearest to its last value, rad."""
+        turn = 2.0 * math.pi
+        return float(angle + turn * np.round((self.last[key][b] - angle) / turn))
 
     def air_velocity(self, t: float, s: State, body: int) -> Array:
         """Velocity of a body relative to the air, body axes, m/s."""
