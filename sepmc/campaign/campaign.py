@@ -43,6 +43,7 @@ from sepmc.engine.dispatch import (
     thread_notes,
     using_threads,
 )
+from sepmc.formats.files import read_files
 from sepmc.paths import as_path
 from sepmc.scene.contents import contents
 from sepmc.scene.fields import convert
@@ -83,7 +84,7 @@ def load(
         if verify:
             manifests.read_manifest(file.parent)
         flown_settings = manifests.read_provenance(file.parent).get("settings", {})
-    read = read_campaign(path, settings, read_input_table)
+    read = read_campaign(path, settings, read_input_table, read_files)
     return Campaign(read, flown_settings | as_text(settings or {}))
 
 
@@ -128,7 +129,7 @@ class Campaign(Definition):
         Campaign
         """
         tree, folder, name = self.file.tree, self.file.folder, self.name
-        read = parse_campaign(tree, name, settings, name, folder, read_input_table)
+        read = parse_campaign(tree, name, settings, name, folder, read_input_table, read_files)
         return Campaign(read, self.settings | as_text(settings or {}))
 
     def session(
