@@ -43,6 +43,7 @@ from sepmc.engine.dispatch import (
     thread_notes,
     using_threads,
 )
+from sepmc.formats.files import read_files
 from sepmc.paths import as_path
 from sepmc.scene.campaign_files import find_file
 from sepmc.scene.contents import contents
@@ -85,7 +86,7 @@ def load(
         if verify:
             manifests.read_manifest(file.parent)
         flown_settings = manifests.read_provenance(file.parent).get("settings", {})
-    read = read_campaign(path, settings, read_input_table)
+    read = read_campaign(path, settings, read_input_table, read_files)
     return Campaign(read, flown_settings | as_text(settings or {}))
 
 
@@ -130,7 +131,7 @@ class Campaign(Definition):
         Campaign
         """
         tree, folder, name = self.file.tree, self.file.folder, self.name
-        read = parse_campaign(tree, name, settings, name, folder, read_input_table)
+        read = parse_campaign(tree, name, settings, name, folder, read_input_table, read_files)
         return Campaign(read, self.settings | as_text(settings or {}))
 
     def scenarios(self) -> dict[str, "Campaign"]:

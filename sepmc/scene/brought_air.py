@@ -158,11 +158,11 @@ def convert_wind(place: str, wind: dict[str, Any], problems: Problems) -> list[s
     tables = [(place, wind)]
     if isinstance(profile := wind.get("profile"), dict):
         tables.append((f"{place}.profile", profile))
+    said = [x for where, table in tables[1:] for x in _heights(where, table, problems)]
     azimuth = wind.pop("azimuth_deg", None)
     used = [(where, table) for where, table in tables if "from_deg" in table]
     if azimuth is not None and not used:
         problems.add(f"{place}.azimuth_deg", "belongs to from_deg", azimuth)
-    said = []
     for where, table in used:
         if not _is_number(azimuth):
             problems.add(

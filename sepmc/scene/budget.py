@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sepmc.scene.checks import inertia_tensor
+from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.model import Body, Motor, Scene, Spring
 
 Array = np.ndarray
@@ -107,6 +108,9 @@ def impulse(motor: Motor, end: float) -> float:
         stop = min(t1, burn)
         if stop <= t0:
             break
+        if t1 - t0 <= SHORTEST:  # a step
+            last = f1
+            continue
         slope = (f1 - f0) / (t1 - t0)
         total += _of_line(f0 - slope * t0, slope, t0, stop, build_up)
         last = f0 + slope * (stop - t0)

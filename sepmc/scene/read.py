@@ -20,6 +20,7 @@ from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of
+from sepmc.scene.file_paths import FileReader, check_paths
 from sepmc.scene.formula_outcomes import check_formula_outcomes
 from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.input_table import CASE, InputTable, Reader
@@ -31,7 +32,6 @@ from sepmc.scene.messages import (
     TooManyProblems,
     nearest,
     printable,
-    shorten,
     warn,
 )
 from sepmc.scene.model import (
@@ -51,7 +51,6 @@ from sepmc.scene.shape_checks import check_shapes
 from sepmc.scene.signals import check_signals, read_signals, take_driven
 from sepmc.scene.tables import read_array, read_table
 from sepmc.schema import NOT_OK_LABELS, is_yes_or_no, outcome_columns
-from sepmc.wording import setting
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _OWN_TABLES = (
@@ -109,7 +108,10 @@ class CampaignFile:
 
 
 def read_campaign(
-    file: str | Path, settings: dict[str, Any] | None = None, reader: Reader | None = None
+    file: str | Path,
+    settings: dict[str, Any] | None = None,
+    reader: Reader | None = None,
+    file_reader: FileReader | None = None,
 ) -> CampaignFile:
     """Read and validate a campaign.
 
@@ -120,6 +122,8 @@ def read_campaign(
         Values by TOML path that replace those of the file: ``{"body.upper.mass_kg": 460.0}``.
     reader : callable, optional
         Reads the table that ``run.samples`` names.
+    file_reader : callable, optional
+        Reads the files that other tables name.
 
     Returns
     -------
@@ -138,8 +142,10 @@ def read_campaign(
     except OSError as error:
         raise SceneError([f"{path}: cannot be read: {error.strerror}"]) from None
     tree = read_text(written, str(path))
-    _check_sample_path(tree, path)
-    return parse_campaign(tree, str(path.name), settings, path.stem, path.parent, reader)
+    check_paths(tree, path)
+    return parse_campaign(
+        tree, str(path.name), settings, path.stem, path.parent, reader, file_reader
+    )
 
 
 def read_text(written: bytes, source: str) -> dict[str, Any]:
@@ -154,24 +160,6 @@ def read_text(written: bytes, source: str) -> dict[str, Any]:
         raise SceneError([f"{source}: is not TOML: {printable(str(error))}"]) from None
 
 
-def _check_sample_path(tree: dict[str, Any], path: Path) -> None:
-    """Reject a table of samples outside the folder of the campaign file, which may be untrusted.
-    Raises SceneError."""
-    run = tree.get("run")
-    samples = run.get("samples") if isinstance(run, dict) else None
-    if not isinstance(samples, str) or not samples.isprintable():
-        return
-    try:
-        folder = path.parent.resolve()
-        is_beside = (folder / samples).resolve().is_relative_to(folder)
-    except (OSError, ValueError, RuntimeError):  # a loop of links, no valid file name
-        is_beside = False
-    if not is_beside:
-        reason = "must lie beside the campaign, or in a folder there"
-        any_other = f"{setting('run.samples', 'PATH')} takes any"
-        raise SceneError([f"{path.name}: run.samples = {shorten(samples)}: {reason}; {any_other}"])
-
-
 def parse_campaign(
     tree: dict[str, Any],
     source: str,
@@ -179,6 +167,7 @@ def parse_campaign(
     default_name: str = "campaign",
     folder: Path = Path(),
     reader: Reader | None = None,
+    file_reader: FileReader | None = None,
 ) -> CampaignFile:
     """Validate a TOML tree; see `read_campaign`.
 
@@ -187,7 +176,7 @@ def parse_campaign(
     tree : dict
     source : str
         Name of the source in messages.
-    settings, reader : see `read_campaign`
+    settings, reader, file_reader : see `read_campaign`
     default_name : str
         Name of a campaign without one.
     folder : Path
@@ -200,7 +189,9 @@ def parse_campaign(
         )
     problems = Problems()
     try:
-        return _parse(tree, source, settings or {}, default_name, folder, reader, problems)
+        return _parse(
+            tree, source, settings or {}, default_name, folder, reader, file_reader, problems
+        )
     except TooManyProblems:
         problems.raise_if_any(source)
         raise
@@ -213,6 +204,7 @@ def _parse(
     default_name: str,
     folder: Path,
     reader: Reader | None,
+    file_reader: FileReader | None,
     problems: Problems,
 ) -> CampaignFile:
     """Validate a TOML tree; see `parse_campaign`. Problems are noted until one stage has any."""
@@ -226,7 +218,12 @@ def _parse(
     if settings:
         check_tree(tree, problems)
         problems.raise_if_any(source)
-    understood = convert_tree(tree, problems)
+    understood = file_reader(tree, folder, problems) if file_reader is not None else []
+    problems.raise_if_any(source)
+    if understood:
+        check_tree(tree, problems)
+        problems.raise_if_any(source)
+    understood += convert_tree(tree, problems)
     problems.raise_if_any(source)
     name = tree.get("name", default_name)
     if not (isinstance(name, str) and _FILE_NAME.fullmatch(name) and len(name) <= NAME):

@@ -1,0 +1,1 @@
+"""Files of the field, read to tables of a campaign: thrust curves, aerodynamic decks, soundings."""

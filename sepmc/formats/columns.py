@@ -1,0 +1,169 @@
+"""Columns of a file as quantities: names and units in the header, or named by the campaign."""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sepmc.formats.text_table import FormatError, TextTable
+from sepmc.scene.messages import nearest, shorten
+from sepmc.scene.units import UNITS, split_unit
+
+# spellings of units by those of keys; temperatures in degrees have an offset
+_SPELLINGS = {
+    "m/s": "m_s", "mps": "m_s", "meter/second": "m_s", "km/s": "km_s", "km/h": "km_h",
+    "kmh": "km_h", "ft/s": "ft_s", "fps": "ft_s", "kt": "kn", "kts": "kn", "knot": "kn",
+    "knots": "kn", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "newton": "N",
+    "newtons": "N", "n": "N", "kn": "kN", "lbs": "lbf", "pounds": "lbf", "lbf": "lbf",
+    "meter": "m", "meters": "m", "metre": "m", "metres": "m", "feet": "ft", "foot": "ft",
+    "degree": "deg", "degrees": "deg", "°": "deg", "radians": "rad", "radian": "rad",
+    "kg/m3": "kg_per_m3", "kg/m^3": "kg_per_m3", "kg/m³": "kg_per_m3", "kg_m3": "kg_per_m3",
+    "kg m-3": "kg_per_m3", "g/cm3": "g_per_cm3", "slug/ft3": "slug_per_ft3", "pa": "Pa",
+    "hpa": "hPa", "mb": "mbar", "kpa": "kPa", "kelvin": "K", "k": "K", "c": "degC", "°c": "degC",
+    "deg_c": "degC", "degc": "degC", "celsius": "degC",
+}  # fmt: skip
+_IN_BRACKETS = re.compile(r"(.*?)\s*[(\[]\s*([^()\[\]]*?)\s*[)\]]\s*")
+_AFTER_COMMA = re.compile(r"(.+?)\s*,\s*([^,]+)")
+_ZERO_CELSIUS = 273.15
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity that a file may have.
+
+    Attributes
+    ----------
+    kind : str
+        Of `sepmc.scene.units.UNITS`; empty without a unit.
+    names : tuple of str
+        Spellings of the column, in small letters without blanks.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+
+
+def split_header(title: str, kind: str) -> tuple[str, str]:
+    """Split the title of a column into name and unit: ``thrust (N)``, ``thrust [N]``, ``thrust, N``
+    or ``thrust_N``; without a unit it is empty.
+
+    Parameters
+    ----------
+    title : str
+    kind : str
+        Of quantity, of `sepmc.scene.units.UNITS`; knots and kilonewtons are told apart by it.
+
+    Returns
+    -------
+    name, unit : str
+    """
+    units = {**UNITS.get(kind, {}), **({"degC": 1.0} if kind == "temperature" else {})}
+    for pattern in (_IN_BRACKETS, _AFTER_COMMA):
+        if match := pattern.fullmatch(title):
+            return match[1], _unit(match[2], units)
+    name, unit = split_unit(title)
+    if unit in units:
+        return name, unit
+    head, _, last = title.rpartition("_")
+    known = _unit(last, units)
+    return (head, known) if head and known in units else (title, "")
+
+
+def _unit(text: str, units: dict[str, float]) -> str:
+    """Unit of a key that a spelling stands for; the text itself if it is none."""
+    if text in units:
+        return text
+    spelling = _SPELLINGS.get(text.lower(), text)
+    if spelling not in units and text.lower() in ("lb", "lbs") and "lbf" in units:
+        return "lbf"
+    if spelling == "kN" and "kn" in units:
+        return "kn"
+    return spelling
+
+
+def plain(name: str) -> str:
+    """Name in small letters, without blanks and punctuation."""
+    return re.sub(r"[^a-z0-9]+", "", name.lower())
+
+
+class Columns:
+    """Columns of a table, by quantity.
+
+    Parameters
+    ----------
+    table : TextTable
+    named : dict, optional
+        Columns by the quantity that the campaign names: a title, or ``{ column, scale }``. With a
+        unit in the key (``thrust_lbf``), that of the column.
+    """
+
+    def __init__(self, table: TextTable, named: dict[str, Any] | None = None):
+        self.table, self.said = table, list[str]()
+        self.named: dict[str, tuple[str, float, str]] = {}
+        for key, value in (named or {}).items():
+            quantity, unit = split_unit(key)
+            entry = value if isinstance(value, dict) else {"column": value}
+            title, scale = entry.get("column"), entry.get("scale", 1.0)
+            if not isinstance(title, str) or not isinstance(scale, int | float):
+                raise FormatError(f"columns.{key}: must be a column, or {{ column, scale }}")
+            if title not in table.columns:
+                raise FormatError(
+                    f"columns.{key}: no column {shorten(title)}; {nearest(title, table.columns)}"
+                )
+            self.named[quantity] = (title, float(scale), unit)
+
+    def find(self, name: str, quantity: Quantity, default: str = "") -> np.ndarray | None:
+        """Values of a quantity in SI; None if the file has none.
+
+        Parameters
+        ----------
+        name : str
+            Of the quantity, in messages and in ``columns``.
+        quantity : Quantity
+        default : str
+            Unit of a column without one; without a default it is refused.
+
+        Returns
+        -------
+        ndarray (n,) or None
+
+        Raises
+        ------
+        FormatError
+            If two columns have the quantity, or its unit is missing or none of it.
+        """
+        scale = 1.0
+        if name in self.named:
+            title, scale, unit = self.named[name]
+            unit = unit or split_header(title, quantity.kind)[1]
+        else:
+            titles = []
+            for each in self.table.columns:
+                stem, unit = split_header(each, quantity.kind)
+                if plain(stem) in quantity.names:
+                    titles.append((each, unit))
+            if not titles:
+                return None
+            if len(titles) > 1:
+                both = " and ".join(each for each, _ in titles[:2])
+                raise FormatError(f"has two columns of {name}: {both}; choose by columns.{name}")
+            title, unit = titles[0]
+        values = scale * self.table.columns[title]
+        if not quantity.kind:
+            return values
+        return values_in_si(values, title, unit or default, quantity.kind)
+
+
+def values_in_si(values: np.ndarray, title: str, unit: str, kind: str) -> np.ndarray:
+    """Values of a column in SI. Raises FormatError if its unit is missing or none of the kind."""
+    units = UNITS[kind]
+    if kind == "temperature" and unit == "degC":
+        return values + _ZERO_CELSIUS
+    if unit not in units:
+        what = f"{unit!r} is no unit of {kind}" if unit else "has no unit"
+        example = f"{split_header(title, kind)[0]}_{next(iter(units))}"
+        raise FormatError(
+            f"column {shorten(title)}: {what}; name it as {example}, of {', '.join(units)}"
+        )
+    return values * units[unit]

@@ -1,0 +1,184 @@
+"""Aerodynamic decks as long tables, a row for each combination of Mach number and angles."""
+
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sepmc.formats.columns import Columns, Quantity, plain, split_header
+from sepmc.formats.text_table import FormatError, TextTable, read_table
+from sepmc.scene.model import COEFFICIENTS, DERIVATIVES
+
+_AXES = {
+    "mach": Quantity("", ("mach", "machnumber", "ma", "m")),
+    "alpha": Quantity("angle", ("alpha", "aoa", "alfa", "angleofattack")),
+    "beta": Quantity("angle", ("beta", "aos", "sideslip", "angleofsideslip")),
+}
+# titles that mean one coefficient by their capitals; in small letters cn and cl mean two
+_EXACT = {
+    "CA": "axial", "CX": "", "CN": "normal", "CY": "side", "Cl": "roll", "CLL": "roll",
+    "Cm": "pitch", "CM": "pitch", "Cn": "yaw", "CLN": "yaw", "CROLL": "roll", "CPITCH": "pitch",
+    "CYAW": "yaw", "CL": "lift", "CD": "drag", "CLM": "pitch",
+    "CMQ": "pitch_q", "Cmq": "pitch_q", "CLMQ": "pitch_q", "CNQ": "normal_q", "CAQ": "axial_q",
+    "CLLP": "roll_p", "Clp": "roll_p", "CLLR": "roll_r", "Clr": "roll_r",
+    "CLNP": "yaw_p", "Cnp": "yaw_p", "CLNR": "yaw_r", "Cnr": "yaw_r", "CYP": "side_p",
+    "CYR": "side_r", "CYp": "side_p", "CYr": "side_r",
+}  # fmt: skip
+_EXACT |= {f"C_{name[1:]}": meaning for name, meaning in _EXACT.items()}
+_SMALL = {
+    "ca": "axial", "cy": "side", "cm": "pitch", "cll": "roll", "cln": "yaw", "cmq": "pitch_q",
+    "clp": "roll_p", "cnr": "yaw_r", "cd": "drag",
+}  # fmt: skip
+_TWO_MEANINGS = {"cn": "CN (normal) or Cn (yaw)", "cl": "CL (lift) or Cl (roll)"}
+_CELLS = 100_000
+
+
+def read_deck(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Read an aerodynamic table of a campaign from a long table.
+
+    Parameters
+    ----------
+    path : Path
+    options : dict
+        ``columns`` by coefficient or axis.
+
+    Returns
+    -------
+    table : dict
+        Keys of ``[body.NAME.aerodynamics.table]``.
+    said : list of str
+
+    Raises
+    ------
+    FormatError
+    """
+    named = options.get("columns")
+    names = [str(x) for x in named] if isinstance(named, list) else None
+    return deck_of(read_table(path, names), named if isinstance(named, dict) else {})
+
+
+def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Aerodynamic table of the columns of a long table; see `read_deck`."""
+    columns = Columns(table, named)
+    axes = {}
+    for name, quantity in _AXES.items():
+        points = columns.find(name, quantity, "deg" if name != "mach" else "")
+        if points is not None:
+            axes[name] = points
+    if not axes:
+        raise FormatError(
+            "needs a column of mach, alpha_deg or beta_deg; has " + ", ".join(table.columns)
+        )
+    values = _coefficients(columns, axes)
+    if not values:
+        raise FormatError(
+            "has no coefficient, such as CA, CN, CY, Cl, Cm, Cn; has " + ", ".join(table.columns)
+        )
+    said = list(columns.said)
+    _from_lift(values, axes, said)
+    grid_axes, order = _grid(axes)
+    shape = [len(points) for points in grid_axes.values()]
+    tree: dict[str, Any] = {}
+    for name, points in grid_axes.items():
+        is_angle = name != "mach"
+        tree[f"{name}_deg" if is_angle else name] = [
+            float(f"{math.degrees(x):.12g}") if is_angle else float(x) for x in points
+        ]
+    for name in (*COEFFICIENTS, *DERIVATIVES):
+        if name in values:
+            tree[name] = values[name][order].reshape(shape).tolist()
+    rows = ", ".join(f"{len(points)} rows of {name}" for name, points in grid_axes.items())
+    coefficients = ", ".join(name for name in (*COEFFICIENTS, *DERIVATIVES) if name in values)
+    said.insert(0, f"{rows}; {coefficients}")
+    return tree, said
+
+
+def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns of the coefficients, by their keys, lift and drag."""
+    values: dict[str, np.ndarray] = {}
+    used = {title for title, _, _ in columns.named.values()}
+    for name, (title, scale, _) in columns.named.items():
+        if name in _AXES:
+            continue
+        if name not in (*COEFFICIENTS, *DERIVATIVES, "lift", "drag"):
+            raise FormatError(f"columns.{name}: no such coefficient")
+        values[name] = scale * columns.table.columns[title]
+    left = []
+    for title, numbers in columns.table.columns.items():
+        if title in used or any(
+            plain(split_header(title, q.kind)[0]) in q.names for q in _AXES.values()
+        ):
+            continue
+        bare = split_header(title, "")[0].strip()
+        if bare not in _EXACT and plain(bare) in _TWO_MEANINGS:
+            meanings = _TWO_MEANINGS[plain(bare)]
+            raise FormatError(f"column {title}: write {meanings}, or name it by columns")
+        name = _EXACT.get(bare, _SMALL.get(plain(bare), ""))
+        if bare in (*COEFFICIENTS, *DERIVATIVES):
+            name = bare
+        if not name:
+            left.append(title)
+        elif name in values:
+            raise FormatError(f"has two columns of {name}, {title} one of them")
+        else:
+            values[name] = numbers
+    if left:
+        columns.said.append(f"not read: {', '.join(left)}")
+    return values
+
+
+def _from_lift(values: dict[str, np.ndarray], axes: dict[str, np.ndarray], said: list[str]) -> None:
+    """Replace lift and drag by normal and axial force."""
+    lift, drag = values.pop("lift", None), values.pop("drag", None)
+    if lift is None and drag is None:
+        return
+    if "normal" in values and "axial" in values:
+        said.append("CL and CD not read: CN and CA are there")
+        return
+    if lift is None or drag is None or "alpha" not in axes:
+        raise FormatError("needs CL and CD together, over alpha, to make CN and CA of them")
+    if "beta" in axes and axes["beta"].any():
+        raise FormatError("CL and CD at a sideslip are of other axes; give CN and CA")
+    sine, cosine = np.sin(axes["alpha"]), np.cos(axes["alpha"])
+    values["normal"] = lift * cosine + drag * sine
+    values["axial"] = drag * cosine - lift * sine
+    said.append("CN = CL cos alpha + CD sin alpha, CA = CD cos alpha - CL sin alpha")
+
+
+def _grid(axes: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Points of each axis, and the row of each combination of them."""
+    points = {name: np.unique(values) for name, values in axes.items()}
+    shape = tuple(len(each) for each in points.values())
+    if math.prod(shape) > _CELLS:
+        raise FormatError(
+            f"has {' x '.join(map(str, shape))} combinations of {', '.join(points)}: is each "
+            "column what it is called?"
+        )
+    index = np.ravel_multi_index(
+        [np.searchsorted(points[name], axes[name]) for name in points], shape
+    )
+    order = np.full(math.prod(shape), -1)
+    for row, cell in enumerate(index):
+        if order[cell] >= 0:
+            where = _where(points, int(cell), shape)
+            raise FormatError(f"row {row + 1} after the header: {where} is there twice")
+        order[cell] = row
+    if (order < 0).any():
+        missing = int(np.argmin(order))
+        raise FormatError(
+            f"has no row for {_where(points, missing, shape)} "
+            f"({int((order < 0).sum())} of {len(order)} combinations are missing)"
+        )
+    return points, order
+
+
+def _where(points: dict[str, np.ndarray], cell: int, shape: tuple[int, ...]) -> str:
+    place = np.unravel_index(cell, shape)
+    return ", ".join(
+        f"{name} = {math.degrees(x):g} deg" if name != "mach" else f"{name} = {x:g}"
+        for name, x in zip(points, itertools.starmap(
+            lambda each, k: float(each[k]), zip(points.values(), place, strict=True)
+        ), strict=True)
+    )  # fmt: skip

@@ -1,0 +1,159 @@
+"""Files that a campaign names: read to tables of its tree, so that the tree is complete."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from sepmc.formats.decks import read_deck
+from sepmc.formats.soundings import read_air, read_wind
+from sepmc.formats.text_table import FormatError
+from sepmc.formats.thrust import read_thrust
+from sepmc.scene.messages import Problems, shorten
+from sepmc.scene.units import UNITS, split_unit
+
+_ENDINGS = (".csv", ".txt", ".dat", ".tsv", ".parquet")
+_IMPULSE = "total_impulse_"
+
+Tables = Iterator[tuple[str, dict[str, Any], str, dict[str, Any]]]
+Read = Callable[[Path, dict[str, Any]], tuple[dict[str, Any], list[str]]]
+
+
+def file_places(tree: dict[str, Any]) -> Tables:
+    """Tables of a campaign tree that name a file.
+
+    Parameters
+    ----------
+    tree : dict
+
+    Yields
+    ------
+    place : str
+        TOML path of the table.
+    table : dict
+        With the key ``file``.
+    kind : {"thrust", "deck", "wind", "air"}
+    owner : dict
+        Table that the table belongs to.
+    """
+    motors = tree.get("motor")
+    for number, motor in enumerate(motors if isinstance(motors, list) else ()):
+        if isinstance(motor, dict):
+            name = motor.get("name", number)
+            yield from _named(f"motor.{name}.profile", motor.get("profile"), "thrust", motor)
+    bodies = tree.get("body")
+    for name, body in bodies.items() if isinstance(bodies, dict) else ():
+        aero = body.get("aerodynamics") if isinstance(body, dict) else None
+        if isinstance(aero, dict):
+            yield from _named(f"body.{name}.aerodynamics.table", aero.get("table"), "deck", aero)
+    environment = tree.get("environment")
+    if isinstance(environment, dict):
+        yield from _named("environment.air", environment.get("air"), "air", environment)
+        wind = environment.get("wind")
+        if isinstance(wind, dict):
+            yield from _named("environment.wind.profile", wind.get("profile"), "wind", wind)
+
+
+def _named(place: str, table: Any, kind: str, owner: dict[str, Any]) -> Tables:
+    if isinstance(table, dict) and "file" in table:
+        yield place, table, kind, owner
+
+
+def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[str]:
+    """Replace the files that a campaign names by their tables, in place.
+
+    Parameters
+    ----------
+    tree : dict
+        Of a campaign file.
+    folder : Path
+        Folder that relative paths start from.
+    problems : Problems
+
+    Returns
+    -------
+    list of str
+        What was understood of each, with its place.
+    """
+    said: list[str] = []
+    for place, table, kind, owner in file_places(tree):
+        file = table.pop("file")
+        options: dict[str, Any] = {
+            key: table.pop(key) for key in ("columns", "engine") if key in table
+        }
+        if not isinstance(file, str) or not file:
+            problems.add(f"{place}.file", "must be the name of a file", file)
+            continue
+        path = folder / file
+        endings = (*_ENDINGS, *{"thrust": (".eng",)}.get(kind, ()))
+        if path.suffix.lower() not in endings:
+            problems.add(f"{place}.file", f"must end in {', '.join(endings)}", file)
+            continue
+        try:
+            if kind == "thrust":
+                sentences = _thrust(place, table, owner, path, options, problems)
+            else:
+                read: Read = {"deck": read_deck, "air": read_air, "wind": read_wind}[kind]
+                found, sentences = read(path, options)
+                _fill(place, table, found, problems)
+        except FormatError as error:
+            problems.add(f"{place}.file", str(error), file)
+            continue
+        said += [f"{place}: {shorten(file)}: {'; '.join(sentences)}"]
+    return said
+
+
+def _fill(place: str, table: dict[str, Any], found: dict[str, Any], problems: Problems) -> None:
+    """Put what a file gives into its table; keys that both give are refused."""
+    own = {split_unit(key)[0] for key in table}
+    for key, value in found.items():
+        if split_unit(key)[0] in own:
+            problems.add(f"{place}.{key}", "is given by the file too")
+        table[key] = value
+
+
+def _thrust(
+    place: str,
+    profile: dict[str, Any],
+    motor: dict[str, Any],
+    path: Path,
+    options: dict[str, Any],
+    problems: Problems,
+) -> list[str]:
+    """Fill the profile of a motor, and its thrust if it has none."""
+    curve = read_thrust(path, options)
+    said = curve.said
+    wanted = next((key for key in profile if key.startswith(_IMPULSE)), None)
+    factor = 1.0
+    if wanted is not None:
+        value, unit = profile.pop(wanted), wanted.removeprefix(_IMPULSE)
+        size = UNITS["force"].get(unit.removesuffix("_s"))
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if size is None or not unit.endswith("_s") or not is_number or not value > 0.0:
+            problems.add(f"{place}.{wanted}", "must be an impulse > 0, total_impulse_N_s", value)
+            return said
+        if curve.is_fraction or not curve.impulse > 0.0:
+            problems.add(f"{place}.{wanted}", "scales a curve of forces of a positive impulse")
+            return said
+        factor = value * size / curve.impulse
+        said.append(f"scaled by {factor:.6g} to an impulse of {value * size:.6g} N s")
+    for key in ("time", "fraction"):
+        if any(split_unit(each)[0] == key for each in profile):
+            problems.add(f"{place}.{key}", "is given by the file too")
+    thrust_key = next((key for key in motor if split_unit(key)[0] == "thrust"), None)
+    if curve.is_fraction:
+        fractions = curve.thrust
+    else:
+        full = max(map(abs, curve.thrust)) * factor
+        if thrust_key is None:
+            motor["thrust_N"] = full
+            said.append(f"thrust_N = {full:.6g}, its peak")
+        else:
+            given, unit = motor[thrust_key], split_unit(thrust_key)[1]
+            if isinstance(given, int | float) and given and unit in UNITS["force"]:
+                full = float(given) * UNITS["force"][unit]
+                said.append(f"fractions of {thrust_key} = {given:g}: the curve keeps its newtons")
+        if not full:
+            raise FormatError("has no thrust at all")
+        fractions = [f * factor / full for f in curve.thrust]
+    profile["time_s"], profile["fraction"] = curve.time, fractions
+    return said

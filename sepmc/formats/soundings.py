@@ -1,0 +1,191 @@
+"""Air and wind over height: tables with named columns, and soundings of fixed width."""
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sepmc.formats.columns import Columns, Quantity
+from sepmc.formats.text_table import FormatError, TextTable, number, parse_table, read_table
+from sepmc.formats.text_table import read_text as text_of
+
+_HEIGHT = ("altitude", "height", "alt", "z", "h", "geometricheight", "geometricaltitude")
+_GEOPOTENTIAL = ("geopotential", "hght", "hgt", "geopotentialheight", "geopotentialaltitude",
+                 "gph")  # fmt: skip
+_QUANTITIES = {
+    "altitude": Quantity("length", _HEIGHT),
+    "geopotential": Quantity("length", _GEOPOTENTIAL),
+    "density": Quantity("density", ("density", "rho", "dens", "airdensity")),
+    "pressure": Quantity("pressure", ("pressure", "pres", "p", "press")),
+    "temperature": Quantity("temperature", ("temperature", "temp", "t")),
+    "speed_of_sound": Quantity("speed", ("speedofsound", "soundspeed", "a", "cs")),
+    "speed": Quantity("speed", ("speed", "windspeed", "wspd", "sknt", "ws", "sped", "ff")),
+    "from": Quantity("angle", ("from", "windfrom", "drct", "wdir", "fromdirection", "dd",
+                               "directionfrom", "winddirectionfrom")),
+    "direction": Quantity("angle", ("direction", "to", "directionto", "windto")),
+    "along": Quantity("speed", ("along", "windalong", "windx")),
+    "across": Quantity("speed", ("across", "windacross", "windz")),
+}  # fmt: skip
+_DEFAULTS = {"from": "deg", "direction": "deg"}
+_WYOMING = re.compile(r"^\s*PRES\s+HGHT\s+TEMP\s+DWPT\s+RELH\s+MIXR\s+DRCT\s+SK?NT", re.MULTILINE)
+_WIDTH = 7  # of a column of a Wyoming sounding
+
+
+def read_air(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Read a table of air over height.
+
+    Parameters
+    ----------
+    path : Path
+    options : dict
+        ``columns`` by quantity.
+
+    Returns
+    -------
+    table : dict
+        Keys of ``[environment.air]``.
+    said : list of str
+
+    Raises
+    ------
+    FormatError
+    """
+    columns, said = _columns(path, options)
+    found = _find(
+        columns,
+        ("altitude", "geopotential", "density", "pressure", "temperature", "speed_of_sound"),
+    )
+    tree = _heights(found)
+    if "density" in found:
+        tree["density_kg_per_m3"] = found["density"].tolist()
+    elif "pressure" in found and "temperature" in found:
+        tree["pressure_Pa"] = found["pressure"].tolist()
+        tree["temperature_K"] = found["temperature"].tolist()
+    else:
+        raise FormatError(
+            "needs density, or pressure and temperature; has " + ", ".join(columns.table.columns)
+        )
+    if "speed_of_sound" in found:
+        tree["speed_of_sound_m_s"] = found["speed_of_sound"].tolist()
+    elif "density" in found and "temperature" in found:
+        said.append("the temperature is not read: it would give the speed of sound with pressure")
+    return _sorted(tree, said)
+
+
+def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Read a profile of the wind over height.
+
+    Parameters
+    ----------
+    path : Path
+    options : dict
+        ``columns`` by quantity.
+
+    Returns
+    -------
+    table : dict
+        Keys of ``[environment.wind.profile]``.
+    said : list of str
+
+    Raises
+    ------
+    FormatError
+    """
+    columns, said = _columns(path, options)
+    found = _find(
+        columns, ("altitude", "geopotential", "speed", "from", "direction", "along", "across")
+    )
+    tree = _heights(found)
+    if "along" in found and "across" in found:
+        tree["speed_m_s"] = np.hypot(found["along"], found["across"]).tolist()
+        tree["direction_deg"] = np.degrees(np.arctan2(found["across"], found["along"])).tolist()
+    elif "speed" in found and ("from" in found) != ("direction" in found):
+        key = "from" if "from" in found else "direction"
+        tree["speed_m_s"] = found["speed"].tolist()
+        tree[f"{key}_deg"] = [float(f"{math.degrees(x):.12g}") for x in found[key]]
+        if key == "direction":
+            said.append("direction taken as where the air moves to, 0 along ground x")
+    else:
+        raise FormatError(
+            "needs speed and from_deg (by compass) or direction_deg (to, from ground x), or along "
+            "and across; has " + ", ".join(columns.table.columns)
+        )
+    return _sorted(tree, said)
+
+
+def _columns(path: Path, options: dict[str, Any]) -> tuple[Columns, list[str]]:
+    named = options.get("columns")
+    if path.suffix.lower() != ".parquet":
+        text = text_of(path)
+        if match := _WYOMING.search(text):
+            table, left = _wyoming(text[match.start() :])
+            said = ["a sounding of fixed width: PRES HGHT TEMP ... DRCT SKNT"]
+            if left:
+                said.append(f"{left} rows without all of the values are not read")
+            return Columns(table), said
+        names = [str(x) for x in named] if isinstance(named, list) else None
+        table = parse_table(text, names)
+    else:
+        table = read_table(path)
+    return Columns(table, named if isinstance(named, dict) else None), []
+
+
+def _wyoming(text: str) -> tuple[TextTable, int]:
+    """Sounding as the University of Wyoming gives it: columns of seven characters, blank where
+    nothing was measured. Rows with pressure, height, temperature, direction and speed are read."""
+    names = ("PRES", "HGHT", "TEMP", "DWPT", "RELH", "MIXR", "DRCT", "SKNT")
+    needed = (0, 1, 2, 6, 7)
+    lines = text.splitlines()
+    is_knots = "SKNT" in lines[0]
+    rows, left = list[list[float]](), 0
+    for line in lines[1:]:
+        cells = [line[k * _WIDTH : (k + 1) * _WIDTH].strip() for k in range(len(names))]
+        if not cells[0]:
+            continue
+        try:
+            values = [number(cells[k]) for k in needed]
+        except ValueError:
+            if rows and not re.fullmatch(r"[-+.\d\s]*", line):
+                break
+            left += bool(re.fullmatch(r"[-+.\d\s]+", line))
+            continue
+        rows.append(values)
+    if len(rows) < 2:
+        raise FormatError("has fewer than two rows with pressure, height, temperature and wind")
+    table = np.array(rows).T
+    titles = ("PRES (hPa)", "HGHT (m)", "TEMP (degC)", "DRCT (deg)",
+              "SKNT (kn)" if is_knots else "SPED (m/s)")  # fmt: skip
+    return TextTable(dict(zip(titles, table, strict=True)), (), "fixed width"), left
+
+
+def _find(columns: Columns, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    found = {}
+    for name in names:
+        values = columns.find(name, _QUANTITIES[name], _DEFAULTS.get(name, ""))
+        if values is not None:
+            found[name] = values
+    return found
+
+
+def _heights(found: dict[str, np.ndarray]) -> dict[str, Any]:
+    if "altitude" in found:
+        return {"altitude_m": found["altitude"].tolist()}
+    if "geopotential" in found:
+        return {"geopotential_m": found["geopotential"].tolist()}
+    raise FormatError("needs a column of altitude, such as altitude_m, or of geopotential height")
+
+
+def _sorted(tree: dict[str, Any], said: list[str]) -> tuple[dict[str, Any], list[str]]:
+    """Rows by rising height; a height that is there twice is refused."""
+    key = next(iter(tree))
+    heights = np.array(tree[key])
+    order = np.argsort(heights, kind="stable")
+    if (np.diff(heights[order]) == 0.0).any():
+        twice = heights[order][int(np.argmin(np.diff(heights[order])))]
+        raise FormatError(f"has two rows at the height {twice:g} m")
+    if (order != np.arange(len(order))).any():
+        said.append("rows sorted by height")
+    said.insert(0, f"{len(heights)} rows, {heights.min():g} to {heights.max():g} m")
+    return {name: np.array(values)[order].tolist() for name, values in tree.items()}, said

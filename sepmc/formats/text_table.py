@@ -1,0 +1,251 @@
+"""Tables in text and Parquet files: separator, header, units, comments; refused with line and
+reason."""
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sepmc.scene.limits import read_limited
+from sepmc.scene.messages import printable, shorten
+
+FILE_BYTES = 4_000_000  # of a file: what it contains becomes a part of the campaign
+_NUMBERS = 1_000_000  # of a Parquet file, which may unpack to any number
+_COMMENTS = ("#", "%", "//", "!")
+_SEPARATORS = (";", "\t", ",", " ")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_NAMES = {",": "comma", ";": "semicolon", "\t": "tab", " ": "blank"}
+
+
+class FormatError(Exception):
+    """A file that cannot be read; the argument is the reason, with the line."""
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Columns of numbers of a file.
+
+    Attributes
+    ----------
+    columns : dict of ndarray (n,)
+        By name, in the order of the file.
+    comments : tuple of str
+        Texts of the comment lines.
+    separator : str
+        In words.
+    """
+
+    columns: dict[str, np.ndarray]
+    comments: tuple[str, ...] = ()
+    separator: str = ""
+
+
+def read_bytes(path: Path) -> bytes:
+    """Bytes of a regular file of at most `FILE_BYTES`. Raises FormatError."""
+    try:
+        return read_limited(path, FILE_BYTES)
+    except FileNotFoundError:
+        raise FormatError("no such file") from None
+    except OSError as error:
+        raise FormatError(f"cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise FormatError(str(error)) from None
+
+
+def read_text(path: Path) -> str:
+    """Text of a file, in UTF-8 or else Latin-1. Raises FormatError."""
+    data = read_bytes(path)
+    if b"\0" in data:
+        raise FormatError("is no text: it has zero bytes")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def read_table(path: Path, names: list[str] | None = None) -> TextTable:
+    """Read a table from a text or Parquet file.
+
+    Parameters
+    ----------
+    path : Path
+    names : list of str, optional
+        Names of the columns of a text file without a header.
+
+    Returns
+    -------
+    TextTable
+
+    Raises
+    ------
+    FormatError
+    """
+    if path.suffix.lower() == ".parquet":
+        return _read_parquet(path)
+    return parse_table(read_text(path), names)
+
+
+def parse_table(text: str, names: list[str] | None = None) -> TextTable:
+    """Read a table from the lines of a text; see `read_table`.
+
+    Lines that begin with ``#``, ``%``, ``!`` or ``//`` are comments, blank lines are skipped. The
+    separator is a semicolon, tab, comma or blanks: the first that the first line of numbers has.
+    The last line of text before it is the header; a line of units may follow.
+
+    Parameters
+    ----------
+    text : str
+    names : list of str, optional
+
+    Returns
+    -------
+    TextTable
+
+    Raises
+    ------
+    FormatError
+    """
+    comments, lines = [], []
+    for number, line in enumerate(text.splitlines(), 1):
+        stripped = line.strip(" \r\n\ufeff")
+        if stripped.startswith(_COMMENTS):
+            comments.append(stripped.lstrip("#%!/ "))
+        elif stripped.strip("\t;,"):
+            lines.append((number, stripped))
+    if not lines:
+        raise FormatError("has no rows")
+    separator, first = _first_row(lines)
+    rows = [(number, _cells(line, separator)) for number, line in lines[first:]]
+    header = names or _header(lines[:first], separator)
+    if not header:
+        raise FormatError(
+            f"line {rows[0][0]}: has no header; give the names of its {len(rows[0][1])} columns as "
+            'columns = ["time_s", "thrust_N"]'
+        )
+    return TextTable(_numbers(header, rows, separator), tuple(comments), _NAMES[separator])
+
+
+def _first_row(lines: list[tuple[int, str]]) -> tuple[str, int]:
+    """Separator, and index of the first line of numbers."""
+    for index, (line_number, line) in enumerate(lines):
+        for separator in _SEPARATORS:
+            cells = [cell for cell in _cells(line, separator) if cell]
+            if len(cells) < 2 or not all(map(_is_number_or_comma, cells)):
+                continue
+            comma = next((cell for cell in cells if not _is_number(cell)), None)
+            if comma is not None:
+                raise FormatError(
+                    f"line {line_number}: {comma} has a decimal comma; write it with a point, "
+                    f"{comma.replace(',', '.')}"
+                )
+            return separator, index
+    line_number, line = lines[min(1, len(lines) - 1)]
+    raise FormatError(
+        f"line {line_number}: is no line of numbers, such as 0.1, 25.0: {shorten(line)}"
+    )
+
+
+def _is_number_or_comma(cell: str) -> bool:
+    return _is_number(cell) or _DECIMAL_COMMA.fullmatch(cell) is not None
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    return [cell.strip().strip("\"'").strip() for cell in line.split(separator)]
+
+
+def _is_number(cell: str) -> bool:
+    return _NUMBER.fullmatch(cell) is not None
+
+
+def number(cell: str) -> float:
+    """Number of a cell; exponents may be written with d, as Fortran does."""
+    return float(cell.lower().replace("d", "e"))
+
+
+def _header(lines: list[tuple[int, str]], separator: str) -> list[str]:
+    """Names of the columns: the last line before the numbers, with a line of units after it."""
+    if not lines:
+        return []
+    cells = _cells(lines[-1][1], separator)
+    if len(lines) > 1 and all(_is_unit(cell) for cell in cells) and any(cells):
+        above = _cells(lines[-2][1], separator)
+        if len(above) == len(cells):
+            return [f"{a} ({u.strip('()[]')})" if u else a for a, u in zip(above, cells)]  # noqa: B905
+    return cells
+
+
+_UNITS = re.compile(r"[(\[]?(-|1|[A-Za-z°%]{1,4}([/_^*. ]?[A-Za-z]{1,4})?[23²³]?)[)\]]?")
+_NO_UNITS = frozenset(["time", "mach", "ca", "cn", "cy", "cm", "cl", "cd", "cll", "cln", "alt"])
+
+
+def _is_unit(cell: str) -> bool:
+    bare = cell.strip("()[]").lower()
+    return not cell or (_UNITS.fullmatch(cell) is not None and bare not in _NO_UNITS)
+
+
+def _numbers(
+    header: list[str], rows: list[tuple[int, list[str]]], separator: str
+) -> dict[str, np.ndarray]:
+    """Columns of numbers (n,) by name."""
+    while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
+                                            for _, row in rows):  # fmt: skip
+        header = header[:-1]  # a separator at the end of each line
+    for name, count in Counter(name for name in header if name).items():
+        if count > 1:
+            raise FormatError(f"has the column {shorten(name)} twice")
+        if not printable(name, 100) == name:
+            raise FormatError(f"has a column of another name than text: {printable(name, 60)}")
+    values = np.empty((len(rows), len(header)))
+    for k, (line, row) in enumerate(rows):
+        cells = row[: len(header)] if not any(row[len(header) :]) else row
+        if len(cells) != len(header):
+            raise FormatError(
+                f"line {line}: has {len(cells)} values, the header {len(header)} "
+                f"({_NAMES[separator]} between them)"
+            )
+        for i, cell in enumerate(cells):
+            if not cell:
+                raise FormatError(f"line {line}: column {header[i] or i + 1} is blank")
+            if not _is_number(cell):
+                reason = "has a decimal comma" if _DECIMAL_COMMA.fullmatch(cell) else "is no number"
+                raise FormatError(f"line {line}: {shorten(cell)} {reason}")
+            values[k, i] = number(cell)
+            if not np.isfinite(values[k, i]):
+                raise FormatError(f"line {line}: {shorten(cell)} is not finite")
+    return {name: values[:, i] for i, name in enumerate(header) if name}
+
+
+def _read_parquet(path: Path) -> TextTable:
+    import pyarrow as pa  # noqa: PLC0415  (that text files do not need)
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    read_bytes(path)
+    try:
+        with pq.ParquetFile(path) as file:
+            groups, metadata = file.metadata.num_row_groups, file.metadata
+            rows = sum(metadata.row_group(k).num_rows for k in range(groups))
+            if max(rows, metadata.num_rows) * max(1, metadata.num_columns) > _NUMBERS:
+                raise FormatError(
+                    f"has {rows:,} rows of {metadata.num_columns:,} columns: too many"
+                )
+            table = file.read()
+    except (OSError, ValueError, pa.ArrowException) as error:
+        reason = printable(str(error).partition("\n")[0])
+        raise FormatError(f"cannot be read as Parquet: {reason}") from None
+    if not table.num_rows:
+        raise FormatError("has no rows")
+    columns = {}
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
+            continue
+        values = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+        if not np.isfinite(values).all():
+            row = int(np.argmin(np.isfinite(values)))
+            raise FormatError(f"row {row}: column {shorten(name)} is no number")
+        columns[name] = values
+    return TextTable(columns, (), "Parquet")

@@ -1,0 +1,201 @@
+"""Thrust curves: RASP files (``.eng``) and tables of time and thrust."""
+
+import contextlib
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sepmc.formats.columns import Columns, Quantity
+from sepmc.formats.text_table import FormatError, number, read_table, read_text
+from sepmc.scene.messages import nearest, shorten
+
+_TIME = Quantity("time", ("time", "t", "times", "burntime"))
+_THRUST = Quantity("force", ("thrust", "force", "f", "fx", "thrustforce"))
+_FRACTION = Quantity("", ("fraction", "level", "relative", "thrustfraction"))
+_HEADER = 7  # fields of the first line of an engine
+
+
+@dataclass
+class ThrustCurve:
+    """Thrust over time since ignition, linear between the rows.
+
+    Attributes
+    ----------
+    time : list of float
+        s, rising strictly.
+    thrust : list of float
+        N, or fractions of a thrust.
+    is_fraction : bool
+    said : list of str
+        What was understood.
+    """
+
+    time: list[float]
+    thrust: list[float]
+    is_fraction: bool = False
+    said: list[str] = field(default_factory=list)
+
+    @property
+    def impulse(self) -> float:
+        """Total impulse, N s (or s, of fractions)."""
+        return float(np.trapezoid(self.thrust, self.time))
+
+
+def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
+    """Read a thrust curve.
+
+    Parameters
+    ----------
+    path : Path
+        ``.eng``, or a table in text or Parquet.
+    options : dict
+        ``columns`` of a table; ``engine``, the name of one of several in a ``.eng``.
+
+    Returns
+    -------
+    ThrustCurve
+
+    Raises
+    ------
+    FormatError
+    """
+    if path.suffix.lower() == ".eng":
+        return parse_eng(read_text(path), options.get("engine"))
+    named = options.get("columns")
+    names = [str(x) for x in named] if isinstance(named, list) else None
+    columns = Columns(read_table(path, names), named if isinstance(named, dict) else None)
+    time = columns.find("time", _TIME, "")
+    fraction, thrust = columns.find("fraction", _FRACTION), columns.find("thrust", _THRUST)
+    if time is None or (fraction is None) == (thrust is None):
+        raise FormatError(
+            "needs a column of time and one of thrust or fraction, such as time_s and thrust_N; "
+            f"has {', '.join(columns.table.columns)}"
+        )
+    values = thrust if thrust is not None else fraction
+    assert values is not None
+    curve = _curve(list(zip(time.tolist(), values.tolist(), strict=True)), "row", range(len(time)))
+    curve.is_fraction = thrust is None
+    what = "fractions of thrust_N" if curve.is_fraction else "N"
+    curve.said.insert(0, f"{len(curve.time)} rows in {what}, linear between them")
+    return curve
+
+
+def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
+    """Read an engine of a RASP file.
+
+    The first row is reached from (0, 0); two rows at one time are a step; comments begin with
+    ``;``.
+
+    Parameters
+    ----------
+    text : str
+    engine : str, optional
+        Its name; needed if the file has several.
+
+    Returns
+    -------
+    ThrustCurve
+
+    Raises
+    ------
+    FormatError
+    """
+    engines = _engines(text)
+    names = [header[0] for _, header, _ in engines]
+    if not engines:
+        raise FormatError("has no engine: a line of name, diameter, length, delays and masses")
+    if engine is None and len(engines) > 1:
+        listed = ", ".join(names[:8])
+        raise FormatError(f'has {len(engines)} engines; choose one by engine = "NAME": {listed}')
+    if engine is not None and engine not in names:
+        raise FormatError(f"has no engine {shorten(engine)}; {nearest(str(engine), names)}")
+    line, header, rows = engines[names.index(engine) if engine is not None else 0]
+    if not rows:
+        raise FormatError(f"line {line}: engine {header[0]} has no rows of time and thrust")
+    points = [(t, f) for _, t, f in rows]
+    numbers = [n for n, _, _ in rows]
+    said = [f"engine {header[0]} of {header[6]}" if len(header) > 6 else f"engine {header[0]}"]
+    if points[0][0] > 0.0:
+        points.insert(0, (0.0, 0.0))
+        numbers.insert(0, numbers[0])
+        said.append("the thrust rises from 0 at the ignition to the first row, as RASP means it")
+    curve = _curve(points, "line", numbers)
+    peak = max(curve.thrust)
+    said.append(f"{len(curve.time)} rows, peak {peak:.6g} N, impulse {curve.impulse:.6g} N s")
+    with contextlib.suppress(ValueError, IndexError):
+        said.append(
+            f"its propellant, {number(header[4]):.6g} kg of {number(header[5]):.6g} kg, is taken "
+            "from no body: masses are constant"
+        )
+    curve.said = said + curve.said
+    return curve
+
+
+def _engines(text: str) -> list[tuple[int, list[str], list[tuple[int, float, float]]]]:
+    """Engines of a RASP file: line and fields of the header, and rows of line, time and thrust."""
+    engines: list[tuple[int, list[str], list[tuple[int, float, float]]]] = []
+    ended = True
+    for n, line in enumerate(text.splitlines(), 1):
+        cells = line.split(";")[0].split()
+        if not cells:
+            ended = ended or (line.strip().startswith(";") and bool(engines and engines[-1][2]))
+            continue
+        pair = _pair(cells)
+        if pair is None:
+            if not ended and engines[-1][2] and len(cells) < _HEADER - 1:
+                raise FormatError(f"line {n}: {shorten(line.strip())} is no row of time and thrust")
+            if len(cells) < _HEADER - 1:
+                raise FormatError(
+                    f"line {n}: {shorten(line.strip())} is no header: name, diameter, length, "
+                    "delays, propellant mass, mass, manufacturer"
+                )
+            engines.append((n, cells, []))
+            ended = False
+        elif not engines:
+            raise FormatError(f"line {n}: a row of time and thrust before the header of an engine")
+        else:
+            engines[-1][2].append((n, *pair))
+    return engines
+
+
+def _pair(cells: list[str]) -> tuple[float, float] | None:
+    if len(cells) != 2:
+        return None
+    try:
+        time, thrust = (number(cell) for cell in cells)
+    except ValueError:
+        return None
+    return (time, thrust) if math.isfinite(time) and math.isfinite(thrust) else None
+
+
+def _curve(points: list[tuple[float, float]], what: str, numbers: Any) -> ThrustCurve:
+    """Curve through points, of which several at one time are a step. Raises FormatError if a time
+    is earlier than the one before it, or below zero."""
+    times: list[float] = []
+    thrusts: list[float] = []
+    steps = list[float]()
+    for (time, thrust), n in zip(points, numbers, strict=True):
+        if time < 0.0:
+            raise FormatError(f"{what} {n}: the time {time:g} s is before the ignition")
+        if times and steps and times[-1] == math.nextafter(time, math.inf) and steps[-1] == time:
+            thrusts[-1] = thrust  # a third row at one time: the last counts
+        elif times and time == times[-1]:
+            steps.append(time)
+            times.append(math.nextafter(time, math.inf))
+            thrusts.append(thrust)
+        elif times and time < times[-1]:
+            raise FormatError(f"{what} {n}: the time {time:g} s is before that of the row above")
+        else:
+            times.append(time)
+            thrusts.append(thrust)
+    if len(times) < 2:
+        raise FormatError("has fewer than two rows")
+    said = []
+    if steps:
+        said.append(f"a step at {', '.join(f'{t:g} s' for t in steps[:4])}: two rows at one time")
+    if thrusts[-1] != 0.0:
+        said.append(f"the thrust ends at {thrusts[-1]:g}, not 0, at {times[-1]:g} s")
+    return ThrustCurve(times, thrusts, False, said)

@@ -1,0 +1,61 @@
+"""Files that a campaign names: they lie beside it, or in a folder there."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Protocol
+
+from sepmc.scene.messages import Problems, SceneError, shorten
+from sepmc.wording import setting
+
+
+class FileReader(Protocol):
+    """Reads the files that the tables of a campaign name."""
+
+    def __call__(self, tree: dict[str, Any], folder: Path, problems: Problems) -> list[str]:
+        """Replace them by their contents in ``tree``; return what was understood of each."""
+
+
+def check_paths(tree: dict[str, Any], path: Path) -> None:
+    """Reject files outside the folder of the campaign file, which may be untrusted.
+
+    Parameters
+    ----------
+    tree : dict
+        Of the campaign file.
+    path : Path
+        Of that file.
+
+    Raises
+    ------
+    SceneError
+    """
+    folder = path.parent.resolve()
+    for key_path, file in _paths(tree):
+        try:
+            is_beside = (folder / file).resolve().is_relative_to(folder)
+        except (OSError, ValueError, RuntimeError):  # a loop of links, no valid file name
+            is_beside = False
+        if not is_beside:
+            reason = "must lie beside the campaign, or in a folder there"
+            any_other = f"{setting(key_path, 'PATH')} takes any"
+            raise SceneError([f"{path.name}: {key_path} = {shorten(file)}: {reason}; {any_other}"])
+
+
+def _paths(tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """TOML paths and values of the keys that name files."""
+    stack: list[tuple[str, Any]] = [("", tree)]
+    while stack:
+        place, node = stack.pop()
+        if isinstance(node, list):
+            names = (
+                item.get("name", k) if isinstance(item, dict) else k for k, item in enumerate(node)
+            )
+            stack += [(f"{place}.{name}", item) for name, item in zip(names, node, strict=True)]
+        elif isinstance(node, dict):
+            for key, value in node.items():
+                key_path = f"{place}.{key}".lstrip(".")
+                names_file = key == "file" or key_path == "run.samples"
+                if names_file and isinstance(value, str) and value.isprintable():
+                    yield key_path, value
+                else:
+                    stack.append((key_path, value))
