@@ -140,6 +140,10 @@ class Campaign(Definition):
         A parameter that a scenario sets is constant in it; all others are dispersed as in the
         campaign, with the same random numbers.
 
+        Returns
+        -------
+        dict of str to Campaign
+
         Raises
         ------
         SceneError
