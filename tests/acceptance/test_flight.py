@@ -272,6 +272,7 @@ def test_release_at_the_end_of_a_step(pair, ulps):
     assert_allclose(result["outcomes"]["release_time_s"], 0.1, rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_table2_against_the_oracle(table2, quiet, sample, measure):
     """8 cases by Lagrange's equations and scipy: every outcome to 1e-8, at a usual step and at the
     default accuracy, reactions just before release to 1e-8 of their magnitude. Measured: 5e-11 and
@@ -443,6 +444,7 @@ def test_leaving_the_atmosphere(quiet, start, locked):
     assert math.isnan(result["outcomes"]["upper_omega_z_deg_s"])
 
 
+@pytest.mark.slow
 def test_a_step_too_long_is_told(quiet):
     """A pitch rate that the aerodynamics make explode: never a number that looks like an answer."""
     tree = {key: value for key, value in quiet.file.tree.items() if key != "dispersion"}

@@ -356,6 +356,7 @@ def test_a_fault_beyond_the_time_limit_stays_a_fault(monkeypatch, decided, rows)
     assert requests == [(False, 1.0), (True, workers.COMPILED_LIMIT_S)]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no copies of processes")
 def test_a_fork_ends_with_its_parent():
     """A fork in a long run ends with its parent."""

@@ -293,6 +293,7 @@ def test_command(runs, tmp_path):
     assert call("compare", runs / "light", tmp_path).exit_code == 2
 
 
+@pytest.mark.slow
 def test_rows_that_were_resumed_or_kept(runs, tmp_path):
     """A run in parts of which one was flown again, out of order, is compared as one that was left
     alone; of a run that keeps rows of some cases no others are made up."""

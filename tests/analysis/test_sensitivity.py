@@ -349,6 +349,7 @@ def test_groups_of_a_saltelli_design():
     assert size_fault(Sampling("random", 99), 3) == ""
 
 
+@pytest.mark.slow
 def test_through_a_run_folder(tmp_path):
     """Python and the command tell the same of a run whose cases partly are never released, and
     partly violate a requirement."""

@@ -262,6 +262,7 @@ def test_a_plan_meets_correlations(file, tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_until_a_statistic_is_known(file, tmp_path, monkeypatch):
     """A campaign ends with the first 64, 128, ... cases (2,048 and so on as it comes) whose
     interval is narrow enough, as the first cases of the whole, and says so."""

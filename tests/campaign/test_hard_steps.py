@@ -14,6 +14,8 @@ from sepmc.campaign.execution import step_selection
 from sepmc.campaign.execution.accuracy import SAFETY, decisive, errors
 from sepmc.schema import Status
 
+pytestmark = pytest.mark.slow  # a kernel for each scene
+
 
 def test_bodies_that_turn_far_in_a_step():
     """In the eight steps that first tell how far outcomes spread no case can be vouched for: then
@@ -77,7 +79,6 @@ REEL = {
 
 
 @pytest.mark.parametrize("settings", [{}, {"solver.step_s": 5e-4}], ids=["settled", "given"])
-@pytest.mark.slow
 def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
     """A spring of constant force along a line that shrinks to nothing in one case of a thousand:
     such are seen and settled, or told."""

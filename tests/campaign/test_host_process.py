@@ -166,6 +166,7 @@ assert forked(lambda: print(campaign.run(cases=2, threads=1).notes)) == 0
     assert out == "[]\n"
 
 
+@pytest.mark.slow
 @needs_fork
 def test_a_forked_child_leaves_the_compilers_of_its_parent(tmp_path):
     """It neither ends them as it ends, nor writes into their pipes, and starts its own."""

@@ -199,6 +199,7 @@ def test_requirement_on_the_end_of_a_stroke(file, expected):
     assert row["max"] <= 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [{"stats_only": True}, {"keep": "every:10"}, {}])
 def test_however_it_is_flown(file, expected, tmp_path, how):
     """Statistics only, some rows kept, in memory: the same counts in the notes of the result."""

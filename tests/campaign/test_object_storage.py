@@ -59,6 +59,7 @@ def call(*arguments):
     return CliRunner().invoke(app.main, [str(one) for one in arguments])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [("stats",), ("doctor",), ("campaign", "table2.toml", "--out")])
 def test_storage_that_is_not_reached_is_told(monkeypatch, words):
     """By a process of its own: a client keeps the address it was made with."""
@@ -71,6 +72,7 @@ def test_storage_that_is_not_reached_is_told(monkeypatch, words):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_the_same_rows(campaign, alone):
     result = campaign.run(cases=CASES, out=as_path("s3://bucket/one"))
     same(result.folder, alone.folder)

@@ -28,6 +28,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of process groups")
 def test_an_interruption_while_they_start(tmp_path):
     """Ctrl-C reaches the whole group: who asked says so once, and those that have just been started

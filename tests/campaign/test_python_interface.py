@@ -150,6 +150,7 @@ def test_nominal(campaign):
             assert outcomes[name] == pytest.approx(row[name], rel=2e-9, abs=1e-12), name
 
 
+@pytest.mark.slow
 def test_a_case_alone_at_a_given_step_is_its_row(campaign):
     """Within the error that the run tells: its first steps may be divided otherwise."""
     given = campaign.with_settings({"solver.step_s": 0.05})
@@ -300,6 +301,7 @@ APART = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [{}, {"joint.pins.apart": 1}, {"spring": [PUSHED["spring"][0] | {"axis": [-1.0, 0.0, 0.0]}]}],

@@ -269,6 +269,7 @@ def with_load():
     return Campaign(parse_campaign(tree, "pushed"))
 
 
+@pytest.mark.slow
 def test_loads_that_end_before_they_start_are_those_of_the_design(monkeypatch):
     campaign = with_load()
     session = campaign.session({"load.push.end_s": (0.45, 1.5)})

@@ -137,6 +137,7 @@ def test_a_single_run_is_as_accurate_as_asked(table2, accuracy):
         assert result["outcomes"][name] == pytest.approx(fine["outcomes"][name], rel=accuracy)
 
 
+@pytest.mark.slow
 def test_no_gust_is_jumped_over(pair):
     """Steps pass four rows of a wind profile at most: a gust of a millisecond, between the nodes of
     usual first steps, turns the body."""

@@ -78,8 +78,11 @@ def told(folder, name):
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"solver.formulation": "full"}, {"solver.step_s": 0.02}],
-    ids=["reduced", "full", "step"],
+    [
+        pytest.param({}, id="reduced"),
+        pytest.param({"solver.formulation": "full"}, id="full", marks=pytest.mark.slow),
+        pytest.param({"solver.step_s": 0.02}, id="step"),
+    ],
 )
 def test_a_run_tells_its_error(table2, settings, tmp_path):
     """In the result, the manifest and the statistics: what was asked for, what was achieved over
@@ -211,6 +214,7 @@ def test_the_error_of_failed_cases_does_not_count(table2):
     assert np.isfinite(result.accuracy.worst[1])
 
 
+@pytest.mark.slow
 def test_outcomes_of_round_off_alone(table2):
     """A joint that stays shut: its separation is zero but for round-off, and the pilot is not put
     off by that."""

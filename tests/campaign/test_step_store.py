@@ -136,6 +136,7 @@ def reordered(tree, table):
     return {k: dict(reversed(v.items())) if k == table else v for k, v in tree.items()}
 
 
+@pytest.mark.slow
 def test_order_of_a_file_selects_again(quiet):
     """Parameters and columns have the order of the file."""
     select_steps(quiet)

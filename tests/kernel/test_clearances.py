@@ -80,6 +80,7 @@ def shapes(seed, count=40):
         yield parts
 
 
+@pytest.mark.slow
 def test_the_geometry_agrees_on_solids():
     """A gap as wide as the distance lies between them, which proves it."""
     for parts in shapes(3):

@@ -143,6 +143,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_stroke_ends_as_the_independent_simulation(pair, name):
     """Every column, among them a spring that pushes nothing and ends nowhere."""
@@ -271,6 +272,7 @@ PARTIAL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARTIAL)
 def test_partial_releases_as_the_independent_simulation(pair, name):
     """Every column of a single case, among them the expected times."""
@@ -283,6 +285,7 @@ def test_partial_releases_as_the_independent_simulation(pair, name):
         assert_allclose(outcomes[column], time, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["late", "free before", "to the looser kind first"])
 def test_partial_releases_of_rows(pair, plainly, name):
     """A kernel without a history writes the same times."""

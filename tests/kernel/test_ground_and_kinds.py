@@ -108,6 +108,7 @@ def test_at_rest_the_joint_carries_the_weight(kind, joint, formulation):
     assert_allclose(history["bob_y_m"], 0.0, rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bodies", [("ground", "bob"), ("bob", "ground")])
 @pytest.mark.parametrize("kind", ["revolute", "custom", "loose"])
 def test_pendulum(kind, bodies):
@@ -460,6 +461,7 @@ def test_every_custom_kind(pair, rotations):
         same_motion(flown(campaign.with_settings({"solver.formulation": "full"}), 0.02), history)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", HELD)
 def test_custom_kinds_that_are_common(pair, kind):
     """A custom kind with the rows of a common one has the same bits."""

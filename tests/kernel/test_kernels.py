@@ -435,6 +435,7 @@ def test_draws_that_are_no_numbers(quiet):
     assert (status[len(hit) :] == Status.OK).all()
 
 
+@pytest.mark.slow
 def test_beyond_the_atmosphere(quiet):
     drawn = draws(quiet, 40)
     height = [d.parameter.path for d in quiet.file.dispersions].index("initial.altitude")

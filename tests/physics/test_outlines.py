@@ -97,6 +97,7 @@ def check(a, b, close=CLOSE, result=None):
     return distance
 
 
+@pytest.mark.slow
 def test_distance_is_proved_on_random_pairs():
     distances = [check(a, b) for a, b in some_pairs(400, seed=5)]
     assert 0.05 < np.mean(np.array(distances) == 0.0) < 0.5

@@ -14,7 +14,8 @@ LINE = Stress("input", "quantity", 1e-12, Bound(1e-10, "reason"), "ok")
 
 SLOW = (
     *("hour", "light_link", "long_steps", "grazing", "peak_loads", "step_lengths"),
-    *("angle_limits", "unresolved", "two_balls"),
+    *("angle_limits", "unresolved", "two_balls", "four_bar", "short_rods", "hidden", "absurd"),
+    *("angles_at_long_steps", "not_finite", "resolved_spins", "proximity", "spent_springs"),
 )
 
 
