@@ -22,6 +22,7 @@ from sepmc.cli.run import run
 from sepmc.cli.sample import sample
 from sepmc.cli.scenarios import scenarios
 from sepmc.cli.sensitivity import sensitivity
+from sepmc.cli.size import size
 from sepmc.cli.stats import stats
 from sepmc.cli.template import list_campaigns, template
 from sepmc.cli.verify import stress, verify
@@ -89,6 +90,7 @@ for _command in (
     fit,
     compare,
     map_,
+    size,
     scenarios,
     report,
     template,

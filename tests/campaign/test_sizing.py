@@ -1,0 +1,126 @@
+"""Sizing: the cheapest design that passes, judged on cases that did not choose it."""
+
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from support.sizing_problem import FORCE, SPEED, campaign, risk
+
+from sepmc.analysis.proportions import allowed_violations, binomial_cdf
+from sepmc.campaign.sizing import (
+    MAX_TRIES,
+    VERDICT_CASES,
+    Variable,
+    accepted_violations,
+    parse_variable,
+    size,
+)
+from sepmc.cli.app import main
+from sepmc.scene.messages import InputError
+
+
+@pytest.fixture(scope="module")
+def sized():
+    return size(campaign(), [FORCE], "2 * push", cases=500)
+
+
+@pytest.mark.slow
+def test_the_optimum_is_at_the_accepted_risk(sized):
+    """The true risk of the chosen force is that of the accepted violations, to their scatter."""
+    force = sized.values[FORCE.key]
+    aimed = accepted_violations(campaign().file.requirements[0], 500) / 500.0
+    scatter = 3.0 * math.sqrt(aimed * (1.0 - aimed) / 500.0)
+    assert abs(risk(force) - aimed) <= scatter
+    assert risk(force) < 1.0 - SPEED["probability"]
+    assert sized.cost == 2.0 * force
+    assert sized.shown
+    assert not sized.at_ends
+
+
+@pytest.mark.slow
+def test_the_search_ends_at_the_border_of_the_accepted_designs(sized):
+    """No searched design with a smaller cost was accepted, and one that is hardly smaller was not:
+    the border is met to 1e-4 of the range."""
+    table, force = sized.searched, sized.values[FORCE.key]
+    assert (table.loc[table[FORCE.key] < force, "margin"] < 0.0).all()
+    rejected = table.loc[table["margin"] < 0.0, FORCE.key].max()
+    assert 0.0 < force - rejected <= 1e-4 * (FORCE.high - FORCE.low)
+
+
+@pytest.mark.slow
+def test_the_verdict_is_that_of_a_run_with_another_seed(sized):
+    verdict = sized.verdicts.loc["fast"]
+    assert sized.seed != 1
+    assert sized.cases == VERDICT_CASES * 500 == verdict["cases"]
+    assert verdict["confidence"] == pytest.approx(1.0 - 0.1 / MAX_TRIES)
+    run = campaign().with_settings(sized.values).run(cases=sized.cases, seed=sized.seed)
+    below = (run.to_pandas()["separation_speed_m_s"] < SPEED["at_least"]).sum()
+    assert below == verdict["violations"]
+
+
+@pytest.mark.slow
+def test_two_variables_are_no_worse_than_a_grid():
+    """Force and stroke enter as their product; a stroke is cheaper here."""
+    variables = [
+        Variable("push", "spring.pusher.force_N", 2000.0, 6000.0),
+        Variable("mass", "body.fore.mass_kg", 60.0, 100.0),
+    ]
+    sizing = size(campaign(), variables, "push + 20 * (100 - mass)", cases=200)
+    session = campaign().session({v.key: (v.low, v.high) for v in variables})
+    push, mass = (axis.ravel() for axis in np.meshgrid(np.linspace(2000, 6000, 41), [60, 80, 100]))
+    table = session.run_many(np.column_stack([push, mass]), cases=200)
+    most = accepted_violations(campaign().file.requirements[0], 200)
+    costs = (push + 20.0 * (100.0 - mass))[table.summary["fast_violations"] <= most]
+    assert sizing.cost <= 1.01 * costs.min()
+    assert sizing.shown
+
+
+@pytest.mark.parametrize("probability", [0.9, 0.99])
+@pytest.mark.parametrize("cases", [400, 2000])
+def test_an_accepted_design_is_likely_to_be_shown(probability, cases):
+    item = campaign(SPEED | {"probability": probability}).file.requirements[0]
+    most = accepted_violations(item, cases)
+    raised, count = 1.0 - 0.1 / MAX_TRIES, VERDICT_CASES * cases
+    allowed = allowed_violations(count, probability, raised)
+    assert binomial_cdf(allowed, count, most / cases) >= 0.95
+    assert binomial_cdf(allowed, count, (most + 1) / cases) < 0.95
+
+
+def test_a_range_in_which_nothing_passes_is_refused():
+    with pytest.raises(InputError, match=r"no design of the ranges passes.*force_N = 1200"):
+        size(campaign(), [Variable("push", FORCE.key, 1000.0, 1200.0)], "push", cases=100)
+
+
+@pytest.mark.parametrize(
+    ("minimise", "cases", "message"),
+    [
+        ("push +", 100, r"minimise = push \+: is no formula"),
+        ("pull", 100, r"minimise = pull: 'pull' is none"),
+        ("3", 100, "must name a variable"),
+        ("push", 20, "cannot be shown with fewer than"),
+    ],
+)
+def test_wrong_input_is_refused_before_anything_is_run(minimise, cases, message):
+    with pytest.raises(InputError, match=message):
+        size(campaign(), [FORCE], minimise, cases=cases)
+
+
+@pytest.mark.parametrize("text", ["push", "push=a.b_N", "push=a.b_N=1", "1=a.b_N=1:2", "p=a=x:2"])
+def test_a_variable_names_what_is_allowed(text):
+    with pytest.raises(InputError, match=r"must be NAME=KEY=LOW:HIGH"):
+        parse_variable(text)
+
+
+@pytest.mark.slow
+def test_the_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pusher.toml").write_text(campaign().file.toml, encoding="utf-8")
+    words = ["size", "pusher.toml", "--vary", "push=spring.*.force_N=1000:6000", "--cases", "200"]
+    result = CliRunner().invoke(main, [*words, "--minimise", "push", "--check"])
+    assert result.exit_code == 0, result.output
+    assert "fast         PASS" in result.output
+    assert (tmp_path / "campaign-size.csv").is_file()
+    again = CliRunner().invoke(main, [*words, "--minimise", "push"])
+    assert again.exit_code == 2  # the table of the search is not overwritten
+    assert "exists" in again.output
