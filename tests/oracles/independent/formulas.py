@@ -110,8 +110,8 @@ class Formulas:
             if key not in self.modes:
                 self.modes[key] = int(math.copysign(1.0, value)) if _is_off(value, size) else 0
         if any(mode == 0 for mode in self.modes.values()):
-            for key, (value, _) in self.switching(t + wait, later()).items():
-                if self.modes.get(key) == 0 and abs(value) > 1e-14:
+            for key, (value, size) in self.switching(t + wait, later()).items():
+                if self.modes.get(key) == 0 and abs(value) > 0.3 * _AT_ZERO * max(1.0, size):
                     self.modes[key] = int(math.copysign(1.0, value))
 
     def excess(self, key: Key, t: float, s: State) -> float:
