@@ -252,13 +252,34 @@ class Spring(_Table, frozen=True, kw_only=True):
     table: ForceTable | None = None
 
 
+class Servo(_Table, frozen=True, kw_only=True):
+    """Second-order response of a signal to its formula: natural frequency and damping ratio."""
+
+    natural: Annotated[float, Positive, Quantity("frequency")]
+    damping: Annotated[float, NotNegative]
+
+
 class Signal(_Table, frozen=True, kw_only=True):
     """A number computed during flight by a formula of quantities, of other signals, and of
-    constants: all further keys of its table."""
+    constants: all further keys of its table.
+
+    It may follow its formula with a ``lag`` (y' = (u - y) / lag, at most ``rate_limit`` in size)
+    or as a ``servo``, or be its ``integral`` over time, each from ``initial`` on.
+    """
 
     name: Name
     formula: str
+    lag: Annotated[float, Positive, Quantity("time")] | None = None
+    rate_limit: Annotated[float, Positive] | None = None
+    servo: Servo | None = None
+    integral: bool = False
+    initial: float = 0.0
     constants: Annotated[dict[str, float], Derived()] = field(default_factory=dict)
+
+    @property
+    def states(self) -> int:
+        """Number of states that are integrated with the motion."""
+        return 2 if self.servo is not None else int(self.integral or self.lag is not None)
 
 
 class Driven(NamedTuple):

@@ -52,7 +52,7 @@ def find(scene: Scene, key: str) -> Parameter:
     path: list[str] = []
     unit, factor, last = "", 1.0, None
     for part in key.split("."):
-        if isinstance(node, Signal):
+        if isinstance(node, Signal) and part not in keys_of(fields_of(Signal)):
             last, (name, node) = None, _item(node.constants, part, None)
         elif isinstance(node, msgspec.Struct):
             name, unit, factor, last = _field(node, part)
@@ -156,7 +156,7 @@ def value(scene: Scene, path: str) -> float:
     node: Any = scene
     field: Field | None = None
     for part in path.split("."):
-        if isinstance(node, Signal):
+        if isinstance(node, Signal) and part in node.constants:
             node = node.constants[part]
         elif isinstance(node, msgspec.Struct):
             field = fields_of(type(node))[part]
@@ -178,7 +178,7 @@ def _replace(node: Any, parts: list[str], number: float, field: Field | None) ->
     if not parts:
         return number
     part, rest = parts[0], parts[1:]
-    if isinstance(node, Signal):
+    if isinstance(node, Signal) and part in node.constants:
         return msgspec.structs.replace(node, constants={**node.constants, part: number})
     if isinstance(node, msgspec.Struct):
         inner = fields_of(type(node))[part]

@@ -42,7 +42,7 @@ _DRIVEN: dict[str, tuple[type[msgspec.Struct], tuple[str, ...]]] = {
     "motor": (Motor, ("thrust", "deflection", "deflection_clock")),
     "spring": (Spring, ("force", "stiffness", "damping", "factor")),
 }
-_OWN_KEYS = ("name", "formula")
+_OWN_KEYS = tuple(keys_of(fields_of(Signal)))
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _WORDS = ("and", "or", "not", *FUNCTIONS, *CONSTANTS)
 Items = Mapping[str, Collection[str]]  # names by table
@@ -120,7 +120,7 @@ def _without_names(value: Any, components: tuple[str, ...]) -> tuple[Any, list[t
 
 
 def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
-    """Convert ``[[signal]]``: its keys are name and formula, all others are constants."""
+    """Convert ``[[signal]]``: keys that are none of the model's are constants."""
     if not isinstance(tree, list):
         problems.add("signal", "must be an array of tables: [[signal]]", tree)
         return ()
@@ -141,12 +141,26 @@ def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
         }
         if signal is None:
             continue
+        _check_states(signal, key_path, problems)
         if signal.name in _WORDS:
             problems.add(f"{key_path}.name", "is a word of formulas; choose another", name)
         if any(signal.name == other.name for other in signals):
             problems.add(key_path, "the name is used twice")
         signals.append(msgspec.structs.replace(signal, constants=constants))
     return tuple(signals)
+
+
+def _check_states(signal: Signal, key_path: str, problems: Problems) -> None:
+    """Note keys of a signal's response that do not go together."""
+    responses = {"lag_s": signal.lag, "servo": signal.servo, "integral": signal.integral or None}
+    given = [key for key, value in responses.items() if value is not None]
+    if len(given) > 1:
+        problems.add(key_path, f"has {' and '.join(given)}: give one of them")
+    if signal.rate_limit is not None and signal.lag is None:
+        problems.add(f"{key_path}.rate_limit", "needs lag_s", signal.rate_limit)
+    if signal.initial != 0.0 and not signal.states:
+        reason = "needs lag_s, servo or integral: a formula alone has no initial value"
+        problems.add(f"{key_path}.initial", reason, signal.initial)
 
 
 def _constant(key: str, value: Any, key_path: str, problems: Problems) -> float:
@@ -176,6 +190,7 @@ def check_signals(
             reason = "must be a number or the name of a [[signal]]; "
             problems.add(shown, reason + nearest(drive.signal, known), drive.signal)
     trees: dict[str, Node] = {}
+    with_states = [signal.name for signal in scene.signal if signal.states]
     for signal in scene.signal:
         key_path = f"signal.{signal.name}.formula"
         try:
@@ -196,8 +211,11 @@ def check_signals(
             if name not in others and (reason := _unknown(name, scene, others)):
                 problems.add(key_path, f"{name}: {reason}", signal.formula)
     for name in trees:
-        if cycle := _cycle(name, trees, ()):
-            problems.add(f"signal.{name}.formula", f"depends on itself: {' -> '.join(cycle)}")
+        direct = {one: tree for one, tree in trees.items() if one not in with_states or one == name}
+        if name not in with_states and (cycle := _cycle(name, direct, ())):
+            reason = f"depends on itself at once: {' -> '.join(cycle)}"
+            remedy = "a lag_s, servo or integral in between gives it a state"
+            problems.add(f"signal.{name}.formula", f"{reason}; {remedy}")
             break
 
 
@@ -246,6 +264,8 @@ def _unknown(name: str, scene: Scene, others: list[str]) -> str:
         needs_air = known.key == "dynamic_pressure" and not in_air
         return "needs a body with aerodynamics, in an atmosphere" if needs_air else ""
     *head, last = name.split(".")
+    if name in _OWN_KEYS:
+        return "is a key of signals; give the constant another name"
     if head:
         return _unknown_of_item(head, last, scene, items)
     key = split_unit(last)[0]

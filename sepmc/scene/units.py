@@ -18,6 +18,7 @@ UNITS: dict[str, dict[str, float]] = {
     "acceleration": {"m_s2": 1.0, "ft_s2": _FT},
     "force": {"N": 1.0, "kN": 1e3, "MN": 1e6, "lbf": _LBF},
     "moment": {"N_m": 1.0, "kN_m": 1e3, "lbf_ft": _LBF * _FT},
+    "frequency": {"hz": 1.0},
     "stiffness": {"N_per_m": 1.0, "N_per_mm": 1e3, "kN_per_m": 1e3, "lbf_per_in": _LBF / 0.0254},
     "damping": {"N_s_per_m": 1.0, "kN_s_per_m": 1e3, "lbf_s_per_in": _LBF / 0.0254},
     "density": {"kg_per_m3": 1.0, "g_per_cm3": 1e3, "slug_per_ft3": _SLUG / _FT**3},

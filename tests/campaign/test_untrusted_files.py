@@ -9,7 +9,7 @@ from uuid import UUID
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from fuzz import campaigns, flights, mutate, run_folders, tables
+from fuzz import campaigns, flights, formulas, mutate, run_folders, tables
 from fuzz.watch import spread
 from support.damaged_runs import call, make_run
 
@@ -30,6 +30,7 @@ PLAN = "case,in_body_a_mass_kg,in_body_b_mass_kg\n0,1.0,2.0\n1,1.5,2.5\n"
         (campaigns.texts, 600),
         (campaigns.sizes, 25),
         (campaigns.kernels, 6),
+        (formulas.formulas, 2000),
         (tables.tables, 150),
         pytest.param(run_folders.run_folders, 25, marks=pytest.mark.slow),
         pytest.param(flights.rows, 2, marks=pytest.mark.slow),

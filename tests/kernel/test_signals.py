@@ -331,7 +331,7 @@ def test_a_kernel_without_signals_is_unchanged(pair):
             "needs a body with aerodynamics, in an atmosphere",
         ),
         (pushed("1 +"), "signal.push.formula = '1 +': is no formula"),
-        (pushed("2 * push"), "signal.push.formula: depends on itself: push -> push"),
+        (pushed("2 * push"), "signal.push.formula: depends on itself at once: push -> push"),
         (
             pushed("1", load={"force_N": ["pull", 0, 0]}),
             "load.jet.force_N.x = 'pull': must be a number or the name of a [[signal]]; "

@@ -16,7 +16,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fuzz import campaigns, flights, run_folders, tables
+from fuzz import campaigns, flights, formulas, run_folders, tables
 from fuzz.watch import spread
 
 # parts, and their fractions of --count and of --seconds
@@ -29,6 +29,7 @@ PARTS = {
     "rows": (flights.rows, 0.01, 0.05),
     "numbers": (flights.numbers, 0.005, 0.1),
     "kernels": (campaigns.kernels, 0.001, 0.05),
+    "formulas": (formulas.formulas, 1.0, 0.1),
 }
 
 

@@ -38,7 +38,8 @@ def verdicts(repeats: int) -> None:
         tries += sizing.tries
     print(
         f"{repeats} sizings: {wrong} wrong verdicts "
-        f"(stated: at most {1 - SPEED['confidence']:.0%}), {missed} not shown, {tries / repeats:.2f} tries each"
+        f"(stated: at most {1 - SPEED['confidence']:.0%}), {missed} not shown, "
+        f"{tries / repeats:.2f} tries each"
     )
 
 

@@ -209,8 +209,9 @@ class Context:
 
     @property
     def size(self) -> int:
-        """Number of components of a state: 13 per body, and the work of all loads."""
-        return 13 * len(self.spec.bodies) + 1
+        """Number of components of a state: 13 per body, the work of all loads, and the states of
+        signals."""
+        return 13 * len(self.spec.bodies) + 1 + self.spec.n_signal_states
 
     @property
     def indicators(self) -> list[str]:
@@ -277,6 +278,11 @@ def has_kind(joint: str, kinds: tuple[int, ...]) -> str:
 def component(field: str, k: int) -> str:
     """Index expression of component ``k`` of a field of the workspace."""
     return f"{field} + {k} * LANES" if k else field
+
+
+def state_offset(number: int) -> str:
+    """Offset, in a state, of a state of the signals."""
+    return component("SIGNALS", number)
 
 
 def origin_height(scope: Scope, time: Expr) -> Expr:

@@ -228,14 +228,17 @@ def _head(c: Context) -> Text:
 
 
 def _state_offsets(spec: KernelSpec) -> list[str]:
-    """Offsets in a state: positions and velocities, then the work of all loads, attitudes and
-    angular rates."""
+    """Offsets in a state: positions and velocities, then the work of all loads, states of signals,
+    attitudes and angular rates."""
     lines = [
         f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES"
         for i, body in enumerate(spec.bodies)
     ]
     lines.append(f"WORK = {6 * len(spec.bodies)} * LANES")
     start = 6 * len(spec.bodies) + 1
+    if spec.n_signal_states:
+        lines.append(f"SIGNALS = {start} * LANES")
+        start += spec.n_signal_states
     for i, body in enumerate(spec.attitude_order):
         lines.append(
             f"Q_{body}, OMEGA_{body} = {start + 7 * i} * LANES, {start + 7 * i + 4} * LANES"

@@ -1,10 +1,10 @@
 """Derivative of the state in every segment, with the joint loads that are monitored."""
 
-from sepmc.kernel.emit.context import Context
+from sepmc.kernel.emit.context import Context, state_offset
 from sepmc.kernel.emit.energy import power
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.motion import before_motion, make_motion
-from sepmc.kernel.emit.signals import reject_undefined
+from sepmc.kernel.emit.signals import reject_undefined, signals_of
 from sepmc.kernel.emit.tables import emit_look_up
 from sepmc.kernel.emit.wrenches import store_wrenches
 from sepmc.kernel.spec.kernel_spec import Segment
@@ -48,7 +48,10 @@ def _emit_rates(out: Text, c: Context, segment: Segment) -> None:
         s.scope.store(f"D + OMEGA_{leader}", motion.spin_rate[leader])
     s.scope.comment("power of the loads")
     s.scope.store("D + WORK", power(s, motion.force, motion.moment))
-    if c.spec.scene.driven:
+    for signal, first in c.spec.formulas.with_states.items():
+        for k, rate in enumerate(signals_of(s).rates(signal)):
+            s.scope.store(f"D + {state_offset(first + k)}", rate)
+    if c.spec.formulas.used:
         reject_undefined(s)
     if c.wrenches_from_rates(segment):
         store_wrenches(s, motion)

@@ -4,10 +4,10 @@ they name."""
 from typing import Any
 
 from sepmc.kernel.emit import jets
-from sepmc.kernel.emit.context import component, origin_height, reject_unless
+from sepmc.kernel.emit.context import component, origin_height, reject_unless, state_offset
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.jets import Jet
-from sepmc.kernel.spec.kinks import Kink, kink_name
+from sepmc.kernel.spec.kinks import OWN, STATE, STATE_RATE, Kink, kink_name
 from sepmc.kernel.tracer.formulas import ZERO, loads, quat, scalar, square_root, vec3
 from sepmc.kernel.tracer.tracer import Expr, total, undefined_with, where
 from sepmc.routines import layout as at
@@ -65,8 +65,33 @@ class Signals:
     def of(self, signal: str) -> Jet:
         """Signal by its name in the kernel."""
         if signal not in self._signals:
-            self._signals[signal] = self._number(signal, self.formulas.tree(signal))
+            self._signals[signal] = (
+                self._state(signal, 0)
+                if signal in self.formulas.with_states
+                else self._number(signal, self.formulas.tree(signal))
+            )
         return self._signals[signal]
+
+    def rates(self, signal: str) -> list[Any]:
+        """Rates of the states of a signal."""
+        is_single = self.formulas.signals[signal].states == 1
+        last = self.of_formula(signal)
+        return [last] if is_single else [self._state(signal, 1).value, last]
+
+    def of_formula(self, signal: str) -> Any:
+        """Value of the formula of a signal; of one with states, the rate of the last."""
+        return self._number(signal, self.formulas.tree(signal)).value
+
+    def _state(self, signal: str, k: int) -> Jet:
+        """State ``k`` of a signal: the signal itself, or its rate."""
+        first, scope = self.formulas.with_states[signal], self.s.scope
+        value = scope.load(f"{self.s.field} + {state_offset(first + k)}")
+        if not self.moving:
+            return Jet(value)
+        rate = scope.load(f"K1 + {state_offset(first + k)}")
+        has_rate = k + 1 < self.formulas.signals[signal].states
+        second = scope.load(f"K1 + {state_offset(first + k + 1)}") if has_rate else None
+        return Jet(value, rate, second)
 
     def switching(self, kink: Kink) -> tuple[Jet, list[Any]]:
         """Switching function of a kink, and the numbers that it is the difference of."""
@@ -77,13 +102,16 @@ class Signals:
         return jets.add(a, jets.negative(b)), [a.value, b.value]
 
     def inputs(self, signal: str) -> list[Any]:
-        """Expressions of the quantities that a signal depends on, time excepted."""
+        """Expressions of the quantities and states that a formula depends on, time excepted."""
         values: list[Any] = []
         for node in walk(self.formulas.tree(signal)):
             if not isinstance(node, Name):
                 continue
-            if other := self.formulas.other(signal, node):
-                values += self.inputs(other)
+            if node.path.startswith(OWN):
+                values.append(self._own(signal, node).value)
+            elif other := self.formulas.other(signal, node):
+                has_states = other in self.formulas.with_states
+                values += [self.of(other).value] if has_states else self.inputs(other)
             elif node.path not in self.formulas.signals[signal].constants:
                 quantity = self.formulas.quantity(node)
                 value = self._quantity(quantity).value
@@ -104,6 +132,8 @@ class Signals:
 
     def _name(self, signal: str, node: Name) -> Jet:
         """Jet of a constant, another signal, or a quantity in the unit of its name."""
+        if node.path.startswith(OWN):
+            return self._own(signal, node)
         if node.path in self.formulas.signals[signal].constants:
             slot = self.s.spec.layout.slots[f"signal.{signal}.{node.path}"]
             return Jet(self.s.case.number(slot))
@@ -114,6 +144,13 @@ class Signals:
         if quantity.factor == 1.0:
             return jet
         return Jet(*(None if x is None else x * (1.0 / quantity.factor) for x in jet))
+
+    def _own(self, signal: str, node: Name) -> Jet:
+        """Jet of a state or a parameter of a signal itself."""
+        if node in (STATE, STATE_RATE):
+            return self._state(signal, int(node == STATE_RATE))
+        path = f"signal.{signal}.{node.path.removeprefix(OWN)}"
+        return Jet(self.s.case.number(self.s.spec.layout.slots[path]))
 
     def _quantity(self, quantity: Quantity) -> Jet:
         """Jet of a quantity, SI."""
@@ -207,7 +244,8 @@ class Signals:
         """A node, and the trees of the signals that it names."""
         trees = [node]
         for one in walk(node):
-            if isinstance(one, Name) and (other := self.formulas.other(signal, one)):
+            other = self.formulas.other(signal, one) if isinstance(one, Name) else ""
+            if other and other not in self.formulas.with_states:
                 trees += self._expanded(other, self.formulas.tree(other))
         return trees
 
@@ -420,7 +458,7 @@ def reject_undefined(s: State) -> None:
     for signal in s.spec.formulas.used:
         if not known._may_be_undefined(signal, s.spec.formulas.tree(signal)):
             continue
-        value = known.value(signal)
+        value = known.of_formula(signal)
         if not isinstance(value, Expr):
             value = s.time * 0.0 + value
         defined = finite(value)

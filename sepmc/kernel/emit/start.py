@@ -3,7 +3,7 @@ the parameters alone."""
 
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, component, reject_unless
+from sepmc.kernel.emit.context import Context, component, reject_unless, state_offset
 from sepmc.kernel.emit.tables import has_tables
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import quat, vec3, vehicle
@@ -132,6 +132,10 @@ def _set_initial_state(c: Context) -> None:
     scope.store("REJECTED", where(valid, 0.0, float(Status.INVALID_INPUT)))
     scope.store("T", 0.0)
     scope.store("Y + WORK", 0.0)
+    for signal, first in spec.formulas.with_states.items():
+        initial = case.number(spec.layout.slots[f"signal.{signal}.initial"])
+        for k in range(spec.formulas.signals[signal].states):
+            scope.store(f"Y + {state_offset(first + k)}", 0.0 if k else initial)
     scope.store("RUN_END", case.number(at.END_TIME))
     workspace.add("ORIGIN_HEIGHT", 1), workspace.add("ORIGIN_CLIMB", 1)
     scope.store("ORIGIN_HEIGHT", case.number(at.ALTITUDE))

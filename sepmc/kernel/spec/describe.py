@@ -70,9 +70,17 @@ def lines(layout: ParameterLayout) -> list[str]:
 def _signal(scene: Scene, signal: Signal) -> list[str]:
     """Lines on a signal: its formula, its constants, and the numbers that it gives."""
     constants = ", ".join(f"{key} = {number:g}" for key, number in signal.constants.items())
+    response = ""
+    if signal.servo is not None:
+        response = f", as a servo of {signal.servo.natural:g} Hz, damping {signal.servo.damping:g}"
+    elif signal.lag is not None:
+        response = f", with a lag of {signal.lag:g} s"
+        response += f", at most {signal.rate_limit:g} a second" if signal.rate_limit else ""
+    elif signal.integral:
+        response = ", integrated over time"
     paths = [path for path, drive in scene.driven.items() if drive.signal == signal.name]
     gives = f"gives {', '.join(paths)}" if paths else "gives no number of a load by itself"
-    line = f"signal       {signal.name} = {signal.formula.strip()}"
+    line = f"signal       {signal.name} = {signal.formula.strip()}{response}"
     return [line + (f", {constants}" if constants else ""), f"             {gives}"]
 
 

@@ -282,6 +282,11 @@ class KernelSpec:
         return Formulas(self.scene, self.names)
 
     @property
+    def n_signal_states(self) -> int:
+        """Number of states of signals, which are integrated with the motion."""
+        return sum(signal.states for signal in self.scene.signal)
+
+    @property
     def triggered_motors(self) -> list[Motor]:
         """Motors that ignite at an event, a release or when a joint becomes free."""
         return [motor for motor in self.scene.motor if motor.trigger is not None]
@@ -317,11 +322,12 @@ class KernelSpec:
 
     def active_size(self, segment: Segment) -> int:
         """Number of leading state components that are integrated in a segment: position and
-        velocity of every body, the work of the loads, and attitude and rate up to the last leader
-        of the segment."""
+        velocity of every body, the work of the loads, states of signals, and attitude and rate up
+        to the last leader of the segment."""
         return (
             6 * len(self.bodies)
             + 1
+            + self.n_signal_states
             + 7 * (1 + max((self.attitude_order.index(b) for b in segment.leaders), default=-1))
         )
 

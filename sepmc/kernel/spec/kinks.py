@@ -1,13 +1,39 @@
 """Kinks of the signals of a scene: places at which a formula is not smooth. They are events, so
 that no step passes one, and the branch of the formula is fixed within a step."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 from sepmc.kernel.spec.naming import Names
-from sepmc.scene.formula import KINKS, Call, Name, Node, parse, walk
+from sepmc.scene.formula import KINKS, Call, Name, Node, Number, parse, walk
 from sepmc.scene.model import Scene, Signal
 from sepmc.scene.signals import Quantity, quantity
+
+OWN = "@"  # begins names that no file has: states and parameters of the signal itself
+STATE, STATE_RATE = Name(f"{OWN}state"), Name(f"{OWN}state rate")
+
+
+def own_parameter(key: str) -> Name:
+    """Name of a parameter of the response of a signal."""
+    return Name(f"{OWN}{key}")
+
+
+def _lag_rate(formula: Node, signal: Signal) -> Node:
+    """(u - y) / lag, limited."""
+    rate: Node = Call("/", (Call("-", (formula, STATE)), own_parameter("lag")))
+    if signal.rate_limit is None:
+        return rate
+    limit = own_parameter("rate_limit")
+    return Call("min", (Call("max", (rate, Call("-", (limit,)))), limit))
+
+
+def _servo_rate(formula: Node) -> Node:
+    """y'' = n (n (u - y) - 2 z y') with the natural frequency n, rad/s, and the damping z."""
+    natural = Call("*", (Number(2.0 * math.pi), own_parameter("servo.natural")))
+    follows = Call("*", (natural, Call("-", (formula, STATE))))
+    damped = Call("*", (Call("*", (Number(2.0), own_parameter("servo.damping"))), STATE_RATE))
+    return Call("*", (natural, Call("-", (follows, damped))))
 
 
 def kink_name(number: int) -> str:
@@ -45,27 +71,46 @@ class Formulas:
         return {signal.name: signal for signal in self.scene.signal}
 
     @cached_property
+    def with_states(self) -> dict[str, int]:
+        """Signals with states that are integrated, and the number of the first state of each."""
+        first, count = dict[str, int](), 0
+        for name, signal in self.signals.items():
+            if signal.states:
+                first[name], count = count, count + signal.states
+        return first
+
+    @cached_property
     def used(self) -> tuple[str, ...]:
-        """Signals that give numbers of the scene, each after those that it depends on."""
+        """Signals that give numbers of the scene or have states, each after those that its formula
+        depends on at once."""
         ordered: dict[str, None] = {}
 
         def add(signal: str) -> None:
             for node in walk(self.tree(signal)):
-                if isinstance(node, Name) and (other := self.other(signal, node)):
+                other = self.other(signal, node) if isinstance(node, Name) else ""
+                if other and other not in self.with_states:
                     add(other)
             ordered.setdefault(signal)
 
-        for drive in self.scene.driven.values():
-            add(drive.signal)
+        for signal in [drive.signal for drive in self.scene.driven.values()]:
+            if signal not in self.with_states:
+                add(signal)
+        for signal in self.with_states:
+            add(signal)
         return tuple(ordered)
 
     def tree(self, signal: str) -> Node:
-        """Syntax tree of a signal."""
-        return parse(self.signals[signal].formula)
+        """Syntax tree of the formula of a signal; of one with states, of the rate of its last
+        state, in which `OWN` names stand for them and for its parameters."""
+        model = self.signals[signal]
+        formula = parse(model.formula)
+        if model.servo is not None:
+            return _servo_rate(formula)
+        return _lag_rate(formula, model) if model.lag is not None else formula
 
     def other(self, signal: str, node: Name) -> str:
         """Other signal that a name in the formula of a signal stands for; "" for none."""
-        if node.path in self.signals[signal].constants:
+        if node.path in self.signals[signal].constants or node.path.startswith(OWN):
             return ""
         return str(self.names.of["signal"].get(node.path, ""))
 
@@ -82,7 +127,10 @@ class Formulas:
         for one in walk(node):
             if isinstance(one, Name) and one.path not in self.signals[signal].constants:
                 other = self.other(signal, one)
-                if not other or self.varies(other, self.tree(other)):
+                is_parameter = one.path.startswith(OWN) and one not in (STATE, STATE_RATE)
+                if other in self.with_states or not (other or is_parameter):
+                    return True
+                if other and self.varies(other, self.tree(other)):
                     return True
         return False
 

@@ -13,7 +13,7 @@ from sepmc.kernel.spec.packing import Pool
 from sepmc.routines import layout as at
 from sepmc.scene.contents import contents
 from sepmc.scene.kinds import axial_offset, joint_axes, mass_centres
-from sepmc.scene.model import GROUND, XYZ, Scene
+from sepmc.scene.model import GROUND, XYZ, Scene, Signal
 from sepmc.scene.parameters import item_names, value
 from sepmc.schema import Contents
 
@@ -262,8 +262,9 @@ def _varied(
         numbers.extend(map(float, values))
 
     for signal in scene.signal:
-        paths = [f"signal.{signal.name}.{key}" for key in signal.constants]
-        add(list(signal.constants.values()), {path: i for i, path in enumerate(paths)})
+        known = signal_parameters(signal)
+        paths = [f"signal.{signal.name}.{key}" for key in known]
+        add(list(known.values()), {path: i for i, path in enumerate(paths)})
     for name, joint in scene.joint.items():
         x, y = f"joint.{name}.x_axis", f"joint.{name}.y_axis"
         if varies(x, y):
@@ -290,6 +291,20 @@ def _varied(
             for k, point in enumerate(part.points):
                 add((0.0, *point, math.nan, 0.0, 0.0), _vector(f"{stem}.points.{k}", 1))
     return slots, outlines, numbers
+
+
+def signal_parameters(signal: Signal) -> dict[str, float]:
+    """Numbers of a signal by the rest of their paths: its constants, and those of its response."""
+    known = dict(signal.constants)
+    if signal.lag is not None:
+        known["lag"] = signal.lag
+    if signal.rate_limit is not None:
+        known["rate_limit"] = signal.rate_limit
+    if signal.servo is not None:
+        known |= {"servo.natural": signal.servo.natural, "servo.damping": signal.servo.damping}
+    if signal.states:
+        known["initial"] = signal.initial
+    return known
 
 
 def _optional(

@@ -1,8 +1,10 @@
 """Signals of a case: formulas evaluated number by number, and their kinks as event functions."""
 
 import ast
+import keyword
 import math
 import operator
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -39,6 +41,19 @@ Key = tuple[str, int, int]  # signal, call in its text, pair of numbers
 Values = dict[Key, tuple[float, float]]  # switching function and the size of its numbers
 
 
+_MARK = "\u0436"  # of names that are words of Python
+
+
+def _python_text(formula: str) -> str:
+    """Formula as a Python expression: names that are words of Python are marked."""
+
+    def marked(word: re.Match[str]) -> str:
+        is_word = keyword.iskeyword(word[0]) and word[0] not in ("and", "or", "not")
+        return word[0] + _MARK * is_word
+
+    return re.sub(r"[A-Za-z_]\w*", marked, formula.strip().replace("\n", " "))
+
+
 class Undefined(Exception):
     """A formula has no value."""
 
@@ -59,7 +74,7 @@ class Formulas:
     def __post_init__(self) -> None:
         self.signals = {table["name"]: table for table in self.scene["signal"]}
         self.trees = {
-            name: ast.parse(table["formula"].strip().replace("\n", " "), mode="eval").body
+            name: ast.parse(_python_text(table["formula"]), mode="eval").body
             for name, table in self.signals.items()
         }
         self.driven = {
@@ -95,8 +110,8 @@ class Formulas:
             if key not in self.modes:
                 self.modes[key] = int(math.copysign(1.0, value)) if _is_off(value, size) else 0
         if any(mode == 0 for mode in self.modes.values()):
-            for key, (value, _) in self.switching(t + wait, later()).items():
-                if self.modes.get(key) == 0 and abs(value) > 1e-14:
+            for key, (value, size) in self.switching(t + wait, later()).items():
+                if self.modes.get(key) == 0 and abs(value) > 0.3 * _AT_ZERO * max(1.0, size):
                     self.modes[key] = int(math.copysign(1.0, value))
 
     def excess(self, key: Key, t: float, s: State) -> float:
@@ -158,7 +173,7 @@ class _Evaluation:
             assert isinstance(node.value, int | float)
             return float(node.value)
         if isinstance(node, ast.Name | ast.Attribute):
-            return self._name(signal, ast.unparse(node))
+            return self._name(signal, ast.unparse(node).replace(_MARK, ""))
         if isinstance(node, ast.Call):
             assert isinstance(node.func, ast.Name)
             is_where = node.func.id == "where"

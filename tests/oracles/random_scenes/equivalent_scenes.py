@@ -3,6 +3,7 @@ and springs swapped."""
 
 import copy
 import math
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -40,12 +41,17 @@ def _in_units(table: Tree, kind: type[msgspec.Struct], rng: RandomStream) -> Tre
             }
         elif field.array_of_tables:
             result[key] = [_in_units(item, field.array_of_tables, rng) for item in value]
-        elif field.units:
+        elif field.units and not _has_names(value):
             other, other_factor = rng.choice(list(field.keys.items()))
             result[other] = _scaled(value, factor / other_factor)
         else:
             result[key] = value
     return result
+
+
+def _has_names(value: Any) -> bool:
+    """True for the name of a signal, or a list with one."""
+    return isinstance(value, str) or (isinstance(value, list) and any(map(_has_names, value)))
 
 
 def _scaled(value: Any, factor: float) -> Any:
@@ -72,6 +78,8 @@ def renamed(tree: Tree, rng: RandomStream) -> Tree:
             item["body"] = bodies[item["body"]]
             item["name"] = f"m_{item['name']}" if key == "motor" else f"{item['name']}9"
             item |= {"ignition": _renamed_ignition(item, joints)} if "ignition" in item else {}
+    for signal in new.get("signal", []):
+        signal["formula"] = _renamed_formula(signal["formula"], bodies, joints)
     for phase in new["phase"]:
         phase["joints"] = {
             joints[name]: f"{kind}_k" if kind in tree["joint"][name].get("kind", {}) else kind
@@ -109,6 +117,18 @@ def renamed(tree: Tree, rng: RandomStream) -> Tree:
         for key, names in new.get("output", {}).items()
     }
     return new
+
+
+def _renamed_formula(text: str, bodies: dict[str, str], joints: dict[str, str]) -> str:
+    """Formula with the new names of bodies and joints."""
+
+    def new(name: re.Match[str]) -> str:
+        first, *others = name[0].split(".")
+        if len(others) == 2:
+            return f"{first}.{joints.get(others[0], others[0])}.{others[1]}"
+        return ".".join([bodies[first], *others])
+
+    return re.sub(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+", new, text)
 
 
 def _renamed_ignition(motor: Tree, joints: dict[str, str]) -> Tree:
@@ -182,6 +202,8 @@ def _ordered_joints(tree: Tree) -> set[str]:
         entry["joint"] for entry in tree.get("proximity", [])
     }
     names |= {name for name, joint in tree.get("joint", {}).items() if "guide" in joint}
+    formulas = " ".join(signal["formula"] for signal in tree.get("signal", []))
+    names |= set(re.findall(r"\bjoint\.(\w+)\.", formulas))
     while waiting:
         until = waiting.pop()
         names |= {until["joint"]} if "joint" in until else set()
@@ -194,6 +216,9 @@ def halved(tree: Tree, rng: RandomStream) -> Tree:
     del rng
     motors = []
     for motor in tree.get("motor", []):
+        if isinstance(motor["thrust_N"], str):
+            motors.append(motor)
+            continue
         motors += [
             {**motor, "thrust_N": 0.5 * motor["thrust_N"]},
             {**motor, "name": f"{motor['name']}_2", "thrust_N": 0.5 * motor["thrust_N"]},

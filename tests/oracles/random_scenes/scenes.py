@@ -32,6 +32,7 @@ from oracles.random_scenes.names import Names
 from oracles.random_scenes.outlines import add_clearances, name_parts
 from oracles.random_scenes.phases import add_allowances, add_instants, add_phases, add_triggers
 from oracles.random_scenes.rng import RandomStream
+from oracles.random_scenes.signals import add_signals
 from oracles.random_scenes.tables import add_aero_tables, add_increments, add_profiles
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
@@ -61,6 +62,7 @@ LATE = {
     "direction": 0.25,  # crossing directions of conditions, and vertical speeds
     "optional": 0.15,  # optional releases, and releases that do not occur
     "late profile": 0.15,  # thrust that begins some time after ignition
+    "signal": 0.2,  # loads, motors and springs by formulas
 }
 _LATE_PROBABILITY = 0.3
 _TRANSVERSE = 0.15  # probability of transverse rates as outputs
@@ -71,6 +73,7 @@ _ORDER = (
         "motor",
         "spring",
         "load",
+        "signal",
         "proximity",
         "joint",
         "phase",
@@ -134,6 +137,8 @@ def scene(seed: int, late: Iterable[str] | None = None, kinds: Iterable[str] = (
     name_parts(draft)
     draft.rng = RandomStream(seed, 21)
     add_force_tables(draft)
+    draft.rng = RandomStream(seed, 8)
+    add_signals(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # refused scenes are counted
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, rng)

@@ -1,0 +1,166 @@
+"""Signals with states: lags, servos and integrals against closed forms, and closed loops."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+
+from sepmc.scene.messages import SceneError
+
+STILL = {
+    "phase": [{"name": "free"}],
+    "initial.speed_m_s": 0.0,
+    "initial.altitude_m": 0.0,
+    "run.end_time_s": 1.0,
+    "solver.step_s": 0.01,
+}
+TURNING = STILL | {"initial.omega_deg_s": [0.0, 0.0, 10.0]}
+JET = [{"name": "jet", "body": "fore", "force_N": ["out", 0.0, 0.0]}]
+TURN = [{"name": "jet", "body": "fore", "moment_N_m": [0.0, 0.0, "out"]}]
+INERTIA = 5.0  # kg m2, of `fore` about z
+
+
+def flown(campaign, step_s=0.01):
+    history = campaign.simulate(step_s=step_s)
+    assert history.attrs["status"] == "ok"
+    return history, history["time_s"].to_numpy()
+
+
+def out(formula, **keys):
+    return {"signal": [{"name": "out", "formula": formula, **keys}], "load": JET}
+
+
+def test_lag(pair):
+    """The step response of a lag is 1 - exp(-t / T), and the impulse its integral."""
+    history, t = flown(pair(STILL | out("6", lag_s=0.2)))
+    assert_allclose(history["signal_out"], -6.0 * np.expm1(-t / 0.2), rtol=0, atol=1e-11)
+    impulse = 6.0 * (t + 0.2 * np.expm1(-t / 0.2))
+    assert_allclose(3.0 * history["fore_vx_m_s"], impulse, rtol=0, atol=1e-11)
+
+
+def test_initial_value(pair):
+    history, t = flown(pair(STILL | out("0", lag_ms=200.0, initial=6.0)))
+    assert_allclose(history["signal_out"], 6.0 * np.exp(-t / 0.2), rtol=0, atol=1e-11)
+
+
+def test_rate_limit(pair):
+    """A lag of 0.1 s that is limited to 20 a second: a ramp until (6 - y) / 0.1 s is as small, from
+    y = 4 at 0.2 s on an exponential. The corner ends a step."""
+    settings = STILL | out("6", lag_s=0.1, rate_limit=20.0) | {"solver.step_s": 0.03}
+    history, t = flown(pair(settings))
+    expected = np.where(t < 0.2, 20.0 * t, 6.0 - 2.0 * np.exp(-(t - 0.2) / 0.1))
+    assert_allclose(history["signal_out"], expected, rtol=0, atol=1e-10)
+
+
+def test_integral(pair):
+    history, t = flown(pair(STILL | out("3 * time_s", integral=True, initial=1.0)))
+    assert_allclose(history["signal_out"], 1.0 + 1.5 * t**2, rtol=0, atol=1e-12)
+
+
+def test_servo(pair):
+    """Step response of a servo, damping 0.3, 5 Hz: overshoot exp(-pi z / sqrt(1 - z^2)) at the time
+    1 / (2 f sqrt(1 - z^2))."""
+    z, f = 0.3, 5.0
+    servo = {"natural_hz": f, "damping": z}
+    root, n = math.sqrt(1.0 - z * z), 2.0 * math.pi * f
+    peak = 1.0 / (2.0 * f * root)
+    settings = STILL | out("1", servo=servo) | {"run.end_time_s": peak, "solver.step_s": 0.002}
+    history, t = flown(pair(settings), step_s=peak / 40.0)
+    decay = np.exp(-z * n * t)
+    expected = 1.0 - decay * (np.cos(n * root * t) + z / root * np.sin(n * root * t))
+    assert_allclose(history["signal_out"], expected, rtol=0, atol=1e-10)
+    overshoot = math.exp(-math.pi * z / root)
+    assert history["signal_out"].iloc[-1] == pytest.approx(1.0 + overshoot, abs=1e-9)
+    # the slope is zero there: a parabola through the last rows has its top at the peak
+    last = np.polyfit(t[-4:] - peak, history["signal_out"].iloc[-4:], 3)
+    assert -last[2] / (2.0 * last[1]) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_closed_loop(pair):
+    """A pitch controller whose command passes a servo and is limited before it: against scipy."""
+    signals = [
+        {
+            "name": "command",
+            "formula": "clip(-kp * fore.pitch_rad - kd * fore.omega_z_rad_s, -2, 2)",
+            "kp": 300.0,
+            "kd": 40.0,
+        },
+        {"name": "out", "formula": "command", "servo": {"natural_hz": 8.0, "damping": 0.7}},
+    ]
+    settings = TURNING | {"signal": signals, "load": TURN, "solver.step_s": 0.002}
+    history, t = flown(pair(settings))
+    n = 2.0 * math.pi * 8.0
+
+    def rates(_, y):
+        command = min(max(-300.0 * y[0] - 40.0 * y[1], -2.0), 2.0)
+        return [y[1], y[2] / INERTIA, y[3], n * n * (command - y[2]) - 2.0 * 0.7 * n * y[3]]
+
+    start = [0.0, math.radians(10.0), 0.0, 0.0]
+    expected = solve_ivp(
+        rates, (0.0, 1.0), start, "DOP853", t, rtol=1e-12, atol=1e-13, max_step=1e-3
+    )
+    assert_allclose(history["fore_pitch_deg"], np.degrees(expected.y[0]), rtol=0, atol=1e-6)
+    assert_allclose(history["signal_out"], expected.y[2], rtol=0, atol=1e-6)
+    assert history["signal_command"].min() == -2.0
+
+
+def test_loop_through_a_state(pair):
+    """Signals may depend on each other through a state: an oscillator of two integrals."""
+    signals = [
+        {"name": "out", "formula": "4 * rate", "integral": True, "initial": 1.0},
+        {"name": "rate", "formula": "push", "integral": True},
+        {"name": "push", "formula": "-4 * out"},
+    ]
+    history, t = flown(pair(STILL | {"signal": signals, "load": JET}))
+    assert_allclose(history["signal_out"], np.cos(4.0 * t), rtol=0, atol=1e-11)
+
+
+def test_dispersed_response(pair, plainly):
+    """The numbers of a response are dispersed as any others."""
+    settings = STILL | out("6", servo={"natural_hz": 5.0, "damping": 0.3}, initial=2.0)
+    settings["dispersion"] = {
+        "signal.out.servo.natural_hz": {"uniform": [4.0, 6.0]},
+        "signal.out.servo.damping": {"uniform": [0.2, 0.4]},
+        "signal.out.initial": {"uniform": 1.0},
+    }
+    del settings["solver.step_s"]
+    campaign = pair(settings)
+    rows = campaign.run(cases=2).to_pandas()
+    for row in rows.to_dict("records"):
+        n, z = (
+            2.0 * math.pi * row["in_signal_out_servo_natural_hz"],
+            row["in_signal_out_servo_damping"],
+        )
+
+        def rates(_, y, n=n, z=z):
+            return [y[1], n * n * (6.0 - y[0]) - 2.0 * z * n * y[1], y[0] / 3.0]
+
+        start = [row["in_signal_out_initial"], 0.0, 0.0]
+        end = solve_ivp(rates, (0.0, 1.0), start, "DOP853", rtol=1e-12, atol=1e-13).y[2, -1]
+        assert row["separation_speed_m_s"] == pytest.approx(end, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"lag_s": 0.1, "integral": True}, "signal.out: has lag_s and integral: give one of them"),
+        ({"rate_limit": 2.0}, "signal.out.rate_limit = 2.0: needs lag_s"),
+        ({"initial": 2.0}, "signal.out.initial = 2.0: needs lag_s, servo or integral"),
+        ({"lag_s": 0.0}, "signal.out.lag_s = 0.0: must be > 0"),
+        ({"servo": {"natural_hz": 5.0}}, "'damping' is missing"),
+        ({"servo": {"natural_hz": 5.0, "damping": -1.0}}, "must be >= 0"),
+        ({"integral": 1}, "must be true or false"),
+    ],
+)
+def test_messages(pair, keys, message):
+    with pytest.raises(SceneError) as error:
+        pair(STILL | out("1", **keys))
+    assert message in str(error.value)
+
+
+def test_loop_without_a_state(pair):
+    signals = [{"name": "out", "formula": "2 * b"}, {"name": "b", "formula": "out"}]
+    with pytest.raises(SceneError, match="depends on itself at once: out -> b -> out; a lag_s"):
+        pair(STILL | {"signal": signals, "load": JET})
