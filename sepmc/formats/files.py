@@ -125,6 +125,8 @@ def _thrust(
     """Fill the profile of a motor, and its thrust if it has none."""
     curve = read_thrust(path, options)
     said = curve.said
+    if any(split_unit(key)[0] == "build_up" and value for key, value in motor.items()):
+        said.append("build_up_s multiplies the curve too")
     wanted = next((key for key in profile if key.startswith(_IMPULSE)), None)
     factor = 1.0
     if wanted is not None:
