@@ -105,7 +105,7 @@ def argument_errors() -> str:
 
 def problems() -> str:
     """List of every problem of a campaign file, by module."""
-    return _message_list([PROBLEM])
+    return _message_list([PROBLEM, "FormatError"])
 
 
 def _message_list(kinds: Iterable[str]) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from sepmc.formats.datcom import is_datcom, read_datcom
 from sepmc.formats.decks import read_deck
 from sepmc.formats.soundings import read_air, read_wind
 from sepmc.formats.text_table import FormatError
@@ -12,6 +13,7 @@ from sepmc.scene.messages import Problems, shorten
 from sepmc.scene.units import UNITS, split_unit
 
 _ENDINGS = (".csv", ".txt", ".dat", ".tsv", ".parquet")
+_OPTIONS = ("columns", "engine", "case", "sideslip_deg")
 _IMPULSE = "total_impulse_"
 
 Tables = Iterator[tuple[str, dict[str, Any], str, dict[str, Any]]]
@@ -77,20 +79,21 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
     said: list[str] = []
     for place, table, kind, owner in file_places(tree):
         file = table.pop("file")
-        options: dict[str, Any] = {
-            key: table.pop(key) for key in ("columns", "engine") if key in table
-        }
+        options: dict[str, Any] = {k: table.pop(k) for k in _OPTIONS if k in table}
         if not isinstance(file, str) or not file:
             problems.add(f"{place}.file", "must be the name of a file", file)
             continue
         path = folder / file
-        endings = (*_ENDINGS, *{"thrust": (".eng",)}.get(kind, ()))
+        endings = (*_ENDINGS, *{"thrust": (".eng",), "deck": (".out",)}.get(kind, ()))
         if path.suffix.lower() not in endings:
             problems.add(f"{place}.file", f"must end in {', '.join(endings)}", file)
             continue
         try:
             if kind == "thrust":
                 sentences = _thrust(place, table, owner, path, options, problems)
+            elif kind == "deck" and is_datcom(path):
+                found, sentences = read_datcom(path, options, owner)
+                _fill(place, table, found, problems)
             else:
                 read: Read = {"deck": read_deck, "air": read_air, "wind": read_wind}[kind]
                 found, sentences = read(path, options)
@@ -122,6 +125,8 @@ def _thrust(
     """Fill the profile of a motor, and its thrust if it has none."""
     curve = read_thrust(path, options)
     said = curve.said
+    if any(split_unit(key)[0] == "build_up" and value for key, value in motor.items()):
+        said.append("build_up_s multiplies the curve too")
     wanted = next((key for key in profile if key.startswith(_IMPULSE)), None)
     factor = 1.0
     if wanted is not None:

@@ -52,7 +52,7 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
     path : Path
         ``.eng``, or a table in text or Parquet.
     options : dict
-        ``columns`` of a table; ``engine``, the name of one of several in a ``.eng``.
+        ``columns`` of a table; ``engine``, the name or number of one of several in a ``.eng``.
 
     Returns
     -------
@@ -92,8 +92,8 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     Parameters
     ----------
     text : str
-    engine : str, optional
-        Its name; needed if the file has several.
+    engine : str or int, optional
+        Its name, or its number from 0; needed if the file has several.
 
     Returns
     -------
@@ -104,12 +104,16 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     FormatError
     """
     engines = _engines(text)
-    names = [header[0] for _, header, _ in engines]
+    names: list[Any] = [header[0] for _, header, _ in engines]
     if not engines:
         raise FormatError("has no engine: a line of name, diameter, length, delays and masses")
     if engine is None and len(engines) > 1:
-        listed = ", ".join(names[:8])
+        listed = ", ".join(map(str, names[:8]))
         raise FormatError(f'has {len(engines)} engines; choose one by engine = "NAME": {listed}')
+    if isinstance(engine, int) and 0 <= engine < len(engines):
+        names[engine] = engine  # by its number
+    elif names.count(engine) > 1:
+        raise FormatError(f"has engine {shorten(engine)} twice; choose by its number, from 0")
     if engine is not None and engine not in names:
         raise FormatError(f"has no engine {shorten(engine)}; {nearest(str(engine), names)}")
     line, header, rows = engines[names.index(engine) if engine is not None else 0]

@@ -59,3 +59,33 @@ def _paths(tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
                     yield key_path, value
                 else:
                     stack.append((key_path, value))
+
+
+def locate(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Settings whose files, if they do not lie beside the campaign, are those of the working
+    folder.
+
+    Parameters
+    ----------
+    settings : dict
+        By TOML path.
+    folder : Path
+        Of the campaign file.
+
+    Returns
+    -------
+    dict
+    """
+
+    def located(key: str, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: located(str(name), item) for name, item in value.items()}
+        if key != "file" or not isinstance(value, str) or not value.isprintable():
+            return value
+        try:
+            is_here = not (folder / value).exists() and Path(value).is_file()
+        except (OSError, ValueError):
+            return value
+        return str(Path(value).absolute()) if is_here else value
+
+    return {key: located(str(key).rpartition(".")[2], value) for key, value in settings.items()}

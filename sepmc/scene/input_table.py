@@ -36,12 +36,15 @@ class InputTable:
         Numeric columns by name.
     words : dict of str
         Other columns by name, each with its first text.
+    rows_in_file : ndarray (n,), optional
+        Index in the file, from 0, of each row.
     """
 
     path: Path
     numbers: np.ndarray
     columns: dict[str, np.ndarray]
     words: dict[str, str] = field(default_factory=dict)
+    rows_in_file: np.ndarray | None = None
 
     def has(self, name: str) -> bool:
         """True if the table has a column of this name, numeric or not."""
@@ -74,6 +77,27 @@ class InputTable:
         return "given", tuple(knots.tolist()), ()
 
 
+def _line_of(table: InputTable, row: int) -> int:
+    """Number of the line of a row in a text file, whose first lines may be comments; 0 for others
+    and if it cannot be read again."""
+    if table.rows_in_file is None or table.path.suffix.lower() == ".parquet":
+        return 0
+    left, has_header = int(table.rows_in_file[row]), False
+    try:
+        with table.path.open("rb") as file:
+            for number, line in enumerate(file, 1):
+                text = line.strip()
+                if not text or (not has_header and text.startswith(b"#")):
+                    continue
+                if has_header and left == 0:
+                    return number
+                left -= has_header
+                has_header = True
+    except OSError:
+        pass
+    return 0
+
+
 def check_column(table: InputTable, name: str, key_path: str, problems: Problems) -> bool:
     """Return True if a table has a column of finite numbers; else note the problem."""
     if name not in table.columns:
@@ -85,6 +109,8 @@ def check_column(table: InputTable, name: str, key_path: str, problems: Problems
         return False
     bad = ~np.isfinite(table.columns[name])
     if bad.any():
-        case = table.numbers[int(np.argmax(bad))]
-        problems.add(key_path, f"column {name} of {table.path.name} is no number in case {case}")
+        row = int(np.argmax(bad))
+        line = _line_of(table, row)
+        where = f"case {table.numbers[row]}" + (f", line {line}" if line else "")
+        problems.add(key_path, f"column {name} of {table.path.name} is no number in {where}")
     return not bad.any()

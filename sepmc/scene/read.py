@@ -20,7 +20,7 @@ from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of
-from sepmc.scene.file_paths import FileReader, check_paths
+from sepmc.scene.file_paths import FileReader, check_paths, locate
 from sepmc.scene.formula_outcomes import check_formula_outcomes
 from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.input_table import CASE, InputTable, Reader
@@ -143,6 +143,8 @@ def read_campaign(
         raise SceneError([f"{path}: cannot be read: {error.strerror}"]) from None
     tree = read_text(written, str(path))
     check_paths(tree, path)
+    if isinstance(settings, dict):
+        settings = locate(settings, path.parent)
     return parse_campaign(
         tree, str(path.name), settings, path.stem, path.parent, reader, file_reader
     )

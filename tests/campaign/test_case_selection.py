@@ -389,3 +389,46 @@ def test_dry_run_writes_nothing(file, tmp_path):
 def test_the_earlier_name_of_the_sample_table_is_answered_with_the_new_one(file):
     with pytest.raises(SceneError, match=r"run\.plan.*'samples'"):
         sepmc.load(file, {"run.plan": "table.csv"})
+
+
+SPEED = '[dispersion]\n"initial.speed_m_s" = { column = "V" }'
+
+
+def load_text(file, tmp_path, text):
+    (tmp_path / "plan.csv").write_text(text, encoding="utf-8")
+    written = SPRUNG.replace("[dispersion]", SPEED)
+    file.write_text(written.replace("cases = 12", 'samples = "plan.csv"'), encoding="utf-8")
+    return sepmc.load(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "V;h\n10;1\n20;2\n",
+        "V\th\n10\t1\n20\t2\n",
+        "# from upstream\n# two cases\nV,h\n10,1\n20,2\n",
+        "\ufeff# from upstream\n\nV;h\n10;1\n20;2\n",
+    ],
+    ids=["semicolons", "tabs", "comments", "comments and semicolons"],
+)
+def test_tables_of_other_programs(file, tmp_path, text):
+    """Separators and comment lines as other programs write them."""
+    campaign = load_text(file, tmp_path, text)
+    assert campaign.file.input_table.columns["V"].tolist() == [10.0, 20.0]
+    assert campaign.numbers.count == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("V,h\n10,1\n20,2\n,3\n", "column V of plan.csv is no number in case 2, line 4"),
+        ("# a\n\nV;h\n10;1\n;2\n", "column V of plan.csv is no number in case 1, line 5"),
+        ("case,V\n1,10\n0,\n", "column V of plan.csv is no number in case 0, line 3"),
+        ("V;h\n10;1\n20,5;2\n", "line 3: 20,5 has a decimal comma; write it with a point, 20.5"),
+    ],
+)
+def test_cells_that_are_no_numbers(file, tmp_path, text, message):
+    """With the line of the file."""
+    with pytest.raises(SceneError) as caught:
+        load_text(file, tmp_path, text)
+    assert message in str(caught.value)

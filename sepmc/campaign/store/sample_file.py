@@ -1,5 +1,6 @@
 """Sample tables in CSV or Parquet: inputs of the cases of a campaign."""
 
+import re
 import stat
 from collections import Counter
 from pathlib import Path
@@ -17,7 +18,10 @@ from sepmc.scene.messages import Problems, printable, shorten
 
 _KEY = "run.samples"
 _PARQUET = ".parquet"
-_ENDINGS = (_PARQUET, ".csv", ".txt")
+_ENDINGS = (_PARQUET, ".csv", ".txt", ".tsv")
+_COMMENT, _DELIMITERS = "#", (";", "\t")
+_HEAD, _FIRST_ROWS = 1 << 16, 20  # bytes and rows of a text file that are looked at first
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
 def read_input_table(path: Path, problems: Problems) -> InputTable | None:
@@ -38,9 +42,9 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
     if not fault:
         kind = "Parquet" if path.suffix.lower() == _PARQUET else "CSV"
         try:
-            table = _parquet(path) if kind == "Parquet" else csv.read_csv(readable(path))
+            table = _parquet(path) if kind == "Parquet" else _csv(path)
             names = [name.strip() for name in table.column_names]
-        except _TooLarge as error:
+        except (_TooLarge, _UnreadableError) as error:
             fault = str(error)
         except MemoryError:
             fault = "is larger than the memory there is"
@@ -66,7 +70,11 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
     numeric = {
         name: _floats(column)[order] for name, column in columns.items() if _is_number(column.type)
     }
-    return InputTable(path, numbers[order], numeric, non_numeric)
+    return InputTable(path, numbers[order], numeric, non_numeric, order)
+
+
+class _UnreadableError(Exception):
+    """The table cannot be read; the argument is the reason."""
 
 
 class _TooLarge(Exception):
@@ -88,6 +96,40 @@ def _file_fault(path: Path) -> str:
     if state.st_size > PLAN_BYTES:
         return f"has {state.st_size:,} bytes: must be at most {PLAN_BYTES:,}"
     return ""
+
+
+def _csv(path: Path) -> pa.Table:
+    """Table of a text file: comment lines before its header are skipped; the header has semicolons,
+    tabs or commas between its names.
+
+    Raises
+    ------
+    _UnreadableError
+        If a number in the first rows has a decimal comma.
+    """
+    skipped, header, rows = 0, "", list[tuple[int, str]]()
+    with path.open("rb") as file:
+        for number, line in enumerate(file.read(_HEAD).splitlines(), 1):
+            text = line.decode("utf-8-sig" if number == 1 else "utf-8", errors="replace").strip()
+            if not header and (not text or text.startswith(_COMMENT)):
+                skipped = number
+            elif not header:
+                header = text
+            elif text:
+                rows.append((number, text))
+    delimiter = next((each for each in _DELIMITERS if each in header), ",")
+    for number, text in rows[:_FIRST_ROWS] if delimiter != "," else ():
+        cell = next(filter(_DECIMAL_COMMA.fullmatch, map(str.strip, text.split(delimiter))), None)
+        if cell is not None:
+            point = cell.replace(",", ".")
+            raise _UnreadableError(
+                f"line {number}: {cell} has a decimal comma; write it with a point, {point}"
+            )
+    return csv.read_csv(
+        readable(path),
+        csv.ReadOptions(skip_rows=skipped),
+        csv.ParseOptions(delimiter=delimiter),
+    )
 
 
 def _parquet(path: Path) -> pa.Table:

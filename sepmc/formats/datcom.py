@@ -1,0 +1,357 @@
+"""Output of Digital DATCOM and Missile DATCOM (``for006.dat``): static coefficients and derivatives
+over Mach number and alpha.
+
+Both print C_Y positive to the right, moments about their moment centre, C_l and C_n by the lateral
+length, and derivatives by rates over q L / 2 V.
+"""
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sepmc.formats.text_table import FormatError, number, read_text
+from sepmc.scene.messages import shorten
+from sepmc.scene.model import COEFFICIENTS, DERIVATIVES
+from sepmc.scene.units import UNITS, split_unit
+
+# coefficients by their titles, of Digital and of Missile DATCOM
+_STATIC = {"CN": "normal", "CA": "axial", "CM": "pitch", "CY": "side", "CLN": "yaw", "CLL": "roll"}
+_BY_BETA = {"CYB": "side", "CNB": "yaw", "CLNB": "yaw", "CLB": "roll", "CLLB": "roll"}
+_BY_RATE = {
+    "CNQ": "normal_q", "CLQ": "normal_q", "CMQ": "pitch_q", "CAQ": "axial_q", "CYP": "side_p",
+    "CYR": "side_r", "CLLP": "roll_p", "CLP": "roll_p", "CLLR": "roll_r", "CLR": "roll_r",
+    "CLNP": "yaw_p", "CNP": "yaw_p", "CLNR": "yaw_r", "CNR": "yaw_r",
+}  # fmt: skip
+_OTHERS = frozenset(["ALPHA", "CD", "CL", "XCP", "CLA", "CMA", "CNA", "X-C.P.", "CL/CD", "CNAD",
+                     "CMAD", "CLAD", "CAAD"])  # fmt: skip
+_TITLES = {**_STATIC, **_BY_BETA, **_BY_RATE}
+_TOKEN = re.compile(r"\S+")
+_DIGITAL = re.compile(r"^\S?\s*(\.\d+|\d+\.\d*)\s+")
+_MACH = re.compile(r"MACH NO\s*=\s*([\d.]+)")
+_BETA = re.compile(r"SIDESLIP\s*=\s*(-?[\d.]+)")
+_REFERENCE = re.compile(
+    r"(REF AREA|LAT REF LENGTH|REF LENGTH|MOMENT CENTER)\s*=\s*(-?[\d.]+(?:E[+-]?\d+)?)\s*(\S+)?"
+)
+_CASE = re.compile(r"CASE\s+(\d+)\s*$")
+_SIDESLIP = 30.0  # deg, to which slopes by beta are continued
+
+
+@dataclass
+class _Block:
+    """Values by alpha of one Mach number and sideslip.
+
+    ``values[title][alpha]``; ``per_degree`` of the titles that are slopes.
+    """
+
+    mach: float
+    beta: float
+    values: dict[str, dict[float, float]] = field(default_factory=dict)
+    per_degree: set[str] = field(default_factory=set)
+
+
+@dataclass
+class _Output:
+    """Blocks of a case, its references, and its titles that were not read."""
+
+    blocks: list[_Block] = field(default_factory=list)
+    references: dict[str, str] = field(default_factory=dict)
+    title: str = ""
+
+
+def is_datcom(path: Path) -> bool:
+    """True for a file that looks like an output of DATCOM."""
+    if path.suffix.lower() not in (".dat", ".out", ".txt"):
+        return False
+    text = read_text(path)
+    return "DATCOM" in text[:20_000].upper() or "REFERENCE DIMENSIONS" in text
+
+
+def read_datcom(
+    path: Path, options: dict[str, Any], aero: dict[str, Any]
+) -> tuple[dict[str, Any], list[str]]:
+    """Read an aerodynamic table from an output of DATCOM, in the conventions of this project.
+
+    Parameters
+    ----------
+    path : Path
+    options : dict
+        See `parse_datcom`.
+    aero : dict
+        The aerodynamics that the table belongs to: its reference quantities are compared.
+
+    Returns
+    -------
+    table : dict
+        Keys of ``[body.NAME.aerodynamics.table]``.
+    said : list of str
+
+    Raises
+    ------
+    FormatError
+    """
+    text = read_text(path)
+    table, said = parse_datcom(text, options)
+    if aero.get("per") == "deg":
+        raise FormatError('says itself what is per degree: give no per = "deg" beside it')
+    if aero.get("convention") != "datcom":  # else its sign is turned with the polynomials
+        for key in ("side", "side_p", "side_r"):
+            if key in table:
+                table[key] = (0.0 - np.array(table[key])).tolist()
+        said.append("C_Y taken as DATCOM's, sign turned")
+    references = _references(text)
+    _compare(references, aero)
+    if {"lref", "latref"} <= references.keys() and not any(
+        key.startswith("lateral_length") for key in aero
+    ):
+        ratio = references["latref"] / references["lref"]
+        for key in (*COEFFICIENTS, *DERIVATIVES):
+            coefficient, _, rate = key.partition("_")
+            power = (coefficient in ("roll", "yaw")) + (rate in ("p", "r"))
+            if key in table and power and ratio != 1.0:
+                table[key] = (ratio**power * np.array(table[key])).tolist()
+        if ratio != 1.0:
+            said.append(f"C_l, C_n and the rates p, r times {ratio:.6g}, lateral over long length")
+    return table, said
+
+
+_CARD = re.compile(r"\b(SREF|LREF|CBARR|LATREF|BLREF)\s*=\s*([\d.]+(?:E[+-]?\d+)?)", re.IGNORECASE)
+_CARD_NAMES = {"SREF": "sref", "LREF": "lref", "CBARR": "lref", "LATREF": "latref",
+               "BLREF": "latref"}  # fmt: skip
+_DIM = re.compile(r"^\s*(?:\d+\s+)?DIM\s+(M|CM|FT|IN)\b", re.MULTILINE | re.IGNORECASE)
+_METRES = {"M": 1.0, "CM": 0.01, "FT": 0.3048, "IN": 0.0254}
+_OTHER = 0.02  # relative difference of reference quantities that are not the same
+
+
+def _references(text: str) -> dict[str, float]:
+    """Reference area, m2, and lengths, m, of the input cards that an output repeats."""
+    dim = _DIM.search(text)
+    metre = _METRES[dim[1].upper() if dim else "FT"]
+    found = {_CARD_NAMES[m[1].upper()]: number(m[2]) for m in _CARD.finditer(text)}
+    return {
+        name: value * metre ** (2 if name == "sref" else 1)
+        for name, value in found.items()
+        if value > 0.0
+    }
+
+
+def _compare(references: dict[str, float], aero: dict[str, Any]) -> None:
+    """Refuse a deck whose reference quantities are not those of the aerodynamics."""
+    for name, stem, kind in (
+        ("sref", "reference_area", "area"),
+        ("lref", "reference_length", "length"),
+    ):
+        key = next((key for key in aero if split_unit(key)[0] == stem), None)
+        unit = UNITS[kind].get(split_unit(key)[1]) if key else None
+        value = aero.get(key or "")
+        if name not in references or unit is None or not isinstance(value, int | float):
+            continue
+        if abs(value * unit - references[name]) > _OTHER * references[name]:
+            first = next(iter(UNITS[kind]))
+            raise FormatError(
+                f"has the {stem.replace('_', ' ')} {references[name]:.6g} {first}, but {key} is "
+                f"{value:g}: its coefficients belong to its own"
+            )
+
+
+def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Read an aerodynamic table from the text of an output.
+
+    Parameters
+    ----------
+    text : str
+    options : dict
+        ``case``, the number of one of several, from 1; ``sideslip_deg``, to which slopes by beta
+        are continued (30).
+
+    Returns
+    -------
+    table : dict
+        Keys of ``[body.NAME.aerodynamics.table]``; signs and lengths as in the file.
+    said : list of str
+
+    Raises
+    ------
+    FormatError
+    """
+    cases = _cases(text)
+    if not cases:
+        raise FormatError("has no table of coefficients over ALPHA that DATCOM prints")
+    wanted = options.get("case")
+    if wanted is None and len(cases) > 1:
+        raise FormatError(
+            f"has {len(cases)} cases; choose one by case = NUMBER, of "
+            + ", ".join(f"{key}" for key in list(cases)[:20])
+        )
+    if wanted is not None and wanted not in cases:
+        raise FormatError(f"has no case {shorten(wanted)}; known: {', '.join(map(str, cases))}")
+    output = cases[wanted if wanted is not None else next(iter(cases))]
+    sideslip = options.get("sideslip_deg", _SIDESLIP)
+    if not (isinstance(sideslip, int | float) and 0.0 < sideslip < 90.0):
+        raise FormatError("sideslip_deg must be an angle above 0, below 90")
+    return _table(output, float(sideslip))
+
+
+def _cases(text: str) -> dict[int, _Output]:
+    """Outputs of the cases of a text, by number."""
+    cases: dict[int, _Output] = {}
+    case, mach, beta, per_degree = 1, math.nan, 0.0, False
+    titles: list[tuple[str, float]] = []
+    wants_conditions = False
+    for line in text.splitlines():
+        if (match := _CASE.search(line)) and ("DATCOM" in line or line.startswith("1")):
+            case = int(match[1])
+        upper = line.upper()
+        if "PER DEGREE" in upper or "PER RADIAN" in upper:
+            per_degree = "PER DEGREE" in upper
+        if match := _MACH.search(line):
+            mach, titles = float(match[1]), []
+        if match := _BETA.search(line):
+            beta = float(match[1])
+        output = cases.setdefault(case, _Output())
+        for match in _REFERENCE.finditer(line):
+            output.references[match[1]] = f"{match[2]} {match[3] or ''}".strip()
+        if "REFERENCE DIMENSIONS" in upper:  # of Digital DATCOM
+            wants_conditions, beta, titles = True, 0.0, []
+        elif wants_conditions and line.startswith("0") and (match := _DIGITAL.match(line[1:])):
+            mach, wants_conditions = float(match[1]), False
+            _digital_references(output, line)
+        cells = [(m[0], (m.start() + m.end()) / 2) for m in _TOKEN.finditer(line)]
+        words = [cell for cell, _ in cells if cell != "0"]
+        if words and words[0] == "ALPHA":
+            titles = [cell for cell in cells if cell[0] != "0"]
+            if not all(word in _TITLES or word in _OTHERS for word in words):
+                titles = []
+            continue
+        if not titles or not cells or words == []:
+            continue
+        if not all(_is_value(cell) for cell, _ in cells):
+            titles = []
+            continue
+        if not math.isnan(mach):
+            _add_row(output, mach, beta, titles, cells, per_degree)
+    return {key: each for key, each in cases.items() if any(b.values for b in each.blocks)}
+
+
+def _is_value(cell: str) -> bool:
+    if cell in ("NDM", "NA") or set(cell) == {"*"}:
+        return True
+    try:
+        return math.isfinite(number(cell))
+    except ValueError:
+        return False
+
+
+def _add_row(
+    output: _Output,
+    mach: float,
+    beta: float,
+    titles: list[tuple[str, float]],
+    cells: list[tuple[str, float]],
+    per_degree: bool,
+) -> None:
+    """Put the values of a line under the titles that they stand below; blank ones are left out."""
+    block = next((b for b in output.blocks if b.mach == mach and b.beta == beta), None)
+    if block is None:
+        block = _Block(mach, beta)
+        output.blocks.append(block)
+    if not _is_value(cells[0][0]) or "*" in cells[0][0]:
+        return
+    alpha = number(cells[0][0])
+    aligned = len(cells) == len(titles)
+    for k, (cell, middle) in enumerate(cells[1:], 1):
+        title = titles[k][0] if aligned else min(titles, key=lambda t: abs(t[1] - middle))[0]
+        if title not in _TITLES or cell in ("NDM", "NA") or "*" in cell:
+            continue
+        block.values.setdefault(title, {})[alpha] = number(cell)
+        if title not in _STATIC and per_degree:
+            block.per_degree.add(title)
+
+
+def _digital_references(output: _Output, line: str) -> None:
+    """Reference quantities of a line of flight conditions: area, lengths, moment centre."""
+    numbers = line.split()[1:] if line.startswith("0 ") else line[1:].split()
+    if len(numbers) >= 6:
+        names = ("REF AREA", "REF LENGTH", "LAT REF LENGTH", "MOMENT CENTER")
+        output.references |= dict(zip(names, numbers[-5:-1], strict=True))
+
+
+def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]:
+    """Table over Mach number, alpha and, if there are slopes or values by it, beta."""
+    said = [f"{name} {value}" for name, value in output.references.items()]
+    blocks = [b for b in output.blocks if "CN" in b.values and "CA" in b.values]
+    if not blocks:
+        raise FormatError("has no table of CN and CA over ALPHA")
+    machs, betas = sorted({b.mach for b in blocks}), sorted({b.beta for b in blocks})
+    found = {(b.mach, b.beta): b for b in blocks}
+    if len(found) < len(machs) * len(betas):
+        raise FormatError("has not every sideslip at every Mach number")
+    alphas, dropped = _common_alphas(blocks)
+    if dropped:
+        listed = ", ".join(f"{a:g}" for a in dropped)
+        said.append(f"not read, as CN or CA is blank there: alpha = {listed}")
+    if len(alphas) < 1:
+        raise FormatError("has no alpha with CN and CA at all Mach numbers")
+    shape = (len(machs), len(alphas), len(betas))
+    values: dict[str, np.ndarray] = {}
+    for i, mach in enumerate(machs):
+        for k, beta in enumerate(betas):
+            block = found[mach, beta]
+            for title in block.values:
+                row = _row(block, title, alphas)
+                if row is not None:
+                    values.setdefault(title, np.full(shape, np.nan))[i, :, k] = row
+    left = [title for title, grid in values.items() if not np.isfinite(grid).all()]
+    for title in left:
+        del values[title]
+    if left:
+        said.append(f"not read, as some are blank: {', '.join(left)}")
+    tree = {name: values[title] for title, name in _STATIC.items() if title in values}
+    for title, name in _BY_RATE.items():
+        if title in values:
+            tree[name] = values[title]
+            if title == "CLQ":
+                said.append("CLQ taken for CNQ, as at small alpha")
+    slopes = {name: values[title] for title, name in _BY_BETA.items() if title in values}
+    if slopes and len(betas) == 1:
+        betas = [betas[0] - sideslip, betas[0], betas[0] + sideslip]
+        steps = np.radians([-sideslip, 0.0, sideslip])
+        tree = {name: np.repeat(grid, 3, axis=2) for name, grid in tree.items()}
+        for name, slope in slopes.items():
+            tree[name] = tree.get(name, 0.0) + slope * steps
+        said.append(
+            f"slopes by beta ({', '.join(t for t in _BY_BETA if t in values)}) continued as lines "
+            f"to {sideslip:g} deg of sideslip"
+        )
+    axes = {"mach": machs, "alpha_deg": alphas, "beta_deg": betas}
+    if len(betas) == 1:
+        del axes["beta_deg"]
+        tree = {name: grid[:, :, 0] for name, grid in tree.items()}
+    head = ", ".join(f"{len(points)} rows of {key.removesuffix('_deg')}" for key, points in
+                     axes.items())  # fmt: skip
+    said.insert(0, f"{head}; {', '.join(tree)}")
+    return {**axes, **{name: grid.tolist() for name, grid in tree.items()}}, said
+
+
+def _common_alphas(blocks: list[_Block]) -> tuple[list[float], list[float]]:
+    """Angles of attack with CN and CA in all blocks, and those with one of them or neither."""
+    all_alphas = sorted({a for b in blocks for column in b.values.values() for a in column})
+    complete = [
+        a for a in all_alphas if all(a in b.values["CN"] and a in b.values["CA"] for b in blocks)
+    ]
+    return complete, [a for a in all_alphas if a not in complete]
+
+
+def _row(block: _Block, title: str, alphas: list[float]) -> np.ndarray | None:
+    """Values of a title over alpha, slopes per rad; one that is printed once is that of all."""
+    column = block.values[title]
+    factor = 180.0 / math.pi if title in block.per_degree else 1.0
+    given = [column[a] for a in alphas if a in column]
+    if len(given) == len(alphas):
+        return factor * np.array(given)
+    if len(column) == 1 and title not in _STATIC:
+        return np.full(len(alphas), factor * next(iter(column.values())))
+    return None

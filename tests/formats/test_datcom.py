@@ -1,0 +1,166 @@
+"""Outputs of DATCOM, of files written here in their form: values, signs, lengths, what is left."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from small_scenes import PAIR
+
+import sepmc
+from sepmc.formats.datcom import parse_datcom
+from sepmc.formats.text_table import FormatError
+from sepmc.scene.messages import SceneError
+
+DEGREE = 180.0 / math.pi
+
+
+def missile(machs=(0.8, 1.2), case=1, per="RADIAN", cards=True):
+    """Pages of Missile DATCOM for a case: C_N = 10 alpha (1 + Mach), C_Y = -2 beta."""
+    lines = [f"1         ***** THE USAF AUTOMATED MISSILE DATCOM *****     CASE   {case}"]
+    if cards:
+        lines += ["   11  $REFQ SREF=0.0127, LREF=0.05, LATREF=0.2,$", "   47 DIM M"]
+    for mach in machs:
+        lines += [
+            f"     MACH NO  =       {mach:.2f}                REYNOLDS NO = 2.318E+06 /M",
+            "     SIDESLIP =       0.00 DEG                   ROLL =      0.00 DEG     ",
+            "     REF AREA =      0.013 M**2         MOMENT CENTER =     0.446 M",
+            "         ALPHA       CN        CM        CA        CY       CLN       CLL",
+            "",
+        ]
+        for alpha in (-5.0, 0.0, 5.0):
+            normal = 10.0 * math.radians(alpha) * (1.0 + mach)
+            lines.append(
+                f"       {alpha:7.2f}  {normal:8.3f}  {-normal:8.3f}     0.300     0.000     0.000"
+                "     0.000"
+            )
+        lines += [
+            "         ALPHA       CL        CD      CL/CD     X-C.P.",
+            "         -5.00     1.000     0.300     3.000    -4.000",
+            "",
+            f"                   ---------- DERIVATIVES (PER {per}) ----------",
+            "         ALPHA       CNA         CMA         CYB         CLNB        CLLB",
+        ]
+        lines += [f"       {a:7.2f}  9.0  -9.0  -2.0  1.0  -0.1" for a in (-5.0, 0.0, 5.0)]
+        lines += [
+            f"                    ------------ DYNAMIC DERIVATIVES (PER {per}) -----------",
+            "         ALPHA       CNQ        CMQ        CAQ       CNAD       CMAD",
+        ]
+        lines += [f"       {a:7.2f}  8.0  -40.0  0.5  7.0  -20.0" for a in (-5.0, 0.0, 5.0)]
+        lines += ["         ALPHA       CYR       CLNR       CLLR        CYP       CLNP       CLLP"]
+        lines += [f"       {a:7.2f}  5.0  -7.0  0.2  0.1  -0.2  -0.5" for a in (-5.0, 0.0, 5.0)]
+        lines += ["    YAW AND ROLL RATE DERIVATIVES NON-DIMENSIONALIZED BY R*LATREF/2*V"]
+    return "\n".join(lines) + "\n"
+
+
+DIGITAL = """
+1                               AUTOMATED STABILITY AND CONTROL METHODS PER 1976 VERSION OF DATCOM
+ -----------------------  FLIGHT CONDITIONS  ------------------------           --------------  REFERENCE DIMENSIONS  ------------
+  MACH    ALTITUDE   VELOCITY    PRESSURE    TEMPERATURE     REYNOLDS             REF.      REFERENCE LENGTH   MOMENT REF. CENTER
+ NUMBER                                                       NUMBER              AREA       LONG.     LAT.     HORIZ      VERT
+0 0.500                                                    4.2600E+06             2.250      0.800     3.000     2.600     0.000
+0                                                               -------------------DERIVATIVE (PER DEGREE)-------------------
+0 ALPHA     CD       CL       CM       CN       CA       XCP        CLA          CMA          CYB          CNB          CLB
+0
+   -2.0    0.020   -0.140    0.0300  -0.141    0.015   -0.170    7.000E-02   -1.100E-02   -2.000E-03   -1.500E-03    5.000E-04
+    0.0    0.018    0.000    0.0000   0.000    0.018   ******    7.000E-02   -1.100E-02                              0.000E+00
+    2.0    0.020    0.140   -0.0300   0.141    0.015   -0.170    7.000E-02   -1.100E-02                             -5.000E-04
+   20.0             1.100   -0.4000                              1.700E-02   -1.900E-02                             -4.000E-03
+0                                    ALPHA     Q/QINF    EPSLON  D(EPSLON)/D(ALPHA)
+0
+                                     -2.0      0.944     -1.234        0.617
+"""  # noqa: E501
+
+
+def test_missile_datcom():
+    """Every coefficient, slopes by beta as lines, derivatives by rates; C_L and C_D left."""
+    table, said = parse_datcom(missile(), {})
+    assert table["mach"] == [0.8, 1.2]
+    assert table["alpha_deg"] == [-5.0, 0.0, 5.0]
+    assert table["beta_deg"] == [-30.0, 0.0, 30.0]
+    assert_allclose(np.array(table["normal"])[1, 2], round(10.0 * math.radians(5.0) * 2.2, 3))
+    assert_allclose(table["axial"], 0.3)
+    assert_allclose(np.array(table["side"])[0, 0], -2.0 * np.radians([-30.0, 0.0, 30.0]))
+    assert_allclose(np.array(table["yaw"])[0, 0, 2], math.radians(30.0))
+    assert_allclose(table["pitch_q"], -40.0)
+    assert_allclose(table["roll_p"], -0.5)
+    assert_allclose(table["side_r"], 5.0)
+    assert "2 rows of mach, 3 rows of alpha, 3 rows of beta" in said[0]
+
+
+def test_derivatives_per_degree():
+    table, _ = parse_datcom(missile(per="DEGREE"), {"sideslip_deg": 10.0})
+    assert_allclose(table["pitch_q"], -40.0 * DEGREE)
+    assert_allclose(np.array(table["side"])[0, 0, 2], -2.0 * 10.0)
+
+
+def test_digital_datcom():
+    """Blank columns stay blank: CYB and CNB are printed once, CN and CA not at 20 deg."""
+    table, said = parse_datcom(DIGITAL, {})
+    assert table["alpha_deg"] == [-2.0, 0.0, 2.0]
+    assert_allclose(np.array(table["normal"])[0, :, 1], [-0.141, 0.0, 0.141])
+    assert_allclose(np.array(table["axial"])[0, :, 1], [0.015, 0.018, 0.015])
+    assert_allclose(np.array(table["pitch"])[0, :, 1], [0.03, 0.0, -0.03])
+    assert_allclose(np.array(table["side"])[0, :, 2], -0.002 * 30.0)
+    assert_allclose(np.array(table["roll"])[0, :, 2], [0.015, 0.0, -0.015])
+    assert any("not read, as CN or CA is blank there: alpha = 20" in one for one in said)
+
+
+def test_one_of_several_cases():
+    text = missile() + missile(case=2).replace("0.300", "0.400")
+    with pytest.raises(FormatError, match="has 2 cases; choose one by case = NUMBER, of 1, 2"):
+        parse_datcom(text, {})
+    assert_allclose(parse_datcom(text, {"case": 2})[0]["axial"], 0.4)
+    with pytest.raises(FormatError, match="has no case 3; known: 1, 2"):
+        parse_datcom(text, {"case": 3})
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("DATCOM\nnothing\n", "has no table of coefficients"),
+        (missile().replace("       CN ", "       CX "), "has no table of CN and CA"),
+    ],
+)
+def test_outputs_that_are_refused(text, reason):
+    with pytest.raises(FormatError, match=reason):
+        parse_datcom(text, {})
+
+
+AERO = """
+[body.aft.aerodynamics]
+reference_area_m2 = 0.0127
+reference_length_m = 0.05
+MORE
+table = { file = "for006.dat" }
+"""
+
+
+def loaded(folder, text, more="", old="", new=""):
+    (folder / "for006.dat").write_text(text)
+    (folder / "c.toml").write_text(PAIR + AERO.replace("MORE", more).replace(old, new))
+    return sepmc.load(folder / "c.toml")
+
+
+@pytest.mark.parametrize("more", ["", 'convention = "datcom"'])
+def test_a_deck_of_a_campaign(tmp_path, more):
+    """C_Y turned once, moments and rates from the lateral length (four times) to the other."""
+    campaign = loaded(tmp_path, missile(), more)
+    table = campaign.scene.body["aft"].aerodynamics.table
+    assert_allclose(np.array(table.side)[0, 0], 2.0 * np.radians([-30.0, 0.0, 30.0]))
+    assert_allclose(np.array(table.yaw)[0, 0, 2], 4.0 * math.radians(30.0))
+    assert_allclose(table.yaw_r, 16.0 * -7.0)
+    assert_allclose(table.side_r, -4.0 * 5.0)
+    assert_allclose(table.roll_p, 16.0 * -0.5)
+    assert_allclose(table.pitch_q, -40.0)
+    said = " ".join(campaign.file.understood)
+    assert "C_Y taken as DATCOM's" in said
+    assert "sign turned" in said
+    assert "times 4" in said
+
+
+def test_other_reference_quantities_are_refused(tmp_path):
+    with pytest.raises(SceneError, match=r"has the reference area 0.0127 m2, but reference_area"):
+        loaded(tmp_path, missile(), old="0.0127", new="0.0314")
+    with pytest.raises(SceneError, match='says itself what is per degree: give no per = "deg"'):
+        loaded(tmp_path, missile(), 'per = "deg"')
