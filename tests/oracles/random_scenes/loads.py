@@ -49,7 +49,7 @@ def add_force_tables(draft: Draft) -> None:
             continue
         count = rng.choice([2, 3, 4, 6])
         steps = [rng.uniform(0.01, 0.1) for _ in range(count - 1)]
-        first = rng.choice([0.0, 0.0, -0.05])
+        first = rng.choice([0.0, 0.0, -0.005])
         force = max(abs(spring.get("force_N", 0.0)), 10.0)
         spring["table"] = {
             "extension_m": [rounded(first + sum(steps[:k])) for k in range(count)],
