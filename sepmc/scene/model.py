@@ -250,6 +250,13 @@ class Signal(_Table, frozen=True, kw_only=True):
         """Number of states that are integrated with the motion."""
         return 2 if self.servo is not None else int(self.integral or self.lag is not None)
 
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Fields with numbers that do nothing: those of samples and of states."""
+        if self.sample is not None:
+            return ()
+        return ("delay",) if self.states else ("delay", "initial")
+
 
 class Driven(NamedTuple):
     """A number that a signal gives during flight: name of the signal, and the factor from the unit

@@ -163,6 +163,13 @@ def test_messages(pair, keys, message):
     assert message in str(error.value)
 
 
+@pytest.mark.parametrize("key", ["initial", "delay_s"])
+def test_numbers_without_effect_cannot_vary(pair, key):
+    settings = STILL | out("1") | {"dispersion": {f"signal.out.{key}": {"uniform": [0.0, 0.1]}}}
+    with pytest.raises(SceneError, match="has no effect on this signal, so it cannot vary"):
+        pair(settings)
+
+
 def test_loop_without_a_state(pair):
     signals = [{"name": "out", "formula": "2 * b"}, {"name": "b", "formula": "out"}]
     with pytest.raises(SceneError, match="depends on itself at once: out -> b -> out; a lag_s"):
