@@ -263,12 +263,16 @@ class Signal(_Table, frozen=True, kw_only=True):
     """A number computed during flight by a formula of quantities, of other signals, and of
     constants: all further keys of its table.
 
-    It may follow its formula with a ``lag`` (y' = (u - y) / lag, at most ``rate_limit`` in size)
-    or as a ``servo``, or be its ``integral`` over time, each from ``initial`` on.
+    The formula may be sampled every ``sample`` seconds from the start on and held in between, each
+    value used ``delay`` seconds later. The signal may follow it with a ``lag`` (y' = (u - y) / lag,
+    at most ``rate_limit`` in size) or as a ``servo``, or be its ``integral`` over time, each from
+    ``initial`` on.
     """
 
     name: Name
     formula: str
+    sample: Annotated[float, Positive, Quantity("time")] | None = None
+    delay: Time = 0.0
     lag: Annotated[float, Positive, Quantity("time")] | None = None
     rate_limit: Annotated[float, Positive] | None = None
     servo: Servo | None = None
@@ -280,6 +284,13 @@ class Signal(_Table, frozen=True, kw_only=True):
     def states(self) -> int:
         """Number of states that are integrated with the motion."""
         return 2 if self.servo is not None else int(self.integral or self.lag is not None)
+
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Fields with numbers that do nothing: those of samples and of states."""
+        if self.sample is not None:
+            return ()
+        return ("delay",) if self.states else ("delay", "initial")
 
 
 class Driven(NamedTuple):

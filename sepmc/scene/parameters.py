@@ -56,6 +56,8 @@ def find(scene: Scene, key: str) -> Parameter:
             last, (name, node) = None, _item(node.constants, part, None)
         elif isinstance(node, msgspec.Struct):
             name, unit, factor, last = _field(node, part)
+            if isinstance(node, Signal) and name in node.without_effect:
+                raise UnknownPath(f"{part!r} has no effect on this signal, so it cannot vary")
             node = getattr(node, name)
         else:
             container = node

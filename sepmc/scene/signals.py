@@ -46,6 +46,7 @@ _OWN_KEYS = tuple(keys_of(fields_of(Signal)))
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _WORDS = ("and", "or", "not", *FUNCTIONS, *CONSTANTS)
 Items = Mapping[str, Collection[str]]  # names by table
+_MOST_SAMPLES = 100_000
 _TIMES = 400  # at which `size` looks for the largest value
 
 
@@ -158,8 +159,13 @@ def _check_states(signal: Signal, key_path: str, problems: Problems) -> None:
         problems.add(key_path, f"has {' and '.join(given)}: give one of them")
     if signal.rate_limit is not None and signal.lag is None:
         problems.add(f"{key_path}.rate_limit", "needs lag_s", signal.rate_limit)
-    if signal.initial != 0.0 and not signal.states:
-        reason = "needs lag_s, servo or integral: a formula alone has no initial value"
+    if signal.delay > 0.0 and signal.sample is None:
+        problems.add(f"{key_path}.delay_s", "needs sample_s", signal.delay)
+    elif signal.sample is not None and signal.delay > signal.sample:
+        reason = f"must be at most sample_s = {signal.sample:g}"
+        problems.add(f"{key_path}.delay_s", reason, signal.delay)
+    if signal.initial != 0.0 and not (signal.states or signal.delay):
+        reason = "needs lag_s, servo, integral or delay_s: a formula alone has no initial value"
         problems.add(f"{key_path}.initial", reason, signal.initial)
 
 
@@ -184,13 +190,19 @@ def check_signals(
     scene: Scene, driven: Mapping[str, tuple[str, Driven]], problems: Problems
 ) -> None:
     """Note formulas that are none, unknown names in them, cycles, and unknown signals."""
+    for signal in scene.signal:
+        if signal.sample is not None and scene.run.end_time / signal.sample > _MOST_SAMPLES:
+            reason = f"gives more than {_MOST_SAMPLES:,} samples up to {scene.run.end_time:g} s"
+            problems.add(f"signal.{signal.name}.sample_s", reason, signal.sample)
     known = [signal.name for signal in scene.signal]
     for shown, drive in driven.values():
         if drive.signal not in known:
             reason = "must be a number or the name of a [[signal]]; "
             problems.add(shown, reason + nearest(drive.signal, known), drive.signal)
     trees: dict[str, Node] = {}
-    with_states = [signal.name for signal in scene.signal if signal.states]
+    with_states = [
+        signal.name for signal in scene.signal if signal.states or signal.sample is not None
+    ]
     for signal in scene.signal:
         key_path = f"signal.{signal.name}.formula"
         try:
@@ -214,7 +226,7 @@ def check_signals(
         direct = {one: tree for one, tree in trees.items() if one not in with_states or one == name}
         if name not in with_states and (cycle := _cycle(name, direct, ())):
             reason = f"depends on itself at once: {' -> '.join(cycle)}"
-            remedy = "a lag_s, servo or integral in between gives it a state"
+            remedy = "a lag_s, servo, integral or sample_s in between gives it a state"
             problems.add(f"signal.{name}.formula", f"{reason}; {remedy}")
             break
 

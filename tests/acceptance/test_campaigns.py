@@ -45,6 +45,8 @@ BY_HAND = [
     ("spring-pushers", "separation_speed_m_s", 1.1661904, 1e-6),
     ("spring-pushers", "separation_distance_mm", 2199.9873, 1e-3),
     ("spring-pushers", "clamp_peak_force_N", 3600.0, 1e-6),
+    ("controlled-stage", "start_upper_pitch_deg", 1.16, 1e-3),
+    ("controlled-stage", "start_upper_omega_z_deg_s", 2.0, 5e-3),
     ("missile-rail", "release_time_s", 0.175809, 2e-5),
     ("missile-rail", "shoe_tip_off_missile_z_deg_s", -12.517, 0.01),  # air left out by hand
     ("missile-rail", "shoe_tip_off_missile_y_deg_s", 0.0, 1e-9),

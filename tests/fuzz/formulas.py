@@ -3,7 +3,7 @@
 import math
 import sys
 
-from oracles.independent.formulas import Formulas, Undefined
+from oracles.independent.formulas import Evaluation, Formulas, Undefined
 
 from fuzz.watch import Wrong, turns
 from sepmc.scene.formula import FUNCTIONS, FormulaError, evaluate, names, parse
@@ -82,19 +82,30 @@ def _compare(text, tree, values):
     if abs(value - other) <= _CLOSE * max(1.0, abs(other)):
         return
     # numbers of which the last bits decide: differences of large ones, sides of a comparison
-    for sign in (1.0, -1.0):
-        near = {name: x * (1.0 + sign * 4e-16) for name, x in values.items()}
-        moved = _otherwise(text, near)
+    for nudge in (1.0 + 4e-16, 1.0 - 4e-16):
+        near = {name: x * nudge for name, x in values.items()}
+        moved = _otherwise(text, near, nudge)
         if not abs(moved - other) <= 1e-3 * abs(value - other):
             return
     raise Wrong(f"{value!r} and not {other!r}")
 
 
-def _otherwise(text, values):
+class _Nudged(Evaluation):
+    """Evaluation with all results of functions multiplied by a number."""
+
+    nudge = 1.0
+
+    def _call(self, *arguments):
+        return super()._call(*arguments) * self.nudge
+
+
+def _otherwise(text, values, nudge=1.0):
     """Value by the evaluation of the independent flight; NaN if it is undefined."""
     table = {"name": "f", "formula": text, "constants": values}
+    evaluation = _Nudged(Formulas({"signal": [table], "driven": {}}, None, None), 0.0, None)
+    evaluation.nudge = nudge
     try:
-        return Formulas({"signal": [table], "driven": {}}, None, None).value("f", 0.0, None)
+        return evaluation.signal("f")
     except (Undefined, RecursionError):
         return math.nan
 

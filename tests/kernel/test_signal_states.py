@@ -147,7 +147,10 @@ def test_dispersed_response(pair, plainly):
     [
         ({"lag_s": 0.1, "integral": True}, "signal.out: has lag_s and integral: give one of them"),
         ({"rate_limit": 2.0}, "signal.out.rate_limit = 2.0: needs lag_s"),
-        ({"initial": 2.0}, "signal.out.initial = 2.0: needs lag_s, servo or integral"),
+        ({"initial": 2.0}, "signal.out.initial = 2.0: needs lag_s, servo, integral or delay_s"),
+        ({"delay_s": 0.1}, "signal.out.delay_s = 0.1: needs sample_s"),
+        ({"delay_s": 0.1, "sample_s": 0.05}, "must be at most sample_s = 0.05"),
+        ({"sample_s": 1e-6}, "gives more than 100,000 samples up to 1 s"),
         ({"lag_s": 0.0}, "signal.out.lag_s = 0.0: must be > 0"),
         ({"servo": {"natural_hz": 5.0}}, "'damping' is missing"),
         ({"servo": {"natural_hz": 5.0, "damping": -1.0}}, "must be >= 0"),
@@ -160,7 +163,73 @@ def test_messages(pair, keys, message):
     assert message in str(error.value)
 
 
+@pytest.mark.parametrize("key", ["initial", "delay_s"])
+def test_numbers_without_effect_cannot_vary(pair, key):
+    settings = STILL | out("1") | {"dispersion": {f"signal.out.{key}": {"uniform": [0.0, 0.1]}}}
+    with pytest.raises(SceneError, match="has no effect on this signal, so it cannot vary"):
+        pair(settings)
+
+
 def test_loop_without_a_state(pair):
     signals = [{"name": "out", "formula": "2 * b"}, {"name": "b", "formula": "out"}]
     with pytest.raises(SceneError, match="depends on itself at once: out -> b -> out; a lag_s"):
         pair(STILL | {"signal": signals, "load": JET})
+
+
+def sampled_pendulum(kp, kd, sample, delay, end):
+    """Times, pitch and rate of a body under a sampled controller, at the samples: parabolas between
+    the changes of its moment."""
+    y, moment, rows = np.array([0.0, math.radians(10.0)]), 0.0, []
+
+    def moved(y, h):
+        turned = y[0] + h * y[1] + 0.5 * h * h * moment / INERTIA
+        return np.array([turned, y[1] + h * moment / INERTIA])
+
+    for k in range(round(end / sample) + 1):
+        rows.append((k * sample, *y))
+        command = -kp * y[0] - kd * y[1]
+        y = moved(y, delay)
+        moment = command
+        y = moved(y, sample - delay)
+    return rows
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.015])
+def test_sampled_controller(pair, delay):
+    """A sampled and delayed controller of pitch: exact parabolas between its changes."""
+    signal = {
+        "name": "out",
+        "formula": "-kp * fore.pitch_rad - kd * fore.omega_z_rad_s",
+        "kp": 200.0,
+        "kd": 20.0,
+        "sample_s": 0.04,
+        "delay_s": delay,
+    }
+    settings = TURNING | {"signal": [signal], "load": TURN, "solver.step_s": 0.3}
+    history, t = flown(pair(settings), step_s=0.04)
+    for time, pitch, rate in sampled_pendulum(200.0, 20.0, 0.04, delay, 1.0):
+        row = history.iloc[np.abs(t - time).argmin()]
+        assert row["time_s"] == pytest.approx(time, abs=1e-12)
+        assert row["fore_pitch_deg"] == pytest.approx(math.degrees(pitch), abs=1e-10)
+        assert row["fore_omega_z_deg_s"] == pytest.approx(math.degrees(rate), abs=1e-10)
+    assert abs(history["fore_pitch_deg"].iloc[-1]) < 1.0
+
+
+def test_sampled_ramp(pair):
+    """A sampled ramp is a staircase; a servo follows the held value; a kink of it is passed."""
+    signals = [
+        {"name": "stairs", "formula": "time_s", "sample_s": 0.25},
+        {"name": "out", "formula": "max(3 * stairs - 1, 0) + where(stairs > 0.6, 1, 0)"},
+    ]
+    history, t = flown(pair(STILL | {"signal": signals, "load": JET, "solver.step_s": 0.3}))
+    inside = np.abs(t / 0.25 - np.round(t / 0.25)) > 1e-9
+    stairs = 0.25 * np.floor(t / 0.25)
+    assert_allclose(history["signal_stairs"][inside], stairs[inside], rtol=0, atol=1e-12)
+    impulse = 0.25 * (0.0 + 0.0 + 0.5 + 1.25 + 1.0)
+    assert history["fore_vx_m_s"].iloc[-1] * 3.0 == pytest.approx(impulse, abs=1e-12)
+
+
+def test_undefined_sample(pair):
+    signal = {"name": "out", "formula": "log(0.5 - time_s)", "sample_s": 0.3}
+    history = pair(STILL | {"signal": [signal], "load": JET}).simulate(step_s=0.1)
+    assert history.attrs["status"] == "undefined-formula"

@@ -24,6 +24,7 @@ from sepmc.kernel.emit.outcomes import (
     time_fields,
     tip_off_fields,
 )
+from sepmc.kernel.emit.samples import next_samples, take_samples
 from sepmc.kernel.emit.steps import advance
 from sepmc.kernel.emit.tables import has_tables
 from sepmc.kernel.spec.kernel_spec import (
@@ -115,6 +116,8 @@ def _begin(out: Text, c: Context) -> None:
         text("enter_layers(w)")
     if c.spec.layer_borders or c.workspace.has("AIR"):
         text("recentre_air(w, 0.0)")
+    if c.spec.formulas.sampled:
+        text(take_samples(c.spec.segments[0]))
     if c.spec.formulas.kinks:
         text("set_modes(w)")
     if c.spec.load_switches:
@@ -261,6 +264,9 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
             scalar.larger(due, now),
             end,
         )
+    for due in next_samples(scope, c):
+        waits = (scope.load("DONE").equals(0.0)) & (due < end)
+        end = where(waits, scalar.larger(due, now), end)
     scope.store("END", where(end < run_end, end, run_end))
     scope.store("MAX_NEXT_STEP", math.inf)
     store_ignitions(scope, c)
@@ -283,6 +289,8 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
         text.lanes()(f"w[T + l] = w[END + l] if w[END + l] - w[T + l] <= {at.GRAIN} else w[T + l]")
     else:
         text.lanes()("w[T + l] = w[END + l]")
+    if c.spec.formulas.sampled:
+        text(take_samples(segment))
     if segment.clauses:
         update_clauses(text, c, segment)
     if segment.releases:

@@ -44,10 +44,11 @@ def _tolerance(numbers: list[Any]) -> Any:
 
 def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
     """Predicted time to a kink, s; and what is recorded of it, by field: its value, below zero
-    before it, and rate, the time, its acceleration, and the mode from the end of the step on."""
+    before it, and rate, the time, its acceleration, the mode from the end of the step on, and the
+    start of the interval."""
     c, scope, kink = s.c, s.scope, event.item
     name, field = f"{s.segment.name}_{kink}", mode_field(kink)
-    for stem, count in (("VALUE", 1), ("RATE", 1), ("PREVIOUS", 2)):
+    for stem, count in (("VALUE", 1), ("RATE", 1), ("PREVIOUS", 2), ("BEGUN", 1)):
         c.workspace.add(f"{stem}_{name}", count)
     c.workspace.add(event.flag(s.segment.name), 1)
     c.start(time_field(kink), -math.inf)
@@ -88,7 +89,10 @@ def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
     left = where(passed, _REJECTED, left)
     # at the start of an interval: now, or not before the function has moved away
     now_or_later = where(differs, 0.0, where(at_zero, math.inf, left))
-    left = where(first, now_or_later, where(unset, where(differs, 0.0, math.inf), left))
+    # an interval of no length ends at the time at which it begins
+    begun = where(first, time, scope.load(f"BEGUN_{name}"))
+    at_start = first | (time - begun <= _SAME_TIME)
+    left = where(at_start, now_or_later, where(unset, where(differs, 0.0, math.inf), left))
     left = where(at_zero & (trend * trend <= 0.0), math.inf, left)
     records = [
         (f"VALUE_{name}", below),
@@ -96,6 +100,7 @@ def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
         (f"PREVIOUS_{name}", time),
         (component(f"PREVIOUS_{name}", 1), acceleration),
         (event.flag(s.segment.name), wanted),
+        (f"BEGUN_{name}", begun),
     ]
     return left.called("remaining"), records
 

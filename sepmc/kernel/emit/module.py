@@ -19,6 +19,7 @@ from sepmc.kernel.emit.monitor import emit_monitor
 from sepmc.kernel.emit.motion import emit_correct
 from sepmc.kernel.emit.outcomes import emit_outcomes
 from sepmc.kernel.emit.rates import emit_rates
+from sepmc.kernel.emit.samples import emit_samples
 from sepmc.kernel.emit.start import INITIALLY_ZERO, emit_prepare, shared_size
 from sepmc.kernel.emit.steps import (
     coefficients,
@@ -111,6 +112,8 @@ def _body(c: Context) -> Text:
             emit_pending_event(body, c, segment)
     if c.spec.layer_borders:
         emit_layers(body, c)
+    for segment in c.spec.segments:
+        emit_samples(body, c, segment)
     emit_modes(body, c)
     emit_load_switch(body, c)
     emit_recentre_air(body, c)

@@ -7,7 +7,7 @@ from sepmc.kernel.emit import jets
 from sepmc.kernel.emit.context import component, origin_height, reject_unless, state_offset
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.jets import Jet
-from sepmc.kernel.spec.kinks import OWN, STATE, STATE_RATE, Kink, kink_name
+from sepmc.kernel.spec.kinks import HELD, OWN, STATE, STATE_RATE, Kink, kink_name
 from sepmc.kernel.tracer.formulas import ZERO, loads, quat, scalar, square_root, vec3
 from sepmc.kernel.tracer.tracer import Expr, total, undefined_with, where
 from sepmc.routines import layout as at
@@ -18,6 +18,7 @@ from sepmc.scene.formula import (
     Node,
     Number,
     may_be_undefined,
+    parse,
     walk,
 )
 from sepmc.scene.model import GROUND
@@ -38,6 +39,11 @@ _OPPOSITE = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
 def mode_field(kink: str) -> str:
     """Field of the sign of the switching function of a kink in the present interval."""
     return f"MODE_{kink}"
+
+
+def held_field(signal: str) -> str:
+    """Field of the sample that a signal holds."""
+    return f"HELD_{signal}"
 
 
 class Signals:
@@ -82,6 +88,10 @@ class Signals:
         """Value of the formula of a signal; of one with states, the rate of the last."""
         return self._number(signal, self.formulas.tree(signal)).value
 
+    def sample(self, signal: str) -> Any:
+        """Value of the formula of a sampled signal now."""
+        return self._number(signal, parse(self.formulas.signals[signal].formula)).value
+
     def _state(self, signal: str, k: int) -> Jet:
         """State ``k`` of a signal: the signal itself, or its rate."""
         first, scope = self.formulas.with_states[signal], self.s.scope
@@ -110,8 +120,8 @@ class Signals:
             if node.path.startswith(OWN):
                 values.append(self._own(signal, node).value)
             elif other := self.formulas.other(signal, node):
-                has_states = other in self.formulas.with_states
-                values += [self.of(other).value] if has_states else self.inputs(other)
+                at_once = self.formulas.at_once(other)
+                values += self.inputs(other) if at_once else [self.of(other).value]
             elif node.path not in self.formulas.signals[signal].constants:
                 quantity = self.formulas.quantity(node)
                 value = self._quantity(quantity).value
@@ -147,6 +157,8 @@ class Signals:
 
     def _own(self, signal: str, node: Name) -> Jet:
         """Jet of a state or a parameter of a signal itself."""
+        if node == HELD:
+            return Jet(self.s.scope.load(held_field(signal)))
         if node in (STATE, STATE_RATE):
             return self._state(signal, int(node == STATE_RATE))
         path = f"signal.{signal}.{node.path.removeprefix(OWN)}"
@@ -245,7 +257,7 @@ class Signals:
         trees = [node]
         for one in walk(node):
             other = self.formulas.other(signal, one) if isinstance(one, Name) else ""
-            if other and other not in self.formulas.with_states:
+            if other and self.formulas.at_once(other):
                 trees += self._expanded(other, self.formulas.tree(other))
         return trees
 

@@ -78,6 +78,9 @@ def _signal(scene: Scene, signal: Signal) -> list[str]:
         response += f", at most {signal.rate_limit:g} a second" if signal.rate_limit else ""
     elif signal.integral:
         response = ", integrated over time"
+    if signal.sample is not None:
+        response = f", sampled every {signal.sample:g} s{response}"
+        response += f", used {signal.delay:g} s later" if signal.delay else ""
     paths = [path for path, drive in scene.driven.items() if drive.signal == signal.name]
     gives = f"gives {', '.join(paths)}" if paths else "gives no number of a load by itself"
     line = f"signal       {signal.name} = {signal.formula.strip()}{response}"

@@ -11,7 +11,8 @@ from sepmc.scene.model import Scene, Signal
 from sepmc.scene.signals import Quantity, quantity
 
 OWN = "@"  # begins names that no file has: states and parameters of the signal itself
-STATE, STATE_RATE = Name(f"{OWN}state"), Name(f"{OWN}state rate")
+STATE, STATE_RATE, HELD = Name(f"{OWN}state"), Name(f"{OWN}state rate"), Name(f"{OWN}held")
+_STATES = (STATE, STATE_RATE, HELD)
 
 
 def own_parameter(key: str) -> Name:
@@ -80,6 +81,15 @@ class Formulas:
         return first
 
     @cached_property
+    def sampled(self) -> tuple[str, ...]:
+        """Signals whose formulas are sampled."""
+        return tuple(name for name, one in self.signals.items() if one.sample is not None)
+
+    def at_once(self, signal: str) -> bool:
+        """True if a signal follows its formula at once: it has no state and is not sampled."""
+        return signal not in self.with_states and signal not in self.sampled
+
+    @cached_property
     def used(self) -> tuple[str, ...]:
         """Signals that give numbers of the scene or have states, each after those that its formula
         depends on at once."""
@@ -88,22 +98,22 @@ class Formulas:
         def add(signal: str) -> None:
             for node in walk(self.tree(signal)):
                 other = self.other(signal, node) if isinstance(node, Name) else ""
-                if other and other not in self.with_states:
+                if other and self.at_once(other):
                     add(other)
             ordered.setdefault(signal)
 
         for signal in [drive.signal for drive in self.scene.driven.values()]:
-            if signal not in self.with_states:
+            if self.at_once(signal):
                 add(signal)
         for signal in self.with_states:
             add(signal)
         return tuple(ordered)
 
     def tree(self, signal: str) -> Node:
-        """Syntax tree of the formula of a signal; of one with states, of the rate of its last
-        state, in which `OWN` names stand for them and for its parameters."""
+        """Syntax tree of a signal between samples; of one with states, of the rate of its last
+        state. `OWN` names stand for its states, held sample and parameters."""
         model = self.signals[signal]
-        formula = parse(model.formula)
+        formula = parse(model.formula) if model.sample is None else HELD
         if model.servo is not None:
             return _servo_rate(formula)
         return _lag_rate(formula, model) if model.lag is not None else formula
@@ -127,8 +137,8 @@ class Formulas:
         for one in walk(node):
             if isinstance(one, Name) and one.path not in self.signals[signal].constants:
                 other = self.other(signal, one)
-                is_parameter = one.path.startswith(OWN) and one not in (STATE, STATE_RATE)
-                if other in self.with_states or not (other or is_parameter):
+                is_parameter = one.path.startswith(OWN) and one not in _STATES
+                if (other and not self.at_once(other)) or not (other or is_parameter):
                     return True
                 if other and self.varies(other, self.tree(other)):
                     return True

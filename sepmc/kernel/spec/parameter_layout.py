@@ -302,7 +302,9 @@ def signal_parameters(signal: Signal) -> dict[str, float]:
         known["rate_limit"] = signal.rate_limit
     if signal.servo is not None:
         known |= {"servo.natural": signal.servo.natural, "servo.damping": signal.servo.damping}
-    if signal.states:
+    if signal.sample is not None:
+        known |= {"sample": signal.sample, "delay": signal.delay}
+    if signal.states or signal.sample is not None:
         known["initial"] = signal.initial
     return known
 

@@ -119,6 +119,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
         body.aerodynamics is not None for body in scene.body.values()
     )
     borders = in_layers and (any_order or may_pass_borders(scene, layout.extremes))
+    samples = _count_samples(scene, dispersed)
     kinks = [kink_name(k) for k in range(len(Formulas(scene, names).kinks))]
     for segment in segments:
         segment.events += [
@@ -150,6 +151,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
             + changes
             + (_MANY_INTERVALS if segment.may_end_by_load else 0)
             + (_MOST_SWITCHES if kinks else 0)
+            + samples
         )
         # lanes then use steps of their own: an event may occur much later than predicted
         segment.max_intervals = (
@@ -172,6 +174,18 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
         switches > 0,
         borders,
     )
+
+
+def _count_samples(scene: Scene, dispersed: frozenset[str]) -> int:
+    """Maximum number of times at which sampled signals change."""
+    count = 0
+    for signal in scene.signal:
+        if signal.sample is not None:
+            changes = 2 if signal.delay > 0.0 or f"signal.{signal.name}.delay" in dispersed else 1
+            varies = f"signal.{signal.name}.sample" in dispersed
+            most = _MANY_INTERVALS if varies else math.ceil(scene.run.end_time / signal.sample)
+            count += changes * (most + 1)
+    return count
 
 
 def _make_segments(

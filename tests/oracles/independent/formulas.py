@@ -91,11 +91,11 @@ class Formulas:
 
     def value(self, signal: str, t: float, s: State) -> float:
         """Value of a signal at a state, by the branches of the present interval."""
-        return _Evaluation(self, t, s).signal(signal)
+        return Evaluation(self, t, s).signal(signal)
 
     def switching(self, t: float, s: State) -> Values:
         """Switching functions of all kinks of the signals in use at a state."""
-        evaluation = _Evaluation(self, t, s)
+        evaluation = Evaluation(self, t, s)
         for signal in self.used:
             evaluation.signal(signal)
         return evaluation.switching
@@ -141,7 +141,7 @@ _OPERATIONS: dict[type, Callable[..., Any]] = {
 }
 
 
-class _Evaluation:
+class Evaluation:
     """Values at one state."""
 
     def __init__(self, formulas: Formulas, t: float, s: State):

@@ -87,6 +87,8 @@ def paths(node: Any, parts: tuple[str, ...] = ()) -> Iterator[Path]:
         elif isinstance(entry, tuple) and field.array_of_tables:
             for key, item in zip(item_names(entry), entry, strict=True):
                 yield from paths(item, (*path, key))
+                for constant in getattr(item, "constants", ()):
+                    yield Path((*path, key, constant), len(path), None)
         elif isinstance(entry, tuple) and field.quantity.components and isinstance(entry[0], float):
             for component in field.quantity.components:
                 yield Path((*path, component), len(parts), field)

@@ -1,0 +1,79 @@
+"""Sampled signals, as lines of a kernel: an interval ends where a signal is sampled, and where a
+sample begins to be used."""
+
+import math
+from collections.abc import Iterator
+
+from sepmc.kernel.emit.context import Context, reject_unless
+from sepmc.kernel.emit.geometry import State
+from sepmc.kernel.emit.signals import Signals, held_field
+from sepmc.kernel.emit.tables import call_look_up, has_tables
+from sepmc.kernel.spec.kernel_spec import Segment
+from sepmc.kernel.tracer.formulas import scalar
+from sepmc.kernel.tracer.text import Text
+from sepmc.kernel.tracer.tracer import NUMBER, Expr, Scope, where
+from sepmc.routines import layout as at
+from sepmc.schema import Status
+
+_SAME_TIME = 2.0 * at.GRAIN
+
+
+def _fields(signal: str) -> tuple[str, str, str]:
+    """Fields of the number of samples taken, of the time from which the last one is used, and of
+    its value."""
+    return f"SAMPLES_{signal}", f"USE_TIME_{signal}", f"SAMPLE_{signal}"
+
+
+def next_samples(scope: Scope, c: Context) -> Iterator[Expr]:
+    """Times at which signals are sampled, and at which samples begin to be used."""
+    for signal in c.spec.formulas.sampled:
+        samples, use_time, _ = _fields(signal)
+        interval = c.case.number(c.spec.layout.slots[f"signal.{signal}.sample"])
+        yield scope.load(samples) * interval
+        yield scope.load(use_time)
+
+
+def take_samples(segment: Segment) -> str:
+    """Call that samples signals in a segment."""
+    return f"take_samples_{segment.name}(w)"
+
+
+def emit_samples(out: Text, c: Context, segment: Segment) -> None:
+    """Write the function that samples signals at the end of an interval of a segment, in the order
+    of the file: a signal sees the samples that others before it have just taken."""
+    sampled, slots = c.spec.formulas.sampled, c.spec.layout.slots
+    if not sampled:
+        return
+    text = out.function(
+        take_samples(segment),
+        "Use samples of signals, and take new ones, where they are due.",
+    )
+    if has_tables(c.spec):
+        text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+        text.lanes()("w[CLOCK + l] = w[T + l]")
+        call_look_up(text, c, segment)
+    s = State(c, c.scope(), segment, "Y")
+    scope, signals, finite = s.scope, Signals(s), getattr(scalar, "math.isfinite")
+    for signal in sampled:
+        held, (samples, use_time, sample) = held_field(signal), _fields(signal)
+        initial, interval, delay = (
+            c.case.number(slots[f"signal.{signal}.{key}"]) for key in ("initial", "sample", "delay")
+        )
+        for field, start in ((samples, 0.0), (use_time, math.inf), (sample, 0.0), (held, initial)):
+            if c.workspace.add(field, 1):
+                c.case.scope.store(field, start)
+        value = signals.sample(signal)
+        if not isinstance(value, Expr):
+            value = scope.add("constant", (value,), NUMBER)
+        count, at_once = scope.load(samples), delay <= _SAME_TIME
+        due = (count * interval <= s.time + _SAME_TIME).called("due")
+        used = (scope.load(use_time) <= s.time + _SAME_TIME).called("used")
+        reject_unless(scope, finite(where(due, value, 0.0)), Status.UNDEFINED_FORMULA)
+        now = where(used, scope.load(sample), scope.load(held))
+        scope.store(held, where(due & at_once, value, now))
+        waiting = where(used, math.inf, scope.load(use_time))
+        later = where(at_once, math.inf, count * interval + delay)
+        scope.store(use_time, where(due, later, waiting))
+        scope.store(sample, where(due, value, scope.load(sample)))
+        scope.store(samples, where(due, count + 1.0, count))
+    scope.write(text)
