@@ -7,7 +7,16 @@ from collections.abc import Iterator
 
 from sepmc.kernel.spec.conditions import Leaf, make_conditions
 from sepmc.kernel.spec.heights import may_pass_borders
-from sepmc.kernel.spec.kernel_spec import Change, Due, Event, KernelSpec, Kinds, Release, Segment
+from sepmc.kernel.spec.kernel_spec import (
+    Change,
+    Due,
+    Event,
+    KernelSpec,
+    Kinds,
+    Release,
+    Segment,
+    kinked_axes,
+)
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout, is_ground_named
 from sepmc.kernel.spec.variant import Variant
@@ -128,6 +137,13 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
                     Event(quantity, body, -1, False)
                     for quantity in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
                 ]
+        kinks = [
+            Event(quantity, body, axis, False)
+            for body in layout.bodies
+            for axis in kinked_axes(scene, body)
+            for quantity in (at.AT_CELL_TOP, at.AT_CELL_BASE)
+        ]
+        segment.events += kinks
         segment.events += dict.fromkeys(
             event for release in segment.releases for event in release.events
         )
@@ -143,7 +159,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
             + times
             + switches
             + changes
-            + (_MANY_INTERVALS if segment.may_end_by_load else 0)
+            + (_MANY_INTERVALS if segment.may_end_by_load or kinks else 0)
         )
         # lanes then use steps of their own: an event may occur much later than predicted
         segment.max_intervals = (
