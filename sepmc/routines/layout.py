@@ -57,6 +57,7 @@ BAUMGARTE_RATE = 10.0  # 1/s: stabilisation rate of drifted constraints, critica
 ) = 0, 1, 2, 3, 4, 5, 6, 7, 8  # fmt: skip
 AT_LAYER_TOP, AT_LAYER_BASE = 9, 10
 AT_VERTICAL_SPEED, AT_KINK = 11, 12
+AT_CELL_TOP, AT_CELL_BASE = 13, 14  # ends of the cell of a table of lines, along an axis
 BODY_OUTCOMES, JOINT_OUTCOMES = 9, 3
 FLOW_ANGLES = 2  # the first outcomes of a body: undefined in still air
 LOADS_OUTCOMES, CLEARANCE_OUTCOMES = 6, 6

@@ -142,6 +142,8 @@ def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
     if segment.late:
         _begin_delayed(text, c, segment)
     _reset_load_sides(text, c, segment)
+    if number == 0 and any(event.is_cell_end for event in segment.events):
+        _enter_first_cells(text, c, segment)
     if segment.pending_event:
         text(f"pending_event_{segment.name}(w, 1.0)")
     if segment.releases:
@@ -152,6 +154,22 @@ def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
         text.lanes()("w[DONE + l] = 0.0")
         if segment.clauses:
             reset_clauses(text, c, segment)
+
+
+def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
+    """Append lines that load the cells of tables of lines at the start, then those that the flow
+    moves into without motors and loads that switch."""
+    switched = [(f"BURNING_{motor.name}", 3) for motor in c.spec.scene.motor]
+    switched += [(f"ACTS_{load.name}", 1) for load in c.spec.scene.load]
+    for name, count in switched if c.spec.load_switches else []:
+        c.workspace.add(name, count)
+        text.block(f"for e in range({count} * LANES):")(f"w[{name} + e] = 0.0")
+    text(f"cell_flow_{segment.name}(w)", f"enter_cells_{segment.name}(w, 0.0)")
+    text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+    text.lanes()("w[CLOCK + l] = w[T + l]")
+    text(f"rates_{segment.name}(w)")
+    text.block("for e in range(SIZE_Y):")("w[K1 + e] = w[D + e]")
+    text(f"cell_flow_{segment.name}(w)", f"enter_cells_{segment.name}(w, 1.0)")
 
 
 def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
@@ -277,7 +295,10 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
         text("end_at_load_switch(w, a)")
     if segment.max_intervals > 1:
         text("going = False")
-        text.lanes()("going = going or w[T + l] < w[END + l]")
+        goes = "w[T + l] < w[END + l]"
+        if any(event.is_cell_end for event in segment.events):  # or a rejected one never ends
+            goes = f"({goes} and {_CONTINUES})"
+        text.lanes()(f"going = going or {goes}")
         text.block("if not going:")("break")
     if c.has_lane_steps(segment):
         _lane_steps(text, c, number, segment)

@@ -15,6 +15,7 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.kinks import set_mode, time_to_kink
 from sepmc.kernel.emit.loads import vector_sum
 from sepmc.kernel.emit.steps import mark_inactive
+from sepmc.kernel.emit.tables import cell_end
 from sepmc.kernel.spec.kernel_spec import Event, Segment
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, scalar, square_root, vec3
@@ -44,6 +45,8 @@ def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
     text = out.function(
         f"event_step_{segment.name}(w, typical: float)", docstring + " of each condition."
     )
+    if any(event.is_cell_end for event in segment.events):
+        text(f"cell_flow_{segment.name}(w)")
     s = State(c, c.scope(), segment, "Y")
     step = s.scope.load("END") - s.time
     for event in segment.events:
@@ -73,6 +76,9 @@ def _time_to_event(s: State, event: Event) -> Any:
         scope.load(component(f"PREVIOUS_{name}", 1)),
     )
     first = previous_time.equals(math.inf)
+    if event.is_cell_end:  # its acceleration does not follow from the state
+        elapsed = where(time > previous_time, time - previous_time, math.inf)
+        acceleration = ((rate - scope.load(f"RATE_{name}")) / elapsed).called("acceleration")
     jerk = where(
         time > previous_time, (acceleration - previous_acceleration) / (time - previous_time), 0.0
     )
@@ -317,7 +323,10 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
 
 def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
     """Distance of a body above the top of its atmosphere layer or below its base, m, with rate and
-    acceleration."""
+    acceleration; or beyond an end of the cell of its table, without acceleration."""
+    if event.is_cell_end:
+        top = event.quantity == at.AT_CELL_TOP
+        return *cell_end(s, event.item, event.threshold, top), 0.0
     up = event.quantity == at.AT_LAYER_TOP
     value, rate = _climb(s, event.item, s.scope.load(component(f"BORDERS_{event.item}", int(up))))
     acceleration = s.scope.load(f"K1 + V_{event.item}", 3)[1]
@@ -403,6 +412,8 @@ def emit_event_flags(out: Text, c: Context) -> None:
             for event in segment.events:
                 _set_flag(scope, c, segment, event)
             scope.write(inner)
+            if any(event.is_cell_end for event in segment.events):
+                inner(f"enter_cells_{segment.name}(w, 1.0)")
     if c.spec.layer_borders:
         text("enter_layers(w)", "recentre_air(w, 0.5 * NEAR)")
 
@@ -426,8 +437,9 @@ def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
     )
     time_per_unit = where(rate > 0.0, 1.0 / rate, math.inf)
     new = met & flag_before.equals(0.0) & scope.load(f"MET_AT_START_{name}").equals(0.0)
-    indicator = c.indicator(name)
-    scope.store(indicator, scalar.larger(scope.load(indicator), where(new, time_per_unit, 0.0)))
+    if not event.is_cell_end:  # at which lines meet: the time of a kink may have an error
+        indicator = c.indicator(name)
+        scope.store(indicator, scalar.larger(scope.load(indicator), where(new, time_per_unit, 0.0)))
     scope.store(flag, where(met, 1.0, flag_before))
     if event.quantity == at.AT_SPRING_STROKE:
         path = stroke_end_time(c.spec, event.item)

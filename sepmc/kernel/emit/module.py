@@ -29,7 +29,7 @@ from sepmc.kernel.emit.steps import (
     emit_indicators,
     emit_step_length,
 )
-from sepmc.kernel.emit.tables import has_tables_over_height, looks_up
+from sepmc.kernel.emit.tables import emit_cells, has_tables_over_height, looks_up
 from sepmc.kernel.emit.wrenches import emit_min_norm
 from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.methods import method
@@ -107,6 +107,7 @@ def _body(c: Context) -> Text:
         if segment.rows:
             emit_correct(body, c, segment)
         if segment.events:
+            emit_cells(body, c, segment)
             emit_event_step(body, c, segment)
         if segment.pending_event:
             emit_pending_event(body, c, segment)

@@ -11,7 +11,7 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, component, origin_height, rejection_unless
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment
+from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment, kinked_axes
 from sepmc.kernel.spec.packing import derivative_grids
 from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
 from sepmc.kernel.tracer.text import Text
@@ -21,6 +21,9 @@ from sepmc.scene.model import Proximity
 from sepmc.schema import Status
 
 COEFFICIENTS = 6
+# Mach number, rad: a cell is left so far beyond its end, and the next one holds that point
+_BESIDE = 1e-9
+_MOMENT = 1e-6  # s
 
 
 def looks_up(spec: KernelSpec, body: str) -> bool:
@@ -94,7 +97,9 @@ def _emit_aero_tables(
     for body in bodies:
         c.workspace.add(f"LOOKED_UP_{body}", COEFFICIENTS + len(table_derivatives(c.spec, body)))
         if (start := _table_start(c, body)) >= 0:
-            _emit_table(out, text, c, start, f"CELL_{body}", f"FLOW_{body}", f"LOOKED_UP_{body}")
+            is_held = bool(kinked_axes(c.spec.scene, body))
+            cell, values = f"CELL_{body}", f"LOOKED_UP_{body}"
+            _emit_table(out, text, c, start, cell, f"FLOW_{body}", values, is_held=is_held)
         else:
             text.block(f"for e in range({COEFFICIENTS} * LANES):")(f"w[LOOKED_UP_{body} + e] = 0.0")
     for i, entry in _increments(c, bodies):
@@ -177,6 +182,96 @@ def table_force(spring: str) -> str:
     return f"TABLE_FORCE_{spring}"
 
 
+def held_cells(spec: KernelSpec) -> list[str]:
+    """Bodies whose tables are of lines with kinks: their cells change at the ends of steps only."""
+    return [body for body in spec.bodies if kinked_axes(spec.scene, body)]
+
+
+def emit_cells(out: Text, c: Context, segment: Segment) -> None:
+    """Write the functions for the ends of cells of tables of lines: the flow in a segment and its
+    rate, and the entry into the next cells.
+
+    The rate is the difference quotient over `_MOMENT` along the derivative K1, wind and air at that
+    place included.
+    """
+    bodies = held_cells(c.spec)
+    if not bodies:
+        return
+    size = c.spec.active_size(segment)
+    docstring = "Flow at bodies with tables of lines at the state Y, and its rate along K1."
+    text = out.function(f"cell_flow_{segment.name}(w)", docstring)
+    text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+    text.lanes()("w[CLOCK + l] = w[T + l]")
+    text(f"look_up_{segment.name}(w)")
+    for body in bodies:
+        c.workspace.add(f"FLOW_NOW_{body}", 3), c.workspace.add(f"FLOW_RATE_{body}", 3)
+        inner = text.block("for e in range(3 * LANES):")
+        inner(f"w[FLOW_NOW_{body} + e] = w[FLOW_{body} + e]")
+    text.block(f"for e in range({size} * LANES):")(f"w[S + e] = w[Y + e] + {_MOMENT} * w[K1 + e]")
+    text.lanes()(f"w[CLOCK + l] = w[T + l] + {_MOMENT}")
+    text(f"look_up_{segment.name}(w)")
+    for body in bodies:
+        inner = text.block("for e in range(3 * LANES):")
+        inner(
+            f"w[FLOW_RATE_{body} + e] = (w[FLOW_{body} + e] - w[FLOW_NOW_{body} + e]) / {_MOMENT}"
+        )
+    docstring = (
+        "Move bodies whose flow has left the cell of their table into the one that holds it or, "
+        "with ``ahead``, that it moves into."
+    )
+    text = out.function(f"enter_cells_{segment.name}(w, ahead: float)", docstring)
+    for body in bodies:
+        start, flag = _table_start(c, body), f"ENTERS_CELL_{body}"
+        inner = text.lanes().block(f"if w[{flag} + l] > 0.0:")
+        axes = kinked_axes(c.spec.scene, body)
+        for k, axis in enumerate("xyz"):
+            inner(f"{axis} = w[{component(f'FLOW_NOW_{body}', k)} + l]")
+            if k not in axes:
+                continue
+            first, last = _range(c, start, k)
+            rate = f"w[{component(f'FLOW_RATE_{body}', k)} + l]"
+            inner(
+                f"there = {axis} + ({2.0 * _BESIDE} if {rate} > 0.0 else {-2.0 * _BESIDE})",
+                f"is_in = w[SHARED + {first}] <= there <= w[SHARED + {last}]",
+                f"{axis} = there if ahead > 0.0 and abs({rate}) > 0.0 and is_in else {axis}",
+            )
+        inner(
+            f"inside = load_cell(w, CELL_{body} + l, SHARED + {start}, x, y, z)",
+            rejection_unless("inside", Status.OUTSIDE_TABLE),
+            f"w[{flag} + l] = 0.0 if ahead > 0.0 else 1.0",
+        )
+
+
+def _range(c: Context, start: int, axis: int) -> tuple[int, int]:
+    """Indices of the first and the last point of an axis of a table among the shared numbers."""
+    at_axis = start + 1
+    for _ in range(axis):
+        at_axis += 2 + 17 * int(c.spec.layout.model.numbers[at_axis])
+    return at_axis + 1, at_axis + 1 + int(c.spec.layout.model.numbers[at_axis])
+
+
+def cell_end(s: State, body: str, axis: int, is_top: bool) -> tuple[Any, Any]:
+    """Distance of the flow at a body beyond an end of its cell along an axis, and its rate.
+
+    Parameters
+    ----------
+    s : State
+    body : str
+    axis : int
+        0 Mach number, 1 alpha (rad), 2 beta (rad)
+    is_top : bool
+
+    Returns
+    -------
+    distance, rate : Expr
+        per s
+    """
+    end = s.scope.load(component(f"CELL_{body}", at.CELL_ENDS + 3 * axis + int(is_top)))
+    value = s.scope.load(component(f"FLOW_NOW_{body}", axis))
+    rate = s.scope.load(component(f"FLOW_RATE_{body}", axis))
+    return (value - end - _BESIDE, rate) if is_top else (end - value - _BESIDE, -rate)
+
+
 def _store_point(s: State, field: str, point: tuple[Any, Any, Any]) -> None:
     """Store the table coordinates of a lane."""
     s.c.workspace.add(field, 3)
@@ -201,12 +296,14 @@ def _emit_table(
     point: str,
     values: str,
     leaves: Status = Status.OUTSIDE_TABLE,
+    is_held: bool = False,
 ) -> None:
     """Append lines that evaluate a table at the stored points and, the first time, write the
     function that sums its values.
 
     ``start`` is the index of the table among the shared numbers, ``cell`` the field of the cells; a
-    lane outside the table is rejected with the status ``leaves``.
+    lane outside the table is rejected with the status ``leaves``. A cell that ``is_held`` changes
+    at the ends of steps only (`emit_enter_cells`).
     """
     functions, counts = int(c.spec.layout.model.numbers[start]), _basis_counts(c, start)
     if c.workspace.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
@@ -216,13 +313,14 @@ def _emit_table(
         inner = out.function(f"sum_{cell}(w)", docstring).lanes()
         for line in cell_sum_lines(cell, point, values, functions, counts):
             inner.broken(line)
-    inner = text.lanes()
-    inner("x, y, z = " + ", ".join(f"w[{component(point, k)} + l]" for k in range(3)))
-    inner = inner.block(f"if not in_cell(w, {cell} + l, x, y, z):")
-    inner(
-        f"inside = load_cell(w, {cell} + l, SHARED + {start}, x, y, z)",
-        rejection_unless("inside", leaves),
-    )
+    if not is_held:
+        inner = text.lanes()
+        inner("x, y, z = " + ", ".join(f"w[{component(point, k)} + l]" for k in range(3)))
+        inner = inner.block(f"if not in_cell(w, {cell} + l, x, y, z):")
+        inner(
+            f"inside = load_cell(w, {cell} + l, SHARED + {start}, x, y, z)",
+            rejection_unless("inside", leaves),
+        )
     text(f"sum_{cell}(w)")
 
 

@@ -60,17 +60,28 @@ class Event:
     @property
     def name(self) -> str:
         """Name of the event, unique within its segment."""
+        if self.is_cell_end:
+            end = "top" if self.quantity == at.AT_CELL_TOP else "base"
+            return f"{self.item}_{('mach', 'alpha', 'beta')[self.threshold]}_{end}"
         if self.is_border:
             return f"{self.item}_{'top' if self.quantity == at.AT_LAYER_TOP else 'base'}"
         return self.item if self.number < 0 else f"{self.item}_{self.number}"
 
     @property
     def is_border(self) -> bool:
-        """True for a border of the atmosphere layer of a body; it may be crossed repeatedly."""
-        return self.quantity in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
+        """True for a border of the atmosphere layer of a body, or of the cell of its table; it may
+        be crossed repeatedly."""
+        return self.is_cell_end or self.quantity in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
+
+    @property
+    def is_cell_end(self) -> bool:
+        """True for an end of the cell of a table of lines, along the axis ``threshold``."""
+        return self.quantity in (at.AT_CELL_TOP, at.AT_CELL_BASE)
 
     def flag(self, segment: str) -> str:
         """Workspace field that is 1 once the event has occurred."""
+        if self.is_cell_end:
+            return f"ENTERS_CELL_{self.item}"
         if self.is_border:
             return f"ENTERS_{self.item}"
         if self.quantity == at.AT_KINK:
@@ -82,6 +93,27 @@ class Event:
             if self.number < 0
             else condition_flag(ANY_PHASE if self.any_phase else segment, self.number)
         )
+
+
+def kinked_axes(scene: Scene, body: str) -> list[int]:
+    """Axes (0 Mach number, 1 alpha, 2 beta) of a body's table if it is of lines with kinks: its
+    cell then changes at the ends of steps only.
+
+    Parameters
+    ----------
+    scene : Scene
+    body : str
+
+    Returns
+    -------
+    list of int
+    """
+    aero = scene.body[body].aerodynamics
+    table = aero.table if aero is not None else None
+    if table is None or table.interpolation != "linear" or scene.environment.atmosphere == "none":
+        return []
+    counts = [len(axis) for axis in (table.mach, table.alpha, table.beta)]
+    return [k for k, n in enumerate(counts) if n > 1] if max(counts) > 2 else []
 
 
 def stroke_flag(spring: str) -> str:

@@ -7,7 +7,16 @@ from collections.abc import Iterator
 
 from sepmc.kernel.spec.conditions import Leaf, make_conditions
 from sepmc.kernel.spec.heights import may_pass_borders
-from sepmc.kernel.spec.kernel_spec import Change, Due, Event, KernelSpec, Kinds, Release, Segment
+from sepmc.kernel.spec.kernel_spec import (
+    Change,
+    Due,
+    Event,
+    KernelSpec,
+    Kinds,
+    Release,
+    Segment,
+    kinked_axes,
+)
 from sepmc.kernel.spec.kinks import Formulas, kink_name
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout, is_ground_named
@@ -134,6 +143,13 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
                     for quantity in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
                 ]
         segment.events += [Event(at.AT_KINK, kink, -1, False) for kink in kinks]
+        cell_ends = [
+            Event(quantity, body, axis, False)
+            for body in layout.bodies
+            for axis in kinked_axes(scene, body)
+            for quantity in (at.AT_CELL_TOP, at.AT_CELL_BASE)
+        ]
+        segment.events += cell_ends
         segment.events += dict.fromkeys(
             event for release in segment.releases for event in release.events
         )
@@ -149,7 +165,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
             + times
             + switches
             + changes
-            + (_MANY_INTERVALS if segment.may_end_by_load else 0)
+            + (_MANY_INTERVALS if segment.may_end_by_load or cell_ends else 0)
             + (_MOST_SWITCHES if kinks else 0)
             + samples
         )
