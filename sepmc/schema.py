@@ -334,9 +334,10 @@ class Contents:
     joints : dict of str to (str, str)
         Bodies of each joint.
     loads, clearances, tip_off, events, transverse : tuple of str
-        Outputs by joint, clearance, joint, event or body.
+        Joints with loads, clearances, joints with tip-off rates, events, bodies with transverse
+        rates: the names.
     guides, pins : dict of str to int
-        Number of pins by joint, of guides with outputs and of all guides.
+        Number of pins by joint: ``guides`` has the guides with outputs, ``pins`` all guides.
     ignitions : tuple of str
         Motors with an ignition event.
     springs : tuple of str

@@ -78,7 +78,7 @@ class Moments:
             self.merge(Group.of(x, numbers))
 
     def merge(self, group: Group) -> None:
-        """Add a group of cases that follow."""
+        """Add the sums of a group of cases whose numbers follow those already added."""
         self.n += group.n
         if group.min_value < self.min_value or self.case_min < 0:
             self.min_value, self.case_min = group.min_value, group.case_min

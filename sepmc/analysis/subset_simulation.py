@@ -68,10 +68,11 @@ class ChainStates:
 
 @dataclass(frozen=True)
 class LevelSchedule:
-    """Thresholds of the levels, and step sizes (d,) within each.
+    """Thresholds of the levels, and for each the step sizes (d,) of its chains.
 
-    Cases without a margin count as ``worst``. ``known`` and ``unknown`` are the numbers of trial
-    cases at the end that violate and that have no margin; ``reached`` is True if the bound was.
+    Cases without a margin count as having the margin ``worst``. ``known`` and ``unknown`` are the
+    numbers of trial cases of the last level that violate and that have no margin. ``reached`` is
+    True if enough of them count as violating, so that no further level is needed.
     """
 
     thresholds: list[float]

@@ -576,7 +576,10 @@ def _check_executor(
     if out is None:
         raise InputError("executor: workers write into a folder; give it as out")
     if until is not None:
-        raise InputError(f"until = {until}: excludes workers, which run ahead of what is known")
+        raise InputError(
+            f"until = {until}: excludes workers, which run cases before it is known whether they "
+            "are needed"
+        )
     if some_counted:
         raise InputError("stats_only of cases that are named: excludes workers")
 

@@ -227,8 +227,9 @@ def _extent(low: Dispersion, high: Dispersion) -> list[float]:
 
 
 def _check_signs(box: DesignBox) -> None:
-    """Raise InputError if a joint opens to another side anywhere in the box: the distance along its
-    axis is linear in each variable, so that corners have its extremes."""
+    """Raise InputError if a joint opens to the other side than in the nominal scene anywhere in the
+    box, or if the box has too many corners to try: the distance along the axis of the joint is
+    linear in each variable, so its extremes are at corners."""
     variables = [
         v
         for v in box.variables

@@ -182,7 +182,7 @@ def _cost_tree(minimise: str, variables: Sequence[Variable]) -> Node:
         if name not in known:
             raise InputError(f"minimise = {minimise}: {name!r} is none; {nearest(name, known)}")
     if not names(tree):
-        raise InputError(f"minimise = {minimise}: must name a variable: {', '.join(known)}")
+        raise InputError(f"minimise = {minimise}: must contain a variable: {', '.join(known)}")
     return tree
 
 

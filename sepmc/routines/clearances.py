@@ -291,8 +291,8 @@ def _along(pair, w, pose):
 
 @routine
 def _least(d0, d1, curvature, dt):
-    """Lower bound of a distance between two times dt apart, with a second derivative of at most
-    ``curvature``."""
+    """Lower bound of a distance during dt, from its values d0 and d1 at the ends, if its second
+    derivative, with sign, does not exceed ``curvature``."""
     s, c = d1 - d0, 0.5 * curvature * dt * dt
     if abs(s) >= c:
         return min(d0, d1)

@@ -116,5 +116,5 @@ def _coefficients(numbers, axis):
 
 @routine
 def _after(numbers, axis):
-    """Position after the numbers of an axis."""
+    """Position in ``numbers`` just after the data of the axis that starts at ``axis``."""
     return axis + 2 + 17 * int(numbers[axis])

@@ -77,8 +77,8 @@ class Dispersion:
 
     @property
     def has_tails(self) -> bool:
-        """True for a normal distribution without truncation, whose tails may leave the bounds of
-        the parameter."""
+        """True for a normal distribution without truncation, if the parameter is a field of the
+        model: its tails may leave the bounds of the field."""
         return (
             self.distribution == "normal"
             and math.isinf(self.numbers[2])
@@ -272,7 +272,7 @@ def _from_distribution(
         if spec.relative and nominal < 0.0:
             numbers = tuple(sorted(numbers))
         else:
-            problems.add(key_path, "must rise from low to high", raw)
+            problems.add(key_path, "must be low <= high, or low <= mode <= high", raw)
     if name == "discrete":
         weights = spec.weights or tuple(1.0 for _ in numbers)
         if (

@@ -244,7 +244,7 @@ def _check_rods(scene: Scene, problems: Problems) -> None:
         if "rod" in kinds and not has_length:
             problems.add(
                 f"joint.{name}.second_point_m",
-                "is needed by a rod: its end on the second body, away from point_m",
+                "is needed by a rod: its end on the second body, which must differ from point_m",
             )
         for kind in kinds:
             if has_length and kind not in ("rod", "free"):

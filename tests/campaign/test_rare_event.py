@@ -239,7 +239,7 @@ def test_a_value_that_levels_do_not_see_is_told(spinning):
     ("name", "message"),
     [
         ("ends", "is a status, which no case comes nearer to by degrees"),
-        ("all", "is about several outcomes; seek each by itself: quiet, level, ends"),
+        ("all", "combines other requirements; name one of them: quiet, level, ends"),
         ("loud", "rare = loud: no such requirement; known here: quiet, level, ends, all"),
     ],
 )

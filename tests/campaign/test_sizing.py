@@ -97,7 +97,7 @@ def test_a_range_in_which_nothing_passes_is_refused():
     [
         ("push +", 100, r"minimise = push \+: is no formula"),
         ("pull", 100, r"minimise = pull: 'pull' is none"),
-        ("3", 100, "must name a variable"),
+        ("3", 100, "must contain a variable"),
         ("push", 20, "cannot be shown with fewer than"),
     ],
 )

@@ -120,7 +120,7 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
     columns = {column.name: k for k, column in enumerate(campaign.outcome_columns)}
     if item.metric == VIOLATION:
         others = ", ".join(other for other in known if other != name)
-        raise InputError(f"{key}: is about several outcomes; seek each by itself: {others}")
+        raise InputError(f"{key}: combines other requirements; name one of them: {others}")
     if item.metric not in columns:
         raise InputError(
             f"{key}: is a status, which no case comes nearer to by degrees; give a requirement "

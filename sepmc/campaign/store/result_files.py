@@ -145,6 +145,8 @@ def read_history(folder: Path) -> pd.DataFrame | None:
         ignore_metadata=True
     )
     if not {"time_s", "phase"} <= set(frame):
-        raise StoreError(f"{folder / folders.HISTORY}: is no history")
+        raise StoreError(
+            f"{folder / folders.HISTORY}: is no history, as it lacks column time_s or phase"
+        )
     frame["phase"] = frame["phase"].astype(str)
     return frame

@@ -148,7 +148,7 @@ class RowSelection:
     worst: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     def choose(self, rows: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        """Select rows of a case table.
+        """Select rows of the next case table, and update the worst cases so far.
 
         Parameters
         ----------
@@ -158,8 +158,10 @@ class RowSelection:
         Returns
         -------
         positions : ndarray, shape (k,)
-            Rows selected so far; later cases can replace the worst.
+            Indices of the selected rows of this table. Cases of later tables can replace the
+            worst; see `final_reasons`.
         reasons : ndarray of str, shape (k,)
+            Reasons for which each row is selected, separated by "; ".
         """
         numbers, ok = np.asarray(rows["case"]), np.asarray(rows["status"]) == Status.OK.label
         reasons = np.full(len(numbers), ALL if ALL in self.keep.rules else "", dtype=object)

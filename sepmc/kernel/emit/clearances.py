@@ -80,8 +80,8 @@ def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Cleara
 
 
 def is_active(c: Context, segment: Segment, i: int) -> str:
-    """Condition of a lane that a clearance is measured in a segment: from the start, or once its
-    joint is free."""
+    """Code of the condition that clearance ``i`` is measured in a lane during a segment: always, or
+    once the joint that it names in ``after`` is free."""
     after = c.spec.scene.clearance[i].after
     if i not in c.active_clearances(segment):
         return "False"

@@ -271,7 +271,7 @@ def stroke_end_time(spec: KernelSpec, spring: str) -> str:
 
 
 def has_kind(joint: str, kinds: tuple[int, ...]) -> str:
-    """Condition of a lane that a joint has one of some kinds."""
+    """Code of the condition that the joint of this name has one of some kinds in a lane."""
     return " or ".join(f"w[KIND_{joint} + l] == {number}.0" for number in kinds)
 
 

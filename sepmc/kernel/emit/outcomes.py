@@ -65,7 +65,7 @@ def emit_outcomes(out: Text, c: Context) -> None:
 
 
 def event_field(event: str) -> str:
-    """Field of the state at an event, with pitch and roll of every body."""
+    """Name of the workspace field of the state at an event, then pitch and roll of each body."""
     return f"AT_{event}"
 
 
@@ -116,7 +116,6 @@ def _ignition_outcomes(end: State) -> None:
 
 def _event_clearances(text: Text, end: State, event: str, end_index: int) -> None:
     """Append lines for all clearances at an event, into EVENT_OUTCOMES up to component
-    ``end_index``. Append lines for all clearances at an event, into EVENT_OUTCOMES up to component
     ``end_index``."""
     c, clearances = end.c, end.spec.scene.clearance
     s = State(c, end.scope, end.segment, event_field(event), f"EVENT_TIME_{event}")

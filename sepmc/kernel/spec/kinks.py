@@ -91,8 +91,8 @@ class Formulas:
 
     @cached_property
     def used(self) -> tuple[str, ...]:
-        """Signals that give numbers of the scene or have states, each after those that its formula
-        depends on at once."""
+        """Signals that drive numbers of the scene or have states, and all signals that these depend
+        on; each follows the signals without states in its formula."""
         ordered: dict[str, None] = {}
 
         def add(signal: str) -> None:

@@ -30,7 +30,7 @@ ATOM = 9
 
 
 def size_of(shape: Shape) -> int:
-    """Number of floats of a value."""
+    """Number of floats of a value; of a tuple of shapes, the sum over its items."""
     if isinstance(shape, tuple):
         return sum(size_of(item) for item in shape)
     return _STORED[shape][1] if shape in _STORED else 1
