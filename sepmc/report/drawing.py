@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, save, set_title
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
+from sepmc.scene.signals import with_sizes
 
 _COUNT_NOTE = "NAME +N: N more of its kind at or near this point"
 _ARROW, _MERGE_DISTANCE = 0.09, 0.05  # of the vehicle's length: arrows; points merged to one label
@@ -280,6 +281,7 @@ def _joints(labels: _Labels, scene: Scene, view: _View) -> None:
 
 def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
     """Draw springs, motors and loads as arrows of equal length in the direction of their force."""
+    scene = with_sizes(scene)
     for spring in scene.spring:
         # body x points forward, stations count aft
         axis = _unit(spring.axis) if spring.axis else _direction(spring.point, spring.second_point)

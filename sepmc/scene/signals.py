@@ -21,6 +21,7 @@ from sepmc.scene.formula import (
 from sepmc.scene.limits import LARGEST, NAME
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import Driven, Load, Motor, Scene, Signal, Spring
+from sepmc.scene.parameters import replace
 from sepmc.scene.tables import read_table
 from sepmc.scene.units import UNITS, split_unit
 
@@ -310,15 +311,15 @@ def _spellings(stem: str, key: str, kind: str) -> str:
     return ", ".join(f"{stem}{key}_{unit}" for unit in UNITS[kind])
 
 
-def size(scene: Scene, path: str) -> float:
-    """Size of a driven number, SI: the largest of its signal over time, at rest in still air; 0 for
-    a number that is not driven, or a signal that is undefined there."""
-    if path not in scene.driven:
-        return 0.0
+def with_sizes(scene: Scene) -> Scene:
+    """Copy of a scene with a size of every number that a signal gives: its largest value over time
+    with all other quantities at 0. For estimates only: of scales, speeds and heights."""
     times = np.linspace(0.0, scene.run.end_time, _TIMES)
-    drive = scene.driven[path]
-    values = np.abs(np.nan_to_num(value_at(scene, drive.signal, times), nan=0.0))
-    return float(values.max()) * drive.factor
+    sizes = {}
+    for path, drive in scene.driven.items():
+        values = np.abs(np.nan_to_num(value_at(scene, drive.signal, times), nan=0.0))
+        sizes[path] = float(values.max()) * drive.factor
+    return replace(scene, sizes)
 
 
 def value_at(scene: Scene, name: str, times: np.ndarray) -> np.ndarray:

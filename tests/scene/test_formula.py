@@ -18,6 +18,8 @@ from sepmc.scene.formula import (
     names,
     parse,
 )
+from sepmc.scene.read import parse_campaign
+from sepmc.scene.signals import with_sizes
 
 VALUES = {"a": 0.7, "b": -1.3, "upper.pitch_deg": 4.0}
 SAME_IN_PYTHON = [
@@ -152,3 +154,21 @@ def test_functions_are_listed():
     with pytest.raises(FormulaError) as error:
         parse("cosh(1)")
     assert all(name in str(error.value) for name in FUNCTIONS)
+
+
+def test_sizes_of_driven_numbers():
+    """Estimates of speeds and scales take the largest value of a signal over time."""
+    tree = {
+        "body": {"a": {"mass_kg": 1.0, "inertia_kg_m2": [1.0, 1.0, 1.0], "cg_m": [0.0, 0.0, 0.0]}},
+        "phase": [{"name": "free"}],
+        "initial": {"altitude_m": 0.0, "speed_m_s": 0.0},
+        "run": {"end_time_s": 2.0},
+        "signal": [
+            {"name": "push", "formula": "-k * ramp + a.vx_m_s / 0.5", "k": 3.0},
+            {"name": "ramp", "formula": "min(time_s, 1.5)"},
+        ],
+        "load": [{"name": "jet", "body": "a", "force_kN": [0.0, "push", 0.0]}],
+    }
+    scene = parse_campaign(tree, "sizes").scene
+    assert scene.load[0].force == (0.0, 0.0, 0.0)
+    assert with_sizes(scene).load[0].force == pytest.approx((0.0, 4500.0, 0.0))

@@ -10,6 +10,7 @@ import pandas as pd
 from sepmc.analysis.constant_outcomes import error_size, with_constants
 from sepmc.campaign.definition import Definition
 from sepmc.scene.model import Scene
+from sepmc.scene.signals import with_sizes
 from sepmc.schema import Column
 
 SMALL = 1e-4  # of the largest outcome of the same unit, and of the scene's own scale of that unit
@@ -51,6 +52,7 @@ def scene_scales(scene: Scene, units: Iterable[str]) -> np.ndarray:
         if p is not None
     ]
     length = max(gyration, float(np.linalg.norm(np.ptp(np.array(points), axis=0))))
+    scene = with_sizes(scene)
     forces = chain(
         (motor.thrust for motor in scene.motor),
         (spring.force for spring in scene.spring),

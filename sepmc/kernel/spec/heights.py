@@ -14,6 +14,7 @@ import numpy as np
 from sepmc.physics.us1976_table import BORDERS
 from sepmc.scene.kinds import connected_bodies
 from sepmc.scene.model import GROUND, Motor, Scene, Spring
+from sepmc.scene.signals import with_sizes
 
 # maximum rows of an altitude table per step: the stages then sample every row
 _ROWS = 4.0
@@ -39,7 +40,7 @@ def rows_step(scene: Scene, extremes: Sequence[Scene] = ()) -> float:
     ]
     if not tables:
         return math.inf
-    scenes = [scene, *extremes]
+    scenes = list(map(with_sizes, [scene, *extremes]))
     speed = max(abs(s.initial.speed) for s in scenes) + _gained(scenes)
     low, high = _between(scenes, speed)
     passed = [
@@ -61,7 +62,7 @@ def may_pass_borders(scene: Scene, extremes: Sequence[Scene] = ()) -> bool:
     -------
     bool
     """
-    scenes = [scene, *extremes]
+    scenes = list(map(with_sizes, [scene, *extremes]))
     climb = max(
         abs(s.initial.speed * math.sin(s.initial.pitch - s.initial.alpha)) for s in scenes
     ) + _gained(scenes)

@@ -111,7 +111,7 @@ def make_kernel_spec(
 
 def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) -> KernelSpec:
     """Kernel specification of a variant."""
-    names = Names(layout.scene)
+    names, of_file = Names(layout.scene), layout
     layout, dispersed = names.layout(layout), frozenset(names.path(path) for path in dispersed)
     scene = layout.scene
     springs_with_stroke = {
@@ -127,7 +127,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
     in_layers = scene.environment.atmosphere == "us1976" and any(
         body.aerodynamics is not None for body in scene.body.values()
     )
-    borders = in_layers and (any_order or may_pass_borders(scene, layout.extremes))
+    borders = in_layers and (any_order or may_pass_borders(of_file.scene, of_file.extremes))
     samples = _count_samples(scene, dispersed)
     kinks = [kink_name(k) for k in range(len(Formulas(scene, names).kinks))]
     for segment in segments:

@@ -14,7 +14,7 @@ from oracles.independent.case import GROUND, read
 from oracles.independent.clearances import Clearances
 from oracles.independent.conditions import ASIDE, Leaf
 from oracles.independent.constraints import Singular
-from oracles.independent.formulas import Key, Undefined
+from oracles.independent.formulas import AT_ONCE, Key, Undefined
 from oracles.independent.loads import GRAIN, Flow
 from oracles.independent.monitor import Monitor
 from oracles.independent.motion import Motion
@@ -27,7 +27,6 @@ _CONSISTENT = 1e-9
 _EDGE = 1e-9  # m beyond the edge of an atmosphere layer at which the next one begins
 _ON_EDGE = 1e-12  # Mach and rad beyond the edge of a table that count as on it, which is inside
 _MAX_INTERVALS = 10_000
-_AT_ONCE = 1e-10  # s between two passages of a kink that undo each other
 _AHEAD = 1e-5  # s after which the side of a kink that is at zero is read
 # factor on the tolerance where there are tables: error estimates miss a part of the knots' error
 _AT_KNOTS = 0.1
@@ -87,7 +86,6 @@ class Simulation:
         self.clearances = Clearances(scene["clearance"], scene["body"], vehicle)
         self.rows = _heights_of_rows(scene["environment"])
         self.steps, self.drift, self.step = 0, 0.0, math.nan
-        self.passed: dict[Key, float] = {}  # time, s, at which a kink was passed last
 
     def state(self, t: float, y: Array) -> State:
         """State of all bodies at time t, s, from the state vector."""
@@ -137,9 +135,9 @@ class Simulation:
     def _pass_kink(self, key: Key) -> None:
         """Action of a kink of a formula; one that was at zero takes the side it is on."""
         formulas = self.loads.formulas
-        if self.t - self.passed.get(key, -math.inf) < _AT_ONCE:
+        if self.t - formulas.passed.get(key, -math.inf) < AT_ONCE:
             raise EndOfSimulation("too-many-events")
-        self.passed[key] = self.t
+        formulas.passed[key] = self.t
         if formulas.modes[key]:
             formulas.switch(key)
         else:

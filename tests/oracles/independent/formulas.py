@@ -36,6 +36,7 @@ _UNITS = {
     "kPa": 1e3,
     "psi": 4.4482216152605 / 0.0254**2,
 }
+AT_ONCE = 1e-8  # s between two passages of a kink that undo each other
 _AT_ZERO = 1e-11  # relative to the numbers compared
 Key = tuple[str, int, int]  # signal, call in its text, pair of numbers
 Values = dict[Key, tuple[float, float]]  # switching function and the size of its numbers
@@ -70,6 +71,7 @@ class Formulas:
     vehicle: Vehicle
     read: Callable[[list[str], str, float, State], float]
     modes: dict[Key, int] = field(default_factory=dict)
+    passed: dict[Key, float] = field(default_factory=dict)  # time, s, of the last passage
 
     def __post_init__(self) -> None:
         self.signals = {table["name"]: table for table in self.scene["signal"]}
@@ -118,6 +120,8 @@ class Formulas:
         """Switching function of a kink beyond its present side; positive from the kink on."""
         value, size = self.switching(t, s)[key]
         mode = self.modes[key]
+        if t - self.passed.get(key, -math.inf) < AT_ONCE and not _is_off(value, size):
+            return -_AT_ZERO  # it has just been passed: round-off
         return -mode * value if mode else abs(value) - 10.0 * _AT_ZERO * max(1.0, size)
 
     def switch(self, key: Key) -> None:
