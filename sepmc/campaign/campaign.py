@@ -155,9 +155,9 @@ class Campaign(Definition):
         """Campaign of a scenario."""
         problems = Problems()
         tree = scenario_tree(self.file.tree, self.scene, scenario, problems)
-        source = f"{self.name}, scenario {scenario.name}"
+        source, folder = f"{self.name}, scenario {scenario.name}", self.file.folder
         problems.raise_if_any(source)
-        read = parse_campaign(tree, source, {}, self.name, self.file.folder, read_input_table)
+        read = parse_campaign(tree, source, {}, self.name, folder, read_input_table, read_files)
         return Campaign(read, self.settings | as_text(scenario.settings))
 
     def session(

@@ -32,7 +32,8 @@ MAX_VARIABLES = 6
 MAX_TRIES = 3
 VERDICT_CASES = 4  # times the cases of the search
 _LIKELY = 0.95  # probability that the run for the verdict shows a design at the edge
-_GRID, _ROOTS = 13, 20  # one variable: points of the grid, and steps to the border, at most
+_GRID, _ROOTS = 13, 24  # one variable: points of the grid, and steps to the border, at most
+_FINE = 2001  # costs between two neighbours of a point of the grid
 _STEPS = 40  # several variables: designs for each, at most, after the first ones
 _TOLERANCE = 1e-4  # of the range of a variable
 _STEP = 0.7  # fraction of the accepted violations, from one try to the next
@@ -136,7 +137,8 @@ def size(
 
     Notes
     -----
-    One variable: a grid of 13 points, then the border of the accepted designs to 1e-4 of the range.
+    One variable: a grid of 13 points, then the cheapest accepted design between the neighbours of
+    the best one, to 1e-4 of the range.
     Several: a Sobol sequence of 8 designs for each, then COBYLA of scipy from the cheapest accepted
     one, at most 40 designs for each. The optimum is that of the search, not proven to be global.
     """
@@ -155,7 +157,11 @@ def size(
         if shown or number == MAX_TRIES:
             cost = float(evaluate(tree, _named(variables, list(best.values()))))
             count = VERDICT_CASES * cases
-            at_ends = tuple(v.key for v in variables if best[v.key] in (v.low, v.high))
+            at_ends = tuple(
+                v.key
+                for v in variables
+                if min(best[v.key] - v.low, v.high - best[v.key]) <= _TOLERANCE * (v.high - v.low)
+            )
             return Sizing(
                 best, cost, shown, verdicts, seed + number, count, searched, number, at_ends
             )
@@ -191,10 +197,15 @@ def _named(variables: Sequence[Variable], values: Sequence[Any]) -> dict[str, An
 
 
 def _checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement, ...]:
-    """Requirements of a campaign, which so many cases can show. Raises InputError."""
+    """Requirements of a campaign, which so many random cases can show. Raises InputError."""
     items = campaign.file.requirements
     if not items:
         raise InputError(f"{campaign.name}: has no requirement to size for: give [[requirement]]")
+    run = campaign.scene.run
+    if run.samples is not None:
+        raise InputError("run.samples: gives the run for the verdict the cases of the search")
+    if run.sampler != "random":
+        raise InputError(f"run.sampler = {run.sampler!r}: verdicts need random cases")
     for item in items:
         needed = required_cases(0, item.probability, item.confidence)
         if cases < needed:
@@ -297,12 +308,22 @@ class _Search:
         columns = list(dict.fromkeys(self.metrics))
         table = self.session.run_many(designs, self.cases, self.seed, columns or ["error"])
         frame = pd.DataFrame(designs, columns=[one.key for one in self.variables])
-        frame["cost"] = evaluate(self.cost, _named(self.variables, list(designs.T)))
+        frame["cost"] = self._costs(designs)
         margin = np.full(len(designs), np.inf)
         for item, most in zip(self.items, allowed, strict=True):
             margin = np.minimum(margin, self._margin(item, most, table.columns))
         frame["margin"] = margin
         return frame
+
+    def _costs(self, designs: np.ndarray) -> np.ndarray:
+        """Cost (m,) of designs (m, variables). Raises InputError."""
+        costs = np.empty(len(designs))
+        costs[:] = evaluate(self.cost, _named(self.variables, list(designs.T)))
+        if not np.isfinite(costs).all():
+            values = designs[np.argmin(np.isfinite(costs))]
+            design = {one.key: value for one, value in zip(self.variables, values, strict=True)}
+            raise InputError(f"minimise: has no value at {_text(design)}; use where(...)")
+        return costs
 
     def _margin(
         self, item: Requirement, most: int, columns: Mapping[str, np.ndarray]
@@ -324,7 +345,7 @@ class _Search:
 
     def _violations(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Mask (m, cases) of the cases that violate a requirement on a status, a yes-or-no outcome
-        or any violation; cases without a result count as violations."""
+        or any violation; cases without a result count as violations, as in a verdict."""
         status = columns["status"]
         if item.metric == VIOLATION:
             others = [one for one in self.items if one.metric != VIOLATION]
@@ -332,12 +353,13 @@ class _Search:
         if item.metric in columns:
             values = margins(columns[item.metric], item)
             return np.asarray(~((status == Status.OK) & (values >= 0.0)))
-        codes = {one.label: one for one in Status}
-        return np.asarray(status == codes[item.metric])
+        return np.asarray(status != Status.OK)  # one with another status shows nothing
 
     def _by_root(self, run: Run) -> None:
-        """Search one variable: a grid, then the border of the accepted designs beside the cheapest
-        accepted one, by the Illinois method."""
+        """Search one variable: a grid, then the cheapest design between the neighbours of the
+        cheapest accepted one; if it is not accepted, the border of the accepted designs before it.
+
+        The border is found by the Illinois method, and by bisection where that converges slowly."""
         (variable,) = self.variables
         table = run(np.linspace(variable.low, variable.high, _GRID)[:, None])
         x, costs, margin = (
@@ -346,22 +368,32 @@ class _Search:
         if not (margin >= 0.0).any():
             return
         good = int(np.argmin(np.where(margin >= 0.0, costs, np.inf)))
-        beside = [k for k in (good - 1, good + 1) if 0 <= k < _GRID]
-        cheaper = [k for k in beside if costs[k] < costs[good]]
-        if not cheaper:
+        ends = x[max(good - 1, 0)], x[min(good + 1, _GRID - 1)]
+        fine = np.append(np.linspace(*ends, _FINE), x[good])
+        fine_costs = self._costs(fine[:, None])
+        cheapest = fine[fine_costs.argmin()]
+        if fine_costs.min() >= costs[good]:
             return
-        inside, outside = (x[good], margin[good]), (x[cheaper[0]], margin[cheaper[0]])
+        if cheapest in x:
+            value = margin[list(x).index(cheapest)]
+        else:
+            value = float(run(np.array([[cheapest]]))["margin"].iloc[0])
+        if value >= 0.0:
+            return
+        inside, outside = (x[good], margin[good]), (cheapest, value)
+        width = np.inf
         for _ in range(_ROOTS):
+            last, width = width, abs(inside[0] - outside[0])
+            if width <= _TOLERANCE * (variable.high - variable.low):
+                return
             fall = max(inside[1] - outside[1], 1e-12)
-            share = min(max(inside[1] / fall, 0.05), 0.95)
+            share = min(max(inside[1] / fall, 0.05), 0.95) if width <= 0.5 * last else 0.5
             middle = inside[0] + share * (outside[0] - inside[0])
             value = float(run(np.array([[middle]]))["margin"].iloc[0])
             if value >= 0.0:
                 inside, outside = (middle, value), (outside[0], 0.5 * outside[1])
             else:
                 inside, outside = (inside[0], 0.5 * inside[1]), (middle, value)
-            if abs(inside[0] - outside[0]) <= _TOLERANCE * (variable.high - variable.low):
-                return
 
     def _by_steps(self, run: Run) -> None:
         """Search several variables: a Sobol sequence, then COBYLA of scipy from the cheapest

@@ -60,6 +60,7 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
     """Show scene, kernel, cases, dispersions and requirements of a campaign."""
     from sepmc.analysis.requirements_text import requirement_sentence
     from sepmc.campaign.execution.step_selection import stage_names
+    from sepmc.campaign.label import as_text
     from sepmc.kernel.emit.module import features
     from sepmc.kernel.spec.describe import lines
     from sepmc.scene.budget import budget_lines
@@ -103,6 +104,10 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
     click.echo(f"  required     {len(required) or 'nothing'}")
     for item in required:
         click.echo("    " + requirement_sentence(item, units.get(item.metric, "")))
+    campaign.scenarios()  # one that gives no valid campaign is reported here
+    for scenario in campaign.file.scenarios:
+        values = as_text(scenario.settings).items()
+        click.echo(f"  scenario     {scenario.name}: {', '.join(f'{k} = {v}' for k, v in values)}")
 
 
 def _input_warnings(campaign: "Campaign") -> list[str]:

@@ -69,6 +69,6 @@ def scenarios(
     table = folder / "scenarios.csv"
     folders.write_text(table, runs.table.to_csv(index=False))
     if not quiet:
-        show(render_scenarios(runs, campaign))
+        show(render_scenarios(runs))
     log(f"wrote {folder}: a run folder for each, and {table.name}")
     sys.exit(int(must_pass and not verdicts_pass(runs)))

@@ -83,6 +83,6 @@ def size(
     sizing = find_size(campaign, parsed, minimise, cases, seed, threads, log)
     folders.write_text(path, sizing.searched.to_csv(index=False))
     if not quiet:
-        show(render_sizing(sizing, minimise, file, settings))
+        show(render_sizing(sizing, minimise, file, settings, campaign.file.tree))
     log(f"wrote {path}")
     sys.exit(int(must_pass and not sizing.shown))

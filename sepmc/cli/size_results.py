@@ -1,18 +1,29 @@
 """Screen of `sepmc size`."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from sepmc.campaign.sizing import MAX_TRIES, Sizing
+from sepmc.scene.messages import Problems
+from sepmc.scene.setting_checks import expand, parts, split_units
 from sepmc.text_table import text_table
 
 
-def render_sizing(sizing: Sizing, minimise: str, file: str, settings: Sequence[str]) -> str:
-    """Render the chosen design, its cost, and the verdicts of the run with fresh cases."""
+def render_sizing(
+    sizing: Sizing, minimise: str, file: str, settings: Sequence[str], tree: dict[str, Any]
+) -> str:
+    """Render the chosen design, its cost, and the verdicts of the run with fresh cases.
+
+    ``settings`` are those of the command line, ``tree`` is that of the campaign."""
     lines = [f"{key} = {value:.6g}" for key, value in sizing.values.items()]
-    lines.append(f"{minimise} = {sizing.cost:.6g}, the smallest of {len(sizing.searched)} designs")
+    accepted = int((sizing.searched["margin"] >= 0.0).sum())
+    lines.append(
+        f"{minimise} = {sizing.cost:.6g}, the smallest of {accepted} accepted designs, "
+        f"of {len(sizing.searched)} searched"
+    )
     lines += [
-        f"{key} is at an end of its range: a wider one may be better" for key in sizing.at_ends
+        f"{key} is at an end of its range: a wider range may be better" for key in sizing.at_ends
     ]
     head = ["requirement", "verdict", "violations", "may", "confidence"]
     rows = [
@@ -32,8 +43,30 @@ def render_sizing(sizing: Sizing, minimise: str, file: str, settings: Sequence[s
     )
     if not sizing.shown:
         lines.append(f"not shown after {sizing.tries} searches: give more --cases")
-    changed = [*settings, *(f"{key}={value:.17g}" for key, value in sizing.values.items())]
+    changed = [
+        *_others(settings, sizing.values, tree),
+        *(f"{key}={value:.17g}" for key, value in sizing.values.items()),
+    ]
     words = ["sepmc", "campaign", file, *(word for one in changed for word in ("--set", one))]
     words += ["--cases", str(sizing.cases), "--seed", str(sizing.seed)]
     lines.append(f"the same cases again: {shlex.join(words)}")
     return "\n".join(lines)
+
+
+def _others(
+    settings: Sequence[str], design: Mapping[str, float], tree: dict[str, Any]
+) -> list[str]:
+    """Settings, without those of numbers that a design replaces, in whatever unit."""
+    replaced = {_path(key) for key in expand(dict(design), tree, Problems())}
+    kept = []
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        keys = list(expand({key.strip(): None}, tree, Problems()))
+        others = [one for one in keys if _path(one) not in replaced]
+        kept += [setting] if others == keys else [f"{one}{equals}{value}" for one in others]
+    return kept
+
+
+def _path(key: str) -> tuple[str, ...]:
+    """Keys of a path without units."""
+    return split_units(parts(key))[0]

@@ -70,8 +70,6 @@ def resolve(
                 problems.add(
                     f"{where}.parameters", f"correlated already, in {group_of[key_path]}", key
                 )
-            elif dispersions[key_path].distribution == "constant":
-                problems.add(f"{where}.parameters", "is constant, so it varies with nothing", key)
             group_of[key_path] = number
         factor = _factor(matrix)
         if factor is None:

@@ -164,7 +164,8 @@ def resolve(
             )
             continue
         key_of_path[parameter.path] = key_of_column[column] = key
-        if distribution.column is not None or (table and table.has(column)):
+        in_table = table and table.has(column) and distribution.constant is None
+        if distribution.column is not None or in_table:
             dispersion = _from_column(distribution, parameter, table, key_path, problems)
         else:
             nominal = value(scene, parameter.path) / parameter.factor

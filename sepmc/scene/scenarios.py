@@ -2,6 +2,7 @@
 file."""
 
 import copy
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,8 @@ from sepmc.scene.tables import NAME_PATTERN
 
 BASELINE = "baseline"  # the campaign itself, beside its scenarios
 _KEYS = ("name", "title", "set")
+# components of vectors in paths; a path with those of another quantity names no parameter
+_COMPONENTS = (("x", "y", "z"), ("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
             problems.add(f"{key_path}.set", 'must be a table, as { "spring.a.factor" = 0.0 }')
             continue
         for key, value in settings.items():
-            if isinstance(value, dict):
+            if isinstance(value, dict) and "." not in key:  # the keys of a path without quotes
                 reason = 'put the path in quotes: "spring.a.factor" = 0.0'
                 problems.add(f"{key_path}.set.{key}", reason)
         scenarios.append(Scenario(name, str(title), settings))
@@ -96,15 +99,32 @@ def scenario_tree(
     if not own:
         apply_settings(changed, settings, own)
     dispersed = {_path(scene, key): key for key in tree.get("dispersion", {})}
-    for key, value in {} if own else settings.items():
+    for key, value in () if own else _numbers(settings):
         path = _path(scene, key)
-        if path in dispersed and isinstance(value, int | float):
+        if path is not None and path in dispersed:
             factor = find(scene, key).factor / find(scene, dispersed[path]).factor
             changed["dispersion"][dispersed[path]] = {"constant": value * factor}
     for problem in own:
         problems.append(f"scenario.{scenario.name}.set.{problem}")
     changed.pop("scenario", None)
     return changed
+
+
+def _numbers(settings: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """Key and value of each number that settings give, with those of vectors and tables."""
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _numbers({f"{key}.{name}": item for name, item in value.items()})
+        elif isinstance(value, list):
+            numbers = [
+                item.get("name", number) if isinstance(item, Mapping) else number
+                for number, item in enumerate(value)
+            ]
+            for names in (*_COMPONENTS, numbers):
+                items = zip(names, value, strict=False)
+                yield from _numbers({f"{key}.{name}": item for name, item in items})
+        elif isinstance(value, int | float):
+            yield key, value
 
 
 def _path(scene: Scene, key: str) -> str | None:

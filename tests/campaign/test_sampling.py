@@ -156,9 +156,15 @@ def test_bad_correlations(pair, correlation, message):
 
 
 def test_a_constant_varies_with_nothing(pair):
-    laws = VARIED["dispersion"] | {"body.fore.mass_kg": {"constant": 3.0}}
-    with pytest.raises(SceneError, match="is constant, so it varies with nothing"):
-        pair({"dispersion": laws, "correlation": [TOGETHER]})
+    """The other parameters keep their numbers."""
+    values = VARIED["dispersion"]
+    fixed = values | {"body.fore.mass_kg": {"constant": 3.0}}
+    varied, constant = (
+        pair({"dispersion": one, "correlation": [TOGETHER]}).sample(0, 100)
+        for one in (values, fixed)
+    )
+    assert_array_equal(constant[:, 0], 3.0)
+    assert_array_equal(constant[:, 1:], varied[:, 1:])
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)

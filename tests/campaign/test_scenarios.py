@@ -29,9 +29,8 @@ def table2_tree():
 
 
 def campaign(tree, *scenarios, **more):
-    return Campaign(
-        parse_campaign(tree | {"scenario": list(scenarios), "requirement": [ITEM]} | more, "t.toml")
-    )
+    own = {"scenario": list(scenarios), "requirement": [ITEM]}
+    return Campaign(parse_campaign(tree | own | more, "t.toml"))
 
 
 def test_a_scenario_differs_in_what_it_sets_alone(table2_tree):
@@ -59,6 +58,97 @@ def test_a_scenario_needs_no_kernel_of_its_own(table2_tree):
 
 def test_scenarios_change_no_row_of_the_campaign(table2_tree):
     assert campaign(table2_tree, WEAK).digest == campaign(table2_tree).digest
+
+
+def inputs(one, count=4):
+    names = [column.name for column in one.input_columns]
+    return pd.DataFrame(one.sample(0, count), columns=names)
+
+
+def changed(one):
+    """Values of the inputs that differ between the campaign and its only scenario."""
+    (scenario,) = one.scenarios().values()
+    base, other = inputs(one), inputs(scenario)
+    return {name: set(other[name]) for name in base if not base[name].equals(other[name])}
+
+
+def test_a_component_of_a_vector_that_is_set_is_constant(table2_tree):
+    laws = {f"body.upper.cg_mm.{axis}": {"uniform": 3.0} for axis in "xyz"}
+    one = campaign(
+        table2_tree,
+        {"name": "aside", "set": {"body.upper.cg_m": [1.3, 0.01, -0.02]}},
+        dispersion=table2_tree["dispersion"] | laws,
+    )
+    assert changed(one) == {
+        "in_body_upper_cg_x_mm": {1300.0},
+        "in_body_upper_cg_y_mm": {10.0},
+        "in_body_upper_cg_z_mm": {-20.0},
+    }
+
+
+@pytest.mark.parametrize("sampler", ["random", "lhs", "sobol"])
+def test_correlated_parameters_keep_their_numbers(table2_tree, sampler):
+    names = ["motor.retro.thrust_N", "body.upper.mass_kg", "body.lower.mass_kg"]
+    laws = {name: {"normal": 0.02, "relative": True} for name in names}
+    together = [{"parameters": names, "coefficient": 0.7}]
+    run = table2_tree["run"] | {"sampler": sampler}
+    more = {"dispersion": laws, "correlation": together, "run": run}
+    assert changed(campaign(table2_tree, WEAK, **more)) == {"in_motor_retro_thrust_N": {250.0}}
+
+
+def test_a_value_that_is_set_replaces_a_column_of_samples(table2_tree, tmp_path):
+    one = campaign(table2_tree, {"name": "light", "set": {"body.upper.mass_kg": 400.0}})
+    inputs(one).to_csv(tmp_path / "samples.csv", index=False)
+    (tmp_path / "two.toml").write_text(one.file.toml)
+    taken = sepmc.load(str(tmp_path / "two.toml"), {"run.samples": "samples.csv"})
+    pd.testing.assert_frame_equal(inputs(taken), inputs(one))
+    assert changed(taken) == {"in_body_upper_mass_kg": {400.0}}
+    (note,) = taken.scenarios()["light"].file.no_effect
+    assert note.startswith("column in_body_upper_mass_kg of the samples is not used")
+
+
+def test_a_scenario_may_change_a_distribution(table2_tree):
+    wide = {"name": "wide", "set": {"dispersion.body.upper.mass_kg": {"uniform": [300, 400]}}}
+    ((name, values),) = changed(campaign(table2_tree, wide)).items()
+    assert name == "in_body_upper_mass_kg"
+    assert all(300.0 <= value <= 400.0 for value in values)
+
+
+def test_check_reports_scenarios_and_those_that_are_not_valid(table2_tree, tmp_path):
+    light = {"name": "light", "set": {"body.upper.mass_kg": 400.0}}
+    path = tmp_path / "two.toml"
+    path.write_text(campaign(table2_tree, light).file.toml)
+    result = CliRunner().invoke(main, ["check", str(path), "--no-flight"])
+    assert "  scenario     light: body.upper.mass_kg = 400.0" in result.stdout
+    light["set"]["body.upper.mass_kg"] = -1.0
+    path.write_text(campaign(table2_tree, light).file.toml)
+    result = CliRunner().invoke(main, ["check", str(path), "--no-flight"])
+    assert result.exit_code == 2
+    assert "scenario light: body.upper.mass_kg = -1" in result.stderr
+
+
+@pytest.mark.slow
+def test_the_screen_with_requirements_that_a_scenario_changes(table2_tree, tmp_path):
+    bare = {"name": "bare", "set": {"requirement": []}}
+    loose = {"name": "loose", "set": {"requirement.speed.at_least": 0.1}}
+    (tmp_path / "two.toml").write_text(campaign(table2_tree, bare, loose).file.toml)
+    words = ["scenarios", str(tmp_path / "two.toml"), "--cases", "3", "--out"]
+    result = CliRunner().invoke(main, [*words, str(tmp_path / "all")])
+    assert result.exit_code == 0, result.output
+    assert "loose: speed: separation_speed_m_s >= 0.1 m/s" in result.stdout
+    (row,) = [line for line in result.stdout.splitlines() if line.startswith("bare ")]
+    assert row.split() == ["bare", "3", "3", "-"]
+
+
+@pytest.mark.slow
+def test_the_screen_without_requirements(table2_tree, tmp_path):
+    (tmp_path / "two.toml").write_text(campaign(table2_tree, WEAK, requirement=[]).file.toml)
+    words = ["scenarios", str(tmp_path / "two.toml"), "--cases", "3", "--out"]
+    result = CliRunner().invoke(main, [*words, str(tmp_path / "all")])
+    assert result.exit_code == 0, result.output
+    lines = [line.split() for line in result.stdout.splitlines()]
+    first = lines.index(["scenario", "cases", "ok", "not", "ok"])
+    assert lines[first + 1 : first + 3] == [["baseline", "3", "3"], ["weak", "3", "3"]]
 
 
 @pytest.mark.slow

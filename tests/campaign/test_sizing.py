@@ -1,12 +1,14 @@
 """Sizing: the cheapest design that passes, judged on cases that did not choose it."""
 
 import math
+import shlex
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from support.sizing_problem import FORCE, SPEED, campaign, risk
 
+import sepmc
 from sepmc.analysis.proportions import allowed_violations, binomial_cdf
 from sepmc.campaign.sizing import (
     MAX_TRIES,
@@ -74,6 +76,68 @@ def test_two_variables_are_no_worse_than_a_grid():
     costs = (push + 20.0 * (100.0 - mass))[table.summary["fast_violations"] <= most]
     assert sizing.cost <= 1.01 * costs.min()
     assert sizing.shown
+
+
+@pytest.mark.slow
+def test_a_cost_with_its_minimum_inside_the_range():
+    """The grid of the search has steps of 417 N."""
+    sizing = size(campaign(), [FORCE], "(push - 5123) ** 2", cases=100)
+    assert abs(sizing.values[FORCE.key] - 5123.0) <= 1e-4 * (FORCE.high - FORCE.low)
+    assert sizing.shown
+
+
+@pytest.mark.slow
+def test_the_border_where_cases_lack_the_outcome():
+    """No margin says there how far the border is."""
+    far = {"event": [{"name": "far", "when": {"joint": "ring", "stroke_m": 1.6}}]}
+    item = SPEED | {"metric": "far_time_s", "at_least": 0.0}
+    problem = campaign().with_settings(far | {"requirement": [item]})
+    table = size(problem, [FORCE], "push", cases=100).searched
+    accepted = table["margin"] >= 0.0
+    assert not np.isfinite(table["margin"]).all()
+    gap = table.loc[accepted, FORCE.key].min() - table.loc[~accepted, FORCE.key].max()
+    assert 0.0 < gap <= 1e-4 * (FORCE.high - FORCE.low)
+
+
+@pytest.mark.slow
+def test_a_case_with_another_status_does_not_show_that_one_does_not_occur():
+    never = {"release": [{"name": "off", "joint": "ring", "when": {"time_s": 9.0}}]}
+    held = never | {"phase": [{"name": "held", "joints": {"ring": "fixed"}}]}
+    item = {"name": "small", "metric": "outside-atmosphere", "probability": 0.95}
+    with pytest.raises(InputError, match="no design of the ranges passes"):
+        size(campaign(item).with_settings(held), [FORCE], "push", cases=100)
+
+
+@pytest.mark.slow
+def test_the_command_for_the_same_cases_where_a_setting_is_in_another_unit(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pusher.toml").write_text(campaign().file.toml, encoding="utf-8")
+    words = ["size", "pusher.toml", "--vary", "push=spring.pusher.force_N=1000:6000"]
+    words += ["--minimise", "push", "--cases", "100", "--set", "spring.*.force_kN=3"]
+    result = CliRunner().invoke(main, [*words, "--set", "body.fore.mass_kg=90"])
+    assert result.exit_code == 0, result.output
+    (line,) = (one for one in result.output.splitlines() if one.startswith("the same cases again"))
+    again = CliRunner().invoke(main, [*shlex.split(line)[5:], "--out", "again"])
+    assert again.exit_code == 0, again.output
+    chosen = sepmc.load("again").file.tree
+    assert chosen["body"]["fore"]["mass_kg"] == 90.0
+    assert 1000.0 < chosen["spring"][0]["force_N"] < 6000.0
+
+
+def test_cases_that_verdicts_cannot_use_are_refused(tmp_path):
+    sobol = campaign().with_settings({"run.sampler": "sobol"})
+    with pytest.raises(InputError, match="sampler = 'sobol': verdicts need random cases"):
+        size(sobol, [FORCE], "push", cases=100)
+    path = tmp_path / "rows.csv"
+    path.write_text("in_spring_pusher_factor\n" + "1.0\n1.1\n" * 300, encoding="utf-8")
+    with pytest.raises(InputError, match="gives the run for the verdict the cases of the search"):
+        size(campaign().with_settings({"run.samples": str(path)}), [FORCE], "push", cases=100)
+
+
+@pytest.mark.slow
+def test_a_cost_without_a_value_is_refused():
+    with pytest.raises(InputError, match=r"minimise: has no value at .*force_N = 1000"):
+        size(campaign(), [FORCE], "sqrt(push - 2000)", cases=100)
 
 
 @pytest.mark.parametrize("probability", [0.9, 0.99])
