@@ -149,6 +149,7 @@ def test_trial_cases_are_flown_no_more_than_needed(plainly, pair, monkeypatch):
         return integrate_cases(kernel, plan, steps, usual, slots, draws, *more, **named)
 
     monkeypatch.setattr(step_selection, "integrate_cases", counted)
+    monkeypatch.setattr("sepmc.campaign.execution.common_steps.integrate_cases", counted)
     monkeypatch.setattr("sepmc.campaign.execution.integration.integrate_cases", counted)
     campaign = pair(
         {"solver": {"accuracy": 1e-6}, "run.history_step_s": 0.1,

@@ -77,6 +77,7 @@ PINT |= {
     "cm2": "cm^2",
     "mm2": "mm^2",
     "ft2": "ft^2",
+    "hz": "hertz",
 }
 
 

@@ -154,7 +154,8 @@ class Case:
 
     def _refuse(self) -> None:
         """Refuse features that no external engine simulates."""
-        lost = [f"[{table}]" for table in self.data if table not in _TABLES]
+        lost = [f"[{key}]" for key, table in self.data.items() if table and key not in _TABLES]
+        lost += [f"the table of {s['name']}" for s in self.data.get("spring", ()) if s.get("table")]
         lost += [
             f"friction of {n}"
             for n, j in self.data.get("joint", {}).items()
