@@ -78,7 +78,7 @@ def test_exudyn_is_of_second_order():
 def test_unsupported_features_are_refused():
     data = sepmc.load("table2.toml").case(0).to_dict()
     data["environment"]["atmosphere"] = "table"
-    data["parachute"] = []
+    data["parachute"] = [{"name": "main"}]
     with pytest.raises(NotImplementedError, match=r"\[parachute\], tables of air"):
         Case(data)
 
