@@ -53,6 +53,7 @@ from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, Log, Problems, RunWarning, warn
 from sepmc.scene.read import parse_campaign, read_campaign
 from sepmc.scene.scenarios import Scenario, scenario_tree
+from sepmc.scene.symbols import Function, trace_load
 
 
 def load(
@@ -159,6 +160,67 @@ class Campaign(Definition):
         problems.raise_if_any(source)
         read = parse_campaign(tree, source, {}, self.name, folder, read_input_table, read_files)
         return Campaign(read, self.settings | as_text(scenario.settings))
+
+    def with_load(
+        self,
+        name: str,
+        function: Function,
+        body: str,
+        frame: str = "body",
+        point_m: tuple[float, float, float] | None = None,
+    ) -> "Campaign":
+        """Campaign with one more load, by a Python function.
+
+        The function is called once, with a symbol whose attributes are the quantities of formulas;
+        what it computes becomes signals of the campaign, which run folders, workers and replays
+        have as any others.
+
+        Parameters
+        ----------
+        name : str
+            Of the load; its signals are ``NAME_force_x``, ...
+        function : callable
+            ``function(q)`` returns three components of the force, N, or a pair of them and three of
+            the moment, N m; each a number or computed from quantities such as
+            ``q.upper.pitch_rad`` with operators and functions of numpy.
+        body : str
+        frame : str
+            Axes of the components: "body" or "ground".
+        point_m : tuple of 3 float, optional
+            Layout point of the force; the centre of mass if None.
+
+        Returns
+        -------
+        Campaign
+
+        Raises
+        ------
+        InputError
+            If the function cannot be a formula; a SceneError if the campaign refuses the load.
+
+        Examples
+        --------
+        ``campaign.with_load("plume", lambda q: (90 * np.exp(-q.time_s / 0.2), 0, 0), "upper")``
+        """
+        load: dict[str, Any] = {"name": name, "body": body, "frame": frame}
+        load |= {} if point_m is None else {"point_m": list(point_m)}
+        signals = []
+        for key, components in trace_load(name, function).items():
+            numbers: list[float | str] = []
+            for axis, component in zip("xyz", components, strict=True):
+                signal = f"{name}_{key}_{axis}"
+                if isinstance(component, str):
+                    signals.append({"name": signal, "formula": component})
+                numbers.append(signal if isinstance(component, str) else component)
+            load["force_N" if key == "force" else "moment_N_m"] = numbers
+        tree = dict(self.file.tree)
+        for table, entries in (("signal", signals), ("load", [load])):
+            tree[table] = [*tree.get(table, []), *entries]
+        folder = self.file.folder
+        read = parse_campaign(
+            tree, self.name, None, self.name, folder, read_input_table, read_files
+        )
+        return Campaign(read, self.settings)
 
     def session(
         self,

@@ -283,6 +283,13 @@ def _call(function: str, arguments: tuple[Node, ...]) -> Node:
     return Number(value)
 
 
+def apply(function: str, arguments: tuple[Node, ...]) -> Node:
+    """Node of a function or operator of nodes; raises FormulaError if it does not take them."""
+    if function in FUNCTIONS:
+        return _function(function, arguments)
+    return _call(function, arguments)
+
+
 def is_condition(node: Node) -> bool:
     """True if a node is a condition, not a number."""
     return isinstance(node, Call) and node.function in _CONDITIONS
@@ -392,6 +399,7 @@ __all__ = [
     "Name",
     "Node",
     "Number",
+    "apply",
     "evaluate",
     "is_condition",
     "may_be_undefined",

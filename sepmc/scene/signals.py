@@ -323,12 +323,13 @@ def with_sizes(scene: Scene) -> Scene:
 
 
 def value_at(scene: Scene, name: str, times: np.ndarray) -> np.ndarray:
-    """Values (n,) of a signal at times (n,), s, with all other quantities at 0."""
+    """Values (n,) of the formula of a signal at times (n,), s, with all other quantities at 0."""
     by_name = {signal.name: signal for signal in scene.signal}
     known: dict[str, np.ndarray] = {}
 
     def value(signal: str) -> np.ndarray:
         if signal not in known:
+            known[signal] = np.zeros(len(times))  # in a loop, which a state or a sample opens
             tree = parse(by_name[signal].formula)
             known[signal] = np.zeros(len(times)) + evaluate(
                 tree, {one: of_name(by_name[signal], one) for one in names(tree)}

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from oracles.independent import simulate
 from scipy.integrate import solve_ivp
 
 from sepmc.scene.messages import SceneError
@@ -192,6 +193,36 @@ def sampled_pendulum(kp, kd, sample, delay, end):
         moment = command
         y = moved(y, sample - delay)
     return rows
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"lag_s": 0.1, "rate_limit": 3.0},
+        {"servo": {"natural_hz": 4.0, "damping": 0.4}, "initial": 0.5},
+        {"integral": True, "sample_s": 0.11},
+        {"sample_s": 0.11, "delay_s": 0.05, "initial": 0.7},
+    ],
+)
+def test_against_the_independent_flight(pair, plainly, keys):
+    """A response that feeds back, with kinks of what follows it."""
+    formula = "sin(6 * time_s) - fore.omega_z_rad_s"
+    signals = [
+        {"name": "push", "formula": formula, **keys},
+        {"name": "out", "formula": "max(push, 0.2) + where(push > 0.5, 0.3, 0)"},
+    ]
+    load = {"name": "jet", "body": "fore", "force_N": [5.0, "push", "out"]}
+    load |= {"moment_N_m": [0.0, 0.3, "push"], "point_m": [0.9, 0.0, 0.05]}
+    settings = {"phase": [{"name": "free"}], "run.end_time_s": 1.0, "solver": {"accuracy": 1e-8}}
+    settings["dispersion"] = {"body.fore.mass_kg": {"uniform": 0.5}}
+    campaign = pair(settings | {"signal": signals, "load": [load]})
+    for row in campaign.run(cases=2).to_pandas().to_dict("records"):
+        expected = simulate(campaign.case(row["case"]).to_dict())
+        assert row["status"] == expected.status == "ok"
+        for name, value in expected.outcomes.items():
+            if math.isfinite(value):
+                assert row[name] == pytest.approx(value, rel=1e-7, abs=1e-7), name
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.015])

@@ -58,6 +58,7 @@ LOAD = {
     "name": REQUIRED, "body": REQUIRED, "force": ZERO, "moment": ZERO, "frame": "body",
     "point": None, "start": 0.0, "end": math.inf,
 }  # fmt: skip
+SERVO = {"natural": REQUIRED, "damping": REQUIRED}
 SIGNAL = {
     "name": REQUIRED, "formula": REQUIRED, "constants": None, "sample": None, "delay": 0.0,
     "lag": None, "rate_limit": None, "servo": None, "integral": False, "initial": 0.0,
@@ -205,8 +206,7 @@ def read(case: Mapping[str, Any]) -> Table:
     scene["signal"] = _list(scene["signal"], SIGNAL, "signal")
     for signal in scene["signal"]:
         signal["constants"] = signal["constants"] or {}
-        if any(signal[key] for key in ("sample", "lag", "servo", "integral")):
-            raise ValueError(f"signal.{signal['name']}: only formulas are known here")
+        _inner(signal, "servo", SERVO, f"signal.{signal['name']}")
     scene["driven"] = scene["driven"] or {}
     scene["clearance"] = _list(scene["clearance"], CLEARANCE, "clearance")
     scene["proximity"] = _list(scene["proximity"], PROXIMITY, "proximity")

@@ -76,6 +76,7 @@ class Simulation:
         self.y = vehicle.start(
             self.motion.pivot(scene["phase"][0]["joints"]), _initial_swings(scene)
         )
+        self.y = np.append(self.y, self.loads.formulas.start())
         self.follower = Follower(vehicle)
         # release time, s, of each joint, and angular rates of all bodies then
         self.released: dict[str, tuple[float, Array]] = {}
@@ -201,7 +202,8 @@ class Simulation:
         """Project positions and attitudes, then speeds, onto the constraints, by the smallest
         change in the mass metric."""
         for what in ("position", "speed"):
-            s, y = self.state(self.t, self.y), self.y.reshape(-1, SIZE)
+            s = self.state(self.t, self.y)
+            y = self.y[: self.vehicle.n * SIZE].reshape(-1, SIZE)
             rows = self.motion.constraints.at(s)
             violation = (
                 self.motion.constraints.values(s)
@@ -222,6 +224,7 @@ class Simulation:
             self._project()
         self.loads.set_interval(self.t + GRAIN)
         s = self.state(self.t, self.y)
+        self.loads.formulas.sample(self.t, s)
         self._update_constraints(s)
         for name in self.joints:
             if (

@@ -37,6 +37,8 @@ _UNITS = {
     "psi": 4.4482216152605 / 0.0254**2,
 }
 AT_ONCE = 1e-8  # s between two passages of a kink that undo each other
+_SAME_TIME = 2e-12  # s
+_OF_RATE = -100_000  # in place of a column, for the limit of a rate
 _AT_ZERO = 1e-11  # relative to the numbers compared
 Key = tuple[str, int, int]  # signal, call in its text, pair of numbers
 Values = dict[Key, tuple[float, float]]  # switching function and the size of its numbers
@@ -82,7 +84,41 @@ class Formulas:
         self.driven = {
             path: (signal, factor) for path, (signal, factor) in self.scene["driven"].items()
         }
+        self.responses = [Response(table) for table in self.scene["signal"]]
+        first = 0
+        for response in self.responses:
+            response.first, first = first, first + len(response.start)
+        self.states = {one.name: one for one in self.responses if one.start}
+        self.samplers = {one.name: one for one in self.responses if one.interval}
         self.used = list(dict.fromkeys(signal for signal, _ in self.driven.values()))
+
+    def start(self) -> list[float]:
+        """States of the signals at the start."""
+        return [x for response in self.responses for x in response.start]
+
+    def rates(self, t: float, s: State) -> list[float]:
+        """Rates of the states of the signals."""
+        evaluation = Evaluation(self, t, s)
+        return [x for name in self.states for x in evaluation.rates(name)]
+
+    def due(self) -> list[float]:
+        """Times, s, at which signals are sampled or samples begin to be used."""
+        return [t for one in self.samplers.values() for t in (one.next_time, one.use_time)]
+
+    def sample(self, t: float, s: State) -> None:
+        """Take the samples that are due, in the order of the file, and use those that are."""
+        taken = False
+        for name, one in self.samplers.items():
+            if one.use_time <= t + _SAME_TIME:
+                one.held, one.use_time, taken = one.waiting, math.inf, True
+            if one.next_time <= t + _SAME_TIME:
+                one.take(Evaluation(self, t, s).formula(name))
+                taken = True
+        if taken:  # switching functions of samples may have changed their sign
+            for key, (value, size) in self.switching(t, s).items():
+                mode = self.modes.get(key)
+                if mode and -mode * value > _AT_ZERO * max(1.0, size):
+                    self.modes[key] = -mode
 
     def number(self, path: str, t: float, s: State, otherwise: float) -> float:
         """Number of a parameter: of its signal, or ``otherwise``."""
@@ -100,6 +136,8 @@ class Formulas:
         evaluation = Evaluation(self, t, s)
         for signal in self.used:
             evaluation.signal(signal)
+        for name in self.states:
+            evaluation.rates(name)
         return evaluation.switching
 
     def set_modes(self, t: float, s: State, later: Callable[[], State], wait: float) -> None:
@@ -129,6 +167,39 @@ class Formulas:
         self.modes[key] = -self.modes[key]
 
 
+@dataclass
+class Response:
+    """Response of a signal to its formula: states, and the sample that it holds."""
+
+    table: Table
+    first: int = 0  # of its states
+    count: int = 0  # samples taken
+    use_time: float = math.inf
+    waiting: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.name, self.interval = self.table["name"], self.table["sample"]
+        self.servo, self.lag, self.limit = (
+            self.table[key] for key in ("servo", "lag", "rate_limit")
+        )
+        self.held = initial = self.table["initial"]
+        has_one = self.lag or self.table["integral"]
+        self.start = [initial, 0.0] if self.servo else [initial] if has_one else []
+
+    @property
+    def next_time(self) -> float:
+        """Time of the next sample, s."""
+        return float(self.count * self.interval)
+
+    def take(self, value: float) -> None:
+        """Take a sample."""
+        if self.table["delay"] > _SAME_TIME:
+            self.waiting, self.use_time = value, self.next_time + self.table["delay"]
+        else:
+            self.held = value
+        self.count += 1
+
+
 def _is_off(value: float, size: float) -> bool:
     """True if a switching function is not zero."""
     return abs(value) > _AT_ZERO * max(1.0, size)
@@ -155,12 +226,37 @@ class Evaluation:
 
     def signal(self, name: str) -> float:
         """Value of a signal; raises `Undefined`."""
+        if name in self.formulas.states:
+            return float(self.s.z[self.formulas.states[name].first])
+        if name in self.formulas.samplers:
+            return self.formulas.samplers[name].held
         if name not in self.values:
-            value = self._number(name, self.formulas.trees[name])
+            value = self.formula(name)
             if not math.isfinite(value):
                 raise Undefined(name)
             self.values[name] = value
         return self.values[name]
+
+    def formula(self, name: str) -> float:
+        """Value of the formula of a signal."""
+        return self._number(name, self.formulas.trees[name])
+
+    def rates(self, name: str) -> list[float]:
+        """Rates of the states of a signal."""
+        response, samplers = self.formulas.states[name], self.formulas.samplers
+        u = samplers[name].held if name in samplers else self.formula(name)
+        y, *rate = self.s.z[response.first : response.first + len(response.start)]
+        if response.servo:
+            n, z = 2.0 * math.pi * response.servo["natural"], response.servo["damping"]
+            return [rate[0], n * n * (u - y) - 2.0 * z * n * rate[0]]
+        if response.lag is None:
+            return [u]
+        wanted = (u - y) / response.lag
+        if response.limit is None:
+            return [wanted]
+        for pair, bound in enumerate((-response.limit, response.limit)):
+            self._note((name, _OF_RATE, pair), wanted - bound, [wanted, bound])
+        return [min(max(wanted, -response.limit), response.limit)]
 
     def _number(self, signal: str, node: Any) -> float:
         """Value of a number."""

@@ -277,6 +277,7 @@ class Loads:
     def switches(self) -> list[float]:
         """Times, s, at which a load is not smooth, as known so far."""
         switches = [t for motor in self.motors for t in motor.switches]
+        switches += self.formulas.due()
         return switches + [
             t for load in self.constants for t in (load.table["start"], load.table["end"])
         ]

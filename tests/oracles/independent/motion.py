@@ -81,7 +81,8 @@ class Motion:
         s = self.vehicle.state(t, y)
         self.undefined = False
         try:
-            return self.vehicle.derivative(y, s, self.at(t, s)[0])
+            of_bodies = self.vehicle.derivative(y, s, self.at(t, s)[0])
+            return np.append(of_bodies, self.loads.formulas.rates(t, s))
         except Undefined:  # the step is repeated with half of its length
             self.undefined = True
             return np.full(y.shape, math.nan)

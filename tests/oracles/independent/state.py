@@ -53,6 +53,7 @@ class State(NamedTuple):
     v: Array
     r: Array
     w: Array
+    z: Array = ()  # states of signals
 
 
 def attitudes(q: Array) -> Array:
@@ -125,10 +126,11 @@ class Vehicle:
 
     def state(self, t: float, y: Array) -> State:
         """State of bodies and ground from a state vector."""
-        y = y.reshape(self.n, SIZE)
+        z = y[self.n * SIZE :]
+        y = y[: self.n * SIZE].reshape(self.n, SIZE)
         x, v, w = (np.concatenate([y[:, i : i + 3], np.zeros((1, 3))]) for i in (0, 3, 10))
         x[-1], v[-1] = -self.velocity * t, -self.velocity
-        return State(x, v, np.concatenate([attitudes(y[:, 6:10]), self.r0[None]]), w)
+        return State(x, v, np.concatenate([attitudes(y[:, 6:10]), self.r0[None]]), w, z)
 
     def height(self, t: float, s: State, body: int) -> float:
         """Height of a body's mass centre, m."""
@@ -136,7 +138,7 @@ class Vehicle:
 
     def derivative(self, y: Array, s: State, acceleration: Array) -> Array:
         """y' from accelerations (n, 6): of the mass centre in ground axes, angular in body axes."""
-        y, out = y.reshape(self.n, SIZE), np.empty((self.n, SIZE))
+        y, out = y[: self.n * SIZE].reshape(self.n, SIZE), np.empty((self.n, SIZE))
         out[:, 0:3], out[:, 3:6], out[:, 10:13] = s.v[:-1], acceleration[:, :3], acceleration[:, 3:]
         out[:, 6:10] = quaternion_rates(y[:, 6:10], s.w[:-1])
         return out.ravel()

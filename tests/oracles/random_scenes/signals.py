@@ -57,7 +57,35 @@ def _signal(draft: Draft, name: str, size: float, others: list[str]) -> Tree:
         formula = f"{formula} + 0.3 * sin({rng.choice(others)})"
     if rng.chance(0.2):
         formula = f"clip({formula}, {-rng.uniform(0.2, 1.0)}, {rng.uniform(0.2, 1.0)})"
-    return {"name": name, "formula": f"size * ({formula})", "size": rounded(size)}
+    return {
+        "name": name,
+        "formula": f"size * ({formula})",
+        "size": rounded(size),
+        **_response(draft, size),
+    }
+
+
+def _response(draft: Draft, size: float) -> Tree:
+    """Lag, servo or integral of some signals, and samples of some."""
+    rng, span = draft.rng, draft.span
+    kind = rng.weighted_choice({"": 0.6, "lag": 0.15, "servo": 0.15, "integral": 0.1})
+    keys: Tree = {}
+    if kind == "lag":
+        keys["lag_s"] = rounded(rng.uniform(0.05, 0.5) * span)
+        if rng.chance(0.3):
+            keys["rate_limit"] = rounded(abs(size) * rng.uniform(0.5, 5.0) / span)
+    elif kind == "servo":
+        natural = rounded(rng.uniform(0.5, 4.0) / span)
+        keys["servo"] = {"natural_hz": natural, "damping": rng.uniform(0.2, 1.2)}
+    elif kind == "integral":
+        keys["integral"] = True
+    if rng.chance(0.25):
+        keys["sample_s"] = rounded(rng.uniform(0.05, 0.4) * span)
+        if rng.chance(0.5):
+            keys["delay_ms"] = rounded(1e3 * keys["sample_s"] * rng.uniform(0.1, 0.9))
+    if kind and rng.chance(0.5):
+        keys["initial"] = rounded(size * rng.symmetric(1.0))
+    return keys
 
 
 def _term(draft: Draft) -> str:
