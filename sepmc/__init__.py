@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from sepmc.campaign.run_options import RunOptions
     from sepmc.campaign.session import DesignResult, DesignTable, Session
     from sepmc.campaign.store.untrusted import StoreError
+    from sepmc.campaign.stored_result import open
     from sepmc.scene.messages import InputError, RunWarning, SceneError, SceneWarning
 
 try:
@@ -35,6 +36,7 @@ __all__ = [
     "StoreError",
     "__version__",
     "load",
+    "open",
 ]
 
 # module of each public name, imported at first use: `import sepmc` stays light
@@ -53,6 +55,7 @@ _MODULES = {
     "StaleWorkerError": "campaign.execution.work_ranges",
     "StoreError": "campaign.store.untrusted",
     "load": "campaign.campaign",
+    "open": "campaign.stored_result",
 }
 
 

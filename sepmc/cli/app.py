@@ -13,7 +13,9 @@ from sepmc.cli.compile import compile_
 from sepmc.cli.doctor import doctor
 from sepmc.cli.draw import draw
 from sepmc.cli.exits import MEANINGS, Program
+from sepmc.cli.export import export
 from sepmc.cli.fit import fit
+from sepmc.cli.import_ import import_
 from sepmc.cli.map import map_
 from sepmc.cli.plot import plot
 from sepmc.cli.replay import replay
@@ -93,6 +95,8 @@ for _command in (
     size,
     scenarios,
     report,
+    export,
+    import_,
     template,
     list_campaigns,
     check,

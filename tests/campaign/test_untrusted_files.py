@@ -219,7 +219,8 @@ def folder(whole, tmp_path):
     return shutil.copytree(whole, tmp_path / "run")
 
 
-READERS = (["stats"], ["doctor"], ["doctor", "--repair"], ["fit"], ["replay", "--case", "1"])
+READERS = (["stats"], ["doctor"], ["doctor", "--repair"], ["fit"], ["replay", "--case", "1"],
+           ["export", "--format", "csv"])  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
 """Random changes of untrusted files: ``python tests/measure/fuzz.py [--count 1000000] [--seed 1]
 [--seconds 3600] [--part NAME]``.
 
-Campaign files, input tables and run folders are changed at random and given to the entry points of
-a user. A finding is an input that is not refused by a sentence: a traceback, more than five
+Campaign files, input tables, files of the field and run folders are changed at random and given to
+the entry points of a user. A finding is an input that is not refused by a sentence: a traceback, more than five
 seconds, more than 4 GB of memory, a file written outside of the run folder, a wrong number. Exit
 code 1 if there is one. Changes know the format (`fuzz.mutate`), so neither atheris nor another
 guided fuzzer is needed. Simulations may take their time: more than a minute is counted as slow.
@@ -16,12 +16,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fuzz import campaigns, flights, formulas, run_folders, tables
+from fuzz import brought_files, campaigns, flights, formulas, run_folders, tables
 from fuzz.watch import spread
 
 # parts, and their fractions of --count and of --seconds
 PARTS = {
-    "trees": (campaigns.trees, 0.6, 0.45),
+    "trees": (campaigns.trees, 0.5, 0.4),
+    "files": (brought_files.files, 0.1, 0.05),
     "texts": (campaigns.texts, 0.2, 0.15),
     "sizes": (campaigns.sizes, 0.001, 0.05),
     "tables": (tables.tables, 0.199, 0.15),

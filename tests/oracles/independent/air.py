@@ -183,8 +183,13 @@ class Coefficients:
             axes = [np.array(table["table"][key], float) for key in ("mach", "alpha", "beta")]
             shape = tuple(max(1, len(points)) for points in axes)
             zero = np.zeros(shape)
+            # the derivatives that a table has come after the coefficients
+            self.derivatives = [key for key in DERIVATIVES if table["table"][key]]
             self.grid = np.array(
-                [np.reshape(table["table"][k] or zero, shape) for k in COEFFICIENTS + DERIVATIVES]
+                [
+                    np.reshape(table["table"][key] or zero, shape)
+                    for key in (*COEFFICIENTS, *self.derivatives)
+                ]
             )
             self.axes = [(i, points) for i, points in enumerate(axes) if len(points) > 1]
             self.interpolation = table["table"]["interpolation"]
@@ -214,7 +219,7 @@ class Coefficients:
                 grid = np.tensordot(grid, cardinal(flow[i]), (i + 1, 0))
         values = grid.ravel()
         coefficients += values[:6]
-        for key, value in zip(DERIVATIVES, values[6:], strict=True):
+        for key, value in zip(self.derivatives, values[6:], strict=True):
             coefficient, rate = key.split("_")
             coefficients[COEFFICIENTS.index(coefficient)] += value * rates[rate]
         return coefficients

@@ -1,0 +1,70 @@
+"""Results of run folders, read again."""
+
+from pathlib import Path
+
+from sepmc.campaign.campaign import load
+from sepmc.campaign.case_selection import CaseSelection
+from sepmc.campaign.case_selection import parse as parse_selection
+from sepmc.campaign.execution.accuracy import AchievedAccuracy
+from sepmc.campaign.execution.sinks import RunOutput
+from sepmc.campaign.result import Result
+from sepmc.campaign.run_statistics import evaluate, numerical_errors, read_summary
+from sepmc.campaign.store import folders, manifests, shards
+from sepmc.campaign.store.untrusted import StoreError
+from sepmc.paths import as_path
+
+
+def open_run(folder: str | Path) -> Result:
+    """Open a run folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder that a run wrote, with rows of cases.
+
+    Returns
+    -------
+    Result
+        As `Campaign.run` returns it: rows are read on demand. ``timing`` is empty.
+
+    Raises
+    ------
+    StoreError
+        If the folder is no run, has no rows of cases, or was changed.
+    """
+    path = as_path(folder)
+    if not folders.is_run(path):
+        raise StoreError(f"{path}: is no folder of a run")
+    manifest = manifests.read_manifest(path)
+    if not manifests.has_case_rows(manifest):
+        raise StoreError(f"{path}: contains no rows of cases, which sepmc.open reads")
+    campaign = load(path)
+    statistics = evaluate(campaign, read_summary(path, campaign), manifest)
+    record = statistics.accuracy
+    accuracy = None
+    if record:
+        errors = numerical_errors(record)
+        asked = record.get("asked") or campaign.scene.solver.accuracy
+        accuracy = AchievedAccuracy(
+            asked, errors, record.get("cases", 0), frozenset(), record.get("history")
+        )
+    cases = manifest["cases"]
+    text = manifest.get("numbers")
+    numbers = parse_selection(text) if text else CaseSelection.first(cases)
+    histories = shards.entries(path, folders.HISTORIES)
+    return Result(
+        campaign,
+        RunOutput(statistics.summary, shards.CaseColumns(path), None, histories),
+        {},
+        manifest["seed"],
+        numbers,
+        manifest.get("of") or cases,
+        path,
+        list(manifest.get("notes", ())),
+        accuracy=accuracy,
+        stopped=not manifest.get("complete", True),
+        written=statistics,
+    )
+
+
+open = open_run  # sepmc.open

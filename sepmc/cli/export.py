@@ -1,0 +1,51 @@
+"""`sepmc export`: the rows of a run in the formats of other programs."""
+
+from pathlib import Path
+
+import click
+
+from sepmc.cli.options import RUN, check_out_file, overwrite_option
+
+_FORMATS = ("csv", "mat", "netcdf", "hdf5", "xlsx")
+
+
+@click.command(short_help="Write the rows of RUN for MATLAB, Excel and other programs.")
+@RUN
+@click.option(
+    "--format", "kind", type=click.Choice(_FORMATS), required=True, help="Format of the file."
+)
+@click.option("--histories", is_flag=True, help="Write the separations over time, not the cases.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="File to write. Default: the name of RUN, with the ending of the format.",
+)
+@overwrite_option("the file in --out")
+def export(folder: Path, kind: str, histories: bool, out: Path | None, overwrite: bool) -> None:
+    """Write the case table of RUN: every column with its unit and meaning, the status as text.
+    MATLAB (struct cases), netCDF and CSV need nothing else; HDF5 and Excel need the extra export.
+
+    \b
+    Examples:
+      sepmc export runs/windy --format mat
+      sepmc export runs/windy --format csv --histories --out separations.csv
+    """
+    from sepmc.campaign.store import folders, shards
+    from sepmc.campaign.stored_result import open_run
+    from sepmc.formats.write_table import ENDINGS, write_table
+    from sepmc.schema import Column
+
+    result = open_run(folder)
+    path = out or Path(f"{folder.name}{'_histories' if histories else ''}{ENDINGS[kind]}")
+    check_out_file(path, (ENDINGS[kind],), overwrite)
+    name, values = "cases", result.table
+    if histories:
+        table = result.histories()
+        if table is None:
+            raise folders.StoreError(f"{folder}: contains no histories; give run.history_step_s")
+        name, values = "histories", {str(key): table[key].to_numpy() for key in table}
+    units = shards.units(folder, folders.HISTORIES if histories else folders.CASES)
+    meanings = {column.name: column.meaning for column in result.campaign.columns}
+    columns = [Column(key, units.get(key, ""), meanings.get(key, "")) for key in values]
+    write_table(path, kind, columns, values, name)
+    click.echo(f"wrote {path}: {len(next(iter(values.values())))} rows, {len(columns)} columns")

@@ -1,0 +1,70 @@
+"""`sepmc import`: a file of the field as TOML of a campaign."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sepmc.cli.options import check_out_file, overwrite_option
+
+_KINDS = ("motor", "aero", "air", "wind")
+
+
+@click.command(name="import", short_help="Write a file of the field as TOML of a campaign.")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--as", "kind", type=click.Choice(_KINDS), required=True, help="What it contains.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="A key beside the file, such as engine=C6, case=2 or total_impulse_N_s=12.",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="File to write. Default: the terminal."
+)
+@overwrite_option("the file in --out")
+def import_(
+    file: Path, kind: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
+) -> None:
+    """Print the table that file = "FILE" stands for in a campaign, and what was understood.
+
+    \b
+    Examples:
+      sepmc import C6.eng --as motor
+      sepmc import for006.dat --as aero --set case=2 --out deck.toml
+    """
+    import tomli_w
+
+    from sepmc.formats.files import read_files
+    from sepmc.scene.as_brought import convert_tree
+    from sepmc.scene.messages import Problems
+    from sepmc.scene.read import parse_setting
+
+    if out is not None:
+        check_out_file(out, (".toml",), overwrite)
+    table: dict[str, Any] = {"file": str(file.absolute())}
+    table |= dict(map(parse_setting, settings))
+    trees: dict[str, dict[str, Any]] = {
+        "motor": {"motor": [{"name": "motor", "profile": table}]},
+        "aero": {"body": {"body": {"aerodynamics": {"table": table}}}},
+        "air": {"environment": {"air": table}},
+        "wind": {"environment": {"wind": {"profile": table}}},
+    }
+    tree = trees[kind]
+    azimuth = table.pop("azimuth_deg", None)
+    if azimuth is not None and kind == "wind":
+        tree["environment"]["wind"]["azimuth_deg"] = azimuth
+    problems = Problems()
+    understood = read_files(tree, Path(), problems)
+    if kind != "wind" or azimuth is not None:
+        understood += convert_tree(tree, problems)
+    problems.raise_if_any(file.name)
+    text = tomli_w.dumps(tree)
+    for sentence in understood:
+        click.echo(f"# {sentence}", err=True)
+    if out is None:
+        click.echo(text, nl=False)
+        return
+    out.write_text(text, encoding="utf-8")
+    click.echo(f"wrote {out}")
