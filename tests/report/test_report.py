@@ -118,6 +118,7 @@ def test_joint_loads_that_are_not_unique_are_noted(pair, tmp_path):
     assert "constraint rows are redundant, among pins, bolt" in text
 
 
+@pytest.mark.slow
 def test_an_outcome_without_a_unit(pair, tmp_path):
     settings = {
         "outcome": [{"name": "square", "formula": "fore_pitch_deg ** 2"}],
