@@ -128,7 +128,8 @@ _MEANINGS = {
         "move stations of outlines that are flush at the start by 0.1 mm, or shorten solver.step_s",
     ),
     Status.UNDEFINED_FORMULA: (
-        "the formula of a signal divided by zero, overflowed, or left the domain of a function",
+        "the formula of a signal or outcome divided by zero, overflowed, or left the domain of a "
+        "function",
         "limit the argument, as in sqrt(max(x, 0)), or narrow the dispersion of its constants",
     ),
 }

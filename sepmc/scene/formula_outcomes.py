@@ -3,13 +3,15 @@
 from sepmc.scene.contents import contents
 from sepmc.scene.formula import FormulaError, names, parse
 from sepmc.scene.messages import Problems, nearest
-from sepmc.scene.model import Scene
-from sepmc.schema import FORMULA_UNITS, outcome_columns
+from sepmc.scene.model import VIOLATION, Scene
+from sepmc.schema import FORMULA_UNITS, NOT_OK_LABELS, outcome_columns
+
+_TAKEN = ("case", "status", "pi", VIOLATION, *NOT_OK_LABELS)
 
 
 def check_formula_outcomes(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
-    """Note ``[[outcome]]`` tables with an unknown unit, and formulas that cannot be read or name
-    anything but outcomes before them."""
+    """Note ``[[outcome]]`` tables with an unknown unit or a name that is taken, and formulas that
+    cannot be read or name anything but outcomes before them."""
     if any(one.unit not in FORMULA_UNITS for one in scene.outcome):
         for one in scene.outcome:
             if one.unit not in FORMULA_UNITS:
@@ -18,6 +20,9 @@ def check_formula_outcomes(scene: Scene, dispersed: frozenset[str], problems: Pr
         return
     columns = [column.name for column in outcome_columns(contents(scene, dispersed))]
     for end, one in enumerate(scene.outcome, len(columns) - len(scene.outcome)):
+        if columns[end] in _TAKEN or columns[end].startswith("in_"):
+            reason = f"its column would be {columns[end]}, which has a meaning of its own"
+            problems.add(f"outcome.{one.name}.name", reason, one.name)
         key_path = f"outcome.{one.name}.formula"
         try:
             named = names(parse(one.formula))

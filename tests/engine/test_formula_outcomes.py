@@ -106,6 +106,11 @@ def test_a_formula_of_what_did_not_occur_is_missing():
         ({"name": "store_pitch", "formula": "lag_s", "unit": "deg"}, "two outcomes called"),
         ({"name": "1a", "formula": "lag_s"}, "a name is a letter"),
         ({"name": "lag", "formula": "lag_s"}, "the name is used twice"),
+        ({"name": "status", "formula": "lag_s"}, r"outcome\.status\.name = 'status': its column"),
+        ({"name": "case", "formula": "lag_s"}, "its column would be case"),
+        ({"name": "jammed", "formula": "lag_s"}, "its column would be jammed"),
+        ({"name": "pi", "formula": "lag_s"}, "its column would be pi"),
+        ({"name": "in_a", "formula": "lag_s", "unit": "m"}, "its column would be in_a_m"),
     ],
 )
 def test_wrong_formulas_are_refused(outcome, message):

@@ -118,6 +118,21 @@ def test_joint_loads_that_are_not_unique_are_noted(pair, tmp_path):
     assert "constraint rows are redundant, among pins, bolt" in text
 
 
+@pytest.mark.slow
+def test_an_outcome_without_a_unit(pair, tmp_path):
+    settings = {
+        "outcome": [{"name": "square", "formula": "fore_pitch_deg ** 2"}],
+        "requirement": [{"name": "small", "metric": "square", "at_most": 1e9}],
+        "dispersion": {"initial.pitch_deg": {"uniform": 1.0}},
+    }
+    with run_interpreted(cases=4):
+        pair(settings).run(cases=25, out=tmp_path / "run")
+    called = call("report", tmp_path / "run", "--no-replay")
+    assert called.exit_code == 0, called.output
+    text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert '<td class="name">square</td>' in text
+
+
 def test_content(page):
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
     assert "FAIL fast: separation_speed_m_s &gt;= 0.53 m/s in 90 % of all cases" in text
