@@ -53,7 +53,7 @@ from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, Log, Problems, RunWarning, warn
 from sepmc.scene.read import parse_campaign, read_campaign
 from sepmc.scene.scenarios import Scenario, scenario_tree
-from sepmc.scene.symbols import Function, trace_load
+from sepmc.scene.symbols import Function, tree_with_load
 
 
 def load(
@@ -202,20 +202,7 @@ class Campaign(Definition):
         --------
         ``campaign.with_load("plume", lambda q: (90 * np.exp(-q.time_s / 0.2), 0, 0), "upper")``
         """
-        load: dict[str, Any] = {"name": name, "body": body, "frame": frame}
-        load |= {} if point_m is None else {"point_m": list(point_m)}
-        signals = []
-        for key, components in trace_load(name, function).items():
-            numbers: list[float | str] = []
-            for axis, component in zip("xyz", components, strict=True):
-                signal = f"{name}_{key}_{axis}"
-                if isinstance(component, str):
-                    signals.append({"name": signal, "formula": component})
-                numbers.append(signal if isinstance(component, str) else component)
-            load["force_N" if key == "force" else "moment_N_m"] = numbers
-        tree = dict(self.file.tree)
-        for table, entries in (("signal", signals), ("load", [load])):
-            tree[table] = [*tree.get(table, []), *entries]
+        tree = tree_with_load(self.file.tree, name, function, body, frame, point_m)
         folder = self.file.folder
         read = parse_campaign(
             tree, self.name, None, self.name, folder, read_input_table, read_files

@@ -39,7 +39,7 @@ def import_(
     from sepmc.formats.files import read_files
     from sepmc.scene.as_brought import convert_tree
     from sepmc.scene.messages import Problems
-    from sepmc.scene.read import parse_setting
+    from sepmc.scene.settings import parse_setting
 
     if out is not None:
         check_out_file(out, (".toml",), overwrite)

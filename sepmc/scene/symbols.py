@@ -240,6 +240,31 @@ def trace_load(name: str, function: Function) -> dict[str, tuple[float | str, ..
         raise InputError(f"load {name}: its function is no formula: {error}") from None
 
 
+def tree_with_load(
+    tree: dict[str, Any],
+    name: str,
+    function: Function,
+    body: str,
+    frame: str,
+    point_m: tuple[float, float, float] | None,
+) -> dict[str, Any]:
+    """Tree of a campaign with one more load by a Python function, and the signals of its
+    components; see `trace_load`."""
+    load: dict[str, Any] = {"name": name, "body": body, "frame": frame}
+    load |= {} if point_m is None else {"point_m": list(point_m)}
+    signals = []
+    for key, components in trace_load(name, function).items():
+        numbers: list[float | str] = []
+        for axis, component in zip("xyz", components, strict=True):
+            signal = f"{name}_{key}_{axis}"
+            if isinstance(component, str):
+                signals.append({"name": signal, "formula": component})
+            numbers.append(signal if isinstance(component, str) else component)
+        load["force_N" if key == "force" else "moment_N_m"] = numbers
+    added = {"signal": signals, "load": [load]}
+    return tree | {table: [*tree.get(table, []), *entries] for table, entries in added.items()}
+
+
 def _is_vector(value: Any) -> bool:
     """True for three components."""
     return isinstance(value, tuple | list | np.ndarray) and len(value) == len("xyz")
