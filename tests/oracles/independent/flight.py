@@ -233,6 +233,10 @@ class Simulation:
                 and name not in self.released
             ):
                 self.released[name] = (self.t, s.w.copy())
+        instants = self.loads.formulas.instants
+        instants |= {("joint", name): time for name, (time, _) in self.released.items()}
+        observed = self.sequence.observed.items()
+        instants |= {("event", name): event.time for name, event in observed}
         self._set_modes()
         for pair in self.sequence.loosened():
             self.loosened.setdefault(pair, self.t)

@@ -73,6 +73,8 @@ class Formulas:
     vehicle: Vehicle
     read: Callable[[list[str], str, float, State], float]
     modes: dict[Key, int] = field(default_factory=dict)
+    # times, s, of releases of joints and of observed events: ("joint", name), ("event", name)
+    instants: dict[tuple[str, str], float] = field(default_factory=dict)
     passed: dict[Key, float] = field(default_factory=dict)  # time, s, of the last passage
 
     def __post_init__(self) -> None:
@@ -352,8 +354,8 @@ class Evaluation:
         if name == "pi":
             return math.pi
         *items, last = name.split(".")
-        key, unit = next(_split(last))
-        return formulas.read(items, key, self.t, self.s) / _UNITS[unit]
+        key, unit = next(_split(last), (last, ""))
+        return formulas.read(items, key, self.t, self.s) / _UNITS.get(unit, 1.0)
 
 
 def _split(name: str) -> Iterator[tuple[str, str]]:
