@@ -320,6 +320,14 @@ def _spellings(stem: str, key: str, kind: str) -> str:
     return ", ".join(f"{stem}{key}_{unit}" for unit in UNITS[kind])
 
 
+def idle_signals(scene: Scene) -> list[str]:
+    """Signals that give no number and that no other signal names."""
+    named = {drive.signal for drive in scene.driven.values()}
+    for signal in scene.signal:
+        named |= set(names(parse(signal.formula))) - {signal.name, *signal.constants}
+    return [signal.name for signal in scene.signal if signal.name not in named]
+
+
 def with_sizes(scene: Scene) -> Scene:
     """Copy of a scene with a size of every number that a signal gives: its largest value over time
     with all other quantities at 0. For estimates only: of scales, speeds and heights."""

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from oracles.independent import simulate
 
+from sepmc.campaign.execution.diagnostics import scene_notes
 from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.scene.messages import SceneError
 
@@ -435,3 +436,10 @@ def test_air_against_the_independent_flight(pair, plainly):
         for name, value in expected.outcomes.items():
             if math.isfinite(value):
                 assert row[name] == pytest.approx(value, rel=1e-7, abs=1e-7), name
+
+
+def test_idle_signals_are_noted(pair):
+    signals = [signal("2 * base"), signal("1", name="base"), signal("push", name="spare")]
+    settings = STILL | pushed("1") | {"signal": signals}
+    notes = [note for note in scene_notes(pair(settings)) if note.startswith("signal.")]
+    assert notes == ["signal.spare does nothing: no load, motor, spring or other signal names it"]
