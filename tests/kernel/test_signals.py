@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from oracles.independent import simulate
 
-from sepmc.campaign.execution.diagnostics import scene_notes
+from sepmc.campaign.execution.diagnostics import idle_loads
 from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.scene.messages import SceneError
 
@@ -441,5 +441,26 @@ def test_air_against_the_independent_flight(pair, plainly):
 def test_idle_signals_are_noted(pair):
     signals = [signal("2 * base"), signal("1", name="base"), signal("push", name="spare")]
     settings = STILL | pushed("1") | {"signal": signals}
-    notes = [note for note in scene_notes(pair(settings)) if note.startswith("signal.")]
+    notes = [note for note in idle_loads(pair(settings).scene, set()) if note.startswith("signal.")]
     assert notes == ["signal.spare does nothing: no load, motor, spring or other signal names it"]
+
+
+def test_quantities_that_are_known(pair):
+    """A body that is fixed to the ground has no rates: a formula of them is a number."""
+    formula = (
+        "6 + abs(fore.omega_x_deg_s) + where(fore.omega_y_deg_s < 1, 0, 5)"
+        " + min(fore.omega_z_deg_s, 2) + sqrt(fore.omega_x_deg_s) + sign(fore.omega_x_deg_s)"
+    )
+    settings = {
+        "initial.speed_m_s": 0.0,
+        "initial.altitude_m": 0.0,
+        "run.end_time_s": 1.0,
+        "solver.step_s": 0.01,
+        "joint.post": {"bodies": ["ground", "fore"], "point_m": [1.0, 0.0, 0.0]},
+        "joint.pins.bodies": ["fore", "aft"],
+        "phase": [{"name": "held", "joints": {"post": "fixed"}}],
+    }
+    jet = {"load": [{"name": "jet", "body": "aft", "force_N": ["push", 0.0, 0.0]}]}
+    history = flown(pair(settings | pushed(formula) | jet))
+    assert history["aft_vx_m_s"].iloc[-1] == pytest.approx(6.0, abs=1e-12)
+    assert_allclose(history["signal_push"], 6.0, rtol=0, atol=1e-15)
