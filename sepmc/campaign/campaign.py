@@ -50,7 +50,7 @@ from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, Log, RunWarning, warn
 from sepmc.scene.read import find_file, parse_campaign, read_campaign
-from sepmc.scene.symbols import Function, trace_load
+from sepmc.scene.symbols import Function, with_load
 
 
 def load(
@@ -142,9 +142,7 @@ class Campaign(Definition):
     ) -> "Campaign":
         """Campaign with one more load, by a Python function.
 
-        The function is called once, with a symbol whose attributes are the quantities of formulas;
-        what it computes becomes signals of the campaign, which run folders, workers and replays
-        have as any others.
+        The function is called once, with symbols; what it computes becomes signals of the campaign.
 
         Parameters
         ----------
@@ -168,25 +166,10 @@ class Campaign(Definition):
         ------
         InputError
             If the function cannot be a formula; a SceneError if the campaign refuses the load.
-
-        Examples
-        --------
-        ``campaign.with_load("plume", lambda q: (90 * np.exp(-q.time_s / 0.2), 0, 0), "upper")``
         """
         load: dict[str, Any] = {"name": name, "body": body, "frame": frame}
         load |= {} if point_m is None else {"point_m": list(point_m)}
-        signals = []
-        for key, components in trace_load(name, function).items():
-            numbers: list[float | str] = []
-            for axis, component in zip("xyz", components, strict=True):
-                signal = f"{name}_{key}_{axis}"
-                if isinstance(component, str):
-                    signals.append({"name": signal, "formula": component})
-                numbers.append(signal if isinstance(component, str) else component)
-            load["force_N" if key == "force" else "moment_N_m"] = numbers
-        tree = dict(self.file.tree)
-        for table, entries in (("signal", signals), ("load", [load])):
-            tree[table] = [*tree.get(table, []), *entries]
+        tree = with_load(self.file.tree, load, function)
         read = parse_campaign(tree, self.name, None, self.name, self.file.folder, read_input_table)
         return Campaign(read, self.settings)
 
