@@ -59,6 +59,7 @@ PINT |= {
     "kN_s_per_m": "kN*s/m",
     "lbf_s_per_in": "force_pound*s/inch",
 }
+PINT |= {"hz": "hertz"}
 PINT |= {"kg_per_m3": "kg/m^3", "g_per_cm3": "g/cm^3", "slug_per_ft3": "slug/ft^3"}
 PINT |= {
     "slug_ft2": "slug*ft^2",

@@ -154,7 +154,8 @@ class Case:
 
     def _refuse(self) -> None:
         """Refuse features that no external engine simulates."""
-        lost = [f"[{table}]" for table in self.data if table not in _TABLES]
+        known = _TABLES | {key for key in ("signal", "driven") if not self.data.get(key)}
+        lost = [f"[{table}]" for table in self.data if table not in known]
         lost += [
             f"friction of {n}"
             for n, j in self.data.get("joint", {}).items()
