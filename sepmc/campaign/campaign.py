@@ -53,7 +53,7 @@ from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, Log, Problems, RunWarning, warn
 from sepmc.scene.read import parse_campaign, read_campaign
 from sepmc.scene.scenarios import Scenario, scenario_tree
-from sepmc.scene.symbols import Function, tree_with_load
+from sepmc.scene.symbols import Function, with_load
 
 
 def load(
@@ -171,9 +171,7 @@ class Campaign(Definition):
     ) -> "Campaign":
         """Campaign with one more load, by a Python function.
 
-        The function is called once, with a symbol whose attributes are the quantities of formulas;
-        what it computes becomes signals of the campaign, which run folders, workers and replays
-        have as any others.
+        The function is called once, with symbols; what it computes becomes signals of the campaign.
 
         Parameters
         ----------
@@ -197,13 +195,10 @@ class Campaign(Definition):
         ------
         InputError
             If the function cannot be a formula; a SceneError if the campaign refuses the load.
-
-        Examples
-        --------
-        ``campaign.with_load("plume", lambda q: (90 * np.exp(-q.time_s / 0.2), 0, 0), "upper")``
         """
-        tree = tree_with_load(self.file.tree, name, function, body, frame, point_m)
-        folder = self.file.folder
+        load: dict[str, Any] = {"name": name, "body": body, "frame": frame}
+        load |= {} if point_m is None else {"point_m": list(point_m)}
+        tree, folder = with_load(self.file.tree, load, function), self.file.folder
         read = parse_campaign(
             tree, self.name, None, self.name, folder, read_input_table, read_files
         )

@@ -25,7 +25,7 @@ from sepmc.scene.parameters import replace
 from sepmc.scene.tables import read_table
 from sepmc.scene.units import UNITS, split_unit
 
-# kind of quantity of each name: of time, of a body, of a joint, of a spring
+# kind of quantity of each name: of time, of a body, of a joint, of a spring, of an event
 TIME = {"time": "time"}
 OF_BODY = {
     **dict.fromkeys(("pitch", "yaw", "roll", "alpha", "beta"), "angle"),
@@ -33,10 +33,12 @@ OF_BODY = {
     **dict.fromkeys(("x", "y", "z"), "length"),
     **dict.fromkeys(("vx", "vy", "vz", "airspeed"), "speed"),
     "dynamic_pressure": "pressure",
+    "mach": "",
 }
-OF_JOINT = {"stroke": "length", "rate": "speed"}
+OF_JOINT = {"stroke": "length", "rate": "speed", "time_since_release": "time"}
+OF_EVENT = {"time_since": "time"}
 OF_SPRING = {"extension": "length", "rate": "speed"}
-_OF_ITEM = {"joint": OF_JOINT, "spring": OF_SPRING}
+_OF_ITEM = {"joint": OF_JOINT, "spring": OF_SPRING, "event": OF_EVENT}
 # fields of the tables of arrays that a signal may give
 _DRIVEN: dict[str, tuple[type[msgspec.Struct], tuple[str, ...]]] = {
     "load": (Load, ("force", "moment")),
@@ -54,7 +56,7 @@ _TIMES = 400  # at which `size` looks for the largest value
 class Quantity(NamedTuple):
     """Quantity of the flight that a formula names.
 
-    ``table`` is time, body, joint or spring, ``item`` the name of the latter three, ``key`` the
+    ``table`` is time, body, joint, spring or event, ``item`` the name of one but time, ``key`` the
     quantity. In the unit of its name it is its value in SI over ``factor``.
     """
 
@@ -254,16 +256,19 @@ def quantity(name: str, items: Items) -> Quantity | None:
         table, item, kinds = head[0], head[1], _OF_ITEM[head[0]]
     else:
         return None
+    if kinds.get(last) == "":  # a number without a unit
+        return Quantity(table, item, last, 1.0)
     factor = UNITS.get(kinds.get(key, ""), {}).get(unit)
     return None if factor is None else Quantity(table, item, key, factor)
 
 
 def items_of(scene: Scene) -> Items:
-    """Names of the bodies, joints and springs of a scene."""
+    """Names of the bodies, joints, springs and events of a scene."""
     return {
         "body": list(scene.body),
         "joint": list(scene.joint),
         "spring": [spring.name for spring in scene.spring],
+        "event": [event.name for event in scene.event],
     }
 
 
@@ -274,8 +279,12 @@ def _unknown(name: str, scene: Scene, others: list[str]) -> str:
     if known is not None:
         aero = scene.body[known.item].aerodynamics if known.table == "body" else None
         in_air = aero is not None and scene.environment.atmosphere != "none"
-        needs_air = known.key == "dynamic_pressure" and not in_air
-        return "needs a body with aerodynamics, in an atmosphere" if needs_air else ""
+        if known.key in ("dynamic_pressure", "mach") and not in_air:
+            return "needs a body with aerodynamics, in an atmosphere"
+        air = scene.environment.air
+        has_no_sound = air is not None and not air.speed_of_sound
+        needs_sound = known.key == "mach" and has_no_sound
+        return "needs environment.air.speed_of_sound_m_s" if needs_sound else ""
     *head, last = name.split(".")
     if name in _OWN_KEYS:
         return "is a key of signals; give the constant another name"
@@ -288,7 +297,7 @@ def _unknown(name: str, scene: Scene, others: list[str]) -> str:
 
 
 def _unknown_of_item(head: list[str], last: str, scene: Scene, items: Items) -> str:
-    """Reason why a quantity of a body, joint or spring is unknown."""
+    """Reason why a quantity of a body, joint, spring or event is unknown."""
     if head[0] in _OF_ITEM and head[0] not in scene.body:
         kinds = _OF_ITEM[head[0]]
         if len(head) != 2 or head[1] not in items[head[0]]:
@@ -300,15 +309,23 @@ def _unknown_of_item(head: list[str], last: str, scene: Scene, items: Items) -> 
         return "no such body; " + nearest(head[0], [*scene.body, *_OF_ITEM])
     stem, key = ".".join(head) + ".", split_unit(last)[0]
     meant = key if key in kinds else last if last in kinds else ""
-    if meant:
+    if meant and kinds[meant]:
         return f"the unit is missing or wrong; allowed: {_spellings(stem, meant, kinds[meant])}"
-    spellings = [f"{one}_{next(iter(UNITS[kind]))}" for one, kind in kinds.items()]
+    spellings = [f"{one}_{next(iter(UNITS[kind]))}" if kind else one for one, kind in kinds.items()]
     return "no such quantity; " + nearest(last, spellings)
 
 
 def _spellings(stem: str, key: str, kind: str) -> str:
     """A quantity in all its units."""
     return ", ".join(f"{stem}{key}_{unit}" for unit in UNITS[kind])
+
+
+def idle_signals(scene: Scene) -> list[str]:
+    """Signals that give no number and that no other signal names."""
+    named = {drive.signal for drive in scene.driven.values()}
+    for signal in scene.signal:
+        named |= set(names(parse(signal.formula))) - {signal.name, *signal.constants}
+    return [signal.name for signal in scene.signal if signal.name not in named]
 
 
 def with_sizes(scene: Scene) -> Scene:
@@ -318,7 +335,7 @@ def with_sizes(scene: Scene) -> Scene:
     sizes = {}
     for path, drive in scene.driven.items():
         values = np.abs(np.nan_to_num(value_at(scene, drive.signal, times), nan=0.0))
-        sizes[path] = float(values.max()) * drive.factor
+        sizes[path] = min(float(values.max()) * drive.factor, LARGEST)
     return replace(scene, sizes)
 
 

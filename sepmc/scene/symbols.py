@@ -240,29 +240,37 @@ def trace_load(name: str, function: Function) -> dict[str, tuple[float | str, ..
         raise InputError(f"load {name}: its function is no formula: {error}") from None
 
 
-def tree_with_load(
-    tree: dict[str, Any],
-    name: str,
-    function: Function,
-    body: str,
-    frame: str,
-    point_m: tuple[float, float, float] | None,
-) -> dict[str, Any]:
-    """Tree of a campaign with one more load by a Python function, and the signals of its
-    components; see `trace_load`."""
-    load: dict[str, Any] = {"name": name, "body": body, "frame": frame}
-    load |= {} if point_m is None else {"point_m": list(point_m)}
-    signals = []
+def with_load(tree: dict[str, Any], load: dict[str, Any], function: Function) -> dict[str, Any]:
+    """Tree of a campaign with one more load by a Python function, and signals for its components.
+
+    Parameters
+    ----------
+    tree : dict
+        It stays as it is.
+    load : dict
+        Keys of the load but force and moment.
+    function : callable
+        See `trace_load`.
+
+    Returns
+    -------
+    dict
+    """
+    load, signals, name = dict(load), [], load["name"]
     for key, components in trace_load(name, function).items():
-        numbers: list[float | str] = []
-        for axis, component in zip("xyz", components, strict=True):
-            signal = f"{name}_{key}_{axis}"
+        numbers = [f"{name}_{key}_{axis}" for axis in "xyz"]
+        for k, component in enumerate(components):
             if isinstance(component, str):
-                signals.append({"name": signal, "formula": component})
-            numbers.append(signal if isinstance(component, str) else component)
-        load["force_N" if key == "force" else "moment_N_m"] = numbers
-    added = {"signal": signals, "load": [load]}
-    return tree | {table: [*tree.get(table, []), *entries] for table, entries in added.items()}
+                signals.append({"name": numbers[k], "formula": component})
+        load["force_N" if key == "force" else "moment_N_m"] = [
+            number if isinstance(component, str) else component
+            for number, component in zip(numbers, components, strict=True)
+        ]
+    result = dict(tree)
+    for table, entries in (("signal", signals), ("load", [load])):
+        if entries:
+            result[table] = [*tree.get(table, []), *entries]
+    return result
 
 
 def _is_vector(value: Any) -> bool:
@@ -278,4 +286,4 @@ def _component(value: Any) -> float | str:
     return node.value if isinstance(node, Number) else text(node)
 
 
-__all__ = ["Function", "Symbol", "text", "trace_load"]
+__all__ = ["Function", "Symbol", "text", "trace_load", "with_load"]

@@ -3,6 +3,7 @@
 import math
 import sys
 
+from oracles.independent.case import SIGNAL
 from oracles.independent.formulas import Evaluation, Formulas, Undefined
 
 from fuzz.watch import Wrong, turns
@@ -101,7 +102,7 @@ class _Nudged(Evaluation):
 
 def _otherwise(text, values, nudge=1.0):
     """Value by the evaluation of the independent flight; NaN if it is undefined."""
-    table = {"name": "f", "formula": text, "constants": values}
+    table = {**SIGNAL, "name": "f", "formula": text, "constants": values}
     evaluation = _Nudged(Formulas({"signal": [table], "driven": {}}, None, None), 0.0, None)
     evaluation.nudge = nudge
     try:

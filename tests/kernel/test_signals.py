@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from oracles.independent import simulate
 
+from sepmc.campaign.execution.diagnostics import idle_loads
 from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.scene.messages import SceneError
 
@@ -372,3 +373,94 @@ def test_setting(pair):
     assert_allclose(v, 2.0 * t, rtol=0, atol=1e-12)
     t, _, v = along(flown(pair(settings | {"load.jet.force_N": [3.0, 0, 0]})))
     assert_allclose(v, t, rtol=0, atol=1e-12)
+
+
+EVENTFUL = {
+    "initial.speed_m_s": 0.0,
+    "initial.altitude_m": 0.0,
+    "run.end_time_s": 1.0,
+    "solver.step_s": 0.01,
+    "phase": [
+        {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.3}},
+        {"name": "free"},
+    ],
+    "event": [{"name": "far", "when": {"joint": "pins", "stroke_m": 0.05}}],
+}
+
+
+def test_time_since(pair):
+    """Times since a release and since an event: forces that begin there, each a ramp."""
+    formula = "where(event.far.time_since_s > 0, 12, 6) * joint.pins.time_since_release_s"
+    settings = EVENTFUL | pushed(formula)
+    history = flown(pair(settings))
+    t, _, v = along(history)
+    far = history.attrs["events"]["far"]
+    assert far == pytest.approx(0.3 + (0.05 * 3.0) ** (1.0 / 3.0), abs=1e-9)  # 2 t'' = 6 t / 3
+    s = np.clip(t - 0.3, 0.0, None)
+    reached = far - 0.3
+    expected = np.where(t <= far, s**2, 2.0 * s**2 - reached**2)
+    assert_allclose(v, expected, rtol=0, atol=1e-8)
+    assert_allclose(history["signal_push"].iloc[-1], 12.0 * 0.7, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_air_against_the_independent_flight(pair, plainly):
+    """Mach number, dynamic pressure and times since events of a body in the atmosphere."""
+    aerodynamics = {
+        "reference_area_m2": 0.1,
+        "reference_length_m": 0.5,
+        "axial": {"const": 0.3},
+        "normal": {"alpha": 1.0},
+        "pitch": {"alpha": -0.2},
+    }
+    formula = (
+        "3 * fore.mach + fore.dynamic_pressure_kPa / 5 + clip(fore.alpha_deg, -1, 1)"
+        " - joint.pins.time_since_release_s + where(fore.mach < 0.85, 1, 0)"
+        " + 2 * event.far.time_since_s"
+    )
+    settings = EVENTFUL | pushed(formula)
+    settings |= {
+        "environment.atmosphere": "us1976",
+        "body.fore.aerodynamics": aerodynamics,
+        "initial.altitude_m": 9000.0,
+        "initial.speed_m_s": 260.0,
+        "initial.alpha_deg": 2.0,
+        "solver": {"accuracy": 1e-8},
+        "dispersion": {"body.fore.mass_kg": {"uniform": 0.5}},
+    }
+    del settings["solver.step_s"]
+    campaign = pair(settings)
+    for row in campaign.run(cases=2).to_pandas().to_dict("records"):
+        expected = simulate(campaign.case(row["case"]).to_dict())
+        assert row["status"] == expected.status == "ok"
+        for name, value in expected.outcomes.items():
+            if math.isfinite(value):
+                assert row[name] == pytest.approx(value, rel=1e-7, abs=1e-7), name
+
+
+def test_idle_signals_are_noted(pair):
+    signals = [signal("2 * base"), signal("1", name="base"), signal("push", name="spare")]
+    settings = STILL | pushed("1") | {"signal": signals}
+    notes = [note for note in idle_loads(pair(settings).scene, set()) if note.startswith("signal.")]
+    assert notes == ["signal.spare does nothing: no load, motor, spring or other signal names it"]
+
+
+def test_quantities_that_are_known(pair):
+    """A body that is fixed to the ground has no rates: a formula of them is a number."""
+    formula = (
+        "6 + abs(fore.omega_x_deg_s) + where(fore.omega_y_deg_s < 1, 0, 5)"
+        " + min(fore.omega_z_deg_s, 2) + sqrt(fore.omega_x_deg_s) + sign(fore.omega_x_deg_s)"
+    )
+    settings = {
+        "initial.speed_m_s": 0.0,
+        "initial.altitude_m": 0.0,
+        "run.end_time_s": 1.0,
+        "solver.step_s": 0.01,
+        "joint.post": {"bodies": ["ground", "fore"], "point_m": [1.0, 0.0, 0.0]},
+        "joint.pins.bodies": ["fore", "aft"],
+        "phase": [{"name": "held", "joints": {"post": "fixed"}}],
+    }
+    jet = {"load": [{"name": "jet", "body": "aft", "force_N": ["push", 0.0, 0.0]}]}
+    history = flown(pair(settings | pushed(formula) | jet))
+    assert history["aft_vx_m_s"].iloc[-1] == pytest.approx(6.0, abs=1e-12)
+    assert_allclose(history["signal_push"], 6.0, rtol=0, atol=1e-15)

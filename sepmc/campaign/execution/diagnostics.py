@@ -20,6 +20,7 @@ from sepmc.scene.kinds import rows_of
 from sepmc.scene.lint import lint_scene
 from sepmc.scene.model import GROUND, SALTELLI, Clearance, Scene
 from sepmc.scene.outline_parts import selected_parts
+from sepmc.scene.signals import idle_signals
 
 _MAX_NAMES = 3  # outcomes in a note
 _CLEARANCE, _CLEARANCE_TIME = (
@@ -155,6 +156,8 @@ def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
                 f"{path}.tail_off_s = {motor.tail_off:g} does nothing: the motor never burns out; "
                 "give burn_s or a profile"
             )
+    for signal in idle_signals(scene):
+        yield f"signal.{signal} does nothing: no load, motor, spring or other signal names it"
     for load in scene.load:
         if is_zero(f"load.{load.name}", force=load.force, moment=load.moment):
             yield f"load.{load.name} does nothing: give force_N or moment_N_m"

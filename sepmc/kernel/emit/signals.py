@@ -1,14 +1,16 @@
 """Signals at a state: formulas of the file as expressions of the kernel, and the quantities that
 they name."""
 
+import math
 from typing import Any
 
 from sepmc.kernel.emit import jets
 from sepmc.kernel.emit.context import component, origin_height, reject_unless, state_offset
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.jets import Jet
+from sepmc.kernel.emit.tables import mach_and_angles
 from sepmc.kernel.spec.kinks import HELD, OWN, STATE, STATE_RATE, Kink, kink_name
-from sepmc.kernel.tracer.formulas import ZERO, loads, quat, scalar, square_root, vec3
+from sepmc.kernel.tracer.formulas import ZERO, loads, quat, scalar, signals, square_root, vec3
 from sepmc.kernel.tracer.tracer import Expr, total, undefined_with, where
 from sepmc.routines import layout as at
 from sepmc.scene.formula import (
@@ -293,12 +295,17 @@ class Quantities:
     def jet(self, quantity: Quantity) -> Jet:
         """Jet of a quantity with the names of the kernel."""
         if quantity.table != "body":
-            of_table = {"time": self._time, "joint": self._joint, "spring": self._spring}
+            of_table = {
+                "time": self._time,
+                "joint": self._joint,
+                "spring": self._spring,
+                "event": self._event,
+            }
             return of_table[quantity.table](quantity)
         key, body = quantity.key, quantity.item
         if key in ("pitch", "yaw", "roll"):
             return self._attitude(body, key)
-        if key in ("alpha", "beta", "airspeed", "dynamic_pressure"):
+        if key in ("alpha", "beta", "airspeed", "dynamic_pressure", "mach"):
             return self._flow(body, key)
         of_axis = {"omega_": self._rate, "": self._place, "v": self._speed}
         return of_axis[key[:-1]](body, "xyz".index(key[-1]))
@@ -306,6 +313,18 @@ class Quantities:
     def _time(self, _: Quantity) -> Jet:
         """Time since the start."""
         return Jet(self.s.time, 1.0 if self.moving else 0.0)
+
+    def _event(self, quantity: Quantity) -> Jet:
+        """Time since an event; 0 before it."""
+        return self._since(f"EVENT_TIME_{quantity.item}", math.inf)
+
+    def _since(self, field: str, never: float) -> Jet:
+        """Time since that in a field, which is infinite or NaN before it is known."""
+        self.s.c.start(field, never)
+        begun = self.s.scope.load(field)
+        passed = begun <= self.s.time
+        elapsed = where(passed, self.s.time - where(passed, begun, 0.0), 0.0)
+        return Jet(elapsed, where(passed, 1.0, 0.0) if self.moving else 0.0)
 
     def _acceleration(self, body: str) -> Any:
         """Acceleration of a mass centre, ground axes, m/s2."""
@@ -343,8 +362,11 @@ class Quantities:
         return self._jet(value, lambda: self._acceleration(body)[k])
 
     def _joint(self, quantity: Quantity) -> Jet:
-        """Stroke of a joint along its x axis from the start, or its rate."""
+        """Stroke of a joint along its x axis from the start, its rate, or the time since its
+        release; 0 before it."""
         s, joint = self.s, quantity.item
+        if quantity.key == "time_since_release":
+            return self._since(f"RELEASE_{joint}", math.nan)
         line, bodies = s.separation(joint), s.spec.scene.joint[joint].bodies
 
         def second() -> Any:
@@ -428,9 +450,17 @@ class Quantities:
             level = jets.apply("sqrt", jets.add(jets.multiply(u, u), jets.multiply(v, v)))
             return jets.angle(w, level)._replace(value=beta)
         square = jets.add(jets.add(jets.multiply(u, u), jets.multiply(v, v)), jets.multiply(w, w))
-        if key == "airspeed":
-            value = square_root(vec3.dot(flow, flow))
-            return jets.apply("sqrt", square)._replace(value=value)
+        if key in ("airspeed", "mach"):
+            speed = square_root(vec3.dot(flow, flow))
+            jet = jets.apply("sqrt", square)._replace(value=speed) if self.moving else Jet(speed)
+            if key == "airspeed":
+                return jet
+            mach = mach_and_angles(s, body)[0]
+            return (
+                Jet(mach, jet.rate * signals.quotient(mach, speed), None)
+                if self.moving
+                else Jet(mach)
+            )
         density = Jet(0.5 * s.case.number(at.DENSITY_FACTOR) * air_density(s, body))
         if self.moving:
             climb = self._place(body, 1).rate

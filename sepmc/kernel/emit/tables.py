@@ -90,7 +90,7 @@ def _emit_aero_tables(
     s = State(c, c.scope(), segment, "S")
     for body in bodies:
         if _table_start(c, body) >= 0:
-            _store_point(s, f"FLOW_{body}", _flow(s, body))
+            _store_point(s, f"FLOW_{body}", mach_and_angles(s, body))
     for i, entry in _increments(c, bodies):
         _store_point(s, f"DISTANCE_{i}", (s.separation(entry.joint).length, 0.0, 0.0))
     s.scope.write(text)
@@ -403,7 +403,7 @@ def _table_start(c: Context, body: str) -> int:
     )
 
 
-def _flow(s: State, body: str) -> tuple[Expr, Expr, Expr]:
+def mach_and_angles(s: State, body: str) -> tuple[Expr, Expr, Expr]:
     """Mach number, alpha and beta at a body."""
     flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called(
         "flow"

@@ -140,7 +140,12 @@ def check(scene: Any) -> None:
         and kinds == [["fixed"], ["slider"], []]
     )
     plain = plain and not (
-        scene.spring or scene.load or scene.proximity or scene.release or scene.clearance
+        scene.spring
+        or scene.load
+        or scene.proximity
+        or scene.release
+        or scene.clearance
+        or scene.driven
     )
     if plain:
         (joint,), (motor,), (locked, guided, _) = scene.joint.values(), scene.motor, scene.phase

@@ -27,6 +27,7 @@ _CONSISTENT = 1e-9
 _EDGE = 1e-9  # m beyond the edge of an atmosphere layer at which the next one begins
 _ON_EDGE = 1e-12  # Mach and rad beyond the edge of a table that count as on it, which is inside
 _MAX_INTERVALS = 10_000
+_MAX_PASSAGES = 8
 _AHEAD = 1e-5  # s after which the side of a kink that is at zero is read
 # factor on the tolerance where there are tables: error estimates miss a part of the knots' error
 _AT_KNOTS = 0.1
@@ -87,6 +88,7 @@ class Simulation:
         self.clearances = Clearances(scene["clearance"], scene["body"], vehicle)
         self.rows = _heights_of_rows(scene["environment"])
         self.steps, self.drift, self.step = 0, 0.0, math.nan
+        self.passages = 0  # of kinks that had been passed at the same instant
 
     def state(self, t: float, y: Array) -> State:
         """State of all bodies at time t, s, from the state vector."""
@@ -136,7 +138,10 @@ class Simulation:
     def _pass_kink(self, key: Key) -> None:
         """Action of a kink of a formula; one that was at zero takes the side it is on."""
         formulas = self.loads.formulas
-        if self.t - formulas.passed.get(key, -math.inf) < AT_ONCE:
+        is_again = self.t - formulas.passed.get(key, -math.inf) < AT_ONCE
+        # one is passed to and fro where others pass at the same instant, one after the other
+        self.passages = self.passages + 1 if is_again else 0
+        if self.passages > _MAX_PASSAGES:
             raise EndOfSimulation("too-many-events")
         formulas.passed[key] = self.t
         if formulas.modes[key]:
@@ -233,6 +238,10 @@ class Simulation:
                 and name not in self.released
             ):
                 self.released[name] = (self.t, s.w.copy())
+        instants = self.loads.formulas.instants
+        instants |= {("joint", name): time for name, (time, _) in self.released.items()}
+        observed = self.sequence.observed.items()
+        instants |= {("event", name): event.time for name, event in observed}
         self._set_modes()
         for pair in self.sequence.loosened():
             self.loosened.setdefault(pair, self.t)

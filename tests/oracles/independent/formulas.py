@@ -73,7 +73,10 @@ class Formulas:
     vehicle: Vehicle
     read: Callable[[list[str], str, float, State], float]
     modes: dict[Key, int] = field(default_factory=dict)
+    # times, s, of releases of joints and of observed events: ("joint", name), ("event", name)
+    instants: dict[tuple[str, str], float] = field(default_factory=dict)
     passed: dict[Key, float] = field(default_factory=dict)  # time, s, of the last passage
+    latest: "Evaluation | None" = None  # until a side or a sample changes
 
     def __post_init__(self) -> None:
         self.signals = {table["name"]: table for table in self.scene["signal"]}
@@ -107,7 +110,7 @@ class Formulas:
 
     def sample(self, t: float, s: State) -> None:
         """Take the samples that are due, in the order of the file, and use those that are."""
-        taken = False
+        taken, self.latest = False, None
         for name, one in self.samplers.items():
             if one.use_time <= t + _SAME_TIME:
                 one.held, one.use_time, taken = one.waiting, math.inf, True
@@ -129,7 +132,9 @@ class Formulas:
 
     def value(self, signal: str, t: float, s: State) -> float:
         """Value of a signal at a state, by the branches of the present interval."""
-        return Evaluation(self, t, s).signal(signal)
+        if self.latest is None or self.latest.s is not s or self.latest.t != t:
+            self.latest = Evaluation(self, t, s)
+        return self.latest.signal(signal)
 
     def switching(self, t: float, s: State) -> Values:
         """Switching functions of all kinks of the signals in use at a state."""
@@ -143,6 +148,7 @@ class Formulas:
     def set_modes(self, t: float, s: State, later: Callable[[], State], wait: float) -> None:
         """Set the modes that are not known, of switching functions at zero by the state a little
         ``later``."""
+        self.latest = None
         unknown = [key for key, mode in self.modes.items() if mode == 0]
         for key in unknown:
             del self.modes[key]
@@ -164,6 +170,7 @@ class Formulas:
 
     def switch(self, key: Key) -> None:
         """Pass a kink."""
+        self.latest = None
         self.modes[key] = -self.modes[key]
 
 
@@ -352,8 +359,8 @@ class Evaluation:
         if name == "pi":
             return math.pi
         *items, last = name.split(".")
-        key, unit = next(_split(last))
-        return formulas.read(items, key, self.t, self.s) / _UNITS[unit]
+        key, unit = next(_split(last), (last, ""))
+        return formulas.read(items, key, self.t, self.s) / _UNITS.get(unit, 1.0)
 
 
 def _split(name: str) -> Iterator[tuple[str, str]]:

@@ -292,6 +292,8 @@ class Loads:
         """Quantity of a formula, SI."""
         if not items:
             return t
+        if key.startswith("time_since"):
+            return max(0.0, t - self.formulas.instants.get((items[0], items[1]), math.inf))
         if len(items) == 2:
             if items[0] == "joint":
                 length, rate = self.joints[items[1]].separation(s)
@@ -313,9 +315,10 @@ class Loads:
         }
         for k, axis in enumerate("xyz"):
             known |= {f"omega_{axis}": s.w[b][k], axis: place[k], f"v{axis}": speed[k]}
-        if key == "dynamic_pressure":
+        if key in ("dynamic_pressure", "mach"):
             flow = next(one for one in self.flows if one.body == b)
-            return 0.5 * self.flow(t, s, flow)[1] * airspeed**2
+            _, density, mach, _, _ = self.flow(t, s, flow)
+            return mach if key == "mach" else 0.5 * density * airspeed**2
         return float(known[key])
 
     def _turns(self, b: int, key: str, angle: float) -> float:
