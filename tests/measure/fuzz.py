@@ -2,8 +2,9 @@
 [--seconds 3600] [--part NAME]``.
 
 Campaign files, input tables, files of the field and run folders are changed at random and given to
-the entry points of a user. A finding is an input that is not refused by a sentence: a traceback, more than five
-seconds, more than 4 GB of memory, a file written outside of the run folder, a wrong number. Exit
+the entry points of a user. A finding is an input that is not refused by a sentence: a traceback,
+more than five seconds, more than 4 GB of memory, a file written outside of the run folder, a wrong
+number. Exit
 code 1 if there is one. Changes know the format (`fuzz.mutate`), so neither atheris nor another
 guided fuzzer is needed. Simulations may take their time: more than a minute is counted as slow.
 """
