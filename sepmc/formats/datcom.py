@@ -31,8 +31,9 @@ _OTHERS = frozenset(["ALPHA", "CD", "CL", "XCP", "CLA", "CMA", "CNA", "X-C.P.", 
 _TITLES = {**_STATIC, **_BY_BETA, **_BY_RATE}
 _TOKEN = re.compile(r"\S+")
 _DIGITAL = re.compile(r"^\S?\s*(\.\d+|\d+\.\d*)\s+")
-_MACH = re.compile(r"MACH NO\s*=\s*([\d.]+)")
-_BETA = re.compile(r"SIDESLIP\s*=\s*(-?[\d.]+)")
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d{1,3})?(?![\d.])"
+_MACH = re.compile(rf"MACH NO\s*=\s*({_NUMBER})")
+_BETA = re.compile(rf"SIDESLIP\s*=\s*(-?{_NUMBER})")
 _REFERENCE = re.compile(
     r"(REF AREA|LAT REF LENGTH|REF LENGTH|MOMENT CENTER)\s*=\s*(-?[\d.]+(?:E[+-]?\d+)?)\s*(\S+)?"
 )
@@ -118,7 +119,9 @@ def read_datcom(
     return table, said
 
 
-_CARD = re.compile(r"\b(SREF|LREF|CBARR|LATREF|BLREF)\s*=\s*([\d.]+(?:E[+-]?\d+)?)", re.IGNORECASE)
+_CARD = re.compile(
+    r"\b(SREF|LREF|CBARR|LATREF|BLREF)\s*=\s*(\d+\.?\d*(?:E[+-]?\d{1,3})?)", re.IGNORECASE
+)
 _CARD_NAMES = {"SREF": "sref", "LREF": "lref", "CBARR": "lref", "LATREF": "latref",
                "BLREF": "latref"}  # fmt: skip
 _DIM = re.compile(r"^\s*(?:\d+\s+)?DIM\s+(M|CM|FT|IN)\b", re.MULTILINE | re.IGNORECASE)
@@ -258,7 +261,7 @@ def _add_row(
     if block is None:
         block = _Block(mach, beta)
         output.blocks.append(block)
-    if not _is_value(cells[0][0]) or "*" in cells[0][0]:
+    if cells[0][0] in ("NDM", "NA") or "*" in cells[0][0]:
         return
     alpha = number(cells[0][0])
     aligned = len(cells) == len(titles)

@@ -146,6 +146,8 @@ def _wyoming(text: str) -> tuple[TextTable, int]:
             continue
         try:
             values = [number(cells[k]) for k in needed]
+            if not np.isfinite(values).all():
+                raise ValueError
         except ValueError:
             if rows and not re.fullmatch(r"[-+.\d\s]*", line):
                 break

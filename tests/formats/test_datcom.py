@@ -164,3 +164,22 @@ def test_other_reference_quantities_are_refused(tmp_path):
         loaded(tmp_path, missile(), old="0.0127", new="0.0314")
     with pytest.raises(SceneError, match='says itself what is per degree: give no per = "deg"'):
         loaded(tmp_path, missile(), 'per = "deg"')
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("SIDESLIP =       0.00", "SIDESLIP =       0..0"),
+        ("MACH NO  =       0.80", "MACH NO  =       0.8.0"),
+        ("         -5.00 ", "           NDM "),
+        ("SREF=0.0127", "SREF=1..7"),
+        ("-0.5", "1e999"),
+    ],
+)
+def test_damaged_outputs(old, new):
+    """Read without what is damaged, or refused; no traceback."""
+    try:
+        table, _ = parse_datcom(missile().replace(old, new), {})
+    except FormatError:
+        return
+    assert all(np.isfinite(values).all() for values in table.values())

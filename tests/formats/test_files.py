@@ -332,3 +332,14 @@ def test_check_says_what_was_read(tmp_path):
     result = CliRunner().invoke(app.main, ["check", str(tmp_path / "c.toml"), "--no-flight"])
     assert "understood   motor.retro.profile: 'c6.eng': engine C6 of E" in result.output
     assert "impulse      retro: 6.45 N s" in result.output
+
+
+def test_a_sounding_with_a_wind_that_is_no_number(tmp_path):
+    """A row with a speed that is not finite is left, and said."""
+    from sepmc.formats.soundings import read_wind
+
+    (tmp_path / "w.txt").write_text(WYOMING.replace("     40", "    inf"))
+    table, said = read_wind(tmp_path / "w.txt", {})
+    assert len(table["speed_m_s"]) == 2
+    assert np.isfinite(table["speed_m_s"]).all()
+    assert "rows" in said[0]

@@ -179,3 +179,22 @@ def test_transonic_drag_between_its_rows(pair, interpolation):
         history = pair(settings | {"initial.speed_m_s": 40.0 * number}).simulate(step_s=1e-6)
         first = history["aft_axial_acceleration_m_s2"].iloc[0]
         assert_allclose(-first / (0.01 * (40.0 * number) ** 2), expected(number), rtol=1e-12)
+
+
+@pytest.mark.parametrize("before_s", [0.0, 1e-7, 1e-5, 4e-4, 9e-3])
+def test_kinks_soon_after_the_start(pair, before_s):
+    """On a row, and shortly before one, as it turns through four rows in a fifth of a second."""
+    table = {
+        "alpha_deg": [-20.0, -5.0, -2.0, 0.0, 3.0, 20.0],
+        "normal": [-0.1, -0.05, -0.01, 0.0, 0.02, 0.2],
+        "interpolation": "linear",
+    }
+    settings = scene("cubic", 0.01)
+    del settings["proximity"], settings["environment"]["wind"]
+    settings["body.aft.aerodynamics"]["table"] = table
+    settings |= {"initial.omega_deg_s": [0.0, 0.0, 60.0], "run.end_time_s": 0.1}
+    campaign = pair(settings | {"initial.alpha_deg": -2.0 - 60.0 * before_s})
+    result, expected = campaign.simulate(step_s=0.1).attrs, simulate(campaign.nominal().to_dict())
+    assert result["status"] == expected.status == "ok"
+    for name, value in expected.outcomes.items():
+        assert_allclose(result["outcomes"][name], value, rtol=1e-9, atol=1e-9, err_msg=name)
