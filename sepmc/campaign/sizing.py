@@ -18,7 +18,7 @@ import pandas as pd
 from sepmc.analysis.proportions import allowed_violations, binomial_cdf, required_cases
 from sepmc.analysis.requirements import PASS, margins
 from sepmc.campaign.session import Session
-from sepmc.scene.formula import FormulaError, Node, evaluate, names, parse
+from sepmc.scene.formula import CONSTANTS, FormulaError, Node, evaluate, names, parse
 from sepmc.scene.messages import InputError, Log, nearest
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import Status, is_yes_or_no
@@ -180,6 +180,8 @@ def _cost_tree(minimise: str, variables: Sequence[Variable]) -> Node:
         raise InputError(f"vary: has {len(known)} variables: must be 1 to {MAX_VARIABLES}")
     if len(set(known)) < len(known):
         raise InputError(f"vary: names a variable twice: {', '.join(known)}")
+    if taken := sorted(CONSTANTS.keys() & known):
+        raise InputError(f"vary: {taken[0]} is a number in formulas: choose another name")
     try:
         tree = parse(minimise)
     except FormulaError as error:

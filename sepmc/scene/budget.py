@@ -9,7 +9,7 @@ import numpy as np
 
 from sepmc.scene.checks import inertia_tensor
 from sepmc.scene.load_checks import SHORTEST
-from sepmc.scene.model import Body, Motor, Scene, Spring
+from sepmc.scene.model import Body, ForceTable, Motor, Scene, Spring
 
 Array = np.ndarray
 
@@ -150,7 +150,23 @@ def energy(spring: Spring) -> float:
         if spring.stiffness == 0.0:
             return math.inf if spring.force else 0.0
         stroke = spring.force / spring.stiffness
-    return spring.factor * (spring.force * stroke - spring.stiffness * stroke * stroke / 2.0)
+    work = spring.force * stroke - spring.stiffness * stroke * stroke / 2.0
+    return spring.factor * (work + _of_table(spring.table, stroke))
+
+
+def _of_table(table: ForceTable | None, stroke: float) -> float:
+    """Integral of the force of a table from extension 0 to the stroke, J; constant beyond its
+    rows."""
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415  (few scenes need it)
+
+    if table is None:
+        return 0.0
+    (first, *_, last), force = table.extension, table.force
+    start, end = max(first, 0.0), min(last, stroke)
+    if end <= start:  # the stroke ends before the first row
+        return force[0] * stroke
+    inner = float(CubicSpline(table.extension, force).integrate(start, end))
+    return force[0] * start + inner + force[-1] * (stroke - end)
 
 
 def budget_lines(scene: Scene) -> Iterator[str]:

@@ -170,6 +170,12 @@ def test_wrong_input_is_refused_before_anything_is_run(minimise, cases, message)
         size(campaign(), [FORCE], minimise, cases=cases)
 
 
+def test_a_variable_is_not_named_as_a_number():
+    """The formula of the cost would not see it."""
+    with pytest.raises(InputError, match="vary: pi is a number in formulas"):
+        size(campaign(), [FORCE, Variable("pi", "body.fore.mass_kg", 60.0, 90.0)], "push + pi")
+
+
 @pytest.mark.parametrize("text", ["push", "push=a.b_N", "push=a.b_N=1", "1=a.b_N=1:2", "p=a=x:2"])
 def test_a_variable_names_what_is_allowed(text):
     with pytest.raises(InputError, match=r"must be NAME=KEY=LOW:HIGH"):

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from sepmc.cli import app
 from sepmc.scene.budget import energy, impulse, mated, of_body
-from sepmc.scene.model import Body, Motor, Profile, Spring
+from sepmc.scene.model import Body, ForceTable, Motor, Profile, Spring
 
 
 def test_mated_bodies_are_their_points(pair):
@@ -105,6 +105,24 @@ def test_energy():
     assert energy(Spring(**spring, force=100.0, stiffness=500.0)) == 10.0
     assert energy(Spring(**spring, force=100.0, stroke=0.1, factor=0.5)) == 5.0
     assert math.isinf(energy(Spring(**spring, force=100.0)))
+
+
+@pytest.mark.parametrize(
+    ("extension", "force", "more", "work"),
+    [
+        ((0.0, 0.1), (200.0, 0.0), {}, 10.0),
+        ((0.0, 0.05, 0.1), (200.0, 150.0, 50.0), {}, 85.0 / 6.0),  # a parabola: Simpson's rule
+        ((0.02, 0.1), (200.0, 0.0), {"factor": 0.5}, 6.0),  # 200 N before its first row
+        ((-0.1, 0.1), (400.0, 0.0), {}, 10.0),
+        ((0.0, 0.1), (200.0, 100.0), {"stroke": 0.15}, 20.0),  # 100 N beyond its last row
+        ((0.0, 0.1), (200.0, 0.0), {"stroke": 0.05, "force": 100.0}, 12.5),
+        ((0.05, 0.1), (200.0, 0.0), {"stroke": 0.02}, 4.0),
+    ],
+)
+def test_energy_of_a_table(extension, force, more, work):
+    table = ForceTable(extension=extension, force=force)
+    spring = {"name": "s", "bodies": ("a", "b"), "point": (0.0, 0.0, 0.0), "stroke": 0.1}
+    assert energy(Spring(**spring | more, table=table)) == pytest.approx(work)
 
 
 def test_check_prints_them():
