@@ -85,6 +85,7 @@ OF_FOLDERS = {
     r"cannot be read|PROBLEM|is no history|has no column|differ in columns|is not there|"
     r"HISTORY: ERROR|FOLDER: ERROR|NAME: NAME|LEDGER_LINES|TEXT: ADVICE": "`sepmc doctor RUN` "
     "lists what is damaged, `--repair` restores it",
+    r"is no folder of a run": "give a folder that `sepmc campaign` or `Campaign.run` wrote",
     r"cannot be repaired": "run it again, into another folder",
     r"hard link|is a link|neither a file nor a folder": "copy the file there: a run folder "
     "contains its own files only",

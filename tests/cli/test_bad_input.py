@@ -146,7 +146,7 @@ BROKEN = [  # what to replace in table2.toml, by what, and what the message must
     (
         LAW,
         '"initial.altitude_m" = { uniform = [2.0, 1.0] }',
-        ["dispersion.initial.altitude_m", "rise from low to high"],
+        ["dispersion.initial.altitude_m", "must be low <= high"],
     ),
     (
         LAW,
