@@ -40,7 +40,7 @@ NOTES = {
     "scene/lint.py": (),
     "scene/lint_aerodynamics.py": (),
     "scene/lint_layout.py": (),
-    "scene/read.py": ("_no_effect_notes", "_unused_columns"),
+    "scene/read.py": ("_no_effect_notes",),
     "scene/redundancy.py": (),
 }
 # parts of messages that stand in other functions

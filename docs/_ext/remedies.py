@@ -30,7 +30,6 @@ OF_NOTES = {
     r"are they reversed": "stations are positive aft of the nose",
     r"mirrored they would have the other": "turn the signs of the products named",
     r"is shorter than build_up_s": "check both times: `build_up_s` is a time constant",
-    r"of the samples is not used": "nothing; or remove the constant, to use the column",
     r"applies to the nominal case only": "set the distribution instead: `--set dispersion.KEY=...`",
     r"the nominal case has no|the nominal case violates it": "check the bound and its unit; if "
     "both are right, most cases will violate it",

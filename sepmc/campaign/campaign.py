@@ -155,7 +155,8 @@ class Campaign(Definition):
     def _scenario(self, scenario: Scenario) -> "Campaign":
         """Campaign of a scenario."""
         problems = Problems()
-        tree = scenario_tree(self.file.tree, self.scene, scenario, problems)
+        table = self.file.input_table
+        tree = scenario_tree(self.file.tree, self.scene, scenario, problems, table)
         source, folder = f"{self.name}, scenario {scenario.name}", self.file.folder
         problems.raise_if_any(source)
         read = parse_campaign(tree, source, {}, self.name, folder, read_input_table, read_files)

@@ -164,8 +164,7 @@ def resolve(
             )
             continue
         key_of_path[parameter.path] = key_of_column[column] = key
-        in_table = table and table.has(column) and distribution.constant is None
-        if distribution.column is not None or in_table:
+        if distribution.column is not None or (table and table.has(column)):
             dispersion = _from_column(distribution, parameter, table, key_path, problems)
         else:
             nominal = value(scene, parameter.path) / parameter.factor

@@ -300,10 +300,7 @@ def _parse(
         scenario_tree(tree, scene, scenario, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
-    no_effect = (
-        *_no_effect_notes(scene, settings, dispersions, distributions),
-        *_unused_columns(table, dispersions),
-    )
+    no_effect = tuple(_no_effect_notes(scene, settings, dispersions, distributions))
     return CampaignFile(
         str(name),
         tree.get("title", ""),
@@ -481,14 +478,6 @@ def _no_effect_notes(
                 f"{key} = {setting_value} applies to the nominal case only; all others sample "
                 f"{dispersion.sentence}: to set it in all, {remedy}"
             )
-
-
-def _unused_columns(table: InputTable | None, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Sentence on each column of the samples that a constant replaces."""
-    for d in dispersions:
-        name = d.parameter.column
-        if table is not None and d.distribution == "constant" and table.has(name):
-            yield f"column {name} of the samples is not used: {d.sentence}"
 
 
 def _is_absolute(spec: Distribution) -> bool:

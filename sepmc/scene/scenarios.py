@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from sepmc.scene.input_table import InputTable
 from sepmc.scene.limits import NAME
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Scene
@@ -73,7 +74,11 @@ def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
 
 
 def scenario_tree(
-    tree: dict[str, Any], scene: Scene, scenario: Scenario, problems: Problems
+    tree: dict[str, Any],
+    scene: Scene,
+    scenario: Scenario,
+    problems: Problems,
+    table: InputTable | None = None,
 ) -> dict[str, Any]:
     """Tree of a scenario.
 
@@ -88,6 +93,8 @@ def scenario_tree(
         That of the campaign.
     scenario : Scenario
     problems : Problems
+    table : InputTable, optional
+        Of ``run.samples``: what it gives in every case cannot be set.
 
     Returns
     -------
@@ -102,7 +109,11 @@ def scenario_tree(
     for key, value in () if own else _numbers(settings):
         path = _path(scene, key)
         if path is not None and path in dispersed:
-            factor = find(scene, key).factor / find(scene, dispersed[path]).factor
+            parameter = find(scene, dispersed[path])
+            if table is not None and table.has(parameter.column):
+                own.add(key, f"is given by column {parameter.column} of run.samples in every case")
+                continue
+            factor = find(scene, key).factor / parameter.factor
             changed["dispersion"][dispersed[path]] = {"constant": value * factor}
     for problem in own:
         problems.append(f"scenario.{scenario.name}.set.{problem}")

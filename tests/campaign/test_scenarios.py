@@ -96,15 +96,13 @@ def test_correlated_parameters_keep_their_numbers(table2_tree, sampler):
     assert changed(campaign(table2_tree, WEAK, **more)) == {"in_motor_retro_thrust_N": {250.0}}
 
 
-def test_a_value_that_is_set_replaces_a_column_of_samples(table2_tree, tmp_path):
+def test_a_value_that_samples_give_cannot_be_set(table2_tree, tmp_path):
     one = campaign(table2_tree, {"name": "light", "set": {"body.upper.mass_kg": 400.0}})
     inputs(one).to_csv(tmp_path / "samples.csv", index=False)
     (tmp_path / "two.toml").write_text(one.file.toml)
     taken = sepmc.load(str(tmp_path / "two.toml"), {"run.samples": "samples.csv"})
-    pd.testing.assert_frame_equal(inputs(taken), inputs(one))
-    assert changed(taken) == {"in_body_upper_mass_kg": {400.0}}
-    (note,) = taken.scenarios()["light"].file.no_effect
-    assert note.startswith("column in_body_upper_mass_kg of the samples is not used")
+    with pytest.raises(SceneError, match=r"upper\.mass_kg: is given by column in_body_upper_mass"):
+        taken.scenarios()
 
 
 def test_a_scenario_may_change_a_distribution(table2_tree):
