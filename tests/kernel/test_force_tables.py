@@ -100,9 +100,9 @@ def test_a_table_adds_to_the_linear_force():
 def test_before_its_first_row_the_force_is_that_of_the_first_row():
     """Constant force to 20 mm, then a line."""
     x, force = [0.02, 0.06], [1500.0, 500.0]
-    result = outcomes(campaign({"extension_m": x, "force_N": force}))
+    coarse = campaign({"extension_m": x, "force_N": force}, solver={"accuracy": 1e-6})
     work = 1500.0 * 0.02 + 0.5 * (1500.0 + 500.0) * 0.04
-    assert_allclose(result["separation_speed_m_s"], speed(work), rtol=1e-8)
+    assert_allclose(outcomes(coarse)["separation_speed_m_s"], speed(work), rtol=1e-6)
 
 
 @pytest.mark.slow
