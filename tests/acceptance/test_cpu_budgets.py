@@ -88,7 +88,8 @@ def test_a_fast_suite_beyond_its_budget_fails(outcomes, monkeypatch, capsys):
 @pytest.mark.slow
 def test_time_of_workers_counts_once(outcomes, pytester, monkeypatch):
     """The CPU time reported is that of the processes of a run."""
-    pytester.mkdir("physics").joinpath("test_burns.py").write_text(BURNS, encoding="utf-8")
+    longer = BURNS.replace("seconds=0.2", "seconds=1.5")  # than the processes take to start
+    pytester.mkdir("physics").joinpath("test_burns.py").write_text(longer, encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
     before = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
     plugins = ("-p", "support.cpu_budgets", "-p", "no:cacheprovider")
