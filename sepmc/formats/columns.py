@@ -99,7 +99,7 @@ class Columns:
     """
 
     def __init__(self, table: TextTable, named: dict[str, Any] | None = None):
-        self.table, self.said = table, list[str]()
+        self.table, self.understood = table, list[str]()
         self.named: dict[str, tuple[str, float, str]] = {}
         for key, value in (named or {}).items():
             quantity, unit = split_unit(key)

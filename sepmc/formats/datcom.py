@@ -88,21 +88,21 @@ def read_datcom(
     -------
     table : dict
         Keys of ``[body.NAME.aerodynamics.table]``.
-    said : list of str
+    understood : list of str
 
     Raises
     ------
     FormatError
     """
     text = read_text(path)
-    table, said = parse_datcom(text, options)
+    table, understood = parse_datcom(text, options)
     if aero.get("per") == "deg":
         raise FormatError('says itself what is per degree: give no per = "deg" beside it')
     if aero.get("convention") != "datcom":  # else its sign is turned with the polynomials
         for key in ("side", "side_p", "side_r"):
             if key in table:
                 table[key] = (0.0 - np.array(table[key])).tolist()
-        said.append("C_Y taken as DATCOM's, sign turned")
+        understood.append("C_Y taken as DATCOM's, sign turned")
     references = _references(text)
     _compare(references, aero)
     if {"lref", "latref"} <= references.keys() and not any(
@@ -115,8 +115,10 @@ def read_datcom(
             if key in table and power and ratio != 1.0:
                 table[key] = (ratio**power * np.array(table[key])).tolist()
         if ratio != 1.0:
-            said.append(f"C_l, C_n and the rates p, r times {ratio:.6g}, lateral over long length")
-    return table, said
+            understood.append(
+                f"C_l, C_n and the rates p, r times {ratio:.6g}, lateral over long length"
+            )
+    return table, understood
 
 
 _CARD = re.compile(
@@ -133,10 +135,10 @@ def _references(text: str) -> dict[str, float]:
     """Reference area, m2, and lengths, m, of the input cards that an output repeats."""
     dim = _DIM.search(text)
     metre = _METRES[dim[1].upper() if dim else "FT"]
-    found = {_CARD_NAMES[m[1].upper()]: number(m[2]) for m in _CARD.finditer(text)}
+    cards = {_CARD_NAMES[m[1].upper()]: number(m[2]) for m in _CARD.finditer(text)}
     return {
         name: value * metre ** (2 if name == "sref" else 1)
-        for name, value in found.items()
+        for name, value in cards.items()
         if value > 0.0
     }
 
@@ -174,7 +176,7 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
     -------
     table : dict
         Keys of ``[body.NAME.aerodynamics.table]``; signs and lengths as in the file.
-    said : list of str
+    understood : list of str
 
     Raises
     ------
@@ -284,25 +286,25 @@ def _digital_references(output: _Output, line: str) -> None:
 
 def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]:
     """Table over Mach number, alpha and, if there are slopes or values by it, beta."""
-    said = [f"{name} {value}" for name, value in output.references.items()]
+    understood = [f"{name} {value}" for name, value in output.references.items()]
     blocks = [b for b in output.blocks if "CN" in b.values and "CA" in b.values]
     if not blocks:
         raise FormatError("has no table of CN and CA over ALPHA")
     machs, betas = sorted({b.mach for b in blocks}), sorted({b.beta for b in blocks})
-    found = {(b.mach, b.beta): b for b in blocks}
-    if len(found) < len(machs) * len(betas):
+    by_point = {(b.mach, b.beta): b for b in blocks}
+    if len(by_point) < len(machs) * len(betas):
         raise FormatError("has not every sideslip at every Mach number")
     alphas, dropped = _common_alphas(blocks)
     if dropped:
         listed = ", ".join(f"{a:g}" for a in dropped)
-        said.append(f"not read, as CN or CA is blank there: alpha = {listed}")
+        understood.append(f"not read, as CN or CA is blank there: alpha = {listed}")
     if len(alphas) < 1:
         raise FormatError("has no alpha with CN and CA at all Mach numbers")
     shape = (len(machs), len(alphas), len(betas))
     values: dict[str, np.ndarray] = {}
     for i, mach in enumerate(machs):
         for k, beta in enumerate(betas):
-            block = found[mach, beta]
+            block = by_point[mach, beta]
             for title in block.values:
                 row = _row(block, title, alphas)
                 if row is not None:
@@ -311,13 +313,13 @@ def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]
     for title in left:
         del values[title]
     if left:
-        said.append(f"not read, as some are blank: {', '.join(left)}")
+        understood.append(f"not read, as some are blank: {', '.join(left)}")
     tree = {name: values[title] for title, name in _STATIC.items() if title in values}
     for title, name in _BY_RATE.items():
         if title in values:
             tree[name] = values[title]
             if title == "CLQ":
-                said.append("CLQ taken for CNQ, as at small alpha")
+                understood.append("CLQ taken for CNQ, as at small alpha")
     slopes = {name: values[title] for title, name in _BY_BETA.items() if title in values}
     if slopes and len(betas) == 1:
         betas = [betas[0] - sideslip, betas[0], betas[0] + sideslip]
@@ -325,7 +327,7 @@ def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]
         tree = {name: np.repeat(grid, 3, axis=2) for name, grid in tree.items()}
         for name, slope in slopes.items():
             tree[name] = tree.get(name, 0.0) + slope * steps
-        said.append(
+        understood.append(
             f"slopes by beta ({', '.join(t for t in _BY_BETA if t in values)}) continued as lines "
             f"to {sideslip:g} deg of sideslip"
         )
@@ -335,8 +337,8 @@ def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]
         tree = {name: grid[:, :, 0] for name, grid in tree.items()}
     head = ", ".join(f"{len(points)} rows of {key.removesuffix('_deg')}" for key, points in
                      axes.items())  # fmt: skip
-    said.insert(0, f"{head}; {', '.join(tree)}")
-    return {**axes, **{name: grid.tolist() for name, grid in tree.items()}}, said
+    understood.insert(0, f"{head}; {', '.join(tree)}")
+    return {**axes, **{name: grid.tolist() for name, grid in tree.items()}}, understood
 
 
 def _common_alphas(blocks: list[_Block]) -> tuple[list[float], list[float]]:

@@ -48,7 +48,7 @@ def read_deck(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     -------
     table : dict
         Keys of ``[body.NAME.aerodynamics.table]``.
-    said : list of str
+    understood : list of str
 
     Raises
     ------
@@ -76,8 +76,8 @@ def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], li
         raise FormatError(
             "has no coefficient, such as CA, CN, CY, Cl, Cm, Cn; has " + ", ".join(table.columns)
         )
-    said = list(columns.said)
-    _from_lift(values, axes, said)
+    understood = list(columns.understood)
+    _from_lift(values, axes, understood)
     grid_axes, order = _grid(axes)
     shape = [len(points) for points in grid_axes.values()]
     tree: dict[str, Any] = {}
@@ -91,8 +91,8 @@ def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], li
             tree[name] = values[name][order].reshape(shape).tolist()
     rows = ", ".join(f"{len(points)} rows of {name}" for name, points in grid_axes.items())
     coefficients = ", ".join(name for name in (*COEFFICIENTS, *DERIVATIVES) if name in values)
-    said.insert(0, f"{rows}; {coefficients}")
-    return tree, said
+    understood.insert(0, f"{rows}; {coefficients}")
+    return tree, understood
 
 
 def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -125,17 +125,19 @@ def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np
         else:
             values[name] = numbers
     if left:
-        columns.said.append(f"not read: {', '.join(left)}")
+        columns.understood.append(f"not read: {', '.join(left)}")
     return values
 
 
-def _from_lift(values: dict[str, np.ndarray], axes: dict[str, np.ndarray], said: list[str]) -> None:
+def _from_lift(
+    values: dict[str, np.ndarray], axes: dict[str, np.ndarray], understood: list[str]
+) -> None:
     """Replace lift and drag by normal and axial force."""
     lift, drag = values.pop("lift", None), values.pop("drag", None)
     if lift is None and drag is None:
         return
     if "normal" in values and "axial" in values:
-        said.append("CL and CD not read: CN and CA are there")
+        understood.append("CL and CD not read: CN and CA are there")
         return
     if lift is None or drag is None or "alpha" not in axes:
         raise FormatError("needs CL and CD together, over alpha, to make CN and CA of them")
@@ -144,7 +146,7 @@ def _from_lift(values: dict[str, np.ndarray], axes: dict[str, np.ndarray], said:
     sine, cosine = np.sin(axes["alpha"]), np.cos(axes["alpha"])
     values["normal"] = lift * cosine + drag * sine
     values["axial"] = drag * cosine - lift * sine
-    said.append("CN = CL cos alpha + CD sin alpha, CA = CD cos alpha - CL sin alpha")
+    understood.append("CN = CL cos alpha + CD sin alpha, CA = CD cos alpha - CL sin alpha")
 
 
 def _grid(axes: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -175,10 +177,10 @@ def _grid(axes: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarra
 
 
 def _where(points: dict[str, np.ndarray], cell: int, shape: tuple[int, ...]) -> str:
-    place = np.unravel_index(cell, shape)
+    cell_index = np.unravel_index(cell, shape)
     return ", ".join(
         f"{name} = {math.degrees(x):g} deg" if name != "mach" else f"{name} = {x:g}"
         for name, x in zip(points, itertools.starmap(
-            lambda each, k: float(each[k]), zip(points.values(), place, strict=True)
+            lambda each, k: float(each[k]), zip(points.values(), cell_index, strict=True)
         ), strict=True)
     )  # fmt: skip

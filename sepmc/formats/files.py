@@ -29,7 +29,7 @@ def file_places(tree: dict[str, Any]) -> Tables:
 
     Yields
     ------
-    place : str
+    key_path : str
         TOML path of the table.
     table : dict
         With the key ``file``.
@@ -55,9 +55,9 @@ def file_places(tree: dict[str, Any]) -> Tables:
             yield from _named("environment.wind.profile", wind.get("profile"), "wind", wind)
 
 
-def _named(place: str, table: Any, kind: str, owner: dict[str, Any]) -> Tables:
+def _named(key_path: str, table: Any, kind: str, owner: dict[str, Any]) -> Tables:
     if isinstance(table, dict) and "file" in table:
-        yield place, table, kind, owner
+        yield key_path, table, kind, owner
 
 
 def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[str]:
@@ -74,48 +74,50 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
     Returns
     -------
     list of str
-        What was understood of each, with its place.
+        What was understood of each, with its key path.
     """
-    said: list[str] = []
-    for place, table, kind, owner in file_places(tree):
+    understood: list[str] = []
+    for key_path, table, kind, owner in file_places(tree):
         file = table.pop("file")
         options: dict[str, Any] = {k: table.pop(k) for k in _OPTIONS if k in table}
         if not isinstance(file, str) or not file:
-            problems.add(f"{place}.file", "must be the name of a file", file)
+            problems.add(f"{key_path}.file", "must be the name of a file", file)
             continue
         path = folder / file
         endings = (*_ENDINGS, *{"thrust": (".eng",), "deck": (".out",)}.get(kind, ()))
         if path.suffix.lower() not in endings:
-            problems.add(f"{place}.file", f"must end in {', '.join(endings)}", file)
+            problems.add(f"{key_path}.file", f"must end in {', '.join(endings)}", file)
             continue
         try:
             if kind == "thrust":
-                sentences = _thrust(place, table, owner, path, options, problems)
+                sentences = _thrust(key_path, table, owner, path, options, problems)
             elif kind == "deck" and is_datcom(path):
-                found, sentences = read_datcom(path, options, owner)
-                _fill(place, table, found, problems)
+                table_read, sentences = read_datcom(path, options, owner)
+                _fill(key_path, table, table_read, problems)
             else:
                 read: Read = {"deck": read_deck, "air": read_air, "wind": read_wind}[kind]
-                found, sentences = read(path, options)
-                _fill(place, table, found, problems)
+                table_read, sentences = read(path, options)
+                _fill(key_path, table, table_read, problems)
         except FormatError as error:
-            problems.add(f"{place}.file", str(error), file)
+            problems.add(f"{key_path}.file", str(error), file)
             continue
-        said += [f"{place}: {shorten(file)}: {'; '.join(sentences)}"]
-    return said
+        understood += [f"{key_path}: {shorten(file)}: {'; '.join(sentences)}"]
+    return understood
 
 
-def _fill(place: str, table: dict[str, Any], found: dict[str, Any], problems: Problems) -> None:
+def _fill(
+    key_path: str, table: dict[str, Any], table_read: dict[str, Any], problems: Problems
+) -> None:
     """Put what a file gives into its table; keys that both give are refused."""
     own = {split_unit(key)[0] for key in table}
-    for key, value in found.items():
+    for key, value in table_read.items():
         if split_unit(key)[0] in own:
-            problems.add(f"{place}.{key}", "is given by the file too")
+            problems.add(f"{key_path}.{key}", "is given by the file too")
         table[key] = value
 
 
 def _thrust(
-    place: str,
+    key_path: str,
     profile: dict[str, Any],
     motor: dict[str, Any],
     path: Path,
@@ -124,9 +126,9 @@ def _thrust(
 ) -> list[str]:
     """Fill the profile of a motor, and its thrust if it has none."""
     curve = read_thrust(path, options)
-    said = curve.said
+    understood = curve.understood
     if any(split_unit(key)[0] == "build_up" and value for key, value in motor.items()):
-        said.append("build_up_s multiplies the curve too")
+        understood.append("build_up_s multiplies the curve too")
     wanted = next((key for key in profile if key.startswith(_IMPULSE)), None)
     factor = 1.0
     if wanted is not None:
@@ -134,16 +136,16 @@ def _thrust(
         size = UNITS["force"].get(unit.removesuffix("_s"))
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if size is None or not unit.endswith("_s") or not is_number or not value > 0.0:
-            problems.add(f"{place}.{wanted}", "must be an impulse > 0, total_impulse_N_s", value)
-            return said
+            problems.add(f"{key_path}.{wanted}", "must be an impulse > 0, total_impulse_N_s", value)
+            return understood
         if curve.is_fraction or not curve.impulse > 0.0:
-            problems.add(f"{place}.{wanted}", "scales a curve of forces of a positive impulse")
-            return said
+            problems.add(f"{key_path}.{wanted}", "scales a curve of forces of a positive impulse")
+            return understood
         factor = value * size / curve.impulse
-        said.append(f"scaled by {factor:.6g} to an impulse of {value * size:.6g} N s")
+        understood.append(f"scaled by {factor:.6g} to an impulse of {value * size:.6g} N s")
     for key in ("time", "fraction"):
         if any(split_unit(each)[0] == key for each in profile):
-            problems.add(f"{place}.{key}", "is given by the file too")
+            problems.add(f"{key_path}.{key}", "is given by the file too")
     thrust_key = next((key for key in motor if split_unit(key)[0] == "thrust"), None)
     if curve.is_fraction:
         fractions = curve.thrust
@@ -151,14 +153,16 @@ def _thrust(
         full = max(map(abs, curve.thrust)) * factor
         if thrust_key is None:
             motor["thrust_N"] = full
-            said.append(f"thrust_N = {full:.6g}, its peak")
+            understood.append(f"thrust_N = {full:.6g}, its peak")
         else:
             given, unit = motor[thrust_key], split_unit(thrust_key)[1]
             if isinstance(given, int | float) and given and unit in UNITS["force"]:
                 full = float(given) * UNITS["force"][unit]
-                said.append(f"fractions of {thrust_key} = {given:g}: the curve keeps its newtons")
+                understood.append(
+                    f"fractions of {thrust_key} = {given:g}: the curve keeps its newtons"
+                )
         if not full:
             raise FormatError("has no thrust at all")
         fractions = [f * factor / full for f in curve.thrust]
     profile["time_s"], profile["fraction"] = curve.time, fractions
-    return said
+    return understood

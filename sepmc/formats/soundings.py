@@ -46,32 +46,34 @@ def read_air(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[
     -------
     table : dict
         Keys of ``[environment.air]``.
-    said : list of str
+    understood : list of str
 
     Raises
     ------
     FormatError
     """
-    columns, said = _columns(path, options)
-    found = _find(
+    columns, understood = _columns(path, options)
+    columns_read = _find(
         columns,
         ("altitude", "geopotential", "density", "pressure", "temperature", "speed_of_sound"),
     )
-    tree = _heights(found)
-    if "density" in found:
-        tree["density_kg_per_m3"] = found["density"].tolist()
-    elif "pressure" in found and "temperature" in found:
-        tree["pressure_Pa"] = found["pressure"].tolist()
-        tree["temperature_K"] = found["temperature"].tolist()
+    tree = _heights(columns_read)
+    if "density" in columns_read:
+        tree["density_kg_per_m3"] = columns_read["density"].tolist()
+    elif "pressure" in columns_read and "temperature" in columns_read:
+        tree["pressure_Pa"] = columns_read["pressure"].tolist()
+        tree["temperature_K"] = columns_read["temperature"].tolist()
     else:
         raise FormatError(
             "needs density, or pressure and temperature; has " + ", ".join(columns.table.columns)
         )
-    if "speed_of_sound" in found:
-        tree["speed_of_sound_m_s"] = found["speed_of_sound"].tolist()
-    elif "density" in found and "temperature" in found:
-        said.append("the temperature is not read: it would give the speed of sound with pressure")
-    return _sorted(tree, said)
+    if "speed_of_sound" in columns_read:
+        tree["speed_of_sound_m_s"] = columns_read["speed_of_sound"].tolist()
+    elif "density" in columns_read and "temperature" in columns_read:
+        understood.append(
+            "the temperature is not read: it would give the speed of sound with pressure"
+        )
+    return _sorted(tree, understood)
 
 
 def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
@@ -87,32 +89,34 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     -------
     table : dict
         Keys of ``[environment.wind.profile]``.
-    said : list of str
+    understood : list of str
 
     Raises
     ------
     FormatError
     """
-    columns, said = _columns(path, options)
-    found = _find(
+    columns, understood = _columns(path, options)
+    columns_read = _find(
         columns, ("altitude", "geopotential", "speed", "from", "direction", "along", "across")
     )
-    tree = _heights(found)
-    if "along" in found and "across" in found:
-        tree["speed_m_s"] = np.hypot(found["along"], found["across"]).tolist()
-        tree["direction_deg"] = np.degrees(np.arctan2(found["across"], found["along"])).tolist()
-    elif "speed" in found and ("from" in found) != ("direction" in found):
-        key = "from" if "from" in found else "direction"
-        tree["speed_m_s"] = found["speed"].tolist()
-        tree[f"{key}_deg"] = [float(f"{math.degrees(x):.12g}") for x in found[key]]
+    tree = _heights(columns_read)
+    if "along" in columns_read and "across" in columns_read:
+        tree["speed_m_s"] = np.hypot(columns_read["along"], columns_read["across"]).tolist()
+        tree["direction_deg"] = np.degrees(
+            np.arctan2(columns_read["across"], columns_read["along"])
+        ).tolist()
+    elif "speed" in columns_read and ("from" in columns_read) != ("direction" in columns_read):
+        key = "from" if "from" in columns_read else "direction"
+        tree["speed_m_s"] = columns_read["speed"].tolist()
+        tree[f"{key}_deg"] = [float(f"{math.degrees(x):.12g}") for x in columns_read[key]]
         if key == "direction":
-            said.append("direction taken as where the air moves to, 0 along ground x")
+            understood.append("direction taken as where the air moves to, 0 along ground x")
     else:
         raise FormatError(
             "needs speed and from_deg (by compass) or direction_deg (to, from ground x), or along "
             "and across; has " + ", ".join(columns.table.columns)
         )
-    return _sorted(tree, said)
+    return _sorted(tree, understood)
 
 
 def _columns(path: Path, options: dict[str, Any]) -> tuple[Columns, list[str]]:
@@ -121,10 +125,10 @@ def _columns(path: Path, options: dict[str, Any]) -> tuple[Columns, list[str]]:
         text = text_of(path)
         if match := _WYOMING.search(text):
             table, left = _wyoming(text[match.start() :])
-            said = ["a sounding of fixed width: PRES HGHT TEMP ... DRCT SKNT"]
+            understood = ["a sounding of fixed width: PRES HGHT TEMP ... DRCT SKNT"]
             if left:
-                said.append(f"{left} rows without all of the values are not read")
-            return Columns(table), said
+                understood.append(f"{left} rows without all of the values are not read")
+            return Columns(table), understood
         names = [str(x) for x in named] if isinstance(named, list) else None
         table = parse_table(text, names)
     else:
@@ -163,23 +167,23 @@ def _wyoming(text: str) -> tuple[TextTable, int]:
 
 
 def _find(columns: Columns, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    found = {}
+    columns_read = {}
     for name in names:
         values = columns.find(name, _QUANTITIES[name], _DEFAULTS.get(name, ""))
         if values is not None:
-            found[name] = values
-    return found
+            columns_read[name] = values
+    return columns_read
 
 
-def _heights(found: dict[str, np.ndarray]) -> dict[str, Any]:
-    if "altitude" in found:
-        return {"altitude_m": found["altitude"].tolist()}
-    if "geopotential" in found:
-        return {"geopotential_m": found["geopotential"].tolist()}
+def _heights(columns_read: dict[str, np.ndarray]) -> dict[str, Any]:
+    if "altitude" in columns_read:
+        return {"altitude_m": columns_read["altitude"].tolist()}
+    if "geopotential" in columns_read:
+        return {"geopotential_m": columns_read["geopotential"].tolist()}
     raise FormatError("needs a column of altitude, such as altitude_m, or of geopotential height")
 
 
-def _sorted(tree: dict[str, Any], said: list[str]) -> tuple[dict[str, Any], list[str]]:
+def _sorted(tree: dict[str, Any], understood: list[str]) -> tuple[dict[str, Any], list[str]]:
     """Rows by rising height; a height that is there twice is refused."""
     key = next(iter(tree))
     heights = np.array(tree[key])
@@ -188,6 +192,6 @@ def _sorted(tree: dict[str, Any], said: list[str]) -> tuple[dict[str, Any], list
         twice = heights[order][int(np.argmin(np.diff(heights[order])))]
         raise FormatError(f"has two rows at the height {twice:g} m")
     if (order != np.arange(len(order))).any():
-        said.append("rows sorted by height")
-    said.insert(0, f"{len(heights)} rows, {heights.min():g} to {heights.max():g} m")
-    return {name: np.array(values)[order].tolist() for name, values in tree.items()}, said
+        understood.append("rows sorted by height")
+    understood.insert(0, f"{len(heights)} rows, {heights.min():g} to {heights.max():g} m")
+    return {name: np.array(values)[order].tolist() for name, values in tree.items()}, understood

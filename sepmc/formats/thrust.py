@@ -29,14 +29,14 @@ class ThrustCurve:
     thrust : list of float
         N, or fractions of a thrust.
     is_fraction : bool
-    said : list of str
+    understood : list of str
         What was understood.
     """
 
     time: list[float]
     thrust: list[float]
     is_fraction: bool = False
-    said: list[str] = field(default_factory=list)
+    understood: list[str] = field(default_factory=list)
 
     @property
     def impulse(self) -> float:
@@ -79,7 +79,7 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
     curve = _curve(list(zip(time.tolist(), values.tolist(), strict=True)), "row", range(len(time)))
     curve.is_fraction = thrust is None
     what = "fractions of thrust_N" if curve.is_fraction else "N"
-    curve.said.insert(0, f"{len(curve.time)} rows in {what}, linear between them")
+    curve.understood.insert(0, f"{len(curve.time)} rows in {what}, linear between them")
     return curve
 
 
@@ -121,20 +121,24 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
         raise FormatError(f"line {line}: engine {header[0]} has no rows of time and thrust")
     points = [(t, f) for _, t, f in rows]
     numbers = [n for n, _, _ in rows]
-    said = [f"engine {header[0]} of {header[6]}" if len(header) > 6 else f"engine {header[0]}"]
+    understood = [
+        f"engine {header[0]} of {header[6]}" if len(header) > 6 else f"engine {header[0]}"
+    ]
     if points[0][0] > 0.0:
         points.insert(0, (0.0, 0.0))
         numbers.insert(0, numbers[0])
-        said.append("the thrust rises from 0 at the ignition to the first row, as RASP means it")
+        understood.append(
+            "the thrust rises from 0 at the ignition to the first row, as RASP means it"
+        )
     curve = _curve(points, "line", numbers)
     peak = max(curve.thrust)
-    said.append(f"{len(curve.time)} rows, peak {peak:.6g} N, impulse {curve.impulse:.6g} N s")
+    understood.append(f"{len(curve.time)} rows, peak {peak:.6g} N, impulse {curve.impulse:.6g} N s")
     with contextlib.suppress(ValueError, IndexError):
-        said.append(
+        understood.append(
             f"its propellant, {number(header[4]):.6g} kg of {number(header[5]):.6g} kg, is taken "
             "from no body: masses are constant"
         )
-    curve.said = said + curve.said
+    curve.understood = understood + curve.understood
     return curve
 
 
@@ -197,9 +201,11 @@ def _curve(points: list[tuple[float, float]], what: str, numbers: Any) -> Thrust
             thrusts.append(thrust)
     if len(times) < 2:
         raise FormatError("has fewer than two rows")
-    said = []
+    understood = []
     if steps:
-        said.append(f"a step at {', '.join(f'{t:g} s' for t in steps[:4])}: two rows at one time")
+        understood.append(
+            f"a step at {', '.join(f'{t:g} s' for t in steps[:4])}: two rows at one time"
+        )
     if thrusts[-1] != 0.0:
-        said.append(f"the thrust ends at {thrusts[-1]:g}, not 0, at {times[-1]:g} s")
-    return ThrustCurve(times, thrusts, False, said)
+        understood.append(f"the thrust ends at {thrusts[-1]:g}, not 0, at {times[-1]:g} s")
+    return ThrustCurve(times, thrusts, False, understood)

@@ -1,8 +1,8 @@
 """Data in other conventions, as brought: keys of a campaign that are written in those of this
 project before the file is read.
 
-The resolved tree, which a run stores, has the keys of the model only. Every conversion is said in a
-sentence, which `sepmc check` prints.
+The resolved tree, which a run stores, has the keys of the model only. `sepmc check` prints a
+sentence on every conversion.
 """
 
 from typing import Any
@@ -25,20 +25,20 @@ def convert_tree(tree: dict[str, Any], problems: Problems) -> list[str]:
     Returns
     -------
     list of str
-        A sentence for each conversion, with its place.
+        A sentence for each conversion, with its key_path.
     """
-    said: list[str] = []
+    understood: list[str] = []
     bodies = tree.get("body")
     for name, body in bodies.items() if isinstance(bodies, dict) else ():
         if not isinstance(body, dict):
             continue
-        place = f"body.{name}"
-        said += convert_inertia(place, body, problems)
+        key_path = f"body.{name}"
+        understood += convert_inertia(key_path, body, problems)
         if isinstance(aero := body.get("aerodynamics"), dict):
-            said += convert_aerodynamics(f"{place}.aerodynamics", aero, problems)
+            understood += convert_aerodynamics(f"{key_path}.aerodynamics", aero, problems)
     environment = tree.get("environment")
     if isinstance(environment, dict):
-        said += convert_air("environment.air", environment, problems)
+        understood += convert_air("environment.air", environment, problems)
         if isinstance(wind := environment.get("wind"), dict):
-            said += convert_wind("environment.wind", wind, problems)
-    return said
+            understood += convert_wind("environment.wind", wind, problems)
+    return understood

@@ -17,13 +17,13 @@ _LATERAL = ("roll", "yaw")  # moments that decks divide by the span
 _ZERO = 1e-9  # of the largest value: an odd coefficient at zero
 
 
-def convert_aerodynamics(place: str, aero: dict[str, Any], problems: Problems) -> list[str]:
+def convert_aerodynamics(key_path: str, aero: dict[str, Any], problems: Problems) -> list[str]:
     """Write ``convention``, ``per``, ``mirror`` and a lateral length of the aerodynamics of a body
     in the conventions of this project.
 
     Parameters
     ----------
-    place : str
+    key_path : str
         TOML path of the aerodynamics.
     aero : dict
         Changed in place.
@@ -33,47 +33,49 @@ def convert_aerodynamics(place: str, aero: dict[str, Any], problems: Problems) -
     -------
     list of str
     """
-    said: list[str] = []
+    understood: list[str] = []
     table = aero.get("table") if isinstance(aero.get("table"), dict) else None
     if table is not None:
         if (mirror := table.pop("mirror", None)) is not None:
-            said += _mirror(f"{place}.table", table, mirror, problems)
-        said += _single_rows(f"{place}.table", table)
-    if _option(place, aero, "per", ("rad", "deg"), problems) == "deg":
+            understood += _mirror(f"{key_path}.table", table, mirror, problems)
+        understood += _single_rows(f"{key_path}.table", table)
+    if _option(key_path, aero, "per", ("rad", "deg"), problems) == "deg":
         for key in COEFFICIENTS:
             if isinstance(terms := aero.get(key), dict):
                 aero[key] = {term: _scaled(x, _PER_DEGREE ** _degree(term)) for term, x in
                              terms.items()}  # fmt: skip
-        said.append(f"{place}: slopes of the polynomials taken per degree, times 57.2958 each")
+        understood.append(
+            f"{key_path}: slopes of the polynomials taken per degree, times 57.2958 each"
+        )
         for key in DERIVATIVES:
             if table is not None and key in table:
                 table[key] = _scaled(table[key], _PER_DEGREE)
-                said.append(f"{place}.table.{key} taken per degree, times 57.2958")
-    said += _lateral_length(place, aero, table, problems)
-    if _option(place, aero, "convention", ("sepmc", "datcom"), problems) == "datcom":
+                understood.append(f"{key_path}.table.{key} taken per degree, times 57.2958")
+    understood += _lateral_length(key_path, aero, table, problems)
+    if _option(key_path, aero, "convention", ("sepmc", "datcom"), problems) == "datcom":
         for tree in (aero, table or {}):
             for key in ("side", "side_p", "side_r"):
                 if key in tree:
                     tree[key] = _scaled(tree[key], -1.0)
-        said.append(
-            f"{place}: C_Y taken as DATCOM's (positive to the right), sign turned; C_l, C_m, C_n, "
-            "C_N and C_A have the same signs there"
+        understood.append(
+            f"{key_path}: C_Y taken as DATCOM's (positive to the right), sign turned; C_l, C_m, "
+            "C_n, C_N and C_A have the same signs there"
         )
-    return said
+    return understood
 
 
 def _option(
-    place: str, tree: dict[str, Any], key: str, allowed: tuple[str, ...], problems: Problems
+    key_path: str, tree: dict[str, Any], key: str, allowed: tuple[str, ...], problems: Problems
 ) -> Any:
     """Remove an option and return its value, the first of ``allowed`` without one."""
     value = tree.pop(key, allowed[0])
     if value not in allowed:
-        problems.add(f"{place}.{key}", f"must be one of {', '.join(allowed)}", value)
+        problems.add(f"{key_path}.{key}", f"must be one of {', '.join(allowed)}", value)
     return value
 
 
 def _lateral_length(
-    place: str, aero: dict[str, Any], table: dict[str, Any] | None, problems: Problems
+    key_path: str, aero: dict[str, Any], table: dict[str, Any] | None, problems: Problems
 ) -> list[str]:
     """Refer rolling and yawing moments, and p and r, to the reference length instead of a lateral
     length (the span)."""
@@ -84,7 +86,7 @@ def _lateral_length(
     known = next((k for k in aero if split_unit(k)[0] == "reference_length"), None)
     lengths = UNITS["length"]
     if not _positive(value) or unit not in lengths or known is None:
-        problems.add(f"{place}.{key}", "must be a length > 0 beside reference_length_m", value)
+        problems.add(f"{key_path}.{key}", "must be a length > 0 beside reference_length_m", value)
         return []
     length = aero[known]
     if not _positive(length) or split_unit(known)[1] not in lengths:
@@ -104,24 +106,24 @@ def _lateral_length(
             elif power:
                 tree[name] = _scaled(tree[name], ratio**power)
     return [
-        f"{place}: C_l, C_n and the rates p, r referred to {key} = {value:g}, times {ratio:.6g}"
+        f"{key_path}: C_l, C_n and the rates p, r referred to {key} = {value:g}, times {ratio:.6g}"
     ]
 
 
-def _mirror(place: str, table: dict[str, Any], mirror: Any, problems: Problems) -> list[str]:
+def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problems) -> list[str]:
     """Add the mirror image of a table whose rows of an angle begin at zero."""
     if mirror not in _ODD:
-        problems.add(f"{place}.mirror", 'must be "alpha" or "beta"', mirror)
+        problems.add(f"{key_path}.mirror", 'must be "alpha" or "beta"', mirror)
         return []
     axes = [(split_unit(key)[0], key) for key in table]
     order = [key for name in ("mach", "alpha", "beta") for stem, key in axes if stem == name]
     key = next((each for each in order if split_unit(each)[0] == mirror), None)
     rows = table.get(key or "")
     if not (isinstance(rows, list) and rows and all(isinstance(x, int | float) for x in rows)):
-        problems.add(f"{place}.mirror", f"needs the axis {mirror}_deg", mirror)
+        problems.add(f"{key_path}.mirror", f"needs the axis {mirror}_deg", mirror)
         return []
     if rows[0] != 0.0:
-        problems.add(f"{place}.{key}", "must begin at 0 where it is mirrored", rows)
+        problems.add(f"{key_path}.{key}", "must begin at 0 where it is mirrored", rows)
         return []
     assert key is not None
     number = order.index(key)
@@ -139,7 +141,7 @@ def _mirror(place: str, table: dict[str, Any], mirror: Any, problems: Problems) 
         odd = (coefficient in _ODD[mirror]) != (rate in _ODD_RATES[mirror] and bool(rate))
         if odd and np.abs(grid[0]).max() > _ZERO * np.abs(grid).max():
             problems.add(
-                f"{place}.{name}",
+                f"{key_path}.{name}",
                 f"is not 0 at {mirror} = 0, so the table is not that of a mirrored body",
             )
             continue
@@ -148,18 +150,18 @@ def _mirror(place: str, table: dict[str, Any], mirror: Any, problems: Problems) 
     table[key] = [-x for x in rows[:0:-1]] + rows
     turned = ", ".join(f"C_{short}" for short in ("N, C_m, C_l" if mirror == "alpha" else
                                                   "Y, C_n, C_l").split(", C_"))  # fmt: skip
-    return [f"{place}: mirrored in {mirror}; {turned} change their signs, the others do not"]
+    return [f"{key_path}: mirrored in {mirror}; {turned} change their signs, the others do not"]
 
 
-def _single_rows(place: str, table: dict[str, Any]) -> list[str]:
+def _single_rows(key_path: str, table: dict[str, Any]) -> list[str]:
     """Sentences on axes of a single row."""
-    said = []
+    understood = []
     for key, rows in table.items():
         name = split_unit(key)[0]
         single = isinstance(rows, list) and len(rows) == 1
         if name in ("mach", "alpha", "beta") and single:
-            said.append(f"{place}: one row of {name} ({rows[0]}): used at all {name}")
-    return said
+            understood.append(f"{key_path}: one row of {name} ({rows[0]}): used at all {name}")
+    return understood
 
 
 def _degree(term: str) -> int:

@@ -14,13 +14,13 @@ _CELSIUS = 273.15
 _COLD, _HOT = 100.0, 1e4  # K, of air
 
 
-def convert_air(place: str, environment: dict[str, Any], problems: Problems) -> list[str]:
+def convert_air(key_path: str, environment: dict[str, Any], problems: Problems) -> list[str]:
     """Write pressure and temperature of a table of air as density and speed of sound, geopotential
     heights as heights, and add rows of the standard atmosphere above it.
 
     Parameters
     ----------
-    place : str
+    key_path : str
         TOML path of the table.
     environment : dict
         With the table ``air``, changed in place.
@@ -33,81 +33,83 @@ def convert_air(place: str, environment: dict[str, Any], problems: Problems) -> 
     air = environment.get("air")
     if not isinstance(air, dict):
         return []
-    said = [
-        *_heights(place, air, problems),
-        *_state(place, air, problems),
-        *_above(place, air, problems),
+    understood = [
+        *_heights(key_path, air, problems),
+        *_state(key_path, air, problems),
+        *_above(key_path, air, problems),
     ]
-    return said
+    return understood
 
 
-def _heights(place: str, air: dict[str, Any], problems: Problems) -> list[str]:
+def _heights(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
     key = next((k for k in air if split_unit(k)[0] == "geopotential"), None)
     if key is None:
         return []
     unit = split_unit(key)[1]
     heights = _numbers(air[key])
     if heights is None or unit not in UNITS["length"]:
-        problems.add(f"{place}.{key}", "must be a list of heights, such as geopotential_m")
+        problems.add(f"{key_path}.{key}", "must be a list of heights, such as geopotential_m")
         return []
     if any(split_unit(k)[0] == "altitude" for k in air):
-        problems.add(f"{place}.{key}", "stands beside altitude_m: give one of them")
+        problems.add(f"{key_path}.{key}", "stands beside altitude_m: give one of them")
         return []
     factor = UNITS["length"][unit]
     del air[key]
     air["altitude_m"] = [
         R0 * h * factor / (R0 - h * factor) for h in heights
     ]  # equation 19 of the standard
-    return [f"{place}: geopotential heights taken to geometric ones, r0 H / (r0 - H)"]
+    return [f"{key_path}: geopotential heights taken to geometric ones, r0 H / (r0 - H)"]
 
 
-def _state(place: str, air: dict[str, Any], problems: Problems) -> list[str]:
-    found = {split_unit(k)[0]: k for k in air}
+def _state(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
+    keys = {split_unit(k)[0]: k for k in air}
     is_celsius = "temperature_degC" in air
-    given = is_celsius or "temperature" in found, "pressure" in found
+    given = is_celsius or "temperature" in keys, "pressure" in keys
     if not any(given):
         return []
-    if not all(given) or "density" in found:
-        problems.add(place, "needs pressure_Pa and temperature_K together, or density_kg_per_m3")
+    if not all(given) or "density" in keys:
+        problems.add(key_path, "needs pressure_Pa and temperature_K together, or density_kg_per_m3")
         return []
-    key = "temperature_degC" if is_celsius else found["temperature"]
-    unit = split_unit(found["pressure"])[1]
+    key = "temperature_degC" if is_celsius else keys["temperature"]
+    unit = split_unit(keys["pressure"])[1]
     if unit not in UNITS["pressure"] or not (is_celsius or split_unit(key)[1] == "K"):
         units = ", ".join(f"pressure_{each}" for each in UNITS["pressure"])
-        problems.add(place, f"needs units: {units}; temperature_K or temperature_degC")
+        problems.add(key_path, f"needs units: {units}; temperature_K or temperature_degC")
         return []
-    temperatures, pressures = _numbers(air[key]), _numbers(air[found["pressure"]])
+    temperatures, pressures = _numbers(air[key]), _numbers(air[keys["pressure"]])
     if temperatures is None or pressures is None or len(temperatures) != len(pressures):
-        problems.add(f"{place}.{key}", "must be as many numbers as there are of the pressure")
+        problems.add(f"{key_path}.{key}", "must be as many numbers as there are of the pressure")
         return []
     kelvin = [t + _CELSIUS for t in temperatures] if is_celsius else temperatures
     if not all(_COLD < t < _HOT for t in kelvin):
-        problems.add(f"{place}.{key}", f"must be temperatures of {_COLD:g} to {_HOT:g} K", air[key])
+        problems.add(
+            f"{key_path}.{key}", f"must be temperatures of {_COLD:g} to {_HOT:g} K", air[key]
+        )
         return []
-    del air[key], air[found["pressure"]]
+    del air[key], air[keys["pressure"]]
     factor = UNITS["pressure"][unit]
     air["density_kg_per_m3"] = [
         p * factor / (_GAS * t) for p, t in zip(pressures, kelvin, strict=True)
     ]
-    if "speed_of_sound" not in found:
+    if "speed_of_sound" not in keys:
         air["speed_of_sound_m_s"] = [math.sqrt(1.4 * _GAS * t) for t in kelvin]
     return [
-        f"{place}: density p / (R T) with R = {_GAS:.6g} J/(kg K), speed of sound "
+        f"{key_path}: density p / (R T) with R = {_GAS:.6g} J/(kg K), speed of sound "
         "sqrt(1.4 R T), from pressure and temperature of dry air"
     ]
 
 
-def _above(place: str, air: dict[str, Any], problems: Problems) -> list[str]:
+def _above(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
     if (above := air.pop("above", None)) is None:
         return []
     if above != "us1976":
-        problems.add(f"{place}.above", 'must be "us1976"', above)
+        problems.add(f"{key_path}.above", 'must be "us1976"', above)
         return []
-    found = {split_unit(k)[0]: k for k in air}
-    columns = [found.get(name) for name in ("altitude", "density")]
+    keys = {split_unit(k)[0]: k for k in air}
+    columns = [keys.get(name) for name in ("altitude", "density")]
     values = [_numbers(air.get(key or "")) for key in columns]
     if values[0] is None or values[1] is None or len(values[0]) != len(values[1]):
-        problems.add(f"{place}.above", "needs the rows of altitude_m and density_kg_per_m3")
+        problems.add(f"{key_path}.above", "needs the rows of altitude_m and density_kg_per_m3")
         return []
     (height_key, density_key), (heights, densities) = columns, values
     assert height_key is not None and heights is not None  # noqa: PT018
@@ -123,13 +125,13 @@ def _above(place: str, air: dict[str, Any], problems: Problems) -> list[str]:
     states = [us1976(h) for h in rows]
     air[height_key] = heights + [h / length for h in rows]
     air[density_key] = densities + [state[0] / density for state in states]
-    if sound_key := found.get("speed_of_sound"):
+    if sound_key := keys.get("speed_of_sound"):
         factor = UNITS["speed"].get(split_unit(sound_key)[1], 1.0)
         air[sound_key] = list(air[sound_key]) + [
             float(sound_speed(state[2])) / factor for state in states
         ]
     return [
-        f"{place}: {len(rows)} rows of the standard atmosphere above {top:.6g} m, every "
+        f"{key_path}: {len(rows)} rows of the standard atmosphere above {top:.6g} m, every "
         f"{_ABOVE:g} m up to {TOP:g} m"
     ]
 
@@ -140,12 +142,12 @@ def _rising(top: float) -> list[float]:
     return [h for h in heights if h >= top + 0.5 * _ABOVE]
 
 
-def convert_wind(place: str, wind: dict[str, Any], problems: Problems) -> list[str]:
+def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> list[str]:
     """Write the compass direction from which the wind comes as the direction to which it blows.
 
     Parameters
     ----------
-    place : str
+    key_path : str
         TOML path of the wind.
     wind : dict
         Changed in place.
@@ -155,19 +157,19 @@ def convert_wind(place: str, wind: dict[str, Any], problems: Problems) -> list[s
     -------
     list of str
     """
-    tables = [(place, wind)]
+    tables = [(key_path, wind)]
     if isinstance(profile := wind.get("profile"), dict):
-        tables.append((f"{place}.profile", profile))
-    said = [x for where, table in tables[1:] for x in _heights(where, table, problems)]
+        tables.append((f"{key_path}.profile", profile))
+    understood = [x for where, table in tables[1:] for x in _heights(where, table, problems)]
     azimuth = wind.pop("azimuth_deg", None)
     used = [(where, table) for where, table in tables if "from_deg" in table]
     if azimuth is not None and not used:
-        problems.add(f"{place}.azimuth_deg", "belongs to from_deg", azimuth)
+        problems.add(f"{key_path}.azimuth_deg", "belongs to from_deg", azimuth)
     for where, table in used:
         if not _is_number(azimuth):
             problems.add(
                 f"{where}.from_deg",
-                f"needs {place}.azimuth_deg, the compass direction of ground x (downrange)",
+                f"needs {key_path}.azimuth_deg, the compass direction of ground x (downrange)",
             )
             continue
         if "direction_deg" in table or "direction_rad" in table:
@@ -180,11 +182,11 @@ def convert_wind(place: str, wind: dict[str, Any], problems: Problems) -> list[s
             continue
         turned = [x + 180.0 - azimuth for x in values]
         table["direction_deg"] = turned[0] if _is_number(value) else turned
-        said.append(
+        understood.append(
             f"{where}: from_deg taken as where the wind comes from, by compass; direction_deg = "
             f"from_deg + 180 - {azimuth:g}"
         )
-    return said
+    return understood
 
 
 def _is_number(value: Any) -> bool:

@@ -21,13 +21,13 @@ _PAIRS = ((0, 1), (0, 2), (1, 2))
 _SYMMETRIC = 1e-6  # of the largest entry: larger differences are no round-off
 
 
-def convert_inertia(place: str, body: dict[str, Any], problems: Problems) -> list[str]:
+def convert_inertia(key_path: str, body: dict[str, Any], problems: Problems) -> list[str]:
     """Write ``inertia_tensor_*`` and ``inertia_axes`` of a body as moments and positive integrals
     in its own axes.
 
     Parameters
     ----------
-    place : str
+    key_path : str
         TOML path of the body.
     body : dict
         Changed in place.
@@ -37,62 +37,62 @@ def convert_inertia(place: str, body: dict[str, Any], problems: Problems) -> lis
     -------
     list of str
     """
-    said: list[str] = []
+    understood: list[str] = []
     key = next((key for key in body if split_unit(key)[0] == "inertia_tensor"), None)
     axes = body.get("inertia_axes")
     if key is None and axes is None:
-        return said
+        return understood
     unit = split_unit(key)[1] if key else ""
     if key is not None:
         if unit not in UNITS["inertia"]:
             allowed = ", ".join(f"inertia_tensor_{each}" for each in UNITS["inertia"])
-            problems.add(f"{place}.{key}", f"the unit is missing or none of inertia: {allowed}")
-            return said
-        tensor = _tensor(f"{place}.{key}", body[key], problems)
+            problems.add(f"{key_path}.{key}", f"the unit is missing or none of inertia: {allowed}")
+            return understood
+        tensor = _tensor(f"{key_path}.{key}", body[key], problems)
         others = [other for other in body if split_unit(other)[0] in _MOMENTS]
         if others:
-            problems.add(f"{place}.{others[0]}", f"is given by {key} too")
+            problems.add(f"{key_path}.{others[0]}", f"is given by {key} too")
         if tensor is None or others:
-            return said
+            return understood
         del body[key]
     else:
-        found = _moments(body)
-        if found is None:
-            problems.add(f"{place}.inertia_axes", "needs the inertia that it belongs to", axes)
-            return said
-        tensor, unit = found
+        moments = _moments(body)
+        if moments is None:
+            problems.add(f"{key_path}.inertia_axes", "needs the inertia that it belongs to", axes)
+            return understood
+        tensor, unit = moments
     if axes is not None:
         del body["inertia_axes"]
-        matrix = _axes(f"{place}.inertia_axes", axes, problems)
+        matrix = _axes(f"{key_path}.inertia_axes", axes, problems)
         if matrix is None:
-            return said
+            return understood
         tensor = matrix.T @ tensor @ matrix + 0.0
         if axes != _OURS:
-            said.append(f"{place}: inertia in axes {axes}, {_map(str(axes))}")
+            understood.append(f"{key_path}: inertia in axes {axes}, {_map(str(axes))}")
     if key is not None:
-        said.append(
-            f"{place}: {key} read as a tensor: entries off its diagonal are -xy, -xz, -yz of the "
-            "positive integrals"
+        understood.append(
+            f"{key_path}: {key} read as a tensor: entries off its diagonal are -xy, -xz, -yz of "
+            "the positive integrals"
         )
     body[f"inertia_{unit}"] = [float(tensor[k, k]) for k in range(3)]
     body[f"inertia_products_{unit}"] = [float(0.0 - tensor[i, j]) for i, j in _PAIRS]
-    return said
+    return understood
 
 
 _MOMENTS = ("inertia", "inertia_products")
 
 
-def _tensor(place: str, value: Any, problems: Problems) -> np.ndarray | None:
+def _tensor(key_path: str, value: Any, problems: Problems) -> np.ndarray | None:
     """Symmetric matrix of numbers; None, with the problem noted, if it is none."""
     try:
         tensor = np.array(value, dtype=float)
     except (ValueError, TypeError):
         tensor = np.zeros(0)
     if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
-        problems.add(place, "must be three rows of three numbers", value)
+        problems.add(key_path, "must be three rows of three numbers", value)
         return None
     if np.abs(tensor - tensor.T).max() > _SYMMETRIC * np.abs(tensor).max():
-        problems.add(place, "must be symmetric, the same numbers on both sides of its diagonal")
+        problems.add(key_path, "must be symmetric, the same numbers on both sides of its diagonal")
         return None
     return 0.5 * (tensor + tensor.T)
 
@@ -125,13 +125,13 @@ def _moments(body: dict[str, Any]) -> tuple[np.ndarray, str] | None:
     return tensor, unit
 
 
-def _axes(place: str, axes: Any, problems: Problems) -> np.ndarray | None:
+def _axes(key_path: str, axes: Any, problems: Problems) -> np.ndarray | None:
     """Matrix of the named axes: its rows are their unit vectors in body axes."""
     words = axes.split("-") if isinstance(axes, str) else []
     known = [DIRECTIONS[word] for word in words if word in DIRECTIONS]
     if len(words) != 3 or len({number for number, _ in known}) != 3:
         problems.add(
-            place,
+            key_path,
             "must name the directions of x, y and z: three of forward or aft, up or down, right or "
             'left, such as "forward-right-down"',
             axes,

@@ -45,15 +45,15 @@ def _paths(tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """TOML paths and values of the keys that name files."""
     stack: list[tuple[str, Any]] = [("", tree)]
     while stack:
-        place, node = stack.pop()
+        parent, node = stack.pop()
         if isinstance(node, list):
             names = (
                 item.get("name", k) if isinstance(item, dict) else k for k, item in enumerate(node)
             )
-            stack += [(f"{place}.{name}", item) for name, item in zip(names, node, strict=True)]
+            stack += [(f"{parent}.{name}", item) for name, item in zip(names, node, strict=True)]
         elif isinstance(node, dict):
             for key, value in node.items():
-                key_path = f"{place}.{key}".lstrip(".")
+                key_path = f"{parent}.{key}".lstrip(".")
                 names_file = key == "file" or key_path == "run.samples"
                 if names_file and isinstance(value, str) and value.isprintable():
                     yield key_path, value

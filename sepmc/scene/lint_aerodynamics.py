@@ -34,11 +34,11 @@ def lint_aerodynamics(scene: Scene) -> Iterator[str]:
         aero = body.aerodynamics
         if aero is None:
             continue
-        place = f"body.{name}.aerodynamics"
-        yield from _slopes(place, body, aero)
+        key_path = f"body.{name}.aerodynamics"
+        yield from _slopes(key_path, body, aero)
         if aero.table is not None:
-            yield from _transposed(f"{place}.table", aero.table)
-            yield from _axis_units(f"{place}.table", aero.table)
+            yield from _transposed(f"{key_path}.table", aero.table)
+            yield from _axis_units(f"{key_path}.table", aero.table)
 
 
 def _angles(scene: Scene) -> Iterator[str]:
@@ -53,15 +53,15 @@ def _angles(scene: Scene) -> Iterator[str]:
             f"motor.{motor.name}.{key}": getattr(motor, key)
             for key in ("cant", "clock", "deflection", "deflection_clock")
         }
-    for place, angle in angles.items():
+    for key_path, angle in angles.items():
         if abs(angle) > _TURN + 1e-9:
             yield (
-                f"{place} = {math.degrees(angle):.4g} deg ({angle:.4g} rad) is more than a turn: "
-                "is it in the other unit?"
+                f"{key_path} = {math.degrees(angle):.4g} deg ({angle:.4g} rad) is more than a "
+                "turn: is it in the other unit?"
             )
 
 
-def _axis_units(place: str, table: AeroTable) -> Iterator[str]:
+def _axis_units(key_path: str, table: AeroTable) -> Iterator[str]:
     """Axes of angles that look like radians in a key of degrees, or the other way round."""
     for key, axis in (("alpha", table.alpha), ("beta", table.beta)):
         if not axis:
@@ -69,28 +69,28 @@ def _axis_units(place: str, table: AeroTable) -> Iterator[str]:
         largest = max(map(abs, axis))
         if largest > _TURN + 1e-9:
             yield (
-                f"{place}.{key} reaches {math.degrees(largest):.4g} deg ({largest:.4g} rad): is "
+                f"{key_path}.{key} reaches {math.degrees(largest):.4g} deg ({largest:.4g} rad): is "
                 "it in the other unit?"
             )
         elif len(axis) > 2 and math.degrees(largest) < _RADIANS:
             yield (
-                f"{place}.{key} reaches {math.degrees(largest):.3g} deg only: is it in the other "
-                "unit?"
+                f"{key_path}.{key} reaches {math.degrees(largest):.3g} deg only: is it in the "
+                "other unit?"
             )
 
 
-def _slopes(place: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
+def _slopes(key_path: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
     """Slopes over alpha and beta that are weak as if per degree, or of the other sign."""
     normal, side = _slope(aero, "normal", "alpha"), _slope(aero, "side", "beta")
     for key, angle, slope in (("normal", "alpha", normal), ("side", "beta", side)):
         if _FLAT < abs(slope) < _WEAK_SLOPE and (key == "normal" or abs(slope) < 0.1 * abs(normal)):
             yield (
-                f"{place}.{key} changes by {slope:.3g} per rad of {angle}: is it per degree "
+                f"{key_path}.{key} changes by {slope:.3g} per rad of {angle}: is it per degree "
                 f'({math.degrees(1.0) * slope:.3g} per rad)? per = "deg" says so'
             )
     if normal > _FLAT and side < -_FLAT:
         yield (
-            f"{place}.side has the slope {side:.3g} per rad of beta: a positive C_Y points left "
+            f"{key_path}.side has the slope {side:.3g} per rad of beta: a positive C_Y points left "
             "here, so this force drives the body further aside; DATCOM's C_Y points right: "
             'convention = "datcom" says so'
         )
@@ -101,9 +101,9 @@ def _slopes(place: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
     yaw = _slope(aero, "yaw", "beta") - ahead * side
     if pitch < -_STABLE and yaw < -_STABLE:
         yield (
-            f"{place}: the body is statically stable in alpha (C_m {pitch:.3g} per rad) and not in "
-            f"beta (C_n {yaw:.3g} per rad); a positive C_n turns the nose right, into a sideslip "
-            "beta > 0: is the sign of yaw or of side meant otherwise?"
+            f"{key_path}: the body is statically stable in alpha (C_m {pitch:.3g} per rad) and not "
+            f"in beta (C_n {yaw:.3g} per rad); a positive C_n turns the nose right, into a "
+            "sideslip beta > 0: is the sign of yaw or of side meant otherwise?"
         )
 
 
@@ -125,7 +125,7 @@ def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
     return float(slope + slopes[int(np.argmax(np.abs(slopes)))])
 
 
-def _transposed(place: str, table: AeroTable) -> Iterator[str]:
+def _transposed(key_path: str, table: AeroTable) -> Iterator[str]:
     """Square grids in which a coefficient depends on another axis, hardly on its own angle."""
     axes = {key: axis for key in ("mach", "alpha", "beta") if (axis := getattr(table, key))}
     shape = [len(axis) for axis in axes.values()]
@@ -146,7 +146,7 @@ def _transposed(place: str, table: AeroTable) -> Iterator[str]:
         if by_other > 0.0 and by_own < _TURNED * by_other:
             other = next(key for key in axes if key != own)
             yield (
-                f"{place}.{coefficient} hardly depends on {own}, but on {other}: is the table "
+                f"{key_path}.{coefficient} hardly depends on {own}, but on {other}: is the table "
                 f"transposed? Its rows are those of {next(iter(axes))}"
             )
             return

@@ -156,7 +156,7 @@ def test_curves_that_are_refused(tmp_path, text, reason):
 def test_a_curve_at_ignition_has_no_rise():
     curve = parse_eng("C6 18 70 0 0.1 0.2 E\n0.0 10\n0.2 5\n")
     assert curve.time == [0.0, 0.2]
-    assert "ends at 5, not 0" in " ".join(curve.said)
+    assert "ends at 5, not 0" in " ".join(curve.understood)
 
 
 # -- aerodynamics --------------------------------------------------------------------------------
