@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from oracles import independent
 from scipy.interpolate import CubicSpline
+from support.pusher import MASSES, pusher_tree
 
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.diagnostics import file_notes
@@ -15,39 +16,17 @@ from sepmc.scene.read import parse_campaign
 
 EXTENSION = [0.0, 0.01, 0.025, 0.06, 0.1]
 FORCE = [5000.0, 4200.0, 3900.0, 1500.0, 400.0]
-MASSES = 300.0, 100.0
+PHASES = [
+    {"name": "held", "joints": {"ring": "fixed"}, "until": {"time_s": 0.01}},
+    {"name": "free"},
+]
+RUN = {"end_time_s": 0.4, "cases": 20, "seed": 1}
 
 
-def tree(table, spring=None, **more):
-    """Two bodies in vacuum that a pusher on their common axis separates."""
-    return {
-        "environment": {"atmosphere": "none", "gravity": "none"},
-        "body": {
-            name: {"mass_kg": mass, "inertia_kg_m2": [10.0, 50.0, 50.0], "cg_m": [x, 0.0, 0.0]}
-            for name, mass, x in (("aft", MASSES[0], 2.0), ("fore", MASSES[1], 0.0))
-        },
-        "joint": {"ring": {"bodies": ["aft", "fore"], "point_m": [1.0, 0.0, 0.0]}},
-        "spring": [
-            {
-                "name": "pusher",
-                "bodies": ["aft", "fore"],
-                "point_m": [1.0, 0.0, 0.0],
-                "axis": [1.0, 0.0, 0.0],
-                "table": table,
-            }
-            | (spring or {})
-        ],
-        "phase": [
-            {"name": "held", "joints": {"ring": "fixed"}, "until": {"time_s": 0.01}},
-            {"name": "free"},
-        ],
-        "initial": {"altitude_m": 1e5, "speed_m_s": 1000.0},
-        "run": {"end_time_s": 0.4, "cases": 20, "seed": 1},
-    } | more
-
-
-def campaign(*arguments, **more):
-    return Campaign(parse_campaign(tree(*arguments, **more), "pusher.toml"))
+def campaign(table, spring=None, **more):
+    """Campaign of two bodies, first held, that a pusher with a table separates."""
+    tree = pusher_tree({"table": table} | (spring or {}), phase=PHASES, run=RUN)
+    return Campaign(parse_campaign(tree | more, "pusher.toml"))
 
 
 def speed(energy):

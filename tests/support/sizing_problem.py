@@ -5,8 +5,9 @@ from statistics import NormalDist
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.sizing import Variable
 from sepmc.scene.read import parse_campaign
+from support.pusher import MASSES, pusher_tree
 
-MASSES, STROKE, SIGMA = (300.0, 100.0), 0.1, 0.1
+STROKE, SIGMA = 0.1, 0.1
 SPEED = {
     "name": "fast",
     "metric": "separation_speed_m_s",
@@ -19,29 +20,12 @@ FORCE = Variable("push", "spring.pusher.force_N", 1000.0, 6000.0)
 
 def campaign(*requirements):
     """Two bodies in vacuum, parted by a constant force of normal factor: the speed is known."""
-    tree = {
-        "environment": {"atmosphere": "none", "gravity": "none"},
-        "body": {
-            name: {"mass_kg": mass, "inertia_kg_m2": [10.0, 50.0, 50.0], "cg_m": [x, 0.0, 0.0]}
-            for name, mass, x in (("aft", MASSES[0], 2.0), ("fore", MASSES[1], 0.0))
-        },
-        "joint": {"ring": {"bodies": ["aft", "fore"], "point_m": [1.0, 0.0, 0.0]}},
-        "spring": [
-            {
-                "name": "pusher",
-                "bodies": ["aft", "fore"],
-                "point_m": [1.0, 0.0, 0.0],
-                "axis": [1.0, 0.0, 0.0],
-                "force_N": 3000.0,
-                "stroke_m": STROKE,
-            }
-        ],
-        "phase": [{"name": "free"}],
-        "initial": {"altitude_m": 1e5, "speed_m_s": 1000.0},
-        "run": {"end_time_s": 1.0, "cases": 100, "seed": 1},
-        "dispersion": {"spring.pusher.factor": {"normal": SIGMA, "truncate_sigma": 8}},
-        "requirement": list(requirements or [SPEED]),
-    }
+    tree = pusher_tree(
+        {"force_N": 3000.0, "stroke_m": STROKE},
+        run={"end_time_s": 1.0, "cases": 100, "seed": 1},
+        dispersion={"spring.pusher.factor": {"normal": SIGMA, "truncate_sigma": 8}},
+        requirement=list(requirements or [SPEED]),
+    )
     return Campaign(parse_campaign(tree, "pusher.toml"))
 
 
