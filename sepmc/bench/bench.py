@@ -179,7 +179,9 @@ def _parts(
     )
     if peers:
         keep("peers", peers(study, reference))
-    results["headlines"] = _headlines(study, frames)
+    cpu, compiled_for = (results["machine"][name] for name in ("cpu", "compiled_for"))
+    results["headlines"] = {"processor": cpu, "compiled for": compiled_for}
+    results["headlines"] |= _headlines(study, frames)
     study.say("\n" + text.render_headlines(results["headlines"]))
     write()
     return results, frames
