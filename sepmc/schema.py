@@ -514,7 +514,7 @@ def _distance_columns(contents: Contents) -> list[Column]:
 
 
 def audit_columns() -> list[Column]:
-    """Audit columns, in kernel order."""
+    """Audit columns, in the order of the outcomes; the kernel writes all but ``error``."""
     return [Column(name, unit, meaning) for name, unit, meaning, _ in _AUDIT]
 
 

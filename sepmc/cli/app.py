@@ -76,7 +76,7 @@ class _Sepmc(Program):
 )
 @click.version_option(__version__, prog_name="sepmc")
 def main() -> None:
-    """Prepare the process for a command."""
+    """Entry point of all commands. Makes garbage collection rare: a command ends soon."""
     gc_tuning.reduce_collections()
 
 

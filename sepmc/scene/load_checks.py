@@ -94,7 +94,7 @@ def check_loads(scene: Scene, problems: Problems) -> None:
 
 
 def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
-    """Check bodies and direction of a spring."""
+    """Check the bodies, the force table and the direction of a spring."""
     key_path = f"spring.{spring.name}"
     check_pair(f"{key_path}.bodies", spring.bodies, scene, problems)
     if spring.table is not None:

@@ -21,8 +21,8 @@ def selected_parts(scene: Scene, clearance: Clearance, side: int) -> list[Part]:
 
 
 def packed_runs(scene: Scene, clearance: Clearance, side: int) -> Iterator[tuple[int, int]]:
-    """First number and count of neighbours among the elements (a frustum or a point each, in the
-    order of the file) that a clearance names."""
+    """Runs of consecutive elements that a clearance names: index of the first, and count. An
+    element is a frustum or a point, in the order of the file."""
     chosen = set(selected_numbers(scene, clearance, side))
     first = end = position = 0
     for number, part in enumerate(scene.body[clearance.bodies[side]].outline):
