@@ -352,10 +352,19 @@ def _search(pair, motion, w, job):
     elif limit < 0.0:
         return True
     first, last = job + at.JOB_POSES, job + at.JOB_POSES + at.POSE * (at.POSES - 1)
-    if 0.5 * (_far(pair, w, first) + _far(pair, w, last) - speed * h) > limit:
+    move = speed * h  # at most, so that the distance is at least half of: both ends - move
+    at_first = _far(pair, w, first)
+    if at_first - move > limit:
         return True
-    left, static = job + at.JOB_NODES, not speed * h > tiny
+    at_last = _far(pair, w, last)
+    if 0.5 * (at_first + at_last - move) > limit:
+        return True
+    left, static = job + at.JOB_NODES, not move > tiny
     for end in range(1 if static else 2):
+        if end == 1 and not _is_rim(kind):
+            known = w[left + _VALUE]  # most pairs that are never the nearest end here
+            if 0.5 * (known + at_last - move) > w[job + at.JOB_RESULT]:
+                return True
         node = left + at.NODE * end
         for n in range(at.POSE):
             w[node + _POSE + n] = w[(last if end else first) + n]
