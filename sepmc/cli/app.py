@@ -5,6 +5,7 @@ from typing import Any
 import click
 
 from sepmc import __version__, gc_tuning
+from sepmc.cli.allocate import allocate
 from sepmc.cli.bench import bench
 from sepmc.cli.campaign import campaign
 from sepmc.cli.check import check
@@ -93,6 +94,7 @@ for _command in (
     compare,
     map_,
     size,
+    allocate,
     scenarios,
     report,
     export,
