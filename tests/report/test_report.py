@@ -243,3 +243,15 @@ def test_options(run, tmp_path):
     wrong = call("report", tmp_path)
     assert wrong.exit_code == 2
     assert str(tmp_path) in wrong.stderr
+
+
+@pytest.mark.slow
+def test_chosen_cases_are_replayed(run):
+    """Besides the worst ones; a number that the run does not have is refused."""
+    wrong = call("report", run, "--replays", "3,60")
+    assert wrong.exit_code == 2
+    assert "--case 60 is none of them" in wrong.stderr
+    called = call("report", run, "--no-replay", "--replays", "17,3")
+    assert called.exit_code == 0, called.output
+    text = (run / "report.html").read_text(encoding="utf-8")
+    assert re.findall(r'<h3 id="case-(\d+)">', text) == ["3", "17"]

@@ -29,7 +29,7 @@ class Page:
 
     def __init__(self, path: Path, scripts: bool = True, size: tuple[int, int] = (1300, 1000)):
         assert CHROMIUM is not None
-        self.profile = tempfile.TemporaryDirectory()
+        self.profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         to_child, self.write_end = os.pipe()
         self.read_end, from_child = os.pipe()
         os.set_inheritable(to_child, True)
