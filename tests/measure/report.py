@@ -17,7 +17,7 @@ import sepmc
 from sepmc.cli import app
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from support.browser import Page  # noqa: E402
+from support.browser import Page
 
 CASES, REPLAYS = 200, range(10, 20)
 

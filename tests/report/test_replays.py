@@ -383,7 +383,7 @@ def test_readable_without_scripts(path):
         layout = nodes["documents"][0]
         names = [texts[k] for k in layout["nodes"]["nodeName"]]
         shown = {names[k] for k in layout["layout"]["nodeIndex"]}
-        assert {"speed_m_", "case 8"} <= {texts[k] for k in layout["layout"]["text"]}
+        assert {"speed_", "case 8"} <= {texts[k] for k in layout["layout"]["text"]}
         assert {"TABLE", "A", "H3"} <= shown
         assert not {"CANVAS", "INPUT", "BUTTON", "CODE"} & shown
 
