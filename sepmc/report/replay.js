@@ -32,6 +32,7 @@
   const SIDES = 32;  // of a circle
   const COLOURS = { thrust: "#D55E00", constraint: "#000000" };
   const ARROW = 0.25;  // length of the largest arrow / radius of the view
+  const LEAST = 1e-4;  // smallest force with an arrow / largest one
   const VIEWS = { "3-D": [-0.6, 0.35], side: [0, 0], top: [0, Math.PI / 2], rear: [-Math.PI / 2, 0] };
   const canvas = $("canvas"), slider = $("slider"), play = $("play"), select = $("case"),
     follow = $("follow"), ghost = $("ghost"), context = canvas.getContext("2d");
@@ -218,8 +219,9 @@
       const force = at(arrow.force, row, 3), own = pose(shown, row, arrow.body);
       const start = placed(own, arrow.at);
       if (arrow.kind === "constraint") dotAt(seen(start), isActive(arrow) ? 4 : 2, COLOURS.constraint);
-      const length = ARROW * shown.reach[row] / (shown.largest[arrow.kind] || 1);
-      if (size(force) * length < 0.01 * shown.reach[row]) continue;
+      if (size(force) < LEAST * shown.largest[arrow.kind] || !size(force)) continue;
+      // by the square root, so that small forces are seen beside large ones
+      const length = ARROW * shown.reach[row] / Math.sqrt(size(force) * shown.largest[arrow.kind]);
       arrowTo(flat(seen(start)), flat(seen(add(start, times(length, force)))), COLOURS[arrow.kind]);
     }
     for (const { line } of shown.distances) {
