@@ -88,7 +88,7 @@ def parse_message(text: str, kind: str) -> tuple[str, list[Segment]]:
     -------
     version : str
     segments : list of Segment
-        Rows as they stand; covariances are left out.
+        Rows as they stand, of an OEM without accelerations; covariances are left out.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def parse_message(text: str, kind: str) -> tuple[str, list[Segment]]:
         elif equal and where == "metadata":
             segments[-1].metadata[keyword] = value
         elif where == "data" and segments and not equal:
-            _add_row(segments[-1], line, n)
+            _add_row(segments[-1], line, n, kind)
         elif where not in ("covariance", "header"):
             raise FormatError(f"line {n}: {shorten(line)} is no row of numbers")
     if not version:
@@ -129,7 +129,7 @@ def parse_message(text: str, kind: str) -> tuple[str, list[Segment]]:
     return version, [segment for segment in segments if segment.rows]
 
 
-def _add_row(segment: Segment, line: str, n: int) -> None:
+def _add_row(segment: Segment, line: str, n: int, kind: str) -> None:
     cells = line.split()
     epoch = seconds_of(cells[0])
     if epoch is None:
@@ -142,8 +142,17 @@ def _add_row(segment: Segment, line: str, n: int) -> None:
         raise FormatError(f"line {n}: {shorten(line)} is no row of numbers") from None
     if not all(map(math.isfinite, row)):
         raise FormatError(f"line {n}: {shorten(line)} has a number that is not finite")
+    if kind == "OEM":
+        if len(row) not in (6, 9):
+            raise FormatError(
+                f"line {n}: has {len(row)} numbers; must be position and velocity, and an "
+                "acceleration or none"
+            )
+        row = row[:6]
     if segment.rows and len(row) != len(segment.rows[0]):
         raise FormatError(f"line {n}: has {len(row)} numbers, the row above {len(segment.rows[0])}")
+    if segment.epochs and epoch == segment.epochs[-1] and row == segment.rows[-1]:
+        return  # a row twice
     if segment.epochs and epoch <= segment.epochs[-1]:
         raise FormatError(f"line {n}: the epoch {cells[0]} is not after that of the row above")
     segment.epochs.append(epoch)
@@ -268,11 +277,6 @@ def _frame(segment: Segment) -> tuple[str, float]:
 def _state(segment: Segment, epoch: float) -> tuple[np.ndarray, np.ndarray]:
     """Position, m, and velocity, m/s, at an epoch: cubic through states and velocities."""
     rows = np.array(segment.rows)
-    if rows.shape[1] not in (6, 9):
-        raise FormatError(
-            f"line {segment.line}: has rows of {rows.shape[1]} numbers; must be position and "
-            "velocity, and accelerations or none"
-        )
     times = np.array(segment.epochs) - segment.epochs[0]
     positions, velocities = 1e3 * rows[:, :3], 1e3 * rows[:, 3:6]
     if len(times) == 1:

@@ -110,7 +110,7 @@ def parse_xml(text: str) -> Element:
     Raises
     ------
     FormatError
-        If it is no XML, or has a document type: entities of files of others are not expanded.
+        If it is no XML, or has entities of its own.
     """
     parser = expat.ParserCreate("utf-8")
     parser.buffer_text = True
@@ -130,14 +130,18 @@ def parse_xml(text: str) -> Element:
     def data(piece: str) -> None:
         open_elements[-1].text += piece
 
-    def document_type(*_: object) -> None:
+    def refuse(*_: object) -> None:
         raise FormatError(
-            f"line {parser.CurrentLineNumber}: has a document type; remove it, as entities are not "
-            "expanded"
+            f"line {parser.CurrentLineNumber}: has entities of its own, which are not expanded"
         )
+
+    def document_type(_: str, __: str | None, ___: str | None, has_declarations: bool) -> None:
+        if has_declarations:  # the name of an external one is never opened
+            refuse()
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = data, document_type
+    parser.SkippedEntityHandler = refuse
     try:
         parser.Parse(text.encode("utf-8", errors="replace"), True)
     except expat.ExpatError as error:

@@ -185,7 +185,7 @@ def test_campaign_has_the_state_and_its_own_keys(tmp_path):
         (("CCSDS_OEM_VERS", "CCSDS_OPM_VERS"), "line 1: begins with"),
         (("CCSDS_OEM_VERS = 2.0", "<?xml version='1.0'?>"), "is XML"),
         (("META_STOP", "META_END"), "line 10: 'META_END' is no row of numbers"),
-        (("0.0 1.0 0.0", "0.0 1.0"), "rows of 5 numbers"),
+        (("0.0 1.0 0.0", "0.0 1.0"), "line 12: has 5 numbers; must be position"),
     ],
 )
 def test_faults_are_named_with_their_line(tmp_path, change, reason):
@@ -230,7 +230,8 @@ def test_covariances_and_segments(tmp_path):
     path = oem(tmp_path, (10.0, 6500.0, 0.0, 0.0, 0.0, 1.0, 0.0))
     text = path.read_text() + "\nCOVARIANCE_START\nEPOCH = 2026-03-01T00:00:10\n1e-3\n"
     text += "1e-4 2e-3\nCOVARIANCE_STOP\nMETA_START\nCENTER_NAME = EARTH\nMETA_STOP\n"
-    text += "2026-03-02T00:00:00 7000 0 0 0 1 0\n"
+    text += "2026-03-02T00:00:00 7000 0 0 0 1 0\n2026-03-02T00:00:09 7000 9 0 0 1 0 .1 .2 .3\n"
     version, segments = parse_message(text, "OEM")
     assert (version, len(segments)) == ("2.0", 2)
-    assert [len(each.rows) for each in segments] == [1, 1]
+    assert [len(each.rows) for each in segments] == [1, 2]
+    assert segments[1].rows[1] == [7000.0, 9.0, 0.0, 0.0, 1.0, 0.0]
