@@ -6,6 +6,7 @@ from typing import Any
 
 from sepmc.formats.ccsds import read_initial
 from sepmc.formats.datcom import is_datcom, read_datcom
+from sepmc.formats.daveml import read_daveml
 from sepmc.formats.decks import read_deck
 from sepmc.formats.mass import read_mass
 from sepmc.formats.soundings import read_air, read_wind
@@ -17,7 +18,7 @@ from sepmc.scene.units import UNITS, split_unit
 _ENDINGS = (".csv", ".txt", ".dat", ".tsv", ".parquet")
 _ENDINGS_OF = {
     "thrust": (".eng",),
-    "deck": (".out",),
+    "deck": (".out", ".dml"),
     "initial": (".oem",),
     "mass": (".urdf", ".xml", ".mjcf"),
 }
@@ -116,6 +117,11 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
                 else:
                     keys, sentences = read_mass(path, options)
                 _move(key_path, kind, owner, keys, problems)
+            elif kind == "deck" and path.suffix.lower() == ".dml":
+                table_read, sentences = read_daveml(path, options)
+                if "interpolation" in table:
+                    del table_read["interpolation"]
+                _fill(key_path, table, table_read, problems)
             elif kind == "deck" and is_datcom(path):
                 table_read, sentences = read_datcom(path, options, owner)
                 _fill(key_path, table, table_read, problems)

@@ -71,7 +71,18 @@ _JSBSIM = (
     '<emptywt unit="LBS"> 300 </emptywt><location name="CG" unit="M"><x>1</x><y>0</y><z>0</z>\n'
     "</location></mass_balance></fdm_config>"
 )
+_DAVEML = (
+    '<?xml version="1.0"?><!DOCTYPE DAVEfunc SYSTEM "DAVEfunc.dtd"><DAVEfunc>\n'
+    '<variableDef name="machNumber" varID="M"/><variableDef name="alpha" varID="a" units="deg"/>\n'
+    '<variableDef name="Cm" varID="c"/><breakpointDef bpID="x"><bpVals>1, 2</bpVals>\n'
+    '</breakpointDef><breakpointDef bpID="y"><bpVals>-5 0 5</bpVals></breakpointDef>\n'
+    '<griddedTableDef gtID="t"><breakpointRefs><bpRef bpID="x"/><bpRef bpID="y"/>\n'
+    "</breakpointRefs><dataTable>1,2,3\n4,5,6</dataTable></griddedTableDef><function>\n"
+    '<independentVarRef varID="M"/><independentVarRef varID="a"/><dependentVarRef varID="c"/>\n'
+    '<functionDefn><griddedTableRef gtID="t"/></functionDefn></function></DAVEfunc>'
+)
 SEEDS += (
+    (".dml", "aero", _DAVEML),
     (".oem", "initial", _OEM),
     (".oem", "initial", _OEM.replace("EME2000", "ITRF").replace("\n2026-03-01T00:00:09", "\n")),
     (".aem", "initial", _AEM.format("QUATERNION\nQUATERNION_TYPE = LAST", "0 0 0 1", "0 0 .1 1")),
