@@ -172,7 +172,7 @@ def compare_flight(
         if len(time) < 2:
             raise InputError(
                 f"{name}: the flight has {len(time)} samples within the run, 0 to "
-                f"{histories.end:g} s, at a clock shift of {shift.value:.6g} s"
+                f"{histories.end:g} s, at a clock shift of {shift.value:.14g} s"
             )
         cases = _at(histories.values[:, i], histories.step, time)
         nominal = _at(histories.nominal[None, i], histories.step, time)[0]

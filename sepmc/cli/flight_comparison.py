@@ -169,9 +169,9 @@ def render_flight(summary: dict[str, Any], width: int, folder: Path) -> str:
     def number(value: float | None, digits: int = 4) -> str:
         return "-" if value is None else f"{value:.{digits}g}"
 
-    shift = f"{summary['clock_shift_s']:.9g} s"
-    how = "given"
+    shift, how = f"{summary['clock_shift_s']:.15g} s", "given"
     if summary["clock_shift_is_estimated"]:
+        shift = f"{summary['clock_shift_s']:.6f} s"  # of clocks since 1970, too
         how = f"estimated, standard error {number(summary['clock_shift_error_s'], 2)} s"
     rows = [
         ("channel", "unit", "samples", "noise", "envelope used", "at s", "inside 99 %",

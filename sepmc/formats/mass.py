@@ -206,12 +206,14 @@ def _mjcf(root: Element, name: Any) -> MassProperties:
         sentence = f"body {called} of MJCF: fullinertia are tensor entries 11, 22, 33, 12, 13, 23"
         return MassProperties(mass, center, _tensor(entries[:3], entries[3:]), sentence)
     moments = _attribute(inertial, "diaginertia", 3)
-    turn = _orientation(inertial, compiler)
+    turn = _orientation(inertial, compiler, next(root.all("include"), None))
     sentence = f"body {called} of MJCF: moments about its principal axes"
     return MassProperties(mass, center, turn @ np.diag(moments) @ turn.T, sentence)
 
 
-def _orientation(inertial: Element, compiler: dict[str, str]) -> np.ndarray:
+def _orientation(
+    inertial: Element, compiler: dict[str, str], include: Element | None
+) -> np.ndarray:
     """Matrix from the axes of an inertial to those of its body."""
     known = [k for k in ("quat", "euler", "axisangle", "xyaxes", "zaxis")
              if k in inertial.attributes]  # fmt: skip
@@ -220,6 +222,11 @@ def _orientation(inertial: Element, compiler: dict[str, str]) -> np.ndarray:
     if len(known) > 1:
         raise FormatError(f"line {inertial.line}: inertial has {known[0]} and {known[1]}")
     kind = known[0]
+    if include is not None and kind in ("euler", "axisangle"):
+        raise FormatError(
+            f"line {include.line}: an included file may say how {kind} is meant; write the model "
+            "out by MuJoCo first"
+        )
     is_degree = compiler.get("angle", "degree") == "degree"
     counts = {"quat": 4, "euler": 3, "axisangle": 4, "xyaxes": 6, "zaxis": 3}
     values = np.array(_attribute(inertial, kind, counts[kind]))

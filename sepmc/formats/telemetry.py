@@ -142,15 +142,16 @@ def read_telemetry(
         if len(falling):
             k = int(falling[0])
             raise FormatError(
-                f"channel {own.channel}: the time falls from {times[k]:.9g} to {times[k + 1]:.9g} "
+                f"channel {own.channel}: the time falls from {times[k]:.14g} to {times[k + 1]:.14g} "
                 f"s at its sample {k + 1}"
             )
         result[each.column] = times, values
         factor = "" if own.factor == 1.0 else f"{own.factor:g} * "
         assumed = ", which the file does not say" if is_assumed else ""
+        span = f"{times[0]:.14g} to {times[-1]:.14g} s"
         understood.append(
             f"{each.column} = {factor}{own.channel}, in {unit_text(unit)}{assumed}: {len(times)} "
-            f"samples, {times[0]:.6g} to {times[-1]:.6g} s"
+            f"samples, {span}"
         )
     return result, understood
 

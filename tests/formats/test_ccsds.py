@@ -108,7 +108,7 @@ def euler_row(matrix):
     return Rotation.from_matrix(matrix).as_euler("ZYX", degrees=True)
 
 
-@pytest.mark.parametrize("form", ["last", "first", "euler", "body-first"])
+@pytest.mark.parametrize("form", ["last", "first", "euler", "body-first", "b2a"])
 def test_attitude_of_a_body_of_field_axes(tmp_path, form):
     """Nose to the north of the velocity's azimuth, 20 deg up, right wing 10 deg down.
 
@@ -131,7 +131,12 @@ def test_attitude_of_a_body_of_field_axes(tmp_path, form):
         row, extra, kind = euler_row(body), "EULER_ROT_SEQ = 321", "EULER_ANGLE"
     elif form == "body-first":
         row, frames = Rotation.from_quat(q).inv().as_quat(), frames[::-1]
+    elif form == "b2a":
+        row = Rotation.from_quat(q).inv().as_quat()
     attitude = aem(tmp_path, (10.0, *row), extra=extra, kind=kind, frames=frames)
+    if form == "b2a":
+        file = tmp_path / "s.aem"
+        file.write_text(file.read_text().replace("A2B", "B2A"))
     keys, understood = read_initial(path, {"attitude": attitude})
     assert_allclose(keys["pitch_deg"], 20.0, atol=1e-9)
     assert_allclose(keys["alpha_deg"], 20.0, atol=1e-9)

@@ -10,7 +10,7 @@ from sepmc.formats.text_table import FormatError
 from sepmc.scene.messages import Problems
 
 HEAD = """<?xml version="1.0"?>
-<!DOCTYPE DAVEfunc PUBLIC "-//NASA//DTD for Flight Dynamic Models - Functions 2.0//EN" "DAVEfunc.dtd">
+<!DOCTYPE DAVEfunc PUBLIC "-//NASA//DTD for Flight Dynamic Models 2.0//EN" "DAVEfunc.dtd">
 <DAVEfunc xmlns="http://daveml.org/2010/DAVEML">
 <variableDef name="machNumber" varID="M" units="nd"/>
 <variableDef name="angleOfAttack" varID="al" units="deg"/>
@@ -86,7 +86,7 @@ def test_side_force_to_the_right_turns_its_sign(tmp_path):
 
 def test_variables_are_named_by_columns(tmp_path):
     parts = points("cm_sym", "CLM_sym", "de", "-20 20", "0.1 -0.1")
-    with pytest.raises(FormatError, match="has no table over .*tables: cm_sym"):
+    with pytest.raises(FormatError, match=r"has no table over .*tables: cm_sym"):
         read(tmp_path, parts)
     columns = {"alpha": "elevator", "pitch": {"column": "CLM_sym", "scale": 2.0}}
     table, _ = read(tmp_path, parts, columns=columns)

@@ -228,6 +228,13 @@ def test_faults_of_mjcf(tmp_path, change, reason):
         read_mass(tmp_path / "m.xml", {"axes": "forward-left-up"})
 
 
+def test_angles_of_a_model_with_includes_are_refused(tmp_path):
+    text = mjcf('diaginertia="1 2 2" euler="10 0 0"', "<include file='other.xml'/>")
+    (tmp_path / "m.xml").write_text(text)
+    with pytest.raises(FormatError, match="line 2: an included file may say how euler is meant"):
+        read_mass(tmp_path / "m.xml", {"axes": "forward-left-up"})
+
+
 def test_unit_that_is_none(tmp_path):
     (tmp_path / "m.xml").write_text(jsbsim().replace("KG*M2", "LB*FT2"))
     with pytest.raises(FormatError, match=r"line 4: ixx is in 'LB\*FT2'; must be of SLUG\*FT2"):

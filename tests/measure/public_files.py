@@ -6,13 +6,15 @@ Every file below the folder is read by its ending: ``.eng`` as thrust curves (ea
 impulse against the trapezoid of the numbers of the file, from a parser of its own, to 1e-12),
 ``.csv`` and ``.txt`` as decks, air or wind, ``for006.dat`` and ``.out`` as decks of DATCOM,
 messages of CCSDS by their first line (the state at every hundredth row; its height between those
-above a sphere of the polar and of the equatorial radius), ``.urdf`` and ``.xml`` as masses (each
-link or body; mass, centre and the invariants of the tensor of URDF against numbers read by another
-parser). Prints the count of each outcome, and every reason; ends with code 1 if one was read wrong
-or failed with a traceback. Nothing of such a folder belongs into this repository.
+above a sphere of the polar and of the equatorial radius), ``.dml`` as decks, ``.urdf``, ``.xml``
+and ``.mjcf`` as masses (each link or body; mass, centre and the invariants of the tensor against
+numbers read by another parser). Prints the count of each outcome, and every reason; ends with code
+1 if one was read wrong or failed with a traceback. Nothing of such a folder belongs into this
+repository.
 
 Read so: all models of JSBSim-Team/jsbsim (``aircraft/*/*.xml``), Daniella1/urdf_files_dataset
-(``*.urdf``), messages of CS-SI/Orekit (``src/test/resources/ccsds``) and bradsease/oem.
+(``*.urdf``) and Farama-Foundation/Gymnasium-Robotics (``*.xml``), messages of CS-SI/Orekit
+(``src/test/resources/ccsds``) and bradsease/oem, examples of bjax/DAVE-ML-Schema (``*.dml``).
 """
 
 import re
@@ -26,6 +28,7 @@ import numpy as np
 
 from sepmc.formats.ccsds import parse_message, read_initial
 from sepmc.formats.datcom import is_datcom, parse_datcom
+from sepmc.formats.daveml import read_daveml
 from sepmc.formats.decks import read_deck
 from sepmc.formats.mass import read_mass
 from sepmc.formats.soundings import read_air, read_wind
@@ -121,6 +124,28 @@ def check_message(file: Path, kind: str) -> list[str]:
     return ["read as OEM"]
 
 
+def check_model(file: Path) -> list[str]:
+    """Outcome of a model of DAVE-ML."""
+    try:
+        read_daveml(file, {})
+    except FormatError as error:
+        return [f"refused: {error}"]
+    return ["read as DAVE-ML"]
+
+
+def _numbers_of(inertial):
+    """Mass, centre and entries of the tensor, but for turns, of an inertial of URDF or MJCF."""
+    if inertial.find("mass") is None:
+        full = inertial.get("fullinertia", inertial.get("diaginertia", "")).split()
+        entries = [float(x) for x in full] + [0.0] * (6 - len(full))
+        return float(inertial.get("mass")), map(float, inertial.get("pos").split()), entries
+    numbers = {k: float(v) for k, v in inertial.find("inertia").attrib.items()}
+    origin = inertial.find("origin")
+    text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+    entries = [numbers.get(k, 0.0) for k in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")]
+    return float(inertial.find("mass").get("value")), map(float, text.split()), entries
+
+
 def check_masses(file: Path) -> list[str]:
     """Outcomes of the links or bodies of a model."""
     try:
@@ -138,29 +163,22 @@ def check_masses(file: Path) -> list[str]:
         except FormatError as error:
             outcomes.append(f"refused: {error}")
             continue
-        if tag != "link":
+        if not tag:
             outcomes.append(f"read as {root.tag}")
             continue
-        inertial = element.find("inertial")
-        numbers = {k: float(v) for k, v in inertial.find("inertia").attrib.items()}
-        xx, yy, zz, xy, xz, yz = (
-            numbers.get(k, 0.0) for k in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-        )
+        mass, (x, y, z), (xx, yy, zz, xy, xz, yz) = _numbers_of(element.find("inertial"))
         invariants = (
             xx + yy + zz,
             xx * yy + yy * zz + zz * xx - xy**2 - xz**2 - yz**2,
             xx * yy * zz + 2 * xy * xz * yz - xx * yz**2 - yy * xz**2 - zz * xy**2,
         )
         own = np.poly(np.array(keys["inertia_tensor_kg_m2"]))[1:] * (-1, 1, -1)
-        origin = inertial.find("origin")
-        text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
-        x, y, z = map(float, text.split())
         same = (
             np.allclose(own, invariants, rtol=1e-6, atol=1e-9 * max(map(abs, invariants)))
-            and keys["mass_kg"] == float(inertial.find("mass").get("value"))
+            and keys["mass_kg"] == mass
             and np.allclose(keys["cg_m"], [-x, y, z], rtol=0, atol=1e-12)
         )
-        outcomes.append("read as link" if same else f"WRONG: {name}: {keys}")
+        outcomes.append(f"read as {tag}" if same else f"WRONG: {name}: {keys}")
     return outcomes
 
 
@@ -168,7 +186,8 @@ def check_of(file: Path):
     """The check of a file, by its ending and its first line."""
     if match := re.match(rb"(?:\xef\xbb\xbf)?\s*CCSDS_(OEM|AEM)_VERS", file.read_bytes()[:200]):
         return lambda path: check_message(path, match[1].decode())
-    endings = {".eng": check_curves, ".urdf": check_masses, ".xml": check_masses}
+    endings = {".eng": check_curves, ".dml": check_model}
+    endings |= dict.fromkeys((".urdf", ".xml", ".mjcf"), check_masses)
     return endings.get(file.suffix.lower(), check_table)
 
 
