@@ -142,8 +142,8 @@ def read_telemetry(
         if len(falling):
             k = int(falling[0])
             raise FormatError(
-                f"channel {own.channel}: the time falls from {times[k]:.14g} to {times[k + 1]:.14g} "
-                f"s at its sample {k + 1}"
+                f"channel {own.channel}: the time falls from {times[k]:.14g} to "
+                f"{times[k + 1]:.14g} s at its sample {k + 1}"
             )
         result[each.column] = times, values
         factor = "" if own.factor == 1.0 else f"{own.factor:g} * "
