@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -14,10 +15,12 @@ import numpy as np
 from sepmc.formats.columns import plain, split_header, values_in_si
 from sepmc.formats.text_table import FormatError, read_bytes, read_table
 from sepmc.paths import EXTRA
+from sepmc.processes import processes
 from sepmc.scene.messages import InputError, nearest, printable, shorten
 from sepmc.scene.units import UNITS, split_unit, unit_kind, unit_text
 
 FILE_BYTES = 200_000_000  # of a file
+_LONGEST_S = 300.0  # that a library may take
 _MAP = re.compile(r"([+-]?)\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*)?\s*(.+?)\s*")
 _UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 _TIMES = ("time", "t", "times", "timestamp", "timestamps", "timesec", "seconds")
@@ -229,18 +232,30 @@ def _channels(path: Path, time: str | None) -> dict[str, _Raw]:
                 f"{path.name}: needs {_PACKAGES[suffix]}, of the extra telemetry "
                 f"({EXTRA.format('telemetry')})"
             ) from None
+    # in a process of its own: damaged files can crash or stall these libraries
+    with processes(1) as pool:
+        try:
+            channels = pool.submit(_by_library, path, time).result(timeout=_LONGEST_S)
+        except BrokenExecutor:
+            raise FormatError("is damaged: the library that reads it crashes") from None
+        except TimeoutError:
+            raise FormatError(f"takes more than {_LONGEST_S:.0f} s to read") from None
+    if not channels:
+        raise FormatError("has no channel of numbers over time")
+    return channels
+
+
+def _by_library(path: Path, time: str | None) -> dict[str, _Raw]:
+    """Channels of a file that a library reads."""
     readers: dict[str, Callable[[Path, str | None], dict[str, _Raw]]]
     readers = {".mat": _of_matlab, ".mf4": _of_mdf, ".mdf": _of_mdf, ".tdms": _of_tdms}
     try:
-        channels = readers[suffix](path, time)
+        return readers[path.suffix.lower()](path, time)
     except FormatError:
         raise
     except Exception as error:  # what libraries raise on damaged files has no common type
         reason = printable(str(error).partition("\n")[0])
         raise FormatError(f"cannot be read: {reason or type(error).__name__}") from None
-    if not channels:
-        raise FormatError("has no channel of numbers over time")
-    return channels
 
 
 def _of_table(

@@ -5,7 +5,9 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 from scipy.io import savemat
+from support import ended_process
 
+from sepmc.formats import telemetry
 from sepmc.formats.telemetry import MappedChannel, parse_map, read_telemetry
 from sepmc.formats.text_table import FormatError
 from sepmc.scene.messages import InputError
@@ -112,6 +114,13 @@ def test_matlab_vectors_and_structs_with_their_own_time(tmp_path):
     channels, _ = read(tmp_path / "f.mat", "upper_omega_y_deg_s=gyro", "signal_gain=imu.acc")
     assert_allclose(channels["upper_omega_y_deg_s"], [TIME, RATE])
     assert_allclose(channels["signal_gain"], [TIME[:3] + 7.0, RATE[:3]])
+
+
+def test_file_whose_library_ends_the_process_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(telemetry, "_by_library", ended_process.end)
+    savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})
+    with pytest.raises(FormatError, match="the library that reads it crashes"):
+        read(tmp_path / "f.mat", "signal_gain=gyro")
 
 
 @pytest.mark.parametrize("ending", [".mat", ".mf4", ".tdms", ".parquet", ".csv"])

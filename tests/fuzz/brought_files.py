@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.io import savemat
 
 from fuzz.places import scratch
 from fuzz.watch import Wrong, turns
@@ -94,7 +93,6 @@ SEEDS += (
     (".xml", "mass", _JSBSIM),
     (".csv", "flight", "time (s);upper_omega_y_rad_s;acc [m/s2]\n0;1;2\n0.5;2;\n1;nan;3\n"),
     (".csv", "flight", "t,gyro_y (deg/s),x\n0,1,2\n0.5,2,1\n1,2,3\n"),
-    (".mat", "flight", ""),
     (".parquet", "flight", ""),
 )
 _AXES = ("forward-left-up", "aft-right-up", "up-up-up", 3, None)
@@ -126,7 +124,7 @@ def files(rng, count, until, tried):
     with scratch() as folder:
         for number in turns(count, until, tried):
             ending, kind, text = rng.choice(SEEDS)
-            data = _damaged(rng, text) if text else _damaged_bytes(rng, ending)
+            data = _damaged(rng, text) if text else _damaged_bytes(rng)
             path = (
                 folder / f"{number % 8}{rng.choice((ending, ending, ending, '.csv', '.parquet'))}"
             )
@@ -157,9 +155,9 @@ def _options(rng, kind, folder):
     return {key: value for key, value in options.items() if value is not None}
 
 
-def _damaged_bytes(rng, ending):
-    """A binary file of telemetry with some bytes changed, left out or doubled."""
-    data = bytearray(_binary(ending))
+def _damaged_bytes(rng):
+    """A Parquet file of telemetry with some bytes changed, left out or doubled."""
+    data = bytearray(_binary())
     for _ in range(rng.choice((0, 1, 1, 2, 4))):
         at = rng.randrange(len(data))
         way = rng.randrange(3)
@@ -173,14 +171,11 @@ def _damaged_bytes(rng, ending):
 
 
 @cache
-def _binary(ending):
-    """A small file of telemetry."""
+def _binary():
+    """A small Parquet file of telemetry."""
     time = np.arange(6) * 0.1
     stream = BytesIO()
-    if ending == ".mat":
-        savemat(stream, {"t": time, "x": time**2, "a": {"time": time[:3], "x": time[:3]}})
-    else:
-        pd.DataFrame({"time_s": time, "gyro_y": time**2, "x": time}).to_parquet(stream)
+    pd.DataFrame({"time_s": time, "gyro_y": time**2, "x": time}).to_parquet(stream)
     return stream.getvalue()
 
 
