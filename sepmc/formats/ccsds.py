@@ -23,6 +23,7 @@ _INERTIAL = ("EME2000", "J2000", "GCRF", "ICRF", "TOD", "TEME", "MOD")
 _SAME = {"J2000": "EME2000", "GCRF": "EME2000", "ICRF": "EME2000"}
 _EPOCH = re.compile(r"(\d{4})-(\d{2})-(\d{2})T(\d{2}):(\d{2}):(\d{2}(?:\.\d*)?)Z?")
 _DAY = re.compile(r"(\d{4})-(\d{3})T(\d{2}):(\d{2}):(\d{2}(?:\.\d*)?)Z?")
+_DISAGREEMENT = 0.1  # of positions and velocities, relative; 10 min of a low orbit have 0.04
 _LEVEL = 1e-3  # horizontal part of a velocity below which it has no azimuth
 _EULER = {"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"}
 
@@ -225,9 +226,9 @@ def read_initial(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], l
         f"ground x to azimuth {azimuth:.6g} deg; path_pitch {path_pitch:.6g} deg",
     ]
     keys: dict[str, Any] = {
-        "altitude_m": altitude,
+        "altitude_m": float(altitude),
         "speed_m_s": speed,
-        "path_yaw_deg": path_yaw + 0.0,
+        "path_yaw_deg": float(path_yaw) + 0.0,
     }
     if options.get("attitude") is None:
         keys["pitch_deg"] = path_pitch
@@ -279,11 +280,20 @@ def _state(segment: Segment, epoch: float) -> tuple[np.ndarray, np.ndarray]:
     rows = np.array(segment.rows)
     times = np.array(segment.epochs) - segment.epochs[0]
     positions, velocities = 1e3 * rows[:, :3], 1e3 * rows[:, 3:6]
-    if len(times) == 1:
-        position, velocity = positions[0], velocities[0]
+    exact = np.flatnonzero(times == epoch - segment.epochs[0])
+    if len(exact):
+        position, velocity = positions[exact[0]], velocities[exact[0]]
     else:
         k = int(np.clip(np.searchsorted(times, epoch - segment.epochs[0]) - 1, 0, len(times) - 2))
         pair = slice(k, k + 2)
+        chord = np.diff(positions[pair], axis=0)[0] / (times[k + 1] - times[k])
+        mean = velocities[pair].mean(axis=0)
+        if np.linalg.norm(chord - mean) > _DISAGREEMENT * np.linalg.norm(mean):
+            raise FormatError(
+                f"line {segment.line}: about the epoch, positions change by "
+                f"{np.linalg.norm(chord) / 1e3:.6g} km/s where velocities are "
+                f"{np.linalg.norm(mean) / 1e3:.6g} km/s; are rows missing?"
+            )
         curve = CubicHermiteSpline(times[pair], positions[pair], velocities[pair])
         at = epoch - segment.epochs[0]
         position, velocity = curve(at), curve(at, 1)

@@ -1,5 +1,6 @@
 """Files that a campaign names: read to tables of its tree, so that the tree is complete."""
 
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -192,6 +193,9 @@ def _thrust(
             problems.add(f"{key_path}.{wanted}", "scales a curve of forces of a positive impulse")
             return understood
         factor = value * size / curve.impulse
+        if not math.isfinite(factor * max(map(abs, curve.thrust))):
+            problems.add(f"{key_path}.{wanted}", "is too large for a curve of almost no duration")
+            return understood
         understood.append(f"scaled by {factor:.6g} to an impulse of {value * size:.6g} N s")
     for key in ("time", "fraction"):
         if any(split_unit(each)[0] == key for each in profile):

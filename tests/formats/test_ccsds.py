@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from small_scenes import SPRUNG
 
+import sepmc
 from sepmc.formats.ccsds import parse_message, read_initial, seconds_of
 from sepmc.formats.files import read_files
 from sepmc.formats.text_table import FormatError
@@ -97,6 +99,16 @@ def test_between_rows_a_circle_is_followed(tmp_path):
         read_initial(path, {"epoch": "2026-03-01T00:01:00"})
 
 
+def test_rows_that_disagree_are_refused(tmp_path):
+    """Positions of m, with velocities of km/s, or a gap in powered flight."""
+    rows = [(t, 6500.0, 0.001 * t, 0.0, 0.0, 1.0, 0.0) for t in (9.0, 11.0)]
+    path = oem(tmp_path, *rows, frame="ITRF2014")
+    with pytest.raises(FormatError, match=r"positions change by 0\.001 km/s where"):
+        read_initial(path, {"epoch": EPOCH})
+    keys, _ = read_initial(path, {"epoch": "2026-03-01T00:00:11"})  # that of a row
+    assert_allclose(keys["speed_m_s"], 1000.0, rtol=1e-12)
+
+
 def attitude_of(keys):
     """Matrix from our body axes to the ground, by CONVENTIONS."""
     angles = [keys[f"{name}_deg"] for name in ("pitch", "yaw", "roll")]
@@ -149,7 +161,7 @@ def test_attitude_of_a_body_of_field_axes(tmp_path, form):
 
 def test_rates_are_those_between_rows(tmp_path):
     """Pitching up by 2 deg/s: about our z axis, right; in the field's axes about y."""
-    path = oem(tmp_path, *((t, 6500.0, 0.0, 0.0, 0.0, 0.0, 1.0) for t in (9.0, 11.0)),
+    path = oem(tmp_path, *((t, 6500.0, 0.0, t - 10.0, 0.0, 0.0, 1.0) for t in (9.0, 11.0)),
                frame="ITRF2014")  # fmt: skip
     rows = []
     for t in (9.0, 11.0):
@@ -223,6 +235,25 @@ def test_faults_of_attitudes(tmp_path, extra, kind, row, reason):
         read_initial(path, {"attitude": attitude})
     with pytest.raises(FormatError, match="must name the directions"):
         read_initial(path, {"attitude": {"file": attitude["file"]}})
+
+
+def test_campaign_with_a_trajectory_loads(tmp_path):
+    """Its scene has the state; its tree, as a run stores it, has plain numbers."""
+    rows = [(t, 6500.0, t - 10.0, 0.1 * (t - 10.0), 0.0, 1.0, 0.1) for t in (9.0, 11.0)]
+    oem(tmp_path, *rows, frame="ITRF2014")
+    quaternions = [(t, 0.0, 0.0, math.sin(0.01 * t), math.cos(0.01 * t)) for t in (9.0, 11.0)]
+    aem(tmp_path, *quaternions, extra="QUATERNION_TYPE = LAST", frames=("ITRF2014", "SC_BODY_1"))
+    table = (
+        f'trajectory = {{ file = "s.oem", epoch = {EPOCH}, azimuth_deg = 80, attitude = '
+        '{ file = "s.aem", axes = "forward-right-down" } }'
+    )
+    text = SPRUNG.replace("altitude_m = 1000.0\nspeed_m_s = 1.0", table)
+    (tmp_path / "c.toml").write_text(text)
+    campaign = sepmc.load(tmp_path / "c.toml")
+    assert campaign.scene.initial.speed == pytest.approx(math.hypot(1000.0, 100.0))
+    numbers = [x for x in campaign.file.tree["initial"].values() if not isinstance(x, list)]
+    assert len(numbers) == 7
+    assert {type(x) for x in numbers} == {float}
 
 
 def test_epochs_of_both_forms():

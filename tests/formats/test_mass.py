@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from small_scenes import SPRUNG
 
+import sepmc
 from sepmc.formats.files import read_files
 from sepmc.formats.mass import read_mass
 from sepmc.formats.text_table import FormatError
@@ -239,6 +241,16 @@ def test_unit_that_is_none(tmp_path):
     (tmp_path / "m.xml").write_text(jsbsim().replace("KG*M2", "LB*FT2"))
     with pytest.raises(FormatError, match=r"line 4: ixx is in 'LB\*FT2'; must be of SLUG\*FT2"):
         read_mass(tmp_path / "m.xml", {})
+
+
+def test_campaign_with_masses_loads(tmp_path):
+    (tmp_path / "m.xml").write_text(jsbsim())
+    own = SPRUNG.partition("[body.fore]")[2].partition("[body.aft]")[0]
+    text = SPRUNG.replace(own, '\nmass_properties = { file = "m.xml" }\n')
+    (tmp_path / "c.toml").write_text(text)
+    body = sepmc.load(tmp_path / "c.toml").scene.body["fore"]
+    assert body.mass == MASS
+    assert_allclose(body.inertia_products, PRODUCTS)
 
 
 def test_keys_beside_the_file_are_refused(tmp_path):
