@@ -81,6 +81,20 @@ def test_run_folder_keeps_its_comparison_and_the_report_shows_it(run):
 
 
 @pytest.mark.slow
+def test_stored_separations_are_taken_as_they_are(run, tmp_path):
+    folder, data = run
+    with run_interpreted():
+        campaign = sepmc.load(folder.parent / "c.toml", {"run.history_step_s": 0.01})
+        campaign.run(out=tmp_path / "stored")
+    done = compare(tmp_path / "stored", "--data", data, "--cases", 3)
+    assert done.exit_code == 0, done.output
+    assert "stored histories of 12 cases" in done.output
+    summary = json.loads((tmp_path / "stored" / "telemetry.json").read_text())
+    assert (summary["cases"], summary["nearest"][0]["case"]) == (12, 7)
+    assert abs(summary["clock_shift_s"] - SHIFT) < 4.0 * summary["clock_shift_error_s"]
+
+
+@pytest.mark.slow
 def test_histories_of_cases_are_those_of_single_ones(run):
     folder, _ = run
     result = sepmc.open(folder)
