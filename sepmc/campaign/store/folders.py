@@ -42,6 +42,7 @@ _FIGURES = (
     "sensitivity",
     "scatter",
     "rare",
+    "telemetry",
 )
 _DERIVED = (  # derived from the cases
     "statistics.csv",
@@ -50,6 +51,8 @@ _DERIVED = (  # derived from the cases
     HISTORY,
     "sensitivity.csv",
     "causes.csv",
+    "telemetry.csv",
+    "telemetry.json",
     "distributions.csv",
     "report.html",
     "rare.json",
