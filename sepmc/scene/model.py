@@ -146,8 +146,9 @@ class Part(_Table, frozen=True, kw_only=True):
     """A part of a body's outline: a cone frustum (two stations and radii; a cylinder if the radii
     are equal), or points.
 
-    A hollow frustum is the inner surface of a shell: clearance counts from the inside. Clearances
-    can name parts that have names.
+    A hollow frustum is the inner surface of a shell: clearance counts from the inside. A sector is
+    the lateral surface between two angles, a thin wall with two sides. Clearances can name parts
+    that have names.
     """
 
     name: Name | None = None
@@ -157,6 +158,13 @@ class Part(_Table, frozen=True, kw_only=True):
     offset: Annotated[tuple[float, float], Quantity("length", ("y", "z"))] = (0.0, 0.0)
     points: Annotated[tuple[Vector, ...], Quantity("length")] = ()
     hollow: bool = False
+    # from, to, about body x: 0 toward z, 90 deg toward -y
+    sector: Annotated[tuple[float, float], Quantity("angle", _ENDS)] | None = None
+
+    @property
+    def is_wall(self) -> bool:
+        """True for a surface, between two of which there is no clearance."""
+        return self.hollow or self.sector is not None
 
 
 class Body(_Table, frozen=True, kw_only=True):
