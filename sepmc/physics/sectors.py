@@ -165,9 +165,12 @@ def _is_met(sector, part, distance):
     noinline()
     radius, width, angle = max(sector[3], sector[4]), sector[7], 0.0
     for _ in range(_LINES):
-        value = gap(_line(sector, angle), part)[0]
-        if value < 1.5 * _SHARE * distance:
-            return True
+        line = _line(sector, angle)
+        value = gap_bound(line, part)
+        if value < _SHARE * distance:
+            value = gap(line, part)[0]
+            if value < 1.5 * _SHARE * distance:
+                return True
         # a line that is met is value / radius away at least, and the next one is then this near
         angle += max((value + _SHARE * distance) / radius, width / _LINES)
         if angle >= width:

@@ -88,7 +88,7 @@ GUIDE = {
 CUSTOM = {"translations": (), "rotations": ()}
 PART = {
     "name": None, "stations": None, "radii": None, "offset": (0.0, 0.0), "points": (),
-    "hollow": False,
+    "hollow": False, "sector": None,
 }  # fmt: skip
 CLEARANCE = {"name": REQUIRED, "bodies": REQUIRED, "outlines": ((), ()), "after": None}
 FORMULA_OUTCOME = {"name": REQUIRED, "formula": REQUIRED, "unit": "1"}
