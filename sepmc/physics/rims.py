@@ -164,8 +164,8 @@ def _summit(ellipse, slope, low, high):
 
 @routine
 def steepest(ellipse, slope):
-    """Angle with the largest rho - slope z on the half of a rim with sin phi >= 0. Where y0 < 0, its
-    local maximum, or any angle if there is none.
+    """Angle with the largest rho - slope z on the half of a rim with sin phi >= 0. Where y0 < 0,
+    its local maximum, or any angle if there is none.
 
     With y0 < 0, J / sin phi falls only where sin^3 phi > r |y0| / ((1 + m^2) b^2).
     """

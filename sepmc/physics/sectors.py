@@ -30,7 +30,7 @@ from sepmc.physics.elementary import arctan2, sine_cosine
 from sepmc.physics.outlines import gap, gap_bound, wall_gap
 from sepmc.physics.rims import axes, rim_point, steepest
 from sepmc.physics.shell_edge import arc_gap
-from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
+from sepmc.physics.vec3 import add, dot, scale, split, sub
 
 _ROUND_OFF = 1e-13  # of the coordinates: parts that are as near touch
 _LINES = 4000  # of a face, at most, that are compared with the solid

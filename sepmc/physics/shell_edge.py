@@ -120,8 +120,7 @@ def arc_gap(arc, part, limit):
     begin, sign = arctan2(s, c), 1.0 if c * dot(y, v) - s * dot(y, g) > 0.0 else -1.0
     f, slope = _distance(begin, ellipse, section)
     best, at, slope = limit, 0.0, sign * slope
-    if f < best:
-        best = f
+    best = min(best, f)
     covered, searched, step = 0.0, 0.0, width / _FEW
     while covered < width and best > 0.0:
         step = min(step, width - covered)
@@ -133,7 +132,12 @@ def arc_gap(arc, part, limit):
         bend = _bend(ellipse, section, best)
         lowest = best - max(_SAME * radius, 0.125 * bend * _FINEST_OF_ARC * _FINEST_OF_ARC)
         bound = _least(f, slope, f_next, slope_next, bend, step)
-        if bound < lowest and slope < 0.0 < slope_next and step <= _UNIMODAL and covered >= searched:
+        if (
+            bound < lowest
+            and slope < 0.0 < slope_next
+            and step <= _UNIMODAL
+            and covered >= searched
+        ):
             value, minimum = _narrow(
                 theta - sign * step, f, slope, theta, slope_next, ellipse, section
             )

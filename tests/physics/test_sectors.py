@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from sepmc.physics.outlines import gap
 from sepmc.physics.sectors import point_gap, sector_gap
 
+pytestmark = pytest.mark.slow  # the first test compiles `sector_gap`: 7 s
 ALONG_X, UP, RIGHT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -47,7 +48,6 @@ def some_pairs(seed, count):
         yield (start, np.array([-1.0, 0.0, 0.0]), float(length), float(r0), float(r1)), angles, part
 
 
-@pytest.mark.slow
 def test_a_scan_of_the_lines_of_a_sector():
     """Within 1e-9 m of scenes of a metre; both nearest points lie as far apart."""
     touching = 0

@@ -55,7 +55,9 @@ def name_parts(draft: Draft) -> None:
             [part for part, name in zip(o, one, strict=True) if not c or name in c]
             for o, one, c in zip(outlines, names, chosen, strict=True)
         ]
-        if not all(part.get("hollow") or part.get("sector_deg") for parts in kept for part in parts):
+        if not all(
+            part.get("hollow") or part.get("sector_deg") for parts in kept for part in parts
+        ):
             clearance["outlines"] = chosen
 
 
