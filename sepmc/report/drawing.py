@@ -261,7 +261,8 @@ def _shapes(part: Part, view: _View, style: dict[str, object]) -> list[Patch]:
 
 def _sector_shapes(part: Part, view: _View, style: dict[str, object]) -> list[Patch]:
     """Return the shapes of a sector: its arcs in rear view, else the area that its wall covers."""
-    assert part.stations is not None and part.radii is not None
+    assert part.stations is not None
+    assert part.radii is not None
     assert part.sector is not None
     angles = np.linspace(*part.sector, _ARC_POINTS)
     arcs = [

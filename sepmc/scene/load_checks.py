@@ -220,7 +220,14 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
         check_known("output.transverse", body, scene.body, "body", problems)
     if len(set(scene.output.transverse)) < len(scene.output.transverse):
         problems.add("output.transverse", "names a body twice", list(scene.output.transverse))
-    for key in ("loads", "tip_off", "guide"):
+    for pair in scene.output.relative:
+        check_pair("output.relative", pair, scene, problems)
+        if GROUND in pair:
+            problems.add("output.relative", "the ground has no centre of mass", list(pair))
+    if len(set(scene.output.relative)) < len(scene.output.relative):
+        pairs = list(map(list, scene.output.relative))
+        problems.add("output.relative", "names a pair twice", pairs)
+    for key in ("loads", "tip_off", "guide", "hinge"):
         joints = getattr(scene.output, key)
         for joint in joints:
             check_known(f"output.{key}", joint, scene.joint, "joint", problems)

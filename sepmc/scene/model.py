@@ -444,13 +444,15 @@ class Clearance(_Table, frozen=True, kw_only=True):
 
 
 class Output(_Table, frozen=True, kw_only=True):
-    """Optional outputs: joints with loads, rates at release and guide loads; bodies with transverse
-    rates."""
+    """Optional outputs: joints with loads, rates at release, guide loads and hinge angles; bodies
+    with transverse rates; pairs of bodies with their relative attitude and distance."""
 
     loads: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
     transverse: tuple[str, ...] = ()  # bodies
+    hinge: tuple[str, ...] = ()
+    relative: tuple[tuple[str, str], ...] = ()
 
 
 class FormulaOutcome(_Table, frozen=True, kw_only=True):

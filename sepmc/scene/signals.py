@@ -35,7 +35,10 @@ OF_BODY = {
     "dynamic_pressure": "pressure",
     "mach": "",
 }
-OF_JOINT = {"stroke": "length", "rate": "speed", "time_since_release": "time"}
+OF_JOINT = {
+    **{"stroke": "length", "rate": "speed", "time_since_release": "time"},
+    **{"angle": "angle", "angle_rate": "angular rate"},
+}
 OF_EVENT = {"time_since": "time"}
 OF_SPRING = {"extension": "length", "rate": "speed"}
 _OF_ITEM = {"joint": OF_JOINT, "spring": OF_SPRING, "event": OF_EVENT}

@@ -278,6 +278,7 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
         "events on the state": any(segment.events for segment in spec.segments),
         "tip-off rates": bool(scene.output.tip_off),
         "transverse rates": bool(scene.output.transverse),
+        "relative motion": bool(scene.output.hinge or scene.output.relative),
         "observation events": bool(scene.event),
         "aerodynamic tables": any(looks_up(spec, body) for body in spec.bodies),
         "wind or air over height": has_tables_over_height(spec),
