@@ -206,6 +206,8 @@ def _size(scene: Scene) -> float:
     stations = [body.cg[0] for body in scene.body.values()]
     stations += [motor.station for motor in scene.motor]
     stations += [joint.point[0] for joint in scene.joint.values()]
+    stations += [spring.point[0] for spring in scene.spring]
+    stations += [load.point[0] for load in scene.load if load.point]
     for body in scene.body.values():
         for part in body.outline:
             stations += part.stations or [point[0] for point in part.points]

@@ -566,6 +566,38 @@ def test_required_bounds_are_marked(drawn, tmp_path):
     assert "required bound" not in [line.get_label() for line in second.lines]
 
 
+def test_long_numbers_are_no_wider_than_their_panel(drawn, tmp_path):
+    """A rate that is round-off: 0.0000004, with a sigma of 0.0000153."""
+    tiny = 1.5e-5 * np.sin(np.arange(1000.0)) + 4e-7
+    names = [f"{name}_deg_s" for name in ("one", "two", "three")]
+    units = dict.fromkeys(names, "deg/s")
+    histogram_figures({name: histogram(tiny) for name in names}, tmp_path, units)
+    figure = drawn["histograms.png"]
+    assert "0.0000" in figure.axes[2].get_title()
+    width = figure.canvas.get_width_height()[0]
+    for ax in figure.axes:
+        box = ax.title.get_window_extent()
+        assert (box.x0 >= 0.0, box.x1 <= width) == (True, True)
+
+
+def test_outcomes_that_the_file_defines_are_drawn_first(monkeypatch):
+    """After required ones; and an outcome with the statistics of another is drawn once."""
+    import sepmc
+    from sepmc.analysis import constant_outcomes
+    from sepmc.cli.figures import ranked_outcomes
+
+    monkeypatch.setattr(constant_outcomes, "is_constant", lambda table, name: False)
+    campaign = sepmc.load("fairing")
+    names = [column.name for column in campaign.outcome_columns]
+    numbers = np.arange(4.0 * len(names)).reshape(-1, 4)
+    table = pd.DataFrame(numbers, names, ["mean", "sigma", "min", "max"]).assign(n=10)
+    same = ["left_gap_clearance_mm", "left_hinge_separation_distance_mm"]
+    table.loc[same[1]] = table.loc[same[0]]
+    ranked = ranked_outcomes(campaign, table)
+    assert ranked[:3] == ["left_gap_clearance_mm", "right_gap_clearance_mm", "opening_lag_s"]
+    assert same[1] not in ranked
+
+
 @pytest.mark.slow
 def test_a_second_process_draws_the_same(tmp_path):
     """Byte for byte; and where it was killed, they are drawn all the same."""

@@ -246,6 +246,16 @@ def test_sectors_and_lines_are_drawn_in_rear_view(tmp_path, monkeypatch):
     assert np.ptp(wall, axis=0) == pytest.approx([5.0, 1.3])
 
 
+def test_springs_of_a_vehicle_without_outlines_are_seen(tmp_path, monkeypatch):
+    """The store has one body: its size is that of its ejectors' distance, 0.5 m."""
+    figures = []
+    monkeypatch.setattr(drawing_module, "save", lambda figure, path: figures.append(figure))
+    scene = sepmc.load("store").scene
+    draw_vehicle(scene, [], "store", tmp_path / "vehicle.png")
+    low, high = figures[0].axes[2].get_ylim()
+    assert 0.04 < high - low < 0.5
+
+
 def test_thrust_is_drawn_as_it_acts():
     """As the formulas that fly it have it."""
     motors = sepmc.load("srb").scene.motor
