@@ -86,9 +86,10 @@ def run_figures(
         ``{b}_{alpha,roll,yaw,pitch}_deg``, ``{b}_axial_acceleration_m_s2``; per joint ``j`` and
         body ``{j}_force_on_{b}_{x,y,z}_N``, ``{j}_moment_on_{b}_{x,y,z}_N_m``;
         ``separation_speed_m_s``, ``separation_distance_mm``; per clearance ``c``
-        ``{c}_clearance_mm``; per pin ``n`` of a joint ``{j}_pin{n}_{mouth,tip}_load_N``. At a phase
-        boundary two rows share a time (end of one phase, start of the next), so that a step is
-        drawn as a step.
+        ``{c}_clearance_mm``; per hinge ``{j}_angle_deg`` and ``{j}_angle_rate_deg_s``; per pair of
+        bodies ``{b}_from_{a}_distance_m`` and ``{b}_from_{a}_{roll,yaw,pitch}_deg``; per pin ``n``
+        of a joint ``{j}_pin{n}_{mouth,tip}_load_N``. At a phase boundary two rows share a time (end
+        of one phase, start of the next), so that a step is drawn as a step.
     folder : Path
         Created if missing.
     bodies, joints : sequence of str
@@ -110,8 +111,9 @@ def run_figures(
     -------
     list of Path
         ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``, ``angles.png``,
-        ``axial_acceleration.png``, ``separation.png``, ``clearances.png``, ``pin_loads.png``; those
-        without data are left out.
+        ``axial_acceleration.png``, ``separation.png``, ``hinges.png``, ``relative_motion.png``,
+        ``clearances.png``, ``pin_loads.png``; those without data are left out, and separations that
+        stay 0.
     """
     folder, written = make_folder(folder), []
 
@@ -192,7 +194,46 @@ def run_figures(
         Panel(label, lines, BY_JOINT if len(lines) > 1 else ((BLUE, "-"),))
         for label, lines in lines_by_quantity.items()
     ]
-    draw("separation", "Separation", curves)
+    if any(
+        history[name].abs().max() >= FLAT
+        for lines in lines_by_quantity.values()
+        for name, _ in lines
+    ):
+        draw("separation", "Separation", curves)
+    hinge_panels = [
+        Panel(
+            f"{words} ({unit_text})",
+            [(f"{joint}_{stem}", to_words(joint)) for joint in joints],
+            BY_JOINT if len(joints) > 1 else ((BLUE, "-"),),
+        )
+        for stem, words, unit_text in (
+            ("angle_deg", "angle about the joint's x axis", "deg"),
+            ("angle_rate_deg_s", "angular rate about it", "deg/s"),
+        )
+    ]
+    draw("hinges", "Hinges", hinge_panels)
+    pairs = [(a, b) for a in bodies for b in bodies if f"{b}_from_{a}_distance_m" in history]
+    draw(
+        "relative_motion",
+        "Relative motion of two bodies",
+        [
+            Panel(
+                f"{words} ({unit})",
+                [
+                    (f"{b}_from_{a}_{words}_{unit}", f"{to_words(b)} from {to_words(a)}")
+                    for a, b in pairs
+                ],
+                BY_JOINT if len(pairs) > 1 else ((BLUE, "-"),),
+            )
+            for words, unit in (
+                ("distance", "m"),
+                ("pitch", "deg"),
+                ("yaw", "deg"),
+                ("roll", "deg"),
+            )
+        ],
+        2,
+    )
     draw(
         "clearances",
         "Clearances",

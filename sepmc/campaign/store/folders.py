@@ -35,6 +35,8 @@ _FIGURES = (
     "rates",
     "angles",
     "axial_acceleration",
+    "hinges",
+    "relative_motion",
     "clearances",
     "pin_loads",
     "requirements",
