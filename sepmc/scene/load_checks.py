@@ -261,8 +261,8 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
         if all(outlines) and all(part.is_wall for outline in outlines for part in outline):
             problems.add(
                 f"{key_path}.{'outlines' if any(clearance.outlines) else 'bodies'}",
-                "have shells and sectors only, between which there is no clearance: one needs a "
-                "solid or points",
+                "have shells only (a sector is one), between which there is no clearance: one "
+                "needs a solid or points",
             )
         if clearance.after is not None:
             check_known(f"{key_path}.after", clearance.after, scene.joint, "joint", problems)

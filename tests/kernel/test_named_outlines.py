@@ -100,7 +100,7 @@ def test_wrong_names_are_refused(outlines, message):
 
 def test_named_shells_alone_have_no_clearance():
     shell = {"name": "inner", "stations_m": [7.2, 8.8], "radii_m": [0.5, 0.5], "hollow": True}
-    with pytest.raises(SceneError, match=r"clearance\.gap\.outlines: have shells and sectors only"):
+    with pytest.raises(SceneError, match=r"clearance\.gap\.outlines: have shells only"):
         campaign([shell], [], [["inner"], ["wall"]])
     assert isinstance(campaign([shell], [], [["nozzle"], ["wall"]]), sepmc.Campaign)
 

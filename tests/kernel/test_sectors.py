@@ -111,7 +111,7 @@ def test_walls_alone_have_no_clearance():
     bodies = NOZZLE["body"] | {
         name: dict(NOZZLE["body"][name]) | {"outline": [HALF]} for name in ("upper", "lower")
     }
-    with pytest.raises(SceneError, match=r"clearance\.gap\.bodies: have shells and sectors only"):
+    with pytest.raises(SceneError, match=r"clearance\.gap\.bodies: have shells only"):
         parse_campaign(NOZZLE | {"body": bodies}, "nozzle.toml")
 
 
