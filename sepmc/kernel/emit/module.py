@@ -278,7 +278,6 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
         "events on the state": any(segment.events for segment in spec.segments),
         "tip-off rates": bool(scene.output.tip_off),
         "transverse rates": bool(scene.output.transverse),
-        "relative motion": bool(scene.output.hinge or scene.output.relative),
         "observation events": bool(scene.event),
         "aerodynamic tables": any(looks_up(spec, body) for body in spec.bodies),
         "wind or air over height": has_tables_over_height(spec),
@@ -287,6 +286,8 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
         "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),
     }
+    if scene.output.hinge or scene.output.relative:
+        is_present["relative motion"] = True
     return [name for name, present in is_present.items() if present], [
         name for name, present in is_present.items() if not present
     ]
