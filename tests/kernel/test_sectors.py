@@ -1,5 +1,6 @@
 """Clearances of sectors of frustums, against the independent simulation and by hand."""
 
+import math
 import tomllib
 from pathlib import Path
 
@@ -105,6 +106,43 @@ def test_sectors_vary():
 def test_wrong_sectors_are_refused(change, message):
     with pytest.raises(SceneError, match=message):
         campaign(HALF | change)
+
+
+def passing(sector_deg, point=(4.0, 0.0, 0.0)):
+    """A point of a body that leaves upwards at a constant speed through the wall of another."""
+    ball = {"mass_kg": 10.0, "inertia_kg_m2": [2.0, 2.0, 2.0]}
+    tube = {"stations_m": [3.0, 5.0], "radii_m": [0.5, 0.5], "sector_deg": sector_deg}
+    tree = {
+        "name": "passing",
+        "environment": {"atmosphere": "none", "gravity": "none"},
+        "body": {
+            "one": ball | {"cg_m": [1.0, 0.0, 0.0], "outline": [tube]},
+            "two": ball | {"cg_m": [4.0, 0.0, 0.0], "outline": [{"points_m": [list(point)]}]},
+        },
+        "joint": {
+            "pin": {
+                "bodies": ["one", "two"], "point_m": [2.0, 0.0, 0.0], "omega_deg_s": [0, 0, -30],
+            }
+        },
+        "phase": [{"name": "free"}],
+        "clearance": [{"name": "gap", "bodies": ["one", "two"]}],
+        "initial": {"altitude_km": 100.0, "speed_m_s": 0.0},
+        "run": {"end_time_s": 2.0, "cases": 1},
+        "solver": {"step_s": 1.0},
+    }  # fmt: skip
+    return Campaign(parse_campaign(tree, "passing.toml"))
+
+
+def test_a_point_that_passes_a_wall_within_a_step_meets_it():
+    """Body x points forward and the second body is aft of the joint: turning down at the nose, it
+    moves up. Through the upper half of the tube, or out of the open side of the lower one."""
+    speed = math.radians(30.0) * 2.0
+    result = simulated(passing([180, 360]))
+    assert (result["gap_clearance_mm"], result["gap_recontact"]) == (0.0, 1.0)
+    assert result["gap_clearance_time_s"] == pytest.approx(0.5 / speed, abs=1e-9)
+    result = simulated(passing([0, 180]))
+    assert result["gap_clearance_mm"] == pytest.approx(500.0, abs=1e-9)
+    assert (result["gap_clearance_time_s"], result["gap_recontact"]) == (0.0, 0.0)
 
 
 def test_walls_alone_have_no_clearance():
