@@ -36,6 +36,7 @@ BY_JOINT = tuple((colour, style) for style in ("-", "--", ":", "-.") for colour 
 # smallest range, in any unit drawn here (deg, deg/s, mm, N, N m ...); a smaller one is round-off
 # and does not fill the axes
 FLAT = 1e-6
+_SIGNAL, _MOST_SIGNALS = "signal_", 12  # start of the columns of signals; most of them on a page
 _TOO_FLAT = 0.05  # fraction of a shared scale below which a panel keeps its own
 
 
@@ -112,8 +113,8 @@ def run_figures(
     list of Path
         ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``, ``angles.png``,
         ``axial_acceleration.png``, ``separation.png``, ``hinges.png``, ``relative_motion.png``,
-        ``clearances.png``, ``pin_loads.png``; those without data are left out, and separations that
-        stay 0.
+        ``signals.png``, ``clearances.png``, ``pin_loads.png``; those without data are left out, and
+        separations that stay 0.
     """
     folder, written = make_folder(folder), []
 
@@ -204,7 +205,7 @@ def run_figures(
         Panel(
             f"{words} ({unit_text})",
             [(f"{joint}_{stem}", to_words(joint)) for joint in joints],
-            BY_JOINT if len(joints) > 1 else ((BLUE, "-"),),
+            BY_BODY if len(joints) > 1 else ((BLUE, "-"),),
         )
         for stem, words, unit_text in (
             ("angle_deg", "angle about the joint's x axis", "deg"),
@@ -223,7 +224,7 @@ def run_figures(
                     (f"{b}_from_{a}_{words}_{unit}", f"{to_words(b)} from {to_words(a)}")
                     for a, b in pairs
                 ],
-                BY_JOINT if len(pairs) > 1 else ((BLUE, "-"),),
+                BY_BODY if len(pairs) > 1 else ((BLUE, "-"),),
             )
             for words, unit in (
                 ("distance", "m"),
@@ -232,6 +233,17 @@ def run_figures(
                 ("roll", "deg"),
             )
         ],
+        2,
+    )
+    of_items = tuple(f"{name}_" for name in (*bodies, *joints))
+    draw(
+        "signals",
+        "Signals, in the units of the keys that name them",
+        [
+            Panel(to_words(name.removeprefix(_SIGNAL)), [(name, _OWN)], ((BLUE, "-"),))
+            for name in map(str, history.columns)
+            if name.startswith(_SIGNAL) and not name.startswith(of_items)
+        ][:_MOST_SIGNALS],
         2,
     )
     draw(

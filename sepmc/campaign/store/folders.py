@@ -37,6 +37,7 @@ _FIGURES = (
     "axial_acceleration",
     "hinges",
     "relative_motion",
+    "signals",
     "clearances",
     "pin_loads",
     "requirements",
