@@ -114,12 +114,18 @@ def run_figures(
         ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``, ``angles.png``,
         ``axial_acceleration.png``, ``separation.png``, ``hinges.png``, ``relative_motion.png``,
         ``signals.png``, ``clearances.png``, ``pin_loads.png``; those without data are left out, and
-        separations that stay 0.
+        forces, moments and separations that stay 0.
     """
     folder, written = make_folder(folder), []
 
-    def draw(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
+    def draw(
+        file: str, title: str, panels: list[Panel], columns: int = 1, zeros: bool = True
+    ) -> None:
         if only is not None and file not in only:
+            return
+        names = [name for panel in panels for name, _ in panel.lines if name in history]
+        stays_zero = all(history[name].abs().max() < FLAT for name in names)
+        if not zeros and stays_zero and len(history) > 1:
             return
         drawn = [
             panel
@@ -161,6 +167,7 @@ def run_figures(
                 f"{kind}_on_{body}",
                 f"Constraint {kind} on {to_words(body)}, in the axes of the joint's first body",
                 panels,
+                zeros=False,
             )
     rates = [
         Panel(
@@ -195,12 +202,7 @@ def run_figures(
         Panel(label, lines, BY_JOINT if len(lines) > 1 else ((BLUE, "-"),))
         for label, lines in lines_by_quantity.items()
     ]
-    if any(
-        history[name].abs().max() >= FLAT
-        for lines in lines_by_quantity.values()
-        for name, _ in lines
-    ):
-        draw("separation", "Separation", curves)
+    draw("separation", "Separation", curves, zeros=False)
     hinge_panels = [
         Panel(
             f"{words} ({unit_text})",

@@ -396,11 +396,13 @@ def test_names_wider_than_their_phase_are_slanted(tmp_path, drawn):
 
 
 def test_hinges_relative_motions_and_signals_are_drawn(tmp_path, drawn):
-    """One line for each joint and each pair of bodies; a separation that stays 0 is not drawn."""
+    """One line for each joint and each pair of bodies; separations and forces that stay 0 are
+    not drawn."""
     time = np.linspace(0.0, 1.0, 5)
     columns = {"time_s": time, "separation_speed_m_s": 0.0 * time}
     columns |= {"door_angle_deg": 40.0 * time, "door_angle_rate_deg_s": 40.0 + time}
     columns |= {"signal_push": time**2}
+    columns |= {f"door_force_on_a_{axis}_N": 0.0 * time for axis in "xyz"}
     columns |= {f"b_from_a_{key}_deg": time for key in ("roll", "yaw", "pitch")}
     history = pd.DataFrame(columns | {"b_from_a_distance_m": 3.0 + time})
     written = run_figures(history, tmp_path, ["a", "b"], ["door", "latch"])
