@@ -25,7 +25,7 @@ from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
 from sepmc.schema import Status
 
-_PAGES = ("rates", "angles", "separation", "clearances")  # figures of a worst case
+_PAGES = ("rates", "angles", "separation", "hinges", "clearances")  # figures of a worst case
 _ACCURACY = 1e-5  # relative; errors below are not visible in a figure
 _SHOWN = 12  # outcomes in the table
 _WIDTH = 160  # characters of a line of the table of all outcomes
