@@ -223,10 +223,13 @@ class Motor(_Table, frozen=True, kw_only=True):
 
 
 class ForceTable(_Table, frozen=True, kw_only=True):
-    """Force over extension, smooth between the rows, constant before the first row."""
+    """Force over extension, constant before the first row and after the last; times
+    ``return_factor`` while the extension shrinks."""
 
     extension: Annotated[Series, Quantity("length")]
     force: Annotated[Series, Quantity("force")]
+    return_factor: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    interpolation: Interpolation = "cubic"
 
 
 class Spring(_Table, frozen=True, kw_only=True):

@@ -16,6 +16,7 @@ from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import ignition_time
 from sepmc.kernel.emit.signals import number, three_numbers
 from sepmc.kernel.emit.tables import looks_up, table_derivatives, table_force
+from sepmc.kernel.spec.held_cells import has_unloading, unloading_path
 from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
 from sepmc.kernel.spec.variant import Variant
@@ -397,6 +398,9 @@ def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> No
     )
     if spring.table is not None:
         force = force + s.scope.load(table_force(spring.name))
+        if has_unloading(spring, s.spec.dispersed):
+            lost = s.case.number(s.spec.layout.slots[unloading_path(spring.name)]) - 1.0
+            force = force + lost * s.scope.load(component(table_force(spring.name), 1))
     if s.spec.may_occur(f"{path}.factor", spring.factor != 1.0):
         force = number(s, f"{path}.factor", p + at.SPRING_FACTOR) * force
     if s.spec.may_occur(f"{path}.stroke", math.isfinite(spring.stroke)):

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
-from sepmc.kernel.spec.splines import pack
+from sepmc.kernel.spec.held_cells import has_kinks, has_unloading
+from sepmc.kernel.spec.splines import FAR, pack
 from sepmc.routines import layout as at
 from sepmc.scene.model import (
     DERIVATIVES,
@@ -27,6 +28,11 @@ COEFFICIENTS = {
     "yaw": at.YAWING,
     "pitch": at.PITCHING,
 }
+
+
+# The extension of a spring shrinks at rates below REST / PER_RATE (m/s): round-off of the rate of a
+# spring between bodies that a joint fixes is no unloading.
+PER_RATE, REST = 100.0, -2e-9
 
 
 class Pool:
@@ -125,7 +131,14 @@ def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
     if varies:
         profile = replace(profile, factor=1.0, turn=0.0)
     rows = along_ground(profile)
-    return pool.add(pack([profile.altitude], rows, "flat", profile.interpolation))
+    return pool.add(
+        pack([profile.altitude], rows, _flat(profile.interpolation), profile.interpolation)
+    )
+
+
+def _flat(interpolation: str) -> str:
+    """Ends of functions that are constant beyond: smooth, or kinks of lines."""
+    return "constant" if interpolation == "linear" else "flat"
 
 
 def along_ground(profile: WindProfile) -> np.ndarray:
@@ -199,15 +212,27 @@ def add_proximity(pool: Pool, entry: Proximity) -> int:
         getattr(entry, coefficient) or (0.0,) * len(entry.distance) for coefficient in COEFFICIENTS
     ]
     numbers = np.array(values, dtype=float)
-    return pool.add(pack([entry.distance], numbers, "flat", entry.interpolation))
+    return pool.add(
+        pack([entry.distance], numbers, _flat(entry.interpolation), entry.interpolation)
+    )
 
 
-def add_force_table(pool: Pool, spring: Spring) -> int:
-    """Append the spline of the force (N) of a spring over extension (m); return the start, or -1
-    without a table."""
-    if spring.table is None:
+def add_force_table(pool: Pool, spring: Spring, dispersed: frozenset[str]) -> int:
+    """Append the function of the force (N) of a spring over extension (m); return the start, or -1
+    without a table.
+
+    With unloading there is a second axis, `PER_RATE` times the rate of extension (m/s), and a
+    second function: the force while the extension shrinks, else 0.
+    """
+    table = spring.table
+    if table is None:
         return -1
-    return pool.add(pack([spring.table.extension], np.array([spring.table.force], dtype=float)))
+    axes, force = [table.extension], np.array([table.force], dtype=float)
+    ends = "constant" if has_kinks(spring, dispersed) else "not-a-knot"
+    if not has_unloading(spring, dispersed):
+        return pool.add(pack(axes, force, ends, table.interpolation))
+    both = np.stack([np.repeat(force.T, 2, axis=1), force.T * [1.0, 0.0]])
+    return pool.add(pack([*axes, (-FAR, REST)], both, ends, (table.interpolation, "steps")))
 
 
 def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:

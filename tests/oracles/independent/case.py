@@ -53,7 +53,9 @@ SPRING = {
     "force": 0.0, "stiffness": 0.0,
     "damping": 0.0, "stroke": math.inf, "factor": 1.0, "table": None,
 }  # fmt: skip
-FORCE_TABLE = {"extension": REQUIRED, "force": REQUIRED}
+FORCE_TABLE = {
+    "extension": REQUIRED, "force": REQUIRED, "return_factor": 1.0, "interpolation": "cubic",
+}  # fmt: skip
 LOAD = {
     "name": REQUIRED, "body": REQUIRED, "force": ZERO, "moment": ZERO, "frame": "body",
     "point": None, "start": 0.0, "end": math.inf,
