@@ -318,22 +318,46 @@ class Load(_Table, frozen=True, kw_only=True):
     end: Annotated[float, Positive, Quantity("time")] = math.inf
 
 
+class RelativeAxes(_Table, frozen=True, kw_only=True):
+    """Axes of a grid over the motion of the second body of a joint relative to the first:
+    displacement of its joint point, and attitude, both along the axes of the joint."""
+
+    x: Annotated[Series, Quantity("length")] = ()
+    y: Annotated[Series, Quantity("length")] = ()
+    z: Annotated[Series, Quantity("length")] = ()
+    pitch: Annotated[Series, Quantity("angle")] = ()
+    yaw: Annotated[Series, Quantity("angle")] = ()
+    roll: Annotated[Series, Quantity("angle")] = ()
+
+    @property
+    def points(self) -> dict[str, Series]:
+        """Points of the axes that are given, by name, in the order of the fields."""
+        values = {name: getattr(self, name) for name in self.__struct_fields__}
+        return {name: points for name, points in values.items() if points}
+
+
 class Proximity(_Table, frozen=True, kw_only=True):
-    """Increments to the aerodynamic coefficients of a body over the separation distance of a joint;
-    constant beyond the ends."""
+    """Increments to the aerodynamic coefficients of a body over the separation distance of a joint,
+    or on a grid over up to three ``axes``; constant beyond the ends."""
 
     name: Name
     body: str
     joint: str
-    distance: Annotated[Series, Quantity("length")]
-    axial: Series = ()
-    normal: Series = ()
-    side: Series = ()
-    roll: Series = ()
-    yaw: Series = ()
-    pitch: Series = ()
+    distance: Annotated[Series, Quantity("length")] = ()
+    axes: RelativeAxes | None = None
+    axial: Grid = field(default_factory=list)
+    normal: Grid = field(default_factory=list)
+    side: Grid = field(default_factory=list)
+    roll: Grid = field(default_factory=list)
+    yaw: Grid = field(default_factory=list)
+    pitch: Grid = field(default_factory=list)
     factor: float = 1.0
     interpolation: Interpolation = "cubic"
+
+    @property
+    def points(self) -> dict[str, Series]:
+        """Points of the axes by name: the distance, or some of the relative motion."""
+        return {"distance": self.distance} if self.axes is None else self.axes.points
 
 
 class Guide(_Table, frozen=True, kw_only=True):

@@ -9,7 +9,7 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, component, rejection_unless
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.emit.tables import force_table_start, proximity_start, table_start
+from sepmc.kernel.emit.tables import axis_ends, force_table_start, proximity_start, table_start
 from sepmc.kernel.spec.held_cells import force_cell, proximity_cell
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.text import Text
@@ -90,7 +90,7 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
             inner(f"{axis} = w[{component(f'NOW_{cell}', k)} + l]")
             if k not in c.spec.held_cells[cell]:
                 continue
-            first, last = _range(c, table.start, k)
+            first, last = axis_ends(c, table.start, k)
             rate = f"w[{component(f'RATE_{cell}', k)} + l]"
             inner(
                 f"there = {axis} + ({2.0 * BESIDE} if {rate} > 0.0 else {-2.0 * BESIDE})",
@@ -155,11 +155,3 @@ def cell_end(s: State, cell: str, axis: int, is_top: bool) -> tuple[Any, Any, An
     if is_top:
         return value - end - BESIDE, rate, second
     return end - value - BESIDE, -rate, -second
-
-
-def _range(c: Context, start: int, axis: int) -> tuple[int, int]:
-    """Indices of the first and the last point of an axis of a table among the shared numbers."""
-    at_axis = start + 1
-    for _ in range(axis):
-        at_axis += 2 + 17 * int(c.spec.layout.model.numbers[at_axis])
-    return at_axis + 1, at_axis + 1 + int(c.spec.layout.model.numbers[at_axis])

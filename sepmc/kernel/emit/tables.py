@@ -18,7 +18,7 @@ from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr
 from sepmc.routines import layout as at
-from sepmc.scene.model import Proximity
+from sepmc.scene.model import XYZ, Proximity
 from sepmc.schema import Status
 
 COEFFICIENTS = 6
@@ -90,7 +90,7 @@ def _emit_aero_tables(
         if table_start(c, body) >= 0:
             _store_point(s, f"FLOW_{body}", mach_and_angles(s, body))
     for i, entry in _increments(c, bodies):
-        _store_point(s, f"DISTANCE_{i}", (s.separation(entry.joint).length, 0.0, 0.0))
+        _store_point(s, f"DISTANCE_{i}", _relative_motion(s, entry))
     s.scope.write(text)
     for body in bodies:
         c.workspace.add(f"LOOKED_UP_{body}", COEFFICIENTS + len(table_derivatives(c.spec, body)))
@@ -184,15 +184,37 @@ def _store_point(s: State, field: str, point: tuple[Any, Any, Any]) -> None:
         s.scope.store(component(field, k), value)
 
 
+def _relative_motion(s: State, entry: Proximity) -> tuple[Any, Any, Any]:
+    """Coordinates of a table of increments: the separation distance, or those of its axes."""
+    if entry.axes is None:
+        return s.separation(entry.joint).length, 0.0, 0.0
+    known: dict[str, Any] = {
+        axis: s.displacement(entry.joint, k) for k, axis in enumerate(XYZ) if axis in entry.points
+    }
+    if not known.keys() >= entry.points.keys():
+        known |= dict(zip(("pitch", "yaw", "roll"), s.relative_angles(entry.joint), strict=True))
+    values = [known[axis] for axis in entry.points]
+    x, y, z = values + [0.0] * (3 - len(values))
+    return x, y, z
+
+
 def _clamp(text: Text, c: Context, start: int, cell: str, point: str) -> None:
-    """Append lines that limit a coordinate to the range of a table of one axis; one with kinks has
-    spans beyond."""
+    """Append lines that limit coordinates to the range of a table; one with kinks has spans
+    beyond."""
     if cell in c.spec.held_cells:
         return
-    first, last = start + 2, start + 2 + int(c.spec.layout.model.numbers[start + 1])
-    text.lanes()(
-        f"w[{point} + l] = min(max(w[{point} + l], w[SHARED + {first}]), w[SHARED + {last}])"
-    )
+    for k in range(sum(count > 1 for count in _basis_counts(c, start))):
+        first, last = axis_ends(c, start, k)
+        path = f"w[{component(point, k)} + l]"
+        text.lanes()(f"{path} = min(max({path}, w[SHARED + {first}]), w[SHARED + {last}])")
+
+
+def axis_ends(c: Context, start: int, axis: int) -> tuple[int, int]:
+    """Indices of the first and the last point of an axis of a table among the shared numbers."""
+    at_axis = start + 1
+    for _ in range(axis):
+        at_axis += 2 + 17 * int(c.spec.layout.model.numbers[at_axis])
+    return at_axis + 1, at_axis + 1 + int(c.spec.layout.model.numbers[at_axis])
 
 
 def _emit_table(

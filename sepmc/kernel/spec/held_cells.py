@@ -5,7 +5,7 @@ the stroke of its spring, and where the force of a spring drops as its stroke sh
 monotone force tables count as kinks: their second derivative jumps.
 """
 
-from sepmc.scene.model import AeroTable, Proximity, Scene, Spring
+from sepmc.scene.model import AeroTable, Scene, Spring
 
 _SAME = 1e-12  # relative: the stroke ends at the last row
 
@@ -75,7 +75,7 @@ def held_cells(scene: Scene, dispersed: frozenset[str]) -> dict[str, tuple[int, 
             cells[f"CELL_{name}"] = axes
     for i, entry in enumerate(scene.proximity):
         if has_air and entry.interpolation == "linear":
-            cells[proximity_cell(i)] = _axes_of(entry)
+            cells[proximity_cell(i)] = tuple(range(len(entry.points)))
     for spring in scene.spring:
         if has_kinks(spring, dispersed):
             cells[force_cell(spring.name)] = (0, 1) if has_unloading(spring, dispersed) else (0,)
@@ -89,8 +89,3 @@ def _kinked_axes(table: AeroTable | None) -> tuple[int, ...]:
         return ()
     counts = [len(axis) for axis in (table.mach, table.alpha, table.beta)]
     return tuple(k for k, n in enumerate(counts) if n > 1) if max(counts) > 2 else ()
-
-
-def _axes_of(entry: Proximity) -> tuple[int, ...]:
-    """Axes of a table of increments."""
-    return (0,)

@@ -206,15 +206,13 @@ def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
 
 
 def add_proximity(pool: Pool, entry: Proximity) -> int:
-    """Append the functions of six coefficient increments over separation distance (m); return the
-    start."""
-    values = [
-        getattr(entry, coefficient) or (0.0,) * len(entry.distance) for coefficient in COEFFICIENTS
-    ]
-    numbers = np.array(values, dtype=float)
-    return pool.add(
-        pack([entry.distance], numbers, _flat(entry.interpolation), entry.interpolation)
-    )
+    """Append the functions of six coefficient increments over separation distance (m), or over
+    relative position and attitude (m, rad); return the start."""
+    axes = list(entry.points.values())
+    zero = np.zeros([len(points) for points in axes])
+    values = [np.array(getattr(entry, key) or zero, dtype=float) for key in COEFFICIENTS]
+    ends = _flat(entry.interpolation)
+    return pool.add(pack(axes, np.array(values), ends, entry.interpolation))
 
 
 def add_force_table(pool: Pool, spring: Spring, dispersed: frozenset[str]) -> int:

@@ -122,34 +122,48 @@ def clamped_curve(points: Array, rows: Array, interpolation: str) -> Any:
     return CubicSpline(points, values, bc_type="clamped")
 
 
-def _monotone(axes: list[Array], rows: Array, point: list[float]) -> Array:
+def _monotone(axes: list[Array], rows: Array, point: list[float], flat_ends: bool = False) -> Array:
     """Values (functions,) at a point of rows (n1, n2, ..., functions): the slopes along the first
     axis are interpolated along the others as the values are."""
     if not axes:
         return rows
     slopes = PchipInterpolator(axes[0], rows).derivative()(axes[0])
+    if flat_ends:
+        slopes[[0, -1]] = 0.0
     here, there = (
-        np.moveaxis(_monotone(axes[1:], np.moveaxis(each, 0, -1), point[1:]), -1, 0)
+        np.moveaxis(_monotone(axes[1:], np.moveaxis(each, 0, -1), point[1:], flat_ends), -1, 0)
         for each in (rows, slopes)
     )
     return np.asarray(CubicHermiteSpline(axes[0], here, there)(point[0]))
 
 
 class Increments:
-    """Increments of the six coefficients over a separation distance, constant beyond the ends."""
+    """Increments of the six coefficients over a separation distance or a relative motion, constant
+    beyond the ends."""
 
     def __init__(self, table: Table):
-        zero = (0.0,) * len(table["distance"])
-        self.curve = clamped_curve(
-            table["distance"],
-            np.transpose([table[key] or zero for key in COEFFICIENTS]),
-            table["interpolation"],
-        )
-        self.ends, self.factor = (table["distance"][0], table["distance"][-1]), table["factor"]
+        axes = {"distance": table["distance"]} if table["axes"] is None else table["axes"]
+        self.axes = {name: np.array(points, float) for name, points in axes.items() if points}
+        zero = np.zeros([len(points) for points in self.axes.values()])
+        grids = [np.array(table[key] or zero, float) for key in COEFFICIENTS]
+        self.rows, self.interpolation = np.moveaxis(grids, 0, -1), table["interpolation"]
+        self.factor = table["factor"]
+        self.cardinals = [
+            clamped_curve(points, np.eye(len(points)), self.interpolation)
+            for points in self.axes.values()
+        ]
 
-    def at(self, distance: float) -> Array:
-        """Increments (6,) at a separation distance, m."""
-        return self.factor * self.curve(min(max(distance, self.ends[0]), self.ends[1]))
+    def at(self, motion: dict[str, float]) -> Array:
+        """Increments (6,) at a separation distance, m, or a relative motion, m and rad."""
+        point = [
+            min(max(motion[name], points[0]), points[-1]) for name, points in self.axes.items()
+        ]
+        if self.interpolation == "monotone":
+            return self.factor * _monotone(list(self.axes.values()), self.rows, point, True)
+        rows = self.rows
+        for cardinal, x in zip(self.cardinals, point, strict=True):
+            rows = np.tensordot(cardinal(x), rows, 1)
+        return self.factor * rows
 
 
 def _by_rate(terms: dict[str, float] | None) -> list[tuple[str, float, str]]:

@@ -381,7 +381,10 @@ class Loads:
         rates = self._reduced_rates(s, flow, speed)
         c = flow.coefficients.at(mach, alpha, beta, rates)
         for joint, increments in flow.increments:
-            c = c + increments.at(joint.separation(s)[0])
+            motion = {"distance": joint.separation(s)[0]}
+            if "distance" not in increments.axes:
+                motion = joint.relative_motion(s)
+            c = c + increments.at(motion)
         qs = 0.5 * density * speed * speed * flow.table["reference_area"]
         force = qs * flow.table["force_factor"] * np.array([-c[0], c[1], -c[2]])
         moment = (
