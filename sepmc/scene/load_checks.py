@@ -19,9 +19,11 @@ from sepmc.scene.model import (
     RelativeAxes,
     Scene,
     Spring,
+    signal_terms,
 )
 from sepmc.scene.outline_parts import selected_parts
 from sepmc.scene.parameters import item_names
+from sepmc.scene.tables import TERMS
 
 # s: the engine takes instants closer than this as one
 SHORTEST = 1e-12
@@ -94,6 +96,11 @@ def check_loads(scene: Scene, problems: Problems) -> None:
             )
         for label, part in zip(item_names(body.outline), body.outline, strict=True):
             _check_part(f"body.{name}.outline.{label}", part, problems)
+    signals = [signal.name for signal in scene.signal]
+    for key_path, signal in signal_terms(scene).items():
+        if signal not in signals:
+            hint = f"; {nearest(signal, signals)}" if signals else ""
+            problems.add(key_path, f"{TERMS}{hint}")
     for entry in scene.proximity:
         key_path = f"proximity.{entry.name}"
         check_known(f"{key_path}.body", entry.body, scene.body, "body", problems)

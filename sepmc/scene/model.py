@@ -2,6 +2,7 @@
 (``mass_kg``)."""
 
 import math
+import re
 from typing import Annotated, Any, Literal, NamedTuple
 
 from msgspec import Meta, Struct, field
@@ -36,7 +37,7 @@ Direction = Annotated[Vector, Quantity("", XYZ)]
 Radius = Annotated[float, NotNegative]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z", max_length=NAME)]
 Names = tuple[str, ...]
-# "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
+# "const", "alpha", "alpha2", "alpha_beta", ... or a signal -> coefficient, angles in radians
 Polynomial = dict[str, float]
 Series = tuple[float, ...]
 Grid = list[Any]  # nested lists of numbers, one level per axis of the table
@@ -122,11 +123,30 @@ DERIVATIVES = (
     "axial_q", "normal_q", "pitch_q", "side_p", "side_r", "roll_p", "roll_r", "yaw_p", "yaw_r",
 )  # fmt: skip
 RATES = ("p", "q", "r")  # roll to the right, pitch up, yaw to the right
+# terms of a polynomial; any other is the name of a signal
+TERM = re.compile(r"^(const|((alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)(_[pqr])?|[pqr])\Z")
+
+
+def signal_of(term: str) -> str:
+    """Name of the signal that a term of a polynomial multiplies; empty for other terms."""
+    return "" if TERM.match(term) else term
+
+
+def signal_terms(scene: "Scene") -> dict[str, str]:
+    """Signals that terms of aerodynamic polynomials multiply, by the paths of the terms."""
+    return {
+        f"body.{name}.aerodynamics.{coefficient}.{term}": term
+        for name, body in scene.body.items()
+        if body.aerodynamics is not None
+        for coefficient in COEFFICIENTS
+        for term in getattr(body.aerodynamics, coefficient)
+        if signal_of(term)
+    }
 
 
 class Aerodynamics(_Table, frozen=True, kw_only=True):
-    """Aerodynamic coefficients of a body: polynomials in alpha, beta and the reduced rates, and a
-    table."""
+    """Aerodynamic coefficients of a body: polynomials in alpha, beta, the reduced rates and
+    signals, and a table."""
 
     reference_area: Annotated[float, Positive, Quantity("area")]
     reference_length: Annotated[float, Positive, Quantity("length")]

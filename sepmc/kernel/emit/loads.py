@@ -14,7 +14,7 @@ from sepmc.kernel.emit.context import (
 )
 from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import ignition_time
-from sepmc.kernel.emit.signals import number, three_numbers
+from sepmc.kernel.emit.signals import number, signals_of, three_numbers
 from sepmc.kernel.emit.tables import looks_up, table_derivatives, table_force
 from sepmc.kernel.spec.held_cells import has_unloading, unloading_path
 from sepmc.kernel.spec.kernel_spec import stroke_flag
@@ -260,8 +260,8 @@ def _reduced_rates(s: State, body: str, flow: Any) -> dict[str, Any]:
 
 
 def _coefficients(s: State, body: str, alpha: Expr, beta: Expr, rates: dict[str, Any]) -> list[Any]:
-    """Six aerodynamic coefficients, polynomials in the flow angles and reduced rates; 0.0 without
-    terms."""
+    """Six aerodynamic coefficients, polynomials in the flow angles, reduced rates and signals; 0.0
+    without terms."""
     terms: dict[int, list[Expr]] = {code: [] for code in range(6)}
     for k, term in enumerate(aero_terms(s.spec.scene)):
         if term.body == body:
@@ -271,6 +271,8 @@ def _coefficients(s: State, body: str, alpha: Expr, beta: Expr, rates: dict[str,
                     value = value * _power(angle, power)
             if term.rate:
                 value = value * rates[term.rate]
+            if term.signal:
+                value = value * signals_of(s).value(s.spec.names.of["signal"][term.signal])
             terms[term.coefficient].append(value)
     return [
         total(terms[code]).called(name) if terms[code] else 0.0

@@ -7,8 +7,6 @@ monotone force tables count as kinks: their second derivative jumps.
 
 from sepmc.scene.model import AeroTable, Scene, Spring
 
-_SAME = 1e-12  # relative: the stroke ends at the last row
-
 
 def has_unloading(spring: Spring, dispersed: frozenset[str]) -> bool:
     """True if the force of a spring's table drops in some case as its stroke shrinks."""
@@ -27,11 +25,10 @@ def has_kinks(spring: Spring, dispersed: frozenset[str]) -> bool:
     table = spring.table
     if table is None:
         return False
-    last = table.extension[-1]
     return (
         table.interpolation != "cubic"
         or table.extension[0] > 0.0
-        or spring.stroke > last + _SAME * abs(last)
+        or spring.stroke > table.extension[-1]
         or f"spring.{spring.name}.stroke" in dispersed
         or has_unloading(spring, dispersed)
     )

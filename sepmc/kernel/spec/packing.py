@@ -18,6 +18,7 @@ from sepmc.scene.model import (
     Scene,
     Spring,
     WindProfile,
+    signal_of,
 )
 
 COEFFICIENTS = {
@@ -55,7 +56,7 @@ class Pool:
 @dataclass(frozen=True)
 class Term:
     """Term of an aerodynamic polynomial: coefficient times powers of alpha and beta, and a reduced
-    rate (one of `RATES`, or none)."""
+    rate (one of `RATES`, or none), or a signal (its name in the file)."""
 
     path: str
     body: str
@@ -63,6 +64,7 @@ class Term:
     alpha: int
     beta: int
     rate: str = ""
+    signal: str = ""
 
 
 def aero_terms(scene: Scene) -> list[Term]:
@@ -81,6 +83,9 @@ def aero_terms(scene: Scene) -> list[Term]:
         for coefficient, code in COEFFICIENTS.items():
             for term in getattr(body.aerodynamics, coefficient) if body.aerodynamics else ():
                 path = f"body.{name}.aerodynamics.{coefficient}.{term}"
+                if signal := signal_of(term):
+                    terms.append(Term(path, name, code, 0, 0, signal=signal))
+                    continue
                 rate = term[-1] if term.split("_")[-1] in RATES else ""
                 powers = _power(term, "alpha"), _power(term, "beta")
                 terms.append(Term(path, name, code, *powers, rate))

@@ -3,6 +3,7 @@ coefficients."""
 
 import itertools
 import math
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -146,7 +147,8 @@ class Increments:
         self.axes = {name: np.array(points, float) for name, points in axes.items() if points}
         zero = np.zeros([len(points) for points in self.axes.values()])
         grids = [np.array(table[key] or zero, float) for key in COEFFICIENTS]
-        self.rows, self.interpolation = np.moveaxis(grids, 0, -1), table["interpolation"]
+        self.rows = np.moveaxis(np.array(grids), 0, -1)
+        self.interpolation = table["interpolation"]
         self.factor = table["factor"]
         self.cardinals = [
             clamped_curve(points, np.eye(len(points)), self.interpolation)
@@ -166,10 +168,16 @@ class Increments:
         return self.factor * rows
 
 
-def _by_rate(terms: dict[str, float] | None) -> list[tuple[str, float, str]]:
-    """Terms of a polynomial without their rate, coefficients, and rates p, q, r or none."""
+def _by_rate(
+    terms: dict[str, float] | None, signals: Collection[str]
+) -> list[tuple[str, float, str]]:
+    """Terms of a polynomial without their rate or signal, coefficients, and rates p, q, r, signals
+    or none."""
     result = []
     for term, value in (terms or {}).items():
+        if term in signals:
+            result.append(("const", value, term))
+            continue
         *angles, last = term.split("_")
         rate = last if last in ("p", "q", "r") else ""
         result.append(("_".join(angles) or "const" if rate else term, value, rate))
@@ -182,12 +190,12 @@ def _factors(term: str, value: float) -> tuple[float, int, int]:
 
 
 class Coefficients:
-    """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha and beta plus a table over Mach,
-    alpha and beta."""
+    """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha, beta, reduced rates and signals
+    plus a table over Mach, alpha and beta."""
 
-    def __init__(self, table: Table):
+    def __init__(self, table: Table, signals: Collection[str]):
         self.terms = [
-            [(*_factors(term, value), rate) for term, value, rate in _by_rate(table[key])]
+            [(*_factors(term, value), rate) for term, value, rate in _by_rate(table[key], signals)]
             for key in COEFFICIENTS
         ]
         # axis (0 Mach, 1 alpha, 2 beta) and its points
@@ -213,7 +221,7 @@ class Coefficients:
 
     def at(self, mach: float, alpha: float, beta: float, rates: dict[str, float]) -> Array:
         """Coefficients (6,) at a Mach number, angles alpha and beta, rad, and the reduced rates p,
-        q, r."""
+        q, r and signals."""
         coefficients = np.array(
             [
                 sum(c * alpha**i * beta**j * (rates[r] if r else 1.0) for c, i, j, r in terms)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from oracles.independent.air import Coefficients, Increments, Standard, Tabled, Wind, curve
-from oracles.independent.case import Table
+from oracles.independent.case import COEFFICIENTS, Table
 from oracles.independent.formulas import Formulas
 from oracles.independent.joints import Joint, pair
 from oracles.independent.state import Array, State, Vehicle, cross
@@ -251,9 +251,11 @@ class Constant:
 class Flow:
     """Aerodynamic state of a body: its coefficients, reference point and atmosphere layer."""
 
-    def __init__(self, name: str, table: Table, vehicle: Vehicle):
+    def __init__(self, name: str, table: Table, vehicle: Vehicle, signals: list[str]):
         self.name, self.body, self.table = name, vehicle.index[name], table
-        self.coefficients = Coefficients(table)
+        self.coefficients = Coefficients(table, signals)
+        known = {term for key in COEFFICIENTS for term in table[key] or ()}
+        self.signals = [name for name in signals if name in known]
         self.arm = (
             np.zeros(3)
             if table["moment_point"] is None
@@ -284,7 +286,7 @@ class Loads:
         self.constants = [self._constant(table) for table in scene["load"]]
         self.air = None if self.environment["atmosphere"] == "none" else self._air()
         flows = {
-            name: Flow(name, body["aerodynamics"], vehicle)
+            name: Flow(name, body["aerodynamics"], vehicle, list(self.formulas.signals))
             for name, body in scene["body"].items()
             if body["aerodynamics"]
         }
@@ -292,6 +294,8 @@ class Loads:
             if table["body"] in flows:
                 flows[table["body"]].increments.append((joints[table["joint"]], Increments(table)))
         self.flows = list(flows.values()) if self.air else []
+        used = [name for flow in self.flows for name in flow.signals]
+        self.formulas.used = list(dict.fromkeys([*self.formulas.used, *used]))
         self.thrusts: list[tuple[Motor, Callable[[float], float]]] = []
         self.acting: list[Constant] = []
 
@@ -379,6 +383,7 @@ class Loads:
         """Aerodynamic force, N, and moment about the mass centre, N m, body axes."""
         speed, density, mach, alpha, beta = self.flow(t, s, flow)
         rates = self._reduced_rates(s, flow, speed)
+        rates |= {name: self.formulas.value(name, t, s) for name in flow.signals}
         c = flow.coefficients.at(mach, alpha, beta, rates)
         for joint, increments in flow.increments:
             motion = {"distance": joint.separation(s)[0]}
