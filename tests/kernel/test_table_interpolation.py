@@ -117,6 +117,16 @@ def test_leaving_a_table_of_lines(pair):
     assert pair(beyond).simulate(step_s=0.01).attrs["status"] == "outside-table"
 
 
+def test_outside_a_table_of_lines_at_the_start(pair):
+    """No phase begins: a status, and a history without rows."""
+    settings = scene("linear", 5e-3)
+    settings["environment"]["air"]["altitude_m"] = [1001.0, 1200.0, 1300.0, 2000.0]
+    settings["phase"] = [{"name": "first", "until": {"time_s": 0.01}}, {"name": "second"}]
+    history = pair(settings).simulate(step_s=0.01)
+    assert history.attrs["status"] == "outside-atmosphere"
+    assert history.empty
+
+
 @pytest.mark.slow
 def test_dispersed_cases_against_the_independent_flight(plainly):
     """Table 2 with its aerodynamics as lines over Mach number and alpha: rows to 1e-9, at the

@@ -164,6 +164,7 @@ def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
     for name, count in switched if c.spec.load_switches else []:
         c.workspace.add(name, count)
         text.block(f"for e in range({count} * LANES):")(f"w[{name} + e] = 0.0")
+    text.block("for e in range(SIZE_Y):")("w[K1 + e] = 0.0")
     text(f"cell_points_{segment.name}(w)", f"enter_cells_{segment.name}(w, 0.0)")
     text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
