@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from sepmc.scene.messages import Problems
-from sepmc.scene.model import COEFFICIENTS, DERIVATIVES, RATES, signal_of
+from sepmc.scene.model import COEFFICIENTS, DERIVATIVES, RATES
+from sepmc.scene.terms import signal_of
 from sepmc.scene.units import UNITS, split_unit
 
 _PER_DEGREE = 180.0 / math.pi

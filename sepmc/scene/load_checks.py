@@ -19,11 +19,11 @@ from sepmc.scene.model import (
     RelativeAxes,
     Scene,
     Spring,
-    signal_terms,
 )
 from sepmc.scene.outline_parts import selected_parts
 from sepmc.scene.parameters import item_names
 from sepmc.scene.tables import TERMS
+from sepmc.scene.terms import signal_terms
 
 # s: the engine takes instants closer than this as one
 SHORTEST = 1e-12

@@ -2,7 +2,6 @@
 (``mass_kg``)."""
 
 import math
-import re
 from typing import Annotated, Any, Literal, NamedTuple
 
 from msgspec import Meta, Struct, field
@@ -123,25 +122,6 @@ DERIVATIVES = (
     "axial_q", "normal_q", "pitch_q", "side_p", "side_r", "roll_p", "roll_r", "yaw_p", "yaw_r",
 )  # fmt: skip
 RATES = ("p", "q", "r")  # roll to the right, pitch up, yaw to the right
-# terms of a polynomial; any other is the name of a signal
-TERM = re.compile(r"^(const|((alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)(_[pqr])?|[pqr])\Z")
-
-
-def signal_of(term: str) -> str:
-    """Name of the signal that a term of a polynomial multiplies; empty for other terms."""
-    return "" if TERM.match(term) else term
-
-
-def signal_terms(scene: "Scene") -> dict[str, str]:
-    """Signals that terms of aerodynamic polynomials multiply, by the paths of the terms."""
-    return {
-        f"body.{name}.aerodynamics.{coefficient}.{term}": term
-        for name, body in scene.body.items()
-        if body.aerodynamics is not None
-        for coefficient in COEFFICIENTS
-        for term in getattr(body.aerodynamics, coefficient)
-        if signal_of(term)
-    }
 
 
 class Aerodynamics(_Table, frozen=True, kw_only=True):

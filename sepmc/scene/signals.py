@@ -20,9 +20,10 @@ from sepmc.scene.formula import (
 )
 from sepmc.scene.limits import LARGEST, NAME
 from sepmc.scene.messages import Problems, nearest
-from sepmc.scene.model import Driven, Load, Motor, Scene, Signal, Spring, signal_terms
+from sepmc.scene.model import Driven, Load, Motor, Scene, Signal, Spring
 from sepmc.scene.parameters import replace
 from sepmc.scene.tables import read_table
+from sepmc.scene.terms import signal_terms
 from sepmc.scene.units import UNITS, split_unit
 
 # kind of quantity of each name: of time, of a body, of a joint, of a spring, of an event

@@ -4,7 +4,8 @@ import numpy as np
 
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import Condition, Motor, Scene, Signal, signal_terms
+from sepmc.scene.model import Condition, Motor, Scene, Signal
+from sepmc.scene.terms import signal_terms
 
 
 def lines(layout: ParameterLayout) -> list[str]:

@@ -7,8 +7,9 @@ from functools import cached_property
 
 from sepmc.kernel.spec.naming import Names
 from sepmc.scene.formula import KINKS, Call, Name, Node, Number, parse, walk
-from sepmc.scene.model import Scene, Signal, signal_terms
+from sepmc.scene.model import Scene, Signal
 from sepmc.scene.signals import Quantity, quantity
+from sepmc.scene.terms import signal_terms
 
 OWN = "@"  # begins names that no file has: states and parameters of the signal itself
 STATE, STATE_RATE, HELD = Name(f"{OWN}state"), Name(f"{OWN}state rate"), Name(f"{OWN}held")

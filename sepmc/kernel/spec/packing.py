@@ -18,8 +18,8 @@ from sepmc.scene.model import (
     Scene,
     Spring,
     WindProfile,
-    signal_of,
 )
+from sepmc.scene.terms import signal_of
 
 COEFFICIENTS = {
     "axial": at.AXIAL,
