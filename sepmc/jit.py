@@ -38,6 +38,7 @@ from sepmc.locks import locked
 # survive to be reported.
 _FASTMATH = {"contract"}
 config: Any = numba.core.config  # its attributes are set at run time
+_VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2", "avx": "AVX", "neon": "NEON", "sse2": "SSE2"}
 _HERE = Path(__file__).parent
 # Compiled sources: a change asks for compiling again.
 _SOURCES = (
@@ -74,6 +75,17 @@ def processor() -> str:
     return str(config.CPU_NAME or binding.get_host_cpu_name())
 
 
+def _features() -> str:
+    """Features of the processor that code is compiled for, as in LLVM."""
+    return str(config.CPU_FEATURES or binding.get_host_cpu_features().flatten())
+
+
+def vector_extension() -> str:
+    """Widest vector instructions that code is compiled for; "none known" if not in the list."""
+    features = _features().split(",")
+    return next((name for flag, name in _VECTORS.items() if f"+{flag}" in features), "none known")
+
+
 def sources_digest() -> str:
     """Digest of all compiled sources, of the compilers' versions and of the processor."""
     versions = (
@@ -82,7 +94,7 @@ def sources_digest() -> str:
         sys.version_info[:2],
         binding.get_default_triple(),
         processor(),
-        config.CPU_FEATURES or binding.get_host_cpu_features().flatten(),
+        _features(),
     )
     return hashlib.sha256(repr(versions).encode() + digest_of(_SOURCES)).hexdigest()[:16]
 

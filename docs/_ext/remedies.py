@@ -100,7 +100,7 @@ OF_FOLDERS = {
     r"needs all rows": "run again without `--stats-only` or `--keep`, or use `statistics.csv`",
     r"needs a local folder": "give `--out` a local folder",
     r"no such outcome|is yes or no": "`sepmc stats RUN` lists the outcomes",
-    r"the lease for cases": "nothing: another worker runs these cases",
+    r"no longer waits for this worker": "nothing: another worker runs these cases",
     r"a worker on NODE": "give `--out` a folder that every machine sees under the same path",
     r"ended every worker": "give workers more memory, or fewer cases at a time (`run.chunk`)",
     r"workers|no Dask scheduler": "start the scheduler or its workers again, then `--resume`",

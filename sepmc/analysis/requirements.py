@@ -313,20 +313,21 @@ class Verdict:
 def design_value(
     counter: RequirementCounter, count: int, at_ranks: Callable[[np.ndarray], np.ndarray]
 ) -> float:
-    """Return the design value of a requirement.
+    """Return the order statistic that bounds the required fraction of all cases with the required
+    confidence.
 
     Parameters
     ----------
     counter : RequirementCounter
     count : int
-        Values of the outcome.
+        How many values the outcome has.
     at_ranks : callable
         Returns the values, or their `margins` for two bounds, at sorted zero-based ranks.
 
     Returns
     -------
     float
-        NaN if there is none.
+        NaN for a requirement on a status, and with too few cases.
     """
     item = counter.requirement
     if item.at_least is item.at_most is None:  # on a status

@@ -101,15 +101,15 @@ class _BlockCounters:
         for worst, column in zip(self.audits.values(), columns[len(self._moments) :], strict=True):
             worst.add(column[ok], numbers)
 
-    def merge(self, others: "_BlockCounters") -> None:
-        """Add what does not depend on blocks, of cases that follow."""
-        self.by_code += others.by_code
-        for label, numbers in others.failed.items():
+    def merge(self, other: "_BlockCounters") -> None:
+        """Add the counts of cases that follow; what depends on blocks is left out."""
+        self.by_code += other.by_code
+        for label, numbers in other.failed.items():
             self._name(label, np.array(numbers, dtype=np.int64))
-        for own, counter in zip(self.counters, others.counters, strict=True):
+        for own, counter in zip(self.counters, other.counters, strict=True):
             own.merge(counter)
         for name, worst in self.audits.items():
-            worst.merge(others.audits[name])
+            worst.merge(other.audits[name])
 
     def state(self) -> list[np.ndarray]:
         """Return the state without that of the accumulators passed to it, as arrays for
@@ -148,7 +148,8 @@ class PartialStatistics:
         )
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
-        """Add cases as `StreamingStatistics.add`; the first one is the first of a block."""
+        """Add cases, with the arguments of `StreamingStatistics.add`. Each call starts a block at
+        its first case, so every call but the last must contain whole blocks."""
         for first in range(0, len(numbers), ACCUMULATION_BLOCK):
             block = slice(first, first + ACCUMULATION_BLOCK)
             self.counters.add(numbers[block], codes[block], columns[:, block])

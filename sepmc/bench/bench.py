@@ -97,8 +97,8 @@ def bench(
 def _study(
     campaign: Campaign, cases: int | None, repeats: int, threads: int, quick: bool, say: Log
 ) -> Study:
-    """Select steps and sample cases; without a number of cases fewer, if the reference takes too
-    long."""
+    """Select steps and sample cases. If no number of cases is given, fewer are sampled where the
+    reference would take too long."""
     bare = campaign.with_settings({"run.history_step_s": 0.0})
     integration = select_steps(bare, announce=say)
     requested = cases or (QUICK_CASES if quick else CASES)
@@ -179,7 +179,9 @@ def _parts(
     )
     if peers:
         keep("peers", peers(study, reference))
-    results["headlines"] = _headlines(study, frames)
+    cpu, compiled_for = (results["machine"][name] for name in ("cpu", "compiled_for"))
+    results["headlines"] = {"processor": cpu, "compiled for": compiled_for}
+    results["headlines"] |= _headlines(study, frames)
     study.say("\n" + text.render_headlines(results["headlines"]))
     write()
     return results, frames

@@ -77,8 +77,8 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
 
 def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
-    """Count the operations of each variant, in one process per thread; equal kernels are counted
-    once."""
+    """Count the operations of variants, several at once; equal kernels are counted once. An entry
+    is None if its variant is not counted."""
     # its elimination is in loops, whose code does not show the number of iterations
     if study.formulation == FULL:
         return [None] * len(variants)
@@ -171,8 +171,8 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
                 continue
             if not _has_same_segments(study, campaign):
                 study.say(
-                    f"cost of {feature}: without it a case has other segments, so its steps "
-                    "are not those of the whole scene"
+                    f"cost of {feature} is not measured: without it the scene has other segments, "
+                    "so the selected steps do not apply"
                 )
                 continue
             variants.append(Variant(feature, change, campaign))

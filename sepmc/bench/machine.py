@@ -10,14 +10,17 @@ from sepmc.bench.clock import rounds
 from sepmc.campaign.store import manifests
 from sepmc.engine import fma_peak as peak
 from sepmc.engine.threads import max_threads, use_threads
+from sepmc.jit import processor, vector_extension
 
 _PASSES = 10_000  # some 3 ms
 
 
 def describe(threads: int) -> dict[str, Any]:
-    """Return processor, cores, threads and versions of packages, by name."""
+    """Return processor, what code is compiled for, cores, threads and versions of packages, by
+    name."""
     return {
         "cpu": _cpu(),
+        "compiled_for": f"{processor()}, {vector_extension()}",
         "cores": os.cpu_count(),
         "threads_available": max_threads(),
         "threads": threads,

@@ -33,8 +33,9 @@ def _by_cases(study: Study) -> list[dict[str, Any]]:
     tree, name = study.campaign.file.tree, study.campaign.name
     seconds_per_case = 0.0  # s a case, of the size before
     for cases in SIZES[:2] if study.quick else SIZES:
-        if seconds_per_case * cases > (_MAX_S / 10.0 if study.quick else _MAX_S):
-            study.say(f"left out, more than {_MAX_S:g} s: {cases} cases")
+        limit = _MAX_S / 10.0 if study.quick else _MAX_S
+        if seconds_per_case * cases > limit:
+            study.say(f"{cases} cases are left out: they would take more than {limit:g} s")
             break
         repeats = study.repeats if seconds_per_case * cases < 1.0 else 1
         study.say(f"running {cases} cases ...")

@@ -143,7 +143,7 @@ def size(
     one, at most 40 designs for each. The optimum is that of the search, not proven to be global.
     """
     tree = _cost_tree(minimise, variables)
-    items = _checked_requirements(campaign, cases)
+    items = checked_requirements(campaign, cases)
     seed = campaign.checked_seed(seed)
     vary = {one.key: (one.low, one.high) for one in variables}
     session = campaign.session(vary, threads, announce)
@@ -198,11 +198,12 @@ def _named(variables: Sequence[Variable], values: Sequence[Any]) -> dict[str, An
     return {one.name: value for one, value in zip(variables, values, strict=True)}
 
 
-def _checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement, ...]:
-    """Requirements of a campaign, which so many random cases can show. Raises InputError."""
+def checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement, ...]:
+    """Requirements of a campaign, which so many random cases of different seeds can show. Raises
+    InputError."""
     items = campaign.file.requirements
     if not items:
-        raise InputError(f"{campaign.name}: has no requirement to size for: give [[requirement]]")
+        raise InputError(f"{campaign.name}: has no requirement to judge by: give [[requirement]]")
     run = campaign.scene.run
     if run.samples is not None:
         raise InputError("run.samples: gives the run for the verdict the cases of the search")

@@ -5,6 +5,7 @@ from typing import Any
 import click
 
 from sepmc import __version__, gc_tuning
+from sepmc.cli.allocate import allocate
 from sepmc.cli.bench import bench
 from sepmc.cli.campaign import campaign
 from sepmc.cli.check import check
@@ -76,7 +77,7 @@ class _Sepmc(Program):
 )
 @click.version_option(__version__, prog_name="sepmc")
 def main() -> None:
-    """Prepare the process for a command."""
+    """Entry point of all commands. Makes garbage collection rare: a command ends soon."""
     gc_tuning.reduce_collections()
 
 
@@ -93,6 +94,7 @@ for _command in (
     compare,
     map_,
     size,
+    allocate,
     scenarios,
     report,
     export,

@@ -2,12 +2,15 @@
 
 import shlex
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sepmc.campaign.sizing import MAX_TRIES, Sizing
 from sepmc.scene.messages import Problems
 from sepmc.scene.setting_checks import expand, parts, split_units
 from sepmc.text_table import text_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def render_sizing(
@@ -25,18 +28,7 @@ def render_sizing(
     lines += [
         f"{key} is at an end of its range: a wider range may be better" for key in sizing.at_ends
     ]
-    head = ["requirement", "verdict", "violations", "may", "confidence"]
-    rows = [
-        [
-            str(name),
-            str(row["verdict"]).upper(),
-            str(row["violations"]),
-            str(row["allowed"]),
-            f"{row['confidence']:.4g}",
-        ]
-        for name, row in sizing.verdicts.to_dict("index").items()
-    ]
-    lines += text_table([head, *rows], left=(0, 1))
+    lines += render_verdicts(sizing.verdicts)
     lines.append(
         f"verdicts of {sizing.cases} cases of seed {sizing.seed}, which did not choose the design; "
         f"confidence raised for {MAX_TRIES} tries"
@@ -51,6 +43,22 @@ def render_sizing(
     words += ["--cases", str(sizing.cases), "--seed", str(sizing.seed)]
     lines.append(f"the same cases again: {shlex.join(words)}")
     return "\n".join(lines)
+
+
+def render_verdicts(verdicts: "pd.DataFrame") -> list[str]:
+    """Render the verdicts of a run, a line for each requirement."""
+    head = ["requirement", "verdict", "violations", "may", "confidence"]
+    rows = [
+        [
+            str(name),
+            str(row["verdict"]).upper(),
+            str(row["violations"]),
+            str(row["allowed"]),
+            f"{row['confidence']:.4g}",
+        ]
+        for name, row in verdicts.to_dict("index").items()
+    ]
+    return text_table([head, *rows], left=(0, 1))
 
 
 def _others(

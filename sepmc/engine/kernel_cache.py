@@ -31,11 +31,11 @@ class CompileUnits(msgspec.Struct, frozen=True):
     names : tuple of str
         Modules in the cache folder, in the order of the table of addresses.
     size : int
-        Numbers of the workspace.
+        How many numbers the workspace contains.
     n_indicators, n_segments, n_changes : int
-        Error indicators; segments; reported times of releases within segments.
+        Counts of error indicators, of segments and of reported times of releases within segments.
     methods : tuple
-        Names of the integration methods of each segment.
+        For each segment, the names of its integration methods.
     """
 
     names: tuple[str, ...]

@@ -59,6 +59,8 @@ class ReportContent:
     sensitivities, attributions : sequence of str
         Texts on each outcome, and on each violated requirement.
     replays : sequence of CaseReplay
+    flight : str
+        Text on the comparison with a flight; empty without one.
     """
 
     name: str
@@ -80,6 +82,7 @@ class ReportContent:
     sensitivities: Sequence[str] = ()
     attributions: Sequence[str] = ()
     replays: Sequence[CaseReplay] = field(default_factory=list)
+    flight: str = ""
 
 
 def write_report(
@@ -88,6 +91,7 @@ def write_report(
     vehicle: Sequence[Path],
     outcomes: Sequence[Path],
     sensitivity: Sequence[Path],
+    flight: Sequence[Path] = (),
 ) -> Path:
     """Write a report with its figures from SVG files.
 
@@ -96,8 +100,8 @@ def write_report(
     report : ReportContent
     path : Path
         Of the page.
-    vehicle, outcomes, sensitivity : sequence of Path
-        Figures of the vehicle, of the outcomes, and of their sensitivity.
+    vehicle, outcomes, sensitivity, flight : sequence of Path
+        Figures of the vehicle, of the outcomes, of their sensitivity, and of a flight.
 
     Returns
     -------
@@ -108,6 +112,7 @@ def write_report(
         "vehicle_figures": _embedded(vehicle),
         "outcome_figures": _embedded(outcomes),
         "sensitivity_figures": _embedded(sensitivity),
+        "flight_figures": _embedded(flight),
         "replays": [
             {"title": replay.title, "figures": _embedded(replay.figures)}
             for replay in report.replays

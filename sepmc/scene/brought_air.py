@@ -73,8 +73,10 @@ def _state(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
     key = "temperature_degC" if is_celsius else keys["temperature"]
     unit = split_unit(keys["pressure"])[1]
     if unit not in UNITS["pressure"] or not (is_celsius or split_unit(key)[1] == "K"):
+        wrong = keys["pressure"] if unit not in UNITS["pressure"] else key
         units = ", ".join(f"pressure_{each}" for each in UNITS["pressure"])
-        problems.add(key_path, f"needs units: {units}; temperature_K or temperature_degC")
+        allowed = "temperature_K, temperature_degC" if wrong == key else units
+        problems.add(f"{key_path}.{wrong}", f"must end in a unit; allowed: {allowed}")
         return []
     temperatures, pressures = _numbers(air[key]), _numbers(air[keys["pressure"]])
     if temperatures is None or pressures is None or len(temperatures) != len(pressures):

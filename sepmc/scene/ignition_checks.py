@@ -50,7 +50,7 @@ def _check_trigger(key_path: str, trigger: Ignition, scene: Scene, problems: Pro
 
 
 def _is_free(scene: Scene, joint: str, kind: str) -> bool:
-    """True if a kind of a joint has no constraint rows."""
+    """True if a joint of this kind has no constraint rows."""
     return not rows_of(scene.joint[joint], kind)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.scene.limits import SMALLEST, TABLE_CELLS, TABLE_ROWS
+from sepmc.scene.limits import FULL_TURN, SMALLEST, TABLE_CELLS, TABLE_ROWS
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import (
     COEFFICIENTS,
@@ -135,7 +135,7 @@ def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> No
 
 
 def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
-    """Check bodies and direction of a spring."""
+    """Check the bodies, the force table and the direction of a spring."""
     key_path = f"spring.{spring.name}"
     check_pair(f"{key_path}.bodies", spring.bodies, scene, problems)
     if spring.table is not None:
@@ -167,6 +167,18 @@ def _check_part(key_path: str, part: Part, problems: Problems) -> None:
         problems.add(key_path, "give stations_m and radii_m (a frustum), or points_m")
     if part.hollow and (part.stations is None or part.stations[0] == part.stations[1]):
         problems.add(f"{key_path}.hollow", "only a frustum of some length can be hollow")
+    if part.sector is not None:
+        key_path_of_sector = f"{key_path}.sector_deg"
+        first, last = part.sector
+        if part.stations is None or part.stations[0] == part.stations[1]:
+            problems.add(key_path_of_sector, "only a frustum of some length has a sector")
+        if not 0.0 < last - first <= FULL_TURN:
+            reason = "must be two angles, the second above the first by at most 360"
+            problems.add(key_path_of_sector, reason, [math.degrees(x) for x in part.sector])
+        if part.hollow:
+            problems.add(
+                f"{key_path}.hollow", "leave it out: a sector is a thin wall with two sides"
+            )
     if part.points and any(part.offset):
         problems.add(
             f"{key_path}.offset_m",
@@ -257,7 +269,14 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
         check_known("output.transverse", body, scene.body, "body", problems)
     if len(set(scene.output.transverse)) < len(scene.output.transverse):
         problems.add("output.transverse", "names a body twice", list(scene.output.transverse))
-    for key in ("loads", "tip_off", "guide"):
+    for pair in scene.output.relative:
+        check_pair("output.relative", pair, scene, problems)
+        if GROUND in pair:
+            problems.add("output.relative", "the ground has no centre of mass", list(pair))
+    if len(set(scene.output.relative)) < len(scene.output.relative):
+        pairs = list(map(list, scene.output.relative))
+        problems.add("output.relative", "names a pair twice", pairs)
+    for key in ("loads", "tip_off", "guide", "hinge"):
         joints = getattr(scene.output, key)
         for joint in joints:
             check_known(f"output.{key}", joint, scene.joint, "joint", problems)
@@ -288,11 +307,11 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
             if len(set(names)) < len(names):
                 problems.add(f"{key_path}.outlines.{number}", "names a part twice", list(names))
         outlines = [selected_parts(scene, clearance, side) for side in range(2)]
-        if all(outlines) and all(part.hollow for outline in outlines for part in outline):
+        if all(outlines) and all(part.is_wall for outline in outlines for part in outline):
             problems.add(
                 f"{key_path}.{'outlines' if any(clearance.outlines) else 'bodies'}",
-                "have shells only, between which there is no clearance: one needs a solid or "
-                "points",
+                "have shells only (a sector is one), between which there is no clearance: one "
+                "needs a solid or points",
             )
         if clearance.after is not None:
             check_known(f"{key_path}.after", clearance.after, scene.joint, "joint", problems)

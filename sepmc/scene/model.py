@@ -146,8 +146,9 @@ class Part(_Table, frozen=True, kw_only=True):
     """A part of a body's outline: a cone frustum (two stations and radii; a cylinder if the radii
     are equal), or points.
 
-    A hollow frustum is the inner surface of a shell: clearance counts from the inside. Clearances
-    can name parts that have names.
+    A hollow frustum is the inner surface of a shell: clearance counts from the inside. A sector is
+    the lateral surface between two angles, a thin wall with two sides. Clearances can name parts
+    that have names.
     """
 
     name: Name | None = None
@@ -157,6 +158,13 @@ class Part(_Table, frozen=True, kw_only=True):
     offset: Annotated[tuple[float, float], Quantity("length", ("y", "z"))] = (0.0, 0.0)
     points: Annotated[tuple[Vector, ...], Quantity("length")] = ()
     hollow: bool = False
+    # from, to, about body x: 0 toward z, 90 deg toward -y
+    sector: Annotated[tuple[float, float], Quantity("angle", _ENDS)] | None = None
+
+    @property
+    def is_wall(self) -> bool:
+        """True for a surface, between two of which there is no clearance."""
+        return self.hollow or self.sector is not None
 
 
 class Body(_Table, frozen=True, kw_only=True):
@@ -332,8 +340,8 @@ class RelativeAxes(_Table, frozen=True, kw_only=True):
     @property
     def points(self) -> dict[str, Series]:
         """Points of the axes that are given, by name, in the order of the fields."""
-        values = {name: getattr(self, name) for name in self.__struct_fields__}
-        return {name: points for name, points in values.items() if points}
+        names = self.__struct_fields__
+        return {name: points for name in names if (points := getattr(self, name))}
 
 
 class Proximity(_Table, frozen=True, kw_only=True):
@@ -463,13 +471,15 @@ class Clearance(_Table, frozen=True, kw_only=True):
 
 
 class Output(_Table, frozen=True, kw_only=True):
-    """Optional outputs: joints with loads, rates at release and guide loads; bodies with transverse
-    rates."""
+    """Optional outputs: joints with loads, rates at release, guide loads and hinge angles; bodies
+    with transverse rates; pairs of bodies with their relative attitude and distance."""
 
     loads: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
     transverse: tuple[str, ...] = ()  # bodies
+    hinge: tuple[str, ...] = ()
+    relative: tuple[tuple[str, str], ...] = ()
 
 
 class FormulaOutcome(_Table, frozen=True, kw_only=True):
@@ -569,15 +579,6 @@ class Correlation(_Table, frozen=True, kw_only=True):
     matrix: tuple[tuple[float, ...], ...] | None = None
 
 
-class Expected(_Table, frozen=True, kw_only=True):
-    """Published statistics of an outcome."""
-
-    mean: float | None = None
-    sigma: Annotated[float, Positive] | None = None
-    min: float | None = None
-    max: float | None = None
-
-
 VIOLATION = "violation"  # of any other requirement
 
 
@@ -591,10 +592,3 @@ class Requirement(_Table, frozen=True, kw_only=True):
     at_most: float | None = None
     probability: Annotated[float, _FRACTION] = 0.9973
     confidence: Annotated[float, _FRACTION] = 0.9
-
-
-class Reference(_Table, frozen=True, kw_only=True):
-    """Published statistics to compare with."""
-
-    source: str
-    outcome: dict[str, Expected] = field(default_factory=dict)

@@ -36,7 +36,10 @@ OF_BODY = {
     "dynamic_pressure": "pressure",
     "mach": "",
 }
-OF_JOINT = {"stroke": "length", "rate": "speed", "time_since_release": "time"}
+OF_JOINT = {
+    **{"stroke": "length", "rate": "speed", "time_since_release": "time"},
+    **{"angle": "angle", "angle_rate": "angular rate"},
+}
 OF_EVENT = {"time_since": "time"}
 OF_SPRING = {"extension": "length", "rate": "speed"}
 _OF_ITEM = {"joint": OF_JOINT, "spring": OF_SPRING, "event": OF_EVENT}
@@ -306,6 +309,8 @@ def _unknown_of_item(head: list[str], last: str, scene: Scene, items: Items) -> 
             return f"{reason}; {nearest(head[1], items[head[0]])}" if len(head) == 2 else reason
     elif len(head) == 1 and head[0] in scene.body:
         kinds = OF_BODY
+    elif head[0] == "clearance":
+        return "a distance of outlines is no quantity of signals; use a stroke or positions"
     else:
         return "no such body; " + nearest(head[0], [*scene.body, *_OF_ITEM])
     stem, key = ".".join(head) + ".", split_unit(last)[0]

@@ -42,9 +42,10 @@ def off(flight, ours):
         ((None, (12, 14, 14), (1, 3, 3)), 1e-10),
     ],
 )
-def test_heyoka(campaign, ours, arguments, bound):
+@pytest.mark.parametrize("batch", [4, 8])
+def test_heyoka(campaign, ours, batch, arguments, bound):
     flight = pytest.importorskip("oracles.engine_race.heyoka", exc_type=ImportError).HeyokaFlight
-    assert off(flight(read(campaign, CASES), *arguments), ours)[0] < bound
+    assert off(flight(read(campaign, CASES), batch, *arguments), ours)[0] < bound
 
 
 def test_mujoco_is_of_fourth_order(campaign, ours):

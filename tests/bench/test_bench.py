@@ -102,7 +102,8 @@ def test_command(name, formulation, tmp_path, monkeypatch):
     assert sorted(p.name for p in out.iterdir()) == sorted(["bench.json", *files])
     text = json.loads((out / "bench.json").read_text(encoding="utf-8"))
     assert {"campaign", "machine", "reference", "same_bits", "headlines", *parts} <= set(text)
-    assert {"cpu", "threads", "versions"} <= set(text["machine"])
+    assert {"cpu", "compiled_for", "threads", "versions"} <= set(text["machine"])
+    assert text["headlines"]["compiled for"] == text["machine"]["compiled_for"]
     assert all(text["same_bits"].values())
     frame = pd.read_parquet(out / "work_precision.parquet")
     assert frame["default"].sum() == 1

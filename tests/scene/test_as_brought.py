@@ -316,7 +316,14 @@ def test_the_standard_above(pair):
             {"pressure_Pa": [1e5, 1e4], "temperature_K": [15.0, -56.0]},
             "must be temperatures of 100 to 10000 K",
         ),
-        ({"pressure": [1e5, 1e4], "temperature_K": [288.0, 220.0]}, "needs units: pressure_Pa"),
+        (
+            {"pressure": [1e5, 1e4], "temperature_K": [288.0, 220.0]},
+            "must end in a unit; allowed: pressure_Pa",
+        ),
+        (
+            {"pressure_Pa": [1e5, 1e4], "temperature_deg": [15.0, -10.0]},
+            "temperature_deg: must end in a unit; allowed: temperature_K",
+        ),
         ({"density_kg_per_m3": [1.2, 1.0], "above": "isa"}, 'must be "us1976"'),
     ],
 )

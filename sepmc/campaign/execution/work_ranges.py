@@ -131,7 +131,10 @@ def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
                 )
             ]
     if not folders.lease_is_valid(job.folder, job.lease):
-        raise StaleWorkerError(f"{job.folder}: the lease for cases {first} to {end - 1} is revoked")
+        raise StaleWorkerError(
+            f"{job.folder}: the campaign no longer waits for this worker: its cases {first} to "
+            f"{end - 1} are not written"
+        )
     shards: list[ledger.Entry] = []
     selection = RowSelection(job.keep, campaign.file.requirements) if job.keep else None
     if job.accumulator:

@@ -9,6 +9,7 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import pin_forces
 from sepmc.kernel.emit.motion import Motion
 from sepmc.kernel.emit.outcomes import body_outcomes
+from sepmc.kernel.emit.relative import relative_values
 from sepmc.kernel.emit.signals import signals_of
 from sepmc.kernel.emit.steps import emit_broadcast, restore_stage
 from sepmc.kernel.emit.wrenches import before_wrenches, force_of, make_wrenches, moment_of
@@ -161,6 +162,7 @@ def _emit_row(out: Text, c: Context, segment: Segment) -> None:
             )
     row += [load for joint in c.guide_joints for load in _pin_loads(s, motion, joint)]
     row += [signals_of(s).value(signal.name) for signal in c.spec.scene.signal]
+    row += relative_values(s)
     clearances = c.spec.scene.clearance
     c.workspace.add("ROW", len(row) + len(clearances))
     for k, value in enumerate(row):

@@ -16,15 +16,15 @@ from sepmc.scene.model import GROUND
 
 
 def flag_unreleased(text: Text, c: Context) -> None:
-    """Flag the cases in which a joint is still constrained at the end although its release was
-    triggered or required."""
+    """Set UNRELEASED (status never-released) where a joint has not made one of its changes at the
+    end. A change must be made, an optional one only if its trigger occurred."""
     scope = c.scope()
     for joint in c.spec.initial_kinds:
         for change in c.spec.changes_of(joint):
-            constrained = kind_of(scope, c, joint) < float(change.to)
+            missing = kind_of(scope, c, joint) < float(change.to)
             if change.optional:
-                constrained = constrained & (event_time(scope, c, change) < math.inf)
-            scope.store("UNRELEASED", where(constrained, 1.0, scope.load("UNRELEASED")))
+                missing = missing & (event_time(scope, c, change) < math.inf)
+            scope.store("UNRELEASED", where(missing, 1.0, scope.load("UNRELEASED")))
     scope.write(text)
 
 

@@ -287,6 +287,8 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
         "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),
     }
+    if scene.output.hinge or scene.output.relative:
+        is_present["relative motion"] = True
     return [name for name, present in is_present.items() if present], [
         name for name, present in is_present.items() if not present
     ]

@@ -35,8 +35,9 @@ def looks_up(spec: KernelSpec, body: str) -> bool:
 
 
 def table_derivatives(spec: KernelSpec, body: str) -> list[tuple[str, int, str]]:
-    """Derivatives by rates that the table of a body has: name, coefficient, rate; those of the
-    look-up after the six coefficients."""
+    """Derivatives by rates in the aerodynamic table of a body: name, index of the coefficient,
+    rate. The look-up returns them in this order, after the six coefficients. Empty without a
+    table."""
     aero = spec.scene.body[body].aerodynamics
     return derivative_grids(aero.table) if aero is not None and aero.table is not None else []
 

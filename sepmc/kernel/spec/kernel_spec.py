@@ -196,8 +196,8 @@ class Segment:
 
     @property
     def needs_min_norm(self) -> bool:
-        """True if the multipliers that move the groups are not the joint loads: these then follow
-        from a minimum-norm solution over all rows."""
+        """True if the joint loads need a second solution. The motion uses only the rows that are
+        not redundant; the joint loads are the minimum-norm solution over all rows."""
         return self.redundant > 0 and not self.least_squares
 
     @property
@@ -224,7 +224,7 @@ class Segment:
         return next(group[0] for group in self.groups if body in group)
 
     def constrains(self, joint: str) -> bool:
-        """True if a joint has constraint rows in some case."""
+        """True if a joint has constraint rows in at least one of its possible kinds."""
         return any(self.joint_kinds[joint].values())
 
     def free_kinds(self, joint: str) -> tuple[int, ...]:

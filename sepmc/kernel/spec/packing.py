@@ -247,6 +247,10 @@ def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:
             (s0, s1), (r0, r1), (y, z) = element.stations, element.radii, element.offset
             if s0 == s1:  # a disc has one rim
                 r0 = r1 = max(r0, r1)
-            elements.append((float(element.hollow), s0, y, z, s1 - s0, r0, r1))
+            kind = at.SECTOR if element.sector is not None else float(element.hollow)
+            elements.append((kind, s0, y, z, s1 - s0, r0, r1))
+        if element.sector is not None:
+            first, last = element.sector
+            elements.append((at.SECTOR_ANGLES, first, 0.0, 0.0, last - first, 0.0, 0.0))
         elements += [(0.0, *point, 0.0, 0.0, 0.0) for point in element.points]
     return pool.add([x for element in elements for x in element]), len(elements)

@@ -289,8 +289,17 @@ def _varied(
                 keys = ("stations.0", "offset.y", "offset.z", "stations.1", "radii.0", "radii.1")
                 first, last = part.stations
                 add(
-                    (float(part.hollow), first, *part.offset, last, *part.radii),
+                    (
+                        at.SECTOR if part.sector is not None else float(part.hollow),
+                        *(first, *part.offset, last, *part.radii),
+                    ),
                     {f"{stem}.{key}": i for i, key in enumerate(keys, 1)},
+                )
+            if part.sector is not None:
+                begin, end = part.sector
+                add(
+                    (at.SECTOR_ANGLES, begin, 0.0, 0.0, end, 0.0, 0.0),
+                    {f"{stem}.sector.0": 1, f"{stem}.sector.1": 4},
                 )
             for k, point in enumerate(part.points):
                 add((0.0, *point, math.nan, 0.0, 0.0), _vector(f"{stem}.points.{k}", 1))

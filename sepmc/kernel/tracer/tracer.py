@@ -269,7 +269,8 @@ class Scope:
         self.comments.append((len(self.nodes), text))
 
     def localize(self, value: Any) -> Any:
-        """Value as seen from this scope, so that its components are read from its field."""
+        """Value as an expression of this scope: what another scope computed is loaded from the
+        workspace field that stores it. Plain numbers are returned unchanged."""
         return self._adopt(value) if isinstance(value, Expr) else value
 
     def _adopted(self, args: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -228,11 +228,20 @@ def refused() -> list[Stress]:
     rod = pair("rod")
     rod["joint"]["link"]["second_point_m"] = rod["joint"]["link"]["point_m"]
     return [
-        _refusal("rod without length, by file", rod),
-        _refusal("singular inertia, by file", with_("body.aft.inertia_kg_m2", [0.0, 1.0, 1.0])),
-        _refusal("inertia of no body, by file", with_("body.aft.inertia_kg_m2", [1.0, 1.0, 3.0])),
-        _refusal("mass NaN, by file", with_("body.aft.mass_kg", math.nan)),
-        _refusal("rate infinite, by file", with_("initial.omega_rad_s", [math.inf, 0.0, 0.0])),
-        _refusal("step 0, by file", with_("solver.step_s", 0.0)),
-        _refusal("parallel joint axes, by file", with_("joint.link.y_axis", [1.0, 0.0, 0.0])),
+        _refusal("rod without length, in the scene file", rod),
+        _refusal(
+            "singular inertia, in the scene file", with_("body.aft.inertia_kg_m2", [0.0, 1.0, 1.0])
+        ),
+        _refusal(
+            "inertia of no body, in the scene file",
+            with_("body.aft.inertia_kg_m2", [1.0, 1.0, 3.0]),
+        ),
+        _refusal("mass NaN, in the scene file", with_("body.aft.mass_kg", math.nan)),
+        _refusal(
+            "rate infinite, in the scene file", with_("initial.omega_rad_s", [math.inf, 0.0, 0.0])
+        ),
+        _refusal("step 0, in the scene file", with_("solver.step_s", 0.0)),
+        _refusal(
+            "parallel joint axes, in the scene file", with_("joint.link.y_axis", [1.0, 0.0, 0.0])
+        ),
     ]

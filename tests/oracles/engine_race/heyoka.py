@@ -1,5 +1,5 @@
-"""The cases flown by heyoka: batches of eight in SIMD registers, a Taylor integrator per phase, all
-threads.
+"""The cases flown by heyoka: batches of 4 or 8 in SIMD registers, a Taylor integrator per phase,
+all threads.
 
 F. Biscani and D. Izzo, "Revisiting high-order Taylor methods for astrodynamics and celestial
 mechanics", MNRAS 504(2), 2021.
@@ -34,15 +34,14 @@ from oracles.engine_race.inputs import Inputs
 from oracles.engine_race.outcomes import Final, outcomes
 from oracles.engine_race.vectors import Array, attitude_from
 
-BATCH = 8
-CHUNK = 128
+CHUNK = 128  # batches
 HUGE = 1e30
 Three = tuple[int, int, int]
 
 
 @dataclass
 class Phase:
-    """Phase ready to run: its integrator; parameters by batch, (batches, p, 8); states by name."""
+    """Phase ready to run: its integrator; parameters, (batches, p, batch); states by name."""
 
     names: list[str]
     integrator: Any
@@ -50,32 +49,32 @@ class Phase:
     compile_s: float
 
 
-def by_batch(rows: Array) -> Array:
-    """(k, n) to (batches, k, 8); the last batch is filled up with the last case."""
+def by_batch(rows: Array, batch: int) -> Array:
+    """(k, n) to (batches, k, batch); the last batch is filled up with the last case."""
     count = rows.shape[1]
-    full = np.concatenate([rows, np.repeat(rows[:, -1:], -count % BATCH, axis=1)], axis=1)
-    return np.ascontiguousarray(full.reshape(len(rows), -1, BATCH).transpose(1, 0, 2))
+    full = np.concatenate([rows, np.repeat(rows[:, -1:], -count % batch, axis=1)], axis=1)
+    return np.ascontiguousarray(full.reshape(len(rows), -1, batch).transpose(1, 0, 2))
 
 
 def by_case(batches: Array, count: int) -> Array:
-    """(batches, k, 8) to (k, n)."""
+    """(batches, k, batch) to (k, n)."""
     return batches.transpose(1, 0, 2).reshape(batches.shape[1], -1)[:, :count]
 
 
-def _phase(eq: Equations, tolerance: float, huge: bool, events: list[Any]) -> Phase:
+def _phase(eq: Equations, tolerance: float, huge: bool, events: list[Any], batch: int) -> Phase:
     system = eq.system
     if huge:
         system.append((hy.expression("huge"), hy.expression(0.0)))
     began = time.perf_counter()
     one = hy.taylor_adaptive_batch(
-        system, state=np.zeros((len(system), BATCH)), pars=np.zeros((len(eq.parameters), BATCH)),
+        system, state=np.zeros((len(system), batch)), pars=np.zeros((len(eq.parameters), batch)),
         tol=tolerance, compact_mode=False,
         t_events=events,
     )  # fmt: skip
     spent = time.perf_counter() - began
     if huge:
         one.state[-1] = HUGE
-    return Phase(list(eq.rates), one, by_batch(np.array(eq.parameters)), spent)
+    return Phase(list(eq.rates), one, by_batch(np.array(eq.parameters), batch), spent)
 
 
 class HeyokaFlight:
@@ -83,6 +82,8 @@ class HeyokaFlight:
 
     Parameters
     ----------
+    batch : int
+        Cases in a SIMD register.
     tolerance : float, optional
         heyoka selects its own steps.
     orders, steps : three int, optional
@@ -92,16 +93,18 @@ class HeyokaFlight:
     def __init__(
         self,
         inputs: Inputs,
+        batch: int,
         tolerance: float | None,
         orders: Three = (0, 0, 0),
         steps: Three = (1, 1, 1),
     ):
-        self.inputs, self.steps, self.adaptive = inputs, steps, tolerance is not None
+        self.inputs, self.batch, self.steps = inputs, batch, steps
+        self.adaptive = tolerance is not None
         tolerances = [tolerance or math.exp(-2.0 * (order - 1.5)) for order in orders]
         gap = inputs.first.arm[:, 0] - inputs.second.arm[:, 0]
         guided = equations.mated(inputs, True)
         # of rx at the release
-        self.target = by_batch((gap + inputs.apart * inputs.stroke)[None])[:, 0]
+        self.target = by_batch((gap + inputs.apart * inputs.stroke)[None], batch)[:, 0]
         events = []
         if self.adaptive:
             stroke = inputs.apart * (
@@ -110,17 +113,17 @@ class HeyokaFlight:
             events = [hy.t_event_batch(stroke, direction=hy.event_direction.positive)]
         systems = (equations.mated(inputs, False), guided, equations.free(inputs))
         self.phases = [
-            _phase(eq, tol, not self.adaptive, found)
-            for eq, tol, found in zip(systems, tolerances, ([], events, []), strict=True)
+            _phase(eq, tol, not self.adaptive, event, batch)
+            for eq, tol, event in zip(systems, tolerances, ([], events, []), strict=True)
         ]
         begin = equations.start(inputs)
-        self.start = by_batch(np.array([begin[name] for name in self.phases[0].names]))
-        self.gap = by_batch(gap[None])[:, 0]
-        self.unlock = by_batch(inputs.unlock[None])[:, 0]
+        self.start = by_batch(np.array([begin[name] for name in self.phases[0].names]), batch)
+        self.gap = by_batch(gap[None], batch)[:, 0]
+        self.unlock = by_batch(inputs.unlock[None], batch)[:, 0]
         total = inputs.first.mass + inputs.second.mass
         shares = [-inputs.second.mass / total, inputs.first.mass / total]
         self.split = by_batch(
-            np.array([*shares, *(inputs.first.arm - inputs.second.arm).T[1:]])
+            np.array([*shares, *(inputs.first.arm - inputs.second.arm).T[1:]]), batch
         ).transpose(1, 0, 2)
         began = time.perf_counter()
         names = self.phases[1].names
@@ -129,15 +132,15 @@ class HeyokaFlight:
         self.compile_s = sum(p.compile_s for p in self.phases) + time.perf_counter() - began
         self.typical = 0.0  # s: a guess how long the guided phase lasts
         if steps[1] > 1 and not self.adaptive:
-            pilot = HeyokaFlight(inputs.part(0, BATCH), None, (8, 12, 8))
+            pilot = HeyokaFlight(inputs.part(0, batch), batch, None, (8, 12, 8))
             self.typical = float(np.mean(pilot.fly()[1] - pilot.inputs.unlock))
 
     def fly(self) -> tuple[Array, Array]:
         """Final states (33, n) and release times (n,)."""
         count = len(self.start)
         final, release = (
-            np.empty((count, len(self.phases[2].names), BATCH)),
-            np.empty((count, BATCH)),
+            np.empty((count, len(self.phases[2].names), self.batch)),
+            np.empty((count, self.batch)),
         )
         for first in range(0, count, CHUNK):
             rows = slice(first, min(first + CHUNK, count))
@@ -146,7 +149,7 @@ class HeyokaFlight:
 
     def _chunk(self, rows: slice, final: Array, release: Array) -> None:
         locked, guided, free = ((p.integrator, p.parameters[rows]) for p in self.phases)
-        state = np.zeros((len(final), len(self.phases[1].names), BATCH))
+        state = np.zeros((len(final), len(self.phases[1].names), self.batch))
         size = self.start.shape[1]
         n0, n1, n2 = (1, 1, 1) if self.adaptive else self.steps
         unlock = self.unlock[rows]
@@ -176,11 +179,11 @@ class HeyokaFlight:
         self, ta: Any, parameters: Array, state: Array, steps: int, target: Array
     ) -> Array:
         """Run the guided phase from ``state`` to the release, into ``state``; returns its duration,
-        (batches, 8)."""
+        (batches, batch)."""
         size = state.shape[1]
         now, pars, fly, series = ta.state[:size], ta.pars, ta.propagate_until, ta.tc[:size]
-        step = np.full(BATCH, self.typical / steps if steps > 1 else self.inputs.end)
-        coefficients = np.empty((*series.shape[:2], len(state), BATCH))
+        step = np.full(self.batch, self.typical / steps if steps > 1 else self.inputs.end)
+        coefficients = np.empty((*series.shape[:2], len(state), self.batch))
         for at, begin in enumerate(state):
             now[:], pars[:] = begin, parameters[at]
             for _ in range(steps - 1):
@@ -190,7 +193,8 @@ class HeyokaFlight:
             fly(step, write_tc=True)
             coefficients[:, :, at] = series
         rows = evaluate(
-            self.root, np.concatenate([coefficients.reshape(-1, len(state), BATCH), target[None]])
+            self.root,
+            np.concatenate([coefficients.reshape(-1, len(state), self.batch), target[None]]),
         )
         state[:] = rows[:-1].transpose(1, 0, 2)
         return rows[-1] + (steps - 1) * step
@@ -205,7 +209,7 @@ class HeyokaFlight:
             ta.set_time(0.0)
             ta.reset_cooldowns()
             goal = self.inputs.end - unlock[at]
-            for _ in range(BATCH + 1):  # each ends one case at least
+            for _ in range(self.batch + 1):  # each ends one case at least
                 ta.propagate_until(goal)
                 for lane, result in enumerate(ta.propagate_res):
                     if int(result[0]) == -1:

@@ -92,7 +92,7 @@ GUIDE = {
 CUSTOM = {"translations": (), "rotations": ()}
 PART = {
     "name": None, "stations": None, "radii": None, "offset": (0.0, 0.0), "points": (),
-    "hollow": False,
+    "hollow": False, "sector": None,
 }  # fmt: skip
 CLEARANCE = {"name": REQUIRED, "bodies": REQUIRED, "outlines": ((), ()), "after": None}
 FORMULA_OUTCOME = {"name": REQUIRED, "formula": REQUIRED, "unit": "1"}
@@ -108,7 +108,9 @@ UNTIL = {
     "body": None, "altitude": None, "vertical_speed": None, "direction": None,
     "any": (), "all": (),
 }  # fmt: skip
-OUTPUT = {"loads": (), "tip_off": (), "guide": (), "transverse": ()}
+OUTPUT = {
+    "loads": (), "tip_off": (), "guide": (), "transverse": (), "hinge": (), "relative": (),
+}  # fmt: skip
 INITIAL = {
     "altitude": REQUIRED, "speed": REQUIRED, "omega": ZERO, "alpha": 0.0, "pitch": 0.0,
     "yaw": 0.0, "roll": 0.0, "path_yaw": 0.0,

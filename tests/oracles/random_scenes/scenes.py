@@ -29,7 +29,7 @@ from oracles.random_scenes.guides import add_guides, add_outputs
 from oracles.random_scenes.joints import add_joints
 from oracles.random_scenes.loads import add_force_tables, add_late_profiles, add_loads
 from oracles.random_scenes.names import Names
-from oracles.random_scenes.outlines import add_clearances, name_parts
+from oracles.random_scenes.outlines import add_clearances, add_sectors, name_parts
 from oracles.random_scenes.phases import add_allowances, add_instants, add_phases, add_triggers
 from oracles.random_scenes.rng import RandomStream
 from oracles.random_scenes.signals import add_control_terms, add_signals
@@ -63,8 +63,10 @@ LATE = {
     "optional": 0.15,  # optional releases, and releases that do not occur
     "late profile": 0.15,  # thrust that begins some time after ignition
     "signal": 0.2,  # loads, motors and springs by formulas
-    "table variant": 0.2,  # interpolations, corners, return factors, axes of relative motion
-    "control derivative": 0.1,  # coefficients by signals
+    # by name only, so that old scenes stay
+    "sector": 0.0,  # sectors of frustums as outlines
+    "table variant": 0.0,  # interpolations, corners, return factors, axes of relative motion
+    "control derivative": 0.0,  # coefficients by signals
 }
 _LATE_PROBABILITY = 0.3
 _TRANSVERSE = 0.15  # probability of transverse rates as outputs
@@ -135,6 +137,8 @@ def scene(seed: int, late: Iterable[str] | None = None, kinds: Iterable[str] = (
     add_allowances(draft)
     draft.rng = RandomStream(seed, 7)
     add_late_profiles(draft)
+    draft.rng = RandomStream(seed, 22)
+    add_sectors(draft)
     draft.rng = RandomStream(seed, 20)
     name_parts(draft)
     draft.rng = RandomStream(seed, 21)

@@ -1,0 +1,254 @@
+"""Tolerance allocation: what the spread of each input contributes to the probability of a
+violation, and which spreads may be doubled or must be halved.
+
+The spread of one input at a time is scaled about its centre and all cases are simulated again, on
+common random numbers. (Weights on the cases of one run would reach no wider spread, and a run takes
+milliseconds.) A proposal scales several spreads at once; its verdict is that of a run with another
+seed, at a confidence that is raised for the number of tries (Bonferroni).
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis.proportions import paired_interval
+from sepmc.analysis.requirements import PASS, violation_masks
+from sepmc.campaign.sizing import checked_requirements
+from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.messages import InputError, Log, SceneError
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign
+
+HALF, DOUBLE = 0.5, 2.0
+MAX_TRIES = 4
+_SCALED = ("uniform", "normal", "triangular")
+
+
+@dataclass(frozen=True)
+class Allocation:
+    """Result of an allocation.
+
+    Attributes
+    ----------
+    table : DataFrame
+        A row for each scaled input, the largest gain of halving first: ``input`` (key), ``low``
+        and ``high`` of its range (3 sigma without truncation), and for both factors (``half``,
+        ``double``) the change of the probability of a violation, its 95 % interval (``_low``,
+        ``_high``; paired) and ``_passes``, True if that run shows all requirements. NaN and None
+        with a ``note`` where a spread cannot be scaled.
+    probability : float
+        Of a violation of any requirement, in the campaign's own run.
+    passes : bool
+        True if that run shows all requirements.
+    factors : dict of str to float
+        Proposal: factor of the spread by key. Empty if there is none.
+    settings : dict
+        The same as settings of the file.
+    shown : bool
+        True if a run with another seed shows all requirements with the proposal.
+    verdicts : DataFrame or None
+        Verdicts of that run, at the raised confidence.
+    cases, seed : int
+        Of every run of the table; the proposal has the same number of cases.
+    verdict_seed : int
+        Seed of the last run of a proposal.
+    """
+
+    table: pd.DataFrame
+    probability: float
+    passes: bool
+    factors: dict[str, float]
+    settings: dict[str, Any]
+    shown: bool
+    verdicts: pd.DataFrame | None
+    cases: int
+    seed: int
+    verdict_seed: int
+
+
+def scaled_distribution(dispersion: Dispersion, factor: float) -> dict[str, Any]:
+    """Distribution with another spread about the same centre (the mode of a triangular one), as in
+    a file; the truncation of a normal distribution scales with sigma."""
+    numbers = dispersion.numbers
+    if dispersion.distribution == "normal":
+        mean, sigma, cut = numbers
+        limit = {} if math.isinf(cut) else {"truncate_sigma": cut}
+        return {"normal": [mean, factor * sigma], **limit}
+    centre = numbers[1] if dispersion.distribution == "triangular" else 0.5 * sum(numbers)
+    return {dispersion.distribution: [centre + factor * (number - centre) for number in numbers]}
+
+
+def allocate(
+    campaign: "Campaign",
+    cases: int | None = None,
+    seed: int | None = None,
+    threads: int | None = None,
+    announce: Log | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Allocation:
+    """Halve and double the spread of every dispersed input, and propose spreads.
+
+    If the campaign's own run shows all requirements, the proposal doubles as many spreads as a
+    fresh run still allows; else it halves as few as a fresh run needs.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    cases, seed : int, optional
+        Of every run; those of the file if None.
+    threads : int, optional
+    announce : callable (text), optional
+        Called with the messages of the campaign's own run.
+    progress : callable (done, total), optional
+        Called with numbers of runs.
+
+    Returns
+    -------
+    Allocation
+
+    Raises
+    ------
+    InputError
+        If the campaign has no requirement or no spread, its cases are not random, or they are too
+        few to show a requirement.
+    """
+    cases = campaign.scene.run.cases if cases is None else cases
+    checked_requirements(campaign, cases)
+    seed = campaign.checked_seed(seed)
+    spreads = [
+        one
+        for one in campaign.file.dispersions
+        if one.distribution in _SCALED and not one.column and one.reach[0] < one.reach[1]
+    ]
+    if not spreads:
+        raise InputError(
+            f"{campaign.name}: no input has a spread to scale: {', '.join(_SCALED)} in [dispersion]"
+        )
+    total, done = 1 + 2 * len(spreads), 0
+    progress = progress or _ignore
+    progress(0, total)
+
+    def run(variant: "Campaign", announce: Log | None = _ignore) -> tuple[np.ndarray, bool]:
+        nonlocal done
+        result = variant.run(cases, seed, threads, announce=announce)
+        done += 1
+        progress(done, total)
+        table, items = result.table, variant.file.requirements
+        masks = [violation_masks(item, table, items) for item in items]
+        violates = np.any([one | ~known for one, known in masks], axis=0)
+        return violates, bool((result.requirements()["verdict"] == PASS).all())
+
+    violates, passes = run(campaign, announce)
+    rows = []
+    for one in spreads:
+        low, high = one.reach
+        row: dict[str, Any] = {"input": one.parameter.key, "low": low, "high": high, "note": ""}
+        for name, factor in (("half", HALF), ("double", DOUBLE)):
+            try:
+                changed, row[f"{name}_passes"] = run(_with_spreads(campaign, {one: factor}))
+            except SceneError as error:
+                reason = str(error.problems[0]).removeprefix(f"{campaign.name}: ")
+                row["note"], row[f"{name}_passes"] = f"{name}: {reason}", None
+                row |= dict.fromkeys((name, f"{name}_low", f"{name}_high"), math.nan)
+                done += 1
+                continue
+            more, less = int((changed & ~violates).sum()), int((violates & ~changed).sum())
+            interval = paired_interval(more, less, cases)
+            row |= {name: (more - less) / cases, f"{name}_low": interval[0]}
+            row[f"{name}_high"] = interval[1]
+        rows.append(row)
+    table = pd.DataFrame(rows)
+    order = np.argsort(table["half"].fillna(0.0).to_numpy(), kind="stable")
+    by_gain = [spreads[k] for k in order]
+    table = table.iloc[order].reset_index(drop=True)
+    candidates, factor = _candidates(table, by_gain, passes)
+    factors, shown, verdicts, verdict_seed = _propose(
+        campaign, candidates, factor, passes, cases, seed, threads
+    )
+    return Allocation(
+        table,
+        float(violates.mean()),
+        passes,
+        {one.parameter.key: factor for one in factors},
+        _settings(dict.fromkeys(factors, factor)),
+        shown,
+        verdicts,
+        cases,
+        seed,
+        verdict_seed,
+    )
+
+
+def _settings(factors: dict[Dispersion, float]) -> dict[str, Any]:
+    """Settings of the file that scale spreads."""
+    return {
+        f"dispersion.{one.parameter.key}": scaled_distribution(one, factor)
+        for one, factor in factors.items()
+    }
+
+
+def _ignore(*_: object) -> None:
+    """Ignore a message."""
+
+
+def _with_spreads(campaign: "Campaign", factors: dict[Dispersion, float]) -> "Campaign":
+    """Campaign with scaled spreads."""
+    return campaign.with_settings(_settings(factors))
+
+
+def _candidates(
+    table: pd.DataFrame, spreads: Sequence[Dispersion], passes: bool
+) -> tuple[list[Dispersion], float]:
+    """Inputs to scale in this order, and their factor: to double, those that alone still pass, the
+    smallest rise first; to halve, those whose halving surely helps, the largest gain first."""
+    if passes:
+        good = table[table["double_passes"].eq(True)].sort_values("double", kind="stable")
+        return [spreads[k] for k in good.index], DOUBLE
+    good = table[table["half_high"] < 0.0]
+    return [spreads[k] for k in good.index], HALF
+
+
+def _propose(
+    campaign: "Campaign",
+    candidates: Sequence[Dispersion],
+    factor: float,
+    passes: bool,
+    cases: int,
+    seed: int,
+    threads: int | None,
+) -> tuple[list[Dispersion], bool, pd.DataFrame | None, int]:
+    """Scaled inputs, whether a fresh run shows all requirements with them, its verdicts and seed.
+
+    The first inputs in the order of ``candidates`` are scaled: as many as possible if the campaign
+    passes, else as few as possible. Their number is found by bisection, at most `MAX_TRIES` runs.
+    """
+    raised = {
+        f"requirement.{item.name}.confidence": 1.0 - (1.0 - item.confidence) / MAX_TRIES
+        for item in campaign.file.requirements
+    }
+    best: tuple[list[Dispersion], bool, pd.DataFrame | None, int] = ([], False, None, seed)
+    low, high = (0, len(candidates)) if passes else (1, len(candidates))
+    count = len(candidates)  # the first try scales all
+    for number in range(1, MAX_TRIES + 1):
+        if not candidates or low > high or count == 0:
+            break
+        chosen = list(candidates[:count])
+        variant = _with_spreads(campaign, dict.fromkeys(chosen, factor)).with_settings(raised)
+        verdicts = variant.run(cases, seed + number, threads, announce=_ignore).requirements()
+        shown = bool((verdicts["verdict"] == PASS).all())
+        if shown or not best[1]:
+            best = chosen, shown, verdicts, seed + number
+        if shown == passes:  # more may be scaled
+            low = count + 1
+        else:
+            high = count - 1
+        count = (low + high + 1) // 2 if passes else (low + high) // 2
+    return best
+
+
+__all__ = ["Allocation", "allocate", "scaled_distribution"]

@@ -1,0 +1,94 @@
+"""Screen of `sepmc allocate`."""
+
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sepmc.campaign.allocation import MAX_TRIES, Allocation
+from sepmc.cli.size_results import render_verdicts
+from sepmc.text_table import text_table
+
+
+def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]) -> str:
+    """Render the table of inputs, the proposal, its lines for the file, and the verdicts of the run
+    with fresh cases. ``settings`` are those of the command line."""
+    table = allocation.table
+    head = [
+        "input",
+        "low",
+        "high",
+        "halved",
+        "95 % interval",
+        "doubled",
+        "95 % interval",
+        "verdict",
+    ]
+    rows = [
+        [
+            row["input"],
+            f"{row['low']:.6g}",
+            f"{row['high']:.6g}",
+            *_change(row, "half"),
+            *_change(row, "double"),
+            _passes(row),
+        ]
+        for row in table.to_dict("records")
+    ]
+    if not allocation.passes:  # then no doubled spread passes either
+        head, rows = head[:-1], [row[:-1] for row in rows]
+    verdict = "passes" if allocation.passes else "does not pass"
+    lines = [
+        f"probability of a violation {allocation.probability:.4g} in {allocation.cases} cases: the "
+        f"campaign {verdict}",
+        "changes of this probability if the spread of one input is halved or doubled:",
+        *text_table([head, *rows], left=(0,)),
+        *(f"{row['input']}: {row['note']}" for row in table.to_dict("records") if row["note"]),
+        "",
+    ]
+    if not allocation.factors:
+        return "\n".join([*lines, _without_proposal(allocation)])
+    verb = "doubled" if allocation.passes else "halved"
+    shown = "shown" if allocation.shown else "not shown"
+    lines.append(f"{shown} with {len(allocation.factors)} of {len(table)} spreads {verb}:")
+    lines += [f"  {line}" for line in _file_lines(allocation.settings)]
+    assert allocation.verdicts is not None
+    lines += render_verdicts(allocation.verdicts)
+    lines.append(
+        f"verdicts of {allocation.cases} cases of seed {allocation.verdict_seed}, which did not "
+        f"choose the spreads; confidence raised for {MAX_TRIES} tries"
+    )
+    changed = [*settings, *(f"{k}={_inline(value)}" for k, value in allocation.settings.items())]
+    words = ["sepmc", "campaign", file, *(word for one in changed for word in ("--set", one))]
+    words += ["--cases", str(allocation.cases), "--seed", str(allocation.verdict_seed)]
+    return "\n".join([*lines, f"the same cases again: {shlex.join(words)}"])
+
+
+def _without_proposal(allocation: Allocation) -> str:
+    if allocation.passes:
+        return "no spread can be doubled: each doubled one alone fails a requirement"
+    return "no halved spread surely helps: change the design, or give more --cases"
+
+
+def _change(row: Mapping[Any, Any], name: str) -> list[str]:
+    """Change of the probability, and its interval."""
+    if row[name] != row[name]:
+        return ["-", "-"]
+    interval = f"{row[f'{name}_low']:+.3g} to {row[f'{name}_high']:+.3g}"
+    return [f"{row[name]:+.3g}", interval]
+
+
+def _passes(row: Mapping[Any, Any]) -> str:
+    return {True: "may be doubled", False: "fails"}.get(row["double_passes"], "-")
+
+
+def _file_lines(settings: Mapping[str, Any]) -> list[str]:
+    """Lines of [dispersion] in a campaign file."""
+    return [
+        f'"{key.removeprefix("dispersion.")}" = {_inline(value)}' for key, value in settings.items()
+    ]
+
+
+def _inline(distribution: Mapping[str, Any]) -> str:
+    """Inline table of a distribution; JSON writes numbers and lists as TOML does."""
+    return f"{{ {', '.join(f'{k} = {json.dumps(value)}' for k, value in distribution.items())} }}"
