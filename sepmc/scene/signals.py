@@ -23,6 +23,7 @@ from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import Driven, Load, Motor, Scene, Signal, Spring
 from sepmc.scene.parameters import replace
 from sepmc.scene.tables import read_table
+from sepmc.scene.terms import signal_terms
 from sepmc.scene.units import UNITS, split_unit
 
 # kind of quantity of each name: of time, of a body, of a joint, of a spring, of an event
@@ -327,7 +328,7 @@ def _spellings(stem: str, key: str, kind: str) -> str:
 
 def idle_signals(scene: Scene) -> list[str]:
     """Signals that give no number and that no other signal names."""
-    named = {drive.signal for drive in scene.driven.values()}
+    named = {drive.signal for drive in scene.driven.values()} | {*signal_terms(scene).values()}
     for signal in scene.signal:
         named |= set(names(parse(signal.formula))) - {signal.name, *signal.constants}
     return [signal.name for signal in scene.signal if signal.name not in named]

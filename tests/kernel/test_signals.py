@@ -446,7 +446,8 @@ def test_idle_signals_are_noted(pair):
     signals = [signal("2 * base"), signal("1", name="base"), signal("push", name="spare")]
     settings = STILL | pushed("1") | {"signal": signals}
     notes = [note for note in idle_loads(pair(settings).scene, set()) if note.startswith("signal.")]
-    assert notes == ["signal.spare does nothing: no load, motor, spring or other signal names it"]
+    reason = "no load, motor, spring, coefficient or other signal names it"
+    assert notes == [f"signal.spare does nothing: {reason}"]
 
 
 def test_quantities_that_are_known(pair):

@@ -552,7 +552,7 @@ def _instants(
                 instants += sorted(rows)
                 phases += len(rows) * [phase]
                 begin = upper
-    return np.array(instants), np.array(phases)
+    return np.array(instants).reshape(-1, 3), np.array(phases)
 
 
 def _phase(shape: KernelSpec, number: int) -> int:

@@ -207,6 +207,25 @@ class State:
             e, arm_a, arm_b, gamma, distance.called("distance"), sign * translation_rate(pair, e)
         )
 
+    def displacement(self, joint: str, k: int) -> Any:
+        """Displacement of the second body's point of a joint along axis k, m, from where it is at
+        the start."""
+        start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, k))
+        line = self.sliding_line(joint, k)
+        if line is not None:
+            return line.length - start
+        return vec3.dot(self.joint(joint).d, self.axis(joint, k)) - start
+
+    def relative_angles(self, joint: str) -> tuple[Any, Any, Any]:
+        """Pitch, yaw and roll of the second body of a joint relative to the first, rad, in the axes
+        of the joint."""
+        first, second = self.spec.scene.joint[joint].bodies
+        if self.segment.leader(first) == self.segment.leader(second):
+            return 0.0, 0.0, 0.0
+        axes = [[self.axis(joint, k, second) for k in range(3)] for second in (False, True)]
+        r = tuple(vec3.dot(a, b) for a in axes[0] for b in axes[1])
+        return quat.pitch(r), quat.yaw(r), quat.roll(r)
+
     def sliding(self, joint: str) -> Any:
         """1 while the pins of a joint may slide, else 0."""
         return self.is_active(joint, self.segment.sliding_kinds(joint))

@@ -14,8 +14,9 @@ from sepmc.kernel.emit.context import (
 )
 from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import ignition_time
-from sepmc.kernel.emit.signals import number, three_numbers
+from sepmc.kernel.emit.signals import number, signals_of, three_numbers
 from sepmc.kernel.emit.tables import looks_up, table_derivatives, table_force
+from sepmc.kernel.spec.held_cells import has_unloading, unloading_path
 from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
 from sepmc.kernel.spec.variant import Variant
@@ -259,8 +260,8 @@ def _reduced_rates(s: State, body: str, flow: Any) -> dict[str, Any]:
 
 
 def _coefficients(s: State, body: str, alpha: Expr, beta: Expr, rates: dict[str, Any]) -> list[Any]:
-    """Six aerodynamic coefficients, polynomials in the flow angles and reduced rates; 0.0 without
-    terms."""
+    """Six aerodynamic coefficients, polynomials in the flow angles, reduced rates and signals; 0.0
+    without terms."""
     terms: dict[int, list[Expr]] = {code: [] for code in range(6)}
     for k, term in enumerate(aero_terms(s.spec.scene)):
         if term.body == body:
@@ -270,6 +271,8 @@ def _coefficients(s: State, body: str, alpha: Expr, beta: Expr, rates: dict[str,
                     value = value * _power(angle, power)
             if term.rate:
                 value = value * rates[term.rate]
+            if term.signal:
+                value = value * signals_of(s).value(s.spec.names.of["signal"][term.signal])
             terms[term.coefficient].append(value)
     return [
         total(terms[code]).called(name) if terms[code] else 0.0
@@ -397,6 +400,9 @@ def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> No
     )
     if spring.table is not None:
         force = force + s.scope.load(table_force(spring.name))
+        if has_unloading(spring, s.spec.dispersed):
+            lost = s.case.number(s.spec.layout.slots[unloading_path(spring.name)]) - 1.0
+            force = force + lost * s.scope.load(component(table_force(spring.name), 1))
     if s.spec.may_occur(f"{path}.factor", spring.factor != 1.0):
         force = number(s, f"{path}.factor", p + at.SPRING_FACTOR) * force
     if s.spec.may_occur(f"{path}.stroke", math.isfinite(spring.stroke)):

@@ -32,8 +32,8 @@ from oracles.random_scenes.names import Names
 from oracles.random_scenes.outlines import add_clearances, add_sectors, name_parts
 from oracles.random_scenes.phases import add_allowances, add_instants, add_phases, add_triggers
 from oracles.random_scenes.rng import RandomStream
-from oracles.random_scenes.signals import add_signals
-from oracles.random_scenes.tables import add_aero_tables, add_increments, add_profiles
+from oracles.random_scenes.signals import add_control_terms, add_signals
+from oracles.random_scenes.tables import add_aero_tables, add_increments, add_profiles, vary_tables
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 
@@ -63,7 +63,10 @@ LATE = {
     "optional": 0.15,  # optional releases, and releases that do not occur
     "late profile": 0.15,  # thrust that begins some time after ignition
     "signal": 0.2,  # loads, motors and springs by formulas
-    "sector": 0.0,  # sectors of frustums as outlines; by name only, so that old scenes stay
+    # by name only, so that old scenes stay
+    "sector": 0.0,  # sectors of frustums as outlines
+    "table variant": 0.0,  # interpolations, corners, return factors, axes of relative motion
+    "control derivative": 0.0,  # coefficients by signals
 }
 _LATE_PROBABILITY = 0.3
 _TRANSVERSE = 0.15  # probability of transverse rates as outputs
@@ -142,6 +145,10 @@ def scene(seed: int, late: Iterable[str] | None = None, kinds: Iterable[str] = (
     add_force_tables(draft)
     draft.rng = RandomStream(seed, 8)
     add_signals(draft)
+    draft.rng = RandomStream(seed, 22)
+    vary_tables(draft)
+    draft.rng = RandomStream(seed, 23)
+    add_control_terms(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # refused scenes are counted
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, rng)
