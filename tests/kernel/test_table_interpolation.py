@@ -103,6 +103,27 @@ def test_beyond_tables_of_lines_over_height(pair, table):
         assert_allclose(result["outcomes"][name], value, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
+@pytest.mark.parametrize("interpolation", ["cubic", "linear", "monotone"])
+def test_a_wind_is_turned_as_a_whole(pair, plainly, interpolation):
+    """The components of a wind without overshoot are others in other axes: it is interpolated as in
+    the file, then turned; alike whether the turn is in the file or dispersed."""
+    settings = scene(interpolation, 2e-4)
+    del settings["proximity"], settings["body.aft.aerodynamics"]
+    settings["environment"] = {"atmosphere": "none", "gravity": "none"} | {
+        "wind": settings["environment"]["wind"]
+    }
+    settings["initial.speed_m_s"] = 1.0
+    settings["environment"]["wind"]["profile"]["speed_m_s"] = [0.0, 3.0, -4.0, 5.0, 9.0]
+    settings["initial.altitude_m"] = 1000.8
+    turned = "environment.wind.profile.turn_deg"
+    expected = simulate(pair(settings | {turned: 40.0}).nominal().to_dict()).outcomes
+    alone = pair(settings | {turned: 40.0}).simulate(step_s=0.05).attrs["outcomes"]
+    assert_allclose(alone["aft_alpha_deg"], expected["aft_alpha_deg"], rtol=1e-9)
+    dispersed = pair(settings | {"dispersion": {turned: {"constant": 40.0}}})
+    rows = dispersed.run(cases=2).to_pandas()
+    assert_allclose(rows["aft_alpha_deg"], expected["aft_alpha_deg"], rtol=1e-9)
+
+
 def test_leaving_a_table_of_lines(pair):
     """It rotates out of the table, whose cells change at ends of steps only: it ends there."""
     table = {"alpha_deg": [-5.0, 0.0, 5.0], "roll": [0.0, 0.0, 0.0], "interpolation": "linear"}

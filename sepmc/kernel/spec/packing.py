@@ -127,7 +127,8 @@ def add_air(pool: Pool, scene: Scene) -> int:
 def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
     """Append the functions of the wind along ground x and z (m/s) over altitude.
 
-    With ``varies`` (factor and turn differ from case to case) the profile is stored without them.
+    With ``varies`` (factor and turn are parameters of the kernel) the profile is stored without
+    them.
     Returns the start, or -1 without a profile.
     """
     profile = scene.environment.wind.profile

@@ -277,7 +277,11 @@ def _varied(
         if spring.table is not None and has_unloading(spring, dispersed):
             add((spring.table.return_factor,), {unloading_path(spring.name): 0})
     profile = scene.environment.wind.profile
-    if profile is not None and not dispersed.isdisjoint({WIND_FACTOR, WIND_TURN}):
+    if profile is not None and (
+        not dispersed.isdisjoint({WIND_FACTOR, WIND_TURN})
+        # components without overshoot are other ones after a turn: the wind is turned, not its rows
+        or (profile.interpolation == "monotone" and profile.turn != 0.0)
+    ):
         add((profile.factor, profile.turn), {WIND_FACTOR: 0, WIND_TURN: 1})
     for name, body in scene.body.items():
         if not varies(f"body.{name}.outline"):

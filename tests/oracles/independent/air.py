@@ -78,8 +78,15 @@ class Wind:
         self.curve, profile = None, table["profile"]
         if profile:
             factor, turn = profile["factor"], profile["turn"]
+            self.turn = np.array(
+                [
+                    [math.cos(turn), 0.0, -math.sin(turn)],
+                    [0.0, 1.0, 0.0],
+                    [math.sin(turn), 0.0, math.cos(turn)],
+                ]
+            )
             rows = [
-                _level(factor * speed, direction + turn)
+                _level(factor * speed, direction)
                 for speed, direction in zip(profile["speed"], profile["direction"], strict=True)
             ]
             self.curve, self.ends = (
@@ -92,7 +99,7 @@ class Wind:
         return (
             self.steady
             if self.curve is None
-            else self.steady + self.curve(min(max(height, self.ends[0]), self.ends[1]))
+            else self.steady + self.turn @ self.curve(min(max(height, self.ends[0]), self.ends[1]))
         )
 
 
