@@ -171,7 +171,6 @@ def test_dispersed_cases_against_the_independent_flight(plainly):
         settings |= {f"body.{name}.aerodynamics.{key}": {} for key in grids}
     campaign = sepmc.load("table2.toml", settings)
     rows = campaign.run(cases=3).to_pandas()
-    assert not (rows["error"] > 1e-9).any()
     for number in range(3):
         expected = simulate(campaign.case(number).to_dict())
         assert rows["status"][number] == expected.status == "ok"

@@ -341,7 +341,7 @@ def _climb(s: State, body: str, threshold: Expr) -> tuple[Any, Any]:
 
 def _climb_rate(s: State, body: str) -> Any:
     """Vertical speed of a body, m/s."""
-    return s.speed(body)[1] + s.scope.load("ORIGIN_CLIMB")
+    return s.velocity(body)[1] + s.scope.load("ORIGIN_CLIMB")
 
 
 def _angle(s: State, joint: str, threshold: Expr) -> tuple[Any, Any, Any]:

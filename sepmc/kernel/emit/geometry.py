@@ -77,14 +77,14 @@ class State:
         """Time of the state, s."""
         return self.scope.load(self.clock)
 
-    def place(self, body: str) -> Any:
+    def position(self, body: str) -> Any:
         """Position of a mass centre, m, in a frame that moves with the initial velocity of the
         vehicle."""
         if body == GROUND:  # its axes start at the initial mass centre
-            return vec3.scale(self.time, self.speed(GROUND)).called("x_ground")
+            return vec3.scale(self.time, self.velocity(GROUND)).called("x_ground")
         return self.scope.load(f"{self.field} + X_{body}", 3).called(f"x_{body}")
 
-    def speed(self, body: str) -> Any:
+    def velocity(self, body: str) -> Any:
         """Velocity of a mass centre, m/s, in that frame."""
         if body == GROUND:
             return vec3.scale(-1.0, self.case.velocity).called("ground_speed")
@@ -142,7 +142,14 @@ class State:
         rho_b = vec3.rotate(self.attitude(b), end_b).called("rho")
         spin_a, spin_b = self.spin(a), self.spin(b)
         gap = joints.between(
-            self.place(a), self.speed(a), rho_a, spin_a, self.place(b), self.speed(b), rho_b, spin_b
+            self.position(a),
+            self.velocity(a),
+            rho_a,
+            spin_a,
+            self.position(b),
+            self.velocity(b),
+            rho_b,
+            spin_b,
         )
         d, d_rate = gap.called("gap")
         return Pair(d, d_rate, rho_a, rho_b, spin_a, spin_b)
@@ -154,9 +161,9 @@ class State:
         if leader == GROUND or self.segment.leader(b) != leader:
             return None
         attitude, omega = self.attitude(leader), self.rate(leader)
-        r = vec3.unrotate(attitude, vec3.sub(self.place(b), self.place(a))).called("offset")
+        r = vec3.unrotate(attitude, vec3.sub(self.position(b), self.position(a))).called("offset")
         across = vec3.cross(omega, r).called("swept")
-        speed = vec3.unrotate(attitude, vec3.sub(self.speed(b), self.speed(a)))
+        speed = vec3.unrotate(attitude, vec3.sub(self.velocity(b), self.velocity(a)))
         rate = vec3.sub(speed, across).called("slide")
         turning = vec3.cross(omega, vec3.add(vec3.add(rate, rate), across)).called("turning")
         return Slide(leader, r, rate, turning)

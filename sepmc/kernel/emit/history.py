@@ -142,8 +142,10 @@ def _emit_row(out: Text, c: Context, segment: Segment) -> None:
     row += [x for line in map(s.separation, joints) for x in (line.rate, line.length)]
     origin = (0.0, s.scope.load("ORIGIN_HEIGHT"), 0.0)
     for body in c.spec.bodies:
-        row.extend(vec3.add(s.place(body), vec3.add(origin, vec3.scale(s.time, s.case.velocity))))
-        row.extend(vec3.add(s.speed(body), s.case.velocity))
+        row.extend(
+            vec3.add(s.position(body), vec3.add(origin, vec3.scale(s.time, s.case.velocity)))
+        )
+        row.extend(vec3.add(s.velocity(body), s.case.velocity))
         row.append(vec3.unrotate(s.attitude(body), motion.acceleration[body])[0])
     for joint, joint_model in joints.items():
         force, moment, gap = force_of(motion, joint), moment_of(s, motion, joint), s.joint(joint).d

@@ -107,7 +107,7 @@ def _height_above_centre(s: State, body: str) -> tuple[Expr, Expr]:
     """Height above that of the expansion of air and gravity, m, and its ratio to the distance from
     the centre of the earth."""
     rise = (
-        s.place(body)[1] + (origin_height(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
+        s.position(body)[1] + (origin_height(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
     ).called("rise")
     return rise, (rise * s.scope.load(component(f"AIR_CENTRE_{body}", 1))).called("ratio")
 
@@ -200,7 +200,9 @@ def emit_layers(out: Text, c: Context) -> None:
 def _air(s: State, body: str, acting: _Loads) -> None:
     """Aerodynamic force and moment at the flow angles."""
     case, p = s.case, s.case.body(body)
-    flow = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called("flow")
+    flow = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
+        "flow"
+    )
     alpha, beta = loads.flow_angles(flow).called("angles")
     pressure = (air_density(s, body) * vec3.dot(flow, flow)).called("pressure")
     rates = _reduced_rates(s, body, flow)
@@ -378,7 +380,7 @@ def _weight(s: State, body: str) -> Any:
             s.scope.load(component(f"AIR_CENTRE_{body}", 3)), _height_above_centre(s, body)[1]
         )
     return case.mass(body) * loads.inverse_square(
-        surface, s.place(body)[1] + origin_height(s.scope, s.time)
+        surface, s.position(body)[1] + origin_height(s.scope, s.time)
     )
 
 

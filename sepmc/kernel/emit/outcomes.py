@@ -163,7 +163,7 @@ def body_outcomes(
         rad, rad/s
     """
     leader, attitude, case = s.segment.leader(body), s.attitude(body), s.case
-    flow = vec3.unrotate(attitude, vec3.add(s.speed(body), s.stream(body))).called("flow")
+    flow = vec3.unrotate(attitude, vec3.add(s.velocity(body), s.stream(body))).called("flow")
     alpha, beta = loads.reported_angles(flow, loads.flow_angles(flow).called("angles"))
     fixed = leader == GROUND
     pitch, roll = (case.number(at.PITCH), case.number(at.ROLL)) if fixed else angles_of(s, leader)

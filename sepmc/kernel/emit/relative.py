@@ -12,7 +12,7 @@ def relative_values(s: State) -> list[Any]:
     for joint in s.spec.scene.output.hinge:
         values += [hinge_angle(s, joint), hinge_rate(s, joint)]
     for first, second in s.spec.scene.output.relative:
-        offset = vec3.sub(s.place(second), s.place(first)).called("offset")
+        offset = vec3.sub(s.position(second), s.position(first)).called("offset")
         r = _from_first(s, first, second)
         values += [square_root(vec3.dot(offset, offset)), quat.roll(r), quat.yaw(r), quat.pitch(r)]
     return values

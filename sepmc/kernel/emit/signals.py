@@ -348,18 +348,18 @@ class Quantities:
         """Coordinate of a mass centre, ground axes; y is the height."""
         s = self.s
         if k == 1:
-            value = s.place(body)[1] + origin_height(s.scope, s.time)
+            value = s.position(body)[1] + origin_height(s.scope, s.time)
         else:
-            value = s.place(body)[k] + s.time * s.case.velocity[k]
+            value = s.position(body)[k] + s.time * s.case.velocity[k]
         return self._jet(
             value,
-            lambda: s.speed(body)[k] + s.case.velocity[k],
+            lambda: s.velocity(body)[k] + s.case.velocity[k],
             lambda: self._acceleration(body)[k],
         )
 
     def _speed(self, body: str, k: int) -> Jet:
         """Component of the velocity of a mass centre, ground axes."""
-        value = self.s.speed(body)[k] + self.s.case.velocity[k]
+        value = self.s.velocity(body)[k] + self.s.case.velocity[k]
         return self._jet(value, lambda: self._acceleration(body)[k])
 
     def _joint(self, quantity: Quantity) -> Jet:
@@ -455,7 +455,7 @@ class Quantities:
         from sepmc.kernel.emit.loads import air_density  # noqa: PLC0415
 
         s = self.s
-        flow = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called(
+        flow = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
             "flow"
         )
         flow_rate: Any = ZERO

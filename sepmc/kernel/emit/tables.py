@@ -123,7 +123,9 @@ def _emit_height_tables(out: Text, text: Text, c: Context, segment: Segment) -> 
     for name, bodies in (("HEIGHT_OF", in_air), ("WIND_HEIGHT", windy)):
         for body in bodies:
             _store_point(
-                s, f"{name}_{body}", (s.place(body)[1] + origin_height(s.scope, s.time), 0.0, 0.0)
+                s,
+                f"{name}_{body}",
+                (s.position(body)[1] + origin_height(s.scope, s.time), 0.0, 0.0),
             )
     s.scope.write(text)
     for body in in_air:
@@ -345,7 +347,7 @@ def force_table_start(c: Context, number: int) -> int:
 
 def mach_and_angles(s: State, body: str) -> tuple[Expr, Expr, Expr]:
     """Mach number, alpha and beta at a body."""
-    flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called(
+    flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
         "flow"
     )
     alpha, beta = loads.flow_angles(flow).called("angles")
@@ -357,7 +359,7 @@ def mach_and_angles(s: State, body: str) -> tuple[Expr, Expr, Expr]:
         )
     base = s.scope.load(s.c.layer(body), 4)
     height_above_base = (
-        air.geopotential(s.place(body)[1] + origin_height(s.scope, s.time)) - base[0]
+        air.geopotential(s.position(body)[1] + origin_height(s.scope, s.time)) - base[0]
     )
     temperature = (1.0 + base[1] * height_above_base) / base[2]
     return square_root(vec3.dot(flow, flow)) / air.sound_speed(temperature), alpha, beta
