@@ -209,17 +209,14 @@ _CLEARANCE = (
         "station of the nearest point of the first body of {0} at that time",
         1.0,
     ),
-    (
-        "clearance_y_m",
-        "m",
-        "layout y of the nearest point of the first body of {0} at that time",
-        1.0,
-    ),
-    (
-        "clearance_z_m",
-        "m",
-        "layout z of the nearest point of the first body of {0} at that time",
-        1.0,
+    *(
+        (
+            f"clearance_{axis}_m",
+            "m",
+            f"layout {axis} of the nearest point of the first body of {{0}} at that time",
+            1.0,
+        )
+        for axis in "yz"
     ),
     ("recontact", "1", "1 if the outlines of {0} met, else 0", 1.0),
 )
@@ -309,6 +306,17 @@ _STATE = (
 )
 
 
+# Per joint with a hinge angle, and per pair of bodies, in the order of kernel/emit/relative.py.
+_HINGE = (
+    ("angle_deg", "deg", "angle of {0} about its x axis: of y in its second body from y", DEG),
+    ("angle_rate_deg_s", "deg/s", "relative rate of the bodies of {0} about its x axis", DEG),
+)
+_RELATIVE = (
+    ("distance_m", "m", "distance of the centres of mass of {0}", 1.0),
+    *((f"{key}_deg", "deg", f"{key} angle of {{0}}", DEG) for key in ("roll", "yaw", "pitch")),
+)
+
+
 def _columns(rows, prefix: str, name: str) -> list[Column]:
     return [
         Column(prefix + stem, unit, meaning.format(name), scale)
@@ -349,6 +357,10 @@ class Contents:
         Outcomes by formulas.
     signals : tuple of str
         Signals, which histories have.
+    hinges : tuple of str
+        Joints with a hinge angle.
+    relative : tuple of (str, str)
+        Pairs of bodies with their relative attitude and distance.
     """
 
     bodies: list[str]
@@ -365,6 +377,8 @@ class Contents:
     partial_releases: tuple[tuple[str, str], ...] = ()  # joint and kind
     formulas: tuple[Formula, ...] = ()
     signals: tuple[str, ...] = ()
+    hinges: tuple[str, ...] = ()
+    relative: tuple[tuple[str, str], ...] = ()
 
 
 def is_yes_or_no(outcome: str) -> bool:
@@ -420,6 +434,9 @@ def outcome_columns(contents: Contents) -> list[Column]:
             "NaN if it constrained more to the end"
         )
         columns.append(Column(name, "s", meaning))
+    columns += relative_columns(contents)
+    for event in contents.events:
+        columns += relative_columns(contents, event)
     meaning = "rate of {0} across its x axis, of yaw and pitch together{1}"
     columns += [
         Column(f"{stem}transverse_rate_deg_s", "deg/s", meaning.format(body, when), DEG)
@@ -430,6 +447,17 @@ def outcome_columns(contents: Contents) -> list[Column]:
         name = formula.name if formula.unit == "1" else f"{formula.name}_{formula.unit}"
         columns.append(Column(name, unit, formula.text, scale))
     return columns
+
+
+def relative_columns(contents: Contents, event: str = "") -> list[Column]:
+    """Angles of hinges, and distances and attitudes of pairs of bodies, at the end or an event."""
+    start, when = (f"{event}_", f", at {event}") if event else ("", "")
+    columns = [x for joint in contents.hinges for x in _columns(_HINGE, f"{joint}_", joint)]
+    for first, body in contents.relative:
+        columns += _columns(_RELATIVE, f"{body}_from_{first}_", f"{body} from {first}")
+    return [
+        replace(one, name=f"{start}{one.name}", meaning=f"{one.meaning}{when}") for one in columns
+    ]
 
 
 def _joint_prefix(contents: Contents, joint: str) -> str:
@@ -566,4 +594,4 @@ def history_columns(contents: Contents) -> list[Column]:
     for signal in contents.signals:
         meaning = f"signal {signal}, in the unit of the keys that name it"
         columns.append(Column(f"signal_{signal}", "1", meaning))
-    return columns + _distance_columns(contents)
+    return columns + relative_columns(contents) + _distance_columns(contents)

@@ -44,6 +44,8 @@ EVERY = Contents(
     springs=("SPRING",),
     partial_releases=(("JOINT", "KIND"),),
     signals=("SIGNAL",),
+    hinges=("JOINT",),
+    relative=(("OTHER", "BODY"),),
 )
 
 

@@ -58,6 +58,7 @@ def run_scenarios(
     out: Path | None = None,
     announce: Log | None = None,
     progress: Progress | None = None,
+    resume: bool = False,
 ) -> ScenarioRuns:
     """Run a campaign and each of its scenarios on common random numbers.
 
@@ -70,6 +71,8 @@ def run_scenarios(
         Folder for a run folder of each, named by its scenario.
     announce, progress : callable, optional
         Called with messages, and with the name of the scenario and its progress.
+    resume : bool
+        Run only the cases that the run folders in ``out`` do not contain yet.
 
     Returns
     -------
@@ -88,8 +91,9 @@ def run_scenarios(
     results = {}
     for name, one in {BASELINE: campaign, **scenarios}.items():
         report = None if progress is None else _of_scenario(progress, name)
-        options = RunOptions(announce=announce, progress=report)
         folder = None if out is None else out / name
+        started = resume and folder is not None and folder.exists()
+        options = RunOptions(announce=announce, progress=report, resume=started)
         results[name] = one.run(cases, seed, threads, folder, options=options)
     titles = {BASELINE: campaign.file.title}
     titles |= {one.name: one.title for one in campaign.file.scenarios}

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sepmc.cli.figures import ranked_outcomes
+from sepmc.cli.flight_comparison import CASES, check_options, compare_with_flight
 from sepmc.cli.options import Folder, check_out_file, load_run, overwrite_option
 from sepmc.cli.render import screen_width, show
 from sepmc.cli.results import check_rows
@@ -20,24 +21,79 @@ if TYPE_CHECKING:
 _SHOWN = 12  # outcomes on the screen and in the figure
 
 
-@click.command(short_help="Show the differences between two runs.")
+@click.command(short_help="Show the differences between two runs, or a run and a flight.")
 @click.argument("one", metavar="RUN_A", type=Folder())
-@click.argument("two", metavar="RUN_B", type=Folder())
+@click.argument("two", metavar="[RUN_B]", type=Folder(), required=False)
 @click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder for compare.csv and compare.png."
+    "--data",
+    type=click.Path(path_type=Path),
+    help="Telemetry of a flight: CSV, Parquet, MATLAB; MDF and TDMS with the extra telemetry.",
+)
+@click.option(
+    "--map",
+    "maps",
+    multiple=True,
+    metavar="COLUMN=CHANNEL",
+    help="A column of histories, and the channel it is compared with, as an assignment: "
+    '"upper_omega_y_deg_s=-0.5*gyro_z[rad/s]". Default: channels that have the name of a column.',
+)
+@click.option("--time", metavar="CHANNEL", help="Channel of the time. Default: time, t and such.")
+@click.option(
+    "--shift",
+    "shift_s",
+    type=float,
+    metavar="S",
+    help="Time of the flight's clock at time 0 of the run. Default: estimated.",
+)
+@click.option(
+    "--cases",
+    type=click.IntRange(min=2),
+    default=CASES,
+    show_default=True,
+    help="Cases of the envelope, simulated again unless the run stored these columns.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder for compare.csv and compare.png, or for telemetry.csv, .json and .png (default "
+    "RUN_A).",
 )
 @overwrite_option("the comparison in --out")
-def compare(one: Path, two: Path, out: Path | None, overwrite: bool) -> None:
+def compare(
+    one: Path,
+    two: Path | None,
+    data: Path | None,
+    maps: tuple[str, ...],
+    time: str | None,
+    shift_s: float | None,
+    cases: int,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
     """Show the differences between RUN_A and RUN_B: in their files, statuses, verdicts and
     outcomes, with a 95 % interval of each difference. Cases of the same number are paired
     (Student's t) if both runs have the same inputs there except those that the files change, as
     with one seed; otherwise the samples are independent (Welch). Outcomes that are yes or no are
     compared by their fraction.
 
+    With --data, show the telemetry of a flight in the envelope of RUN_A: clock shift, use of the
+    envelope, residuals against the nominal case, and the nearest cases.
+
     \b
-    Example:
+    Examples:
       sepmc compare runs/windy runs/calm --out windy-calm
+      sepmc compare runs/windy --data flight.csv --map "upper_omega_y_deg_s=-gyro_z[rad/s]"
     """
+    check_options(two, data, {"map": maps, "time": time, "shift": shift_s, "cases": cases})
+    if data is not None:
+        compare_with_flight(one, data, maps, time, shift_s, cases, out, overwrite, click.echo)
+        return
+    assert two is not None
+    _compare_runs(one, two, out, overwrite)
+
+
+def _compare_runs(one: Path, two: Path, out: Path | None, overwrite: bool) -> None:
+    """Show the differences between two runs, and write them to a folder."""
     paths = one, two
     for folder in paths:
         check_rows(folder)

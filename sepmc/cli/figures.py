@@ -33,6 +33,8 @@ _INTERESTING = (
     "clearance_mm",
     "transverse_rate",
     "tip_off",
+    "_angle_",
+    "_from_",
     "separation_distance",
     "separation_speed",
     "release_time",
@@ -259,8 +261,8 @@ def run_title(folder: Path) -> str:
 
 def ranked_outcomes(campaign: "Campaign", table: "pd.DataFrame") -> list[str]:
     """Return the names of outcomes in the order in which a review asks for them: required outcomes,
-    then those with a reference or, without one, those that vary by more than their numerical error,
-    by rank. Outcomes that are yes or no are left out."""
+    then those with a reference or, without one, those that vary by more than their numerical error:
+    formulas of the file, then the others by rank. Outcomes that are yes or no are left out."""
     from sepmc.analysis.constant_outcomes import is_constant
 
     names = [str(name) for name in table.index if not is_yes_or_no(str(name))]
@@ -270,7 +272,10 @@ def ranked_outcomes(campaign: "Campaign", table: "pd.DataFrame") -> list[str]:
     else:
         varied = [name for name in names if table.at[name, "n"] and not is_constant(table, name)]
         events = tuple(f"{event.name}_" for event in campaign.scene.event)
-        others = sorted(_distinct(varied, table), key=lambda name: _rank(name, events))
+        formulas = len(campaign.scene.outcome)
+        own = [column.name for column in campaign.outcome_columns[-formulas:] if formulas]
+        ranked = sorted(varied, key=lambda name: (name not in own, _rank(name, events)))
+        others = _distinct([*required, *ranked], table)
     return list(dict.fromkeys([*required, *others]))
 
 

@@ -7,7 +7,7 @@ import click
 
 from sepmc.cli.options import check_out_file, overwrite_option
 
-_KINDS = ("motor", "aero", "air", "wind")
+_KINDS = ("motor", "aero", "air", "wind", "initial", "mass")
 
 
 @click.command(name="import", short_help="Write a file of the field as TOML of a campaign.")
@@ -50,10 +50,12 @@ def import_(
         "aero": {"body": {"body": {"aerodynamics": {"table": table}}}},
         "air": {"environment": {"air": table}},
         "wind": {"environment": {"wind": {"profile": table}}},
+        "mass": {"body": {"body": {"mass_properties": table}}},
+        "initial": {"initial": {"trajectory": table}},
     }
     tree = trees[kind]
-    azimuth = table.pop("azimuth_deg", None)
-    if azimuth is not None and kind == "wind":
+    azimuth = table.pop("azimuth_deg", None) if kind == "wind" else None
+    if azimuth is not None:
         tree["environment"]["wind"]["azimuth_deg"] = azimuth
     problems = Problems()
     understood = read_files(tree, Path(), problems)

@@ -20,6 +20,7 @@ from sepmc.campaign.label import of_settings
 from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import manifests
 from sepmc.cli.figures import clearance_bounds, draw_figures, event_times, ranked_outcomes
+from sepmc.cli.flight_comparison import draw_flight, read_stored_flight, render_flight
 from sepmc.cli.input_sensitivity import (
     InputSensitivity,
     analyse,
@@ -38,7 +39,7 @@ from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
 from sepmc.schema import Status, is_yes_or_no
 
-_PAGES = ("rates", "angles", "separation", "clearances")  # figures of a worst case
+_PAGES = ("rates", "angles", "separation", "hinges", "clearances")  # figures of a worst case
 _ACCURACY = 1e-5  # relative; errors below are not visible in a figure
 _SHOWN = 12  # outcomes in the table
 _WIDTH = 160  # characters of a line of the table of all outcomes
@@ -62,7 +63,13 @@ def write_report(
         content.replays, content.nominal = _replay(campaign, run, cases, into, log)
         figures = draw_attributions(drivers, folder, into, ".svg")
         figures += draw_sensitivities(drivers, folder, campaign, into, ".svg")
-        path = page.write_report(content, folder / "report.html", *drawn.result(), figures)
+        flight = read_stored_flight(folder)
+        flight_figures = []
+        if flight is not None:
+            content.flight = render_flight(flight[1], _WIDTH, folder)
+            flight_figures.append(draw_flight(*flight, folder, into, ".svg"))
+        path = folder / "report.html"
+        page.write_report(content, path, *drawn.result(), figures, flight_figures)
         manifests.record_derived(folder, [path])
         return path
 

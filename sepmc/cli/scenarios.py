@@ -19,6 +19,7 @@ from sepmc.cli.options import CASES, CHECK, FILE, QUIET, SEED, SETTINGS, THREADS
     type=click.Path(path_type=Path),
     help="New folder, with a run folder for each scenario. Default: runs/NAME-scenarios-N.",
 )
+@click.option("--resume", is_flag=True, help="Run only the cases missing in --out.")
 @CHECK
 @QUIET
 def scenarios(
@@ -28,6 +29,7 @@ def scenarios(
     settings: tuple[str, ...],
     threads: int | None,
     out: Path | None,
+    resume: bool,
     must_pass: bool,
     quiet: bool,
 ) -> None:
@@ -48,13 +50,18 @@ def scenarios(
     from sepmc.cli.render import logger, show
     from sepmc.cli.scenario_results import render_scenarios, verdicts_pass
     from sepmc.scene.messages import InputError
+    from sepmc.scene.scenarios import BASELINE
     from sepmc.wording import exists
 
+    if resume and out is None:
+        raise click.UsageError("--resume needs --out, the folder meant")
     campaign = load_campaign(file, settings)
     check_required(campaign, must_pass)
     folder = out or folders.next_folder(f"{campaign.name}-scenarios")
-    if folder.exists():
-        raise InputError(exists(folder))
+    if resume and not (folder / BASELINE).is_dir():
+        raise InputError(f"{folder}: has no run of the scenarios to resume")
+    if folder.exists() and not resume:
+        raise InputError(f"{exists(folder)}; --resume runs its missing cases")
     log, count = logger(quiet), campaign.select_cases(cases)[0].count
     total = count * (1 + len(campaign.file.scenarios))
     finished: dict[str, int] = {}
@@ -65,7 +72,7 @@ def scenarios(
             if report:
                 report(sum(finished.values()), total, failed)
 
-        runs = run_scenarios(campaign, cases, seed, threads, folder, log, progress)
+        runs = run_scenarios(campaign, cases, seed, threads, folder, log, progress, resume)
     table = folder / "scenarios.csv"
     folders.write_text(table, runs.table.to_csv(index=False))
     if not quiet:

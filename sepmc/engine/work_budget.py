@@ -17,7 +17,13 @@ LINE_S, COMPILED_LINE_S = 0.35e-6, 6e-9
 # modules with iterative searches: their functions are counted, too
 SEARCHES = tuple(
     f"sepmc.{name}"
-    for name in ("routines.clearances", "physics.outlines", "physics.rims", "physics.shell_edge")
+    for name in (
+        "routines.clearances",
+        "physics.outlines",
+        "physics.rims",
+        "physics.sectors",
+        "physics.shell_edge",
+    )
 )
 
 

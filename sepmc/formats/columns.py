@@ -14,7 +14,10 @@ from sepmc.scene.units import UNITS, split_unit
 _SPELLINGS = {
     "m/s": "m_s", "mps": "m_s", "meter/second": "m_s", "km/s": "km_s", "km/h": "km_h",
     "kmh": "km_h", "ft/s": "ft_s", "fps": "ft_s", "kt": "kn", "kts": "kn", "knot": "kn",
-    "knots": "kn", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "newton": "N",
+    "knots": "kn", "deg/s": "deg_s", "°/s": "deg_s", "dps": "deg_s", "rad/s": "rad_s",
+    "m/s2": "m_s2", "m/s^2": "m_s2", "m/s²": "m_s2", "ft/s2": "ft_s2", "ft/s^2": "ft_s2",
+    "n m": "N_m", "nm": "N_m", "lbf ft": "lbf_ft", "ft lbf": "lbf_ft",
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "newton": "N",
     "newtons": "N", "n": "N", "kn": "kN", "lbs": "lbf", "pounds": "lbf", "lbf": "lbf",
     "meter": "m", "meters": "m", "metre": "m", "metres": "m", "feet": "ft", "foot": "ft",
     "degree": "deg", "degrees": "deg", "°": "deg", "radians": "rad", "radian": "rad",

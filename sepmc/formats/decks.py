@@ -11,7 +11,7 @@ from sepmc.formats.columns import Columns, Quantity, plain, split_header
 from sepmc.formats.text_table import FormatError, TextTable, read_table
 from sepmc.scene.model import COEFFICIENTS, DERIVATIVES
 
-_AXES = {
+AXES = {
     "mach": Quantity("", ("mach", "machnumber", "ma", "m")),
     "alpha": Quantity("angle", ("alpha", "aoa", "alfa", "angleofattack")),
     "beta": Quantity("angle", ("beta", "aos", "sideslip", "angleofsideslip")),
@@ -63,7 +63,7 @@ def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], li
     """Aerodynamic table of the columns of a long table; see `read_deck`."""
     columns = Columns(table, named)
     axes = {}
-    for name, quantity in _AXES.items():
+    for name, quantity in AXES.items():
         points = columns.find(name, quantity, "deg" if name != "mach" else "")
         if points is not None:
             axes[name] = points
@@ -100,7 +100,7 @@ def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np
     values: dict[str, np.ndarray] = {}
     used = {title for title, _, _ in columns.named.values()}
     for name, (title, scale, _) in columns.named.items():
-        if name in _AXES:
+        if name in AXES:
             continue
         if name not in (*COEFFICIENTS, *DERIVATIVES, "lift", "drag"):
             raise FormatError(f"columns.{name}: no such coefficient")
@@ -108,7 +108,7 @@ def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np
     left = []
     for title, numbers in columns.table.columns.items():
         if title in used or any(
-            plain(split_header(title, q.kind)[0]) in q.names for q in _AXES.values()
+            plain(split_header(title, q.kind)[0]) in q.names for q in AXES.values()
         ):
             continue
         bare = split_header(title, "")[0].strip()

@@ -1,11 +1,15 @@
 """Files that a campaign names: read to tables of its tree, so that the tree is complete."""
 
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from sepmc.formats.ccsds import read_initial
 from sepmc.formats.datcom import is_datcom, read_datcom
+from sepmc.formats.daveml import read_daveml
 from sepmc.formats.decks import read_deck
+from sepmc.formats.mass import read_mass
 from sepmc.formats.soundings import read_air, read_wind
 from sepmc.formats.text_table import FormatError
 from sepmc.formats.thrust import read_thrust
@@ -13,7 +17,17 @@ from sepmc.scene.messages import Problems, shorten
 from sepmc.scene.units import UNITS, split_unit
 
 _ENDINGS = (".csv", ".txt", ".dat", ".tsv", ".parquet")
+_ENDINGS_OF = {
+    "thrust": (".eng",),
+    "deck": (".out", ".dml"),
+    "initial": (".oem",),
+    "mass": (".urdf", ".xml", ".mjcf"),
+}
 _OPTIONS = ("columns", "engine", "case", "sideslip_deg")
+_OPTIONS_OF = {
+    "initial": ("attitude", "epoch", "azimuth_deg"),
+    "mass": ("link", "axes", "origin_m"),
+}
 _IMPULSE = "total_impulse_"
 
 Tables = Iterator[tuple[str, dict[str, Any], str, dict[str, Any]]]
@@ -33,7 +47,7 @@ def file_places(tree: dict[str, Any]) -> Tables:
         TOML path of the table.
     table : dict
         With the key ``file``.
-    kind : {"thrust", "deck", "wind", "air"}
+    kind : {"thrust", "deck", "wind", "air", "initial", "mass"}
     owner : dict
         Table that the table belongs to.
     """
@@ -44,7 +58,10 @@ def file_places(tree: dict[str, Any]) -> Tables:
             yield from _named(f"motor.{name}.profile", motor.get("profile"), "thrust", motor)
     bodies = tree.get("body")
     for name, body in bodies.items() if isinstance(bodies, dict) else ():
-        aero = body.get("aerodynamics") if isinstance(body, dict) else None
+        if not isinstance(body, dict):
+            continue
+        yield from _named(f"body.{name}.mass_properties", body.get("mass_properties"), "mass", body)
+        aero = body.get("aerodynamics")
         if isinstance(aero, dict):
             yield from _named(f"body.{name}.aerodynamics.table", aero.get("table"), "deck", aero)
     environment = tree.get("environment")
@@ -53,6 +70,9 @@ def file_places(tree: dict[str, Any]) -> Tables:
         wind = environment.get("wind")
         if isinstance(wind, dict):
             yield from _named("environment.wind.profile", wind.get("profile"), "wind", wind)
+    initial = tree.get("initial")
+    if isinstance(initial, dict):
+        yield from _named("initial.trajectory", initial.get("trajectory"), "initial", initial)
 
 
 def _named(key_path: str, table: Any, kind: str, owner: dict[str, Any]) -> Tables:
@@ -79,18 +99,30 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
     understood: list[str] = []
     for key_path, table, kind, owner in file_places(tree):
         file = table.pop("file")
-        options: dict[str, Any] = {k: table.pop(k) for k in _OPTIONS if k in table}
+        known = _OPTIONS_OF.get(kind, _OPTIONS)
+        options: dict[str, Any] = {k: table.pop(k) for k in known if k in table}
         if not isinstance(file, str) or not file:
             problems.add(f"{key_path}.file", "must be the name of a file", file)
             continue
         path = folder / file
-        endings = (*_ENDINGS, *{"thrust": (".eng",), "deck": (".out",)}.get(kind, ()))
+        endings = (*_ENDINGS, *_ENDINGS_OF.get(kind, ()))
         if path.suffix.lower() not in endings:
             problems.add(f"{key_path}.file", f"must end in {', '.join(endings)}", file)
             continue
         try:
             if kind == "thrust":
                 sentences = _thrust(key_path, table, owner, path, options, problems)
+            elif kind in ("initial", "mass"):
+                if kind == "initial":
+                    keys, sentences = read_initial(path, _located(options, folder))
+                else:
+                    keys, sentences = read_mass(path, options)
+                _move(key_path, kind, owner, keys, problems)
+            elif kind == "deck" and path.suffix.lower() == ".dml":
+                table_read, sentences = read_daveml(path, options)
+                if "interpolation" in table:
+                    del table_read["interpolation"]
+                _fill(key_path, table, table_read, problems)
             elif kind == "deck" and is_datcom(path):
                 table_read, sentences = read_datcom(path, options, owner)
                 _fill(key_path, table, table_read, problems)
@@ -103,6 +135,25 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
             continue
         understood += [f"{key_path}: {shorten(file)}: {'; '.join(sentences)}"]
     return understood
+
+
+def _located(options: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Options with the file of an attitude in the folder of the campaign."""
+    attitude = options.get("attitude")
+    if isinstance(attitude, dict) and isinstance(attitude.get("file"), str):
+        return options | {"attitude": attitude | {"file": str(folder / attitude["file"])}}
+    return options
+
+
+def _move(
+    key_path: str, kind: str, owner: dict[str, Any], keys: dict[str, Any], problems: Problems
+) -> None:
+    """Put what a file gives into the table that its own table belongs to, in place of it."""
+    parent, _, name = key_path.rpartition(".")
+    for key in owner.pop(name):
+        allowed = ", ".join(("file", *_OPTIONS_OF[kind]))
+        problems.add(f"{key_path}.{key}", f"unknown key; allowed: {allowed}")
+    _fill(parent, owner, keys, problems)
 
 
 def _fill(
@@ -142,6 +193,9 @@ def _thrust(
             problems.add(f"{key_path}.{wanted}", "scales a curve of forces of a positive impulse")
             return understood
         factor = value * size / curve.impulse
+        if not math.isfinite(factor * max(map(abs, curve.thrust))):
+            problems.add(f"{key_path}.{wanted}", "is too large for a curve of almost no duration")
+            return understood
         understood.append(f"scaled by {factor:.6g} to an impulse of {value * size:.6g} N s")
     for key in ("time", "fraction"):
         if any(split_unit(each)[0] == key for each in profile):

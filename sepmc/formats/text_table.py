@@ -12,7 +12,6 @@ from sepmc.scene.limits import read_limited
 from sepmc.scene.messages import printable, shorten
 
 FILE_BYTES = 4_000_000  # of a file: what it contains becomes a part of the campaign
-_NUMBERS = 1_000_000  # of a Parquet file, which may unpack to any number
 _COMMENTS = ("#", "%", "//", "!")
 _SEPARATORS = (";", "\t", ",", " ")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
@@ -43,10 +42,10 @@ class TextTable:
     separator: str = ""
 
 
-def read_bytes(path: Path) -> bytes:
-    """Bytes of a regular file of at most `FILE_BYTES`. Raises FormatError."""
+def read_bytes(path: Path, most: int = FILE_BYTES) -> bytes:
+    """Bytes of a regular file of at most ``most`` bytes. Raises FormatError."""
     try:
-        return read_limited(path, FILE_BYTES)
+        return read_limited(path, most)
     except FileNotFoundError:
         raise FormatError("no such file") from None
     except OSError as error:
@@ -55,9 +54,9 @@ def read_bytes(path: Path) -> bytes:
         raise FormatError(str(error)) from None
 
 
-def read_text(path: Path) -> str:
-    """Text of a file, in UTF-8 or else Latin-1. Raises FormatError."""
-    data = read_bytes(path)
+def read_text(path: Path, most: int = FILE_BYTES) -> str:
+    """Text of a file of at most ``most`` bytes, in UTF-8 or else Latin-1. Raises FormatError."""
+    data = read_bytes(path, most)
     if b"\0" in data:
         raise FormatError("is no text: it has zero bytes")
     try:
@@ -66,7 +65,9 @@ def read_text(path: Path) -> str:
         return data.decode("latin-1")
 
 
-def read_table(path: Path, names: list[str] | None = None) -> TextTable:
+def read_table(
+    path: Path, names: list[str] | None = None, most: int = FILE_BYTES, gaps: bool = False
+) -> TextTable:
     """Read a table from a text or Parquet file.
 
     Parameters
@@ -74,6 +75,11 @@ def read_table(path: Path, names: list[str] | None = None) -> TextTable:
     path : Path
     names : list of str, optional
         Names of the columns of a text file without a header.
+    most : int
+        Bytes of the file that are allowed, and four times the numbers of a Parquet file, which may
+        unpack to any number.
+    gaps : bool
+        Blank cells and those without a finite number are NaN; otherwise they are refused.
 
     Returns
     -------
@@ -84,11 +90,11 @@ def read_table(path: Path, names: list[str] | None = None) -> TextTable:
     FormatError
     """
     if path.suffix.lower() == ".parquet":
-        return _read_parquet(path)
-    return parse_table(read_text(path), names)
+        return _read_parquet(path, most, gaps)
+    return parse_table(read_text(path, most), names, gaps)
 
 
-def parse_table(text: str, names: list[str] | None = None) -> TextTable:
+def parse_table(text: str, names: list[str] | None = None, gaps: bool = False) -> TextTable:
     """Read a table from the lines of a text; see `read_table`.
 
     Lines that begin with ``#``, ``%``, ``!`` or ``//`` are comments, blank lines are skipped. The
@@ -99,6 +105,7 @@ def parse_table(text: str, names: list[str] | None = None) -> TextTable:
     ----------
     text : str
     names : list of str, optional
+    gaps : bool
 
     Returns
     -------
@@ -125,7 +132,7 @@ def parse_table(text: str, names: list[str] | None = None) -> TextTable:
             f"line {rows[0][0]}: has no header; give the names of its {len(rows[0][1])} columns as "
             'columns = ["time_s", "thrust_N"]'
         )
-    return TextTable(_numbers(header, rows, separator), tuple(comments), _NAMES[separator])
+    return TextTable(_numbers(header, rows, separator, gaps), tuple(comments), _NAMES[separator])
 
 
 def _first_row(lines: list[tuple[int, str]]) -> tuple[str, int]:
@@ -189,7 +196,7 @@ def _is_unit(cell: str) -> bool:
 
 
 def _numbers(
-    header: list[str], rows: list[tuple[int, list[str]]], separator: str
+    header: list[str], rows: list[tuple[int, list[str]]], separator: str, gaps: bool
 ) -> dict[str, np.ndarray]:
     """Columns of numbers (n,) by name."""
     while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
@@ -209,27 +216,30 @@ def _numbers(
                 f"({_NAMES[separator]} between them)"
             )
         for i, cell in enumerate(cells):
+            if not cell and gaps:
+                values[k, i] = np.nan
+                continue
             if not cell:
                 raise FormatError(f"line {line}: column {header[i] or i + 1} is blank")
             if not _is_number(cell):
                 reason = "has a decimal comma" if _DECIMAL_COMMA.fullmatch(cell) else "is no number"
                 raise FormatError(f"line {line}: {shorten(cell)} {reason}")
             values[k, i] = number(cell)
-            if not np.isfinite(values[k, i]):
+            if not (gaps or np.isfinite(values[k, i])):
                 raise FormatError(f"line {line}: {shorten(cell)} is not finite")
     return {name: values[:, i] for i, name in enumerate(header) if name}
 
 
-def _read_parquet(path: Path) -> TextTable:
+def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
     import pyarrow as pa  # noqa: PLC0415  (that text files do not need)
     import pyarrow.parquet as pq  # noqa: PLC0415
 
-    read_bytes(path)
+    read_bytes(path, most)
     try:
         with pq.ParquetFile(path) as file:
             groups, metadata = file.metadata.num_row_groups, file.metadata
             rows = sum(metadata.row_group(k).num_rows for k in range(groups))
-            if max(rows, metadata.num_rows) * max(1, metadata.num_columns) > _NUMBERS:
+            if max(rows, metadata.num_rows) * max(1, metadata.num_columns) > most // 4:
                 raise FormatError(
                     f"has {rows:,} rows of {metadata.num_columns:,} columns: too many"
                 )
@@ -244,7 +254,7 @@ def _read_parquet(path: Path) -> TextTable:
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
             continue
         values = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
-        if not np.isfinite(values).all():
+        if not (gaps or np.isfinite(values).all()):
             row = int(np.argmin(np.isfinite(values)))
             raise FormatError(f"row {row}: column {shorten(name)} is no number")
         columns[name] = values

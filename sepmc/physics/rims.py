@@ -163,6 +163,24 @@ def _summit(ellipse, slope, low, high):
 
 
 @routine
+def steepest(ellipse, slope):
+    """Angle with the largest rho - slope z on the half of a rim with sin phi >= 0. Where y0 < 0,
+    its local maximum, or any angle if there is none.
+
+    With y0 < 0, J / sin phi falls only where sin^3 phi > r |y0| / ((1 + m^2) b^2).
+    """
+    _, y0, _, _, r, b = ellipse
+    if y0 >= 0.0:
+        return _summit(ellipse, slope, 0.0, math.pi)
+    bend = (1.0 + slope * slope) * b * b
+    if not bend > -r * y0:
+        return 0.0
+    sine = (-r * y0 / bend) ** (1.0 / 3.0)
+    low = arctan2(sine, math.sqrt(max(0.0, (1.0 - sine) * (1.0 + sine))))
+    return _summit(ellipse, slope, low, math.pi - low)
+
+
+@routine
 def _signed(angle, side, ellipse, wall):
     """Signed distance of a point of the rim from the wall.
 

@@ -12,7 +12,7 @@ deeper than 3e-7 of the radius is missed, and steps are long where f is far from
 import math
 
 from sepmc.jit import long_formula, noinline, routine
-from sepmc.physics.elementary import sine_cosine
+from sepmc.physics.elementary import arctan2, sine_cosine
 from sepmc.physics.rims import axes, rim_point
 from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
 
@@ -24,6 +24,8 @@ _NARROWINGS = 60  # 6 are typical
 _FINEST = 2.0 * math.pi / 4000.0
 _SAME = 1e-14  # of the radius: smaller differences are round-off
 _GROWTH = 4.0  # of the steps away from the minimum
+_FINEST_OF_ARC = 3e-5  # rad: the same for an arc, to 1e-10 of the bend
+_UNIMODAL = 0.2  # rad: the minimum of a shorter interval is searched before it is halved
 _DIPS = 16  # successive minima around the circle, each lower than the one before; 1 is typical
 
 
@@ -78,6 +80,78 @@ def edge_gap(edge, part):
     on_edge = add(start, add(add(scale(x, e), scale(y, v)), scale(z, axis)))
     on_part = add(start, add(add(scale(x * ratio, e), scale(y * ratio, v)), scale(axial, axis)))
     return best, on_edge, on_part
+
+
+@long_formula
+def arc_gap(arc, part, limit):
+    """Distance of an arc from a solid part, where it is below a limit.
+
+    Checked against a scan of the arc.
+
+    Parameters
+    ----------
+    arc : tuple
+        (centre, x, y, radius, width): unit vectors towards its first point and, at right angles,
+        the way that the angle grows; width in rad.
+    part : tuple
+        (start, axis, length, r0, r1).
+    limit : float
+        m.
+
+    Returns
+    -------
+    distance : float
+        m; ``limit`` if no point of the arc is nearer, NaN if a number is NaN.
+    angle : float
+        Of the nearest point from the first one, rad; 0 if none is nearer.
+    """
+    noinline()
+    centre, x, y, radius, width = arc
+    start, axis, length, r0, r1 = part
+    e, v, sine, cosine = axes(cross(x, y), axis)
+    offset = sub(centre, start)
+    x0, y0, z0 = dot(offset, e), dot(offset, v), dot(offset, axis)
+    if math.isnan(x0 + y0 + z0 + sine + length + limit):
+        return math.nan, 0.0
+    ellipse, section = (x0, y0, z0, radius * cosine, radius, radius * sine), (length, r0, r1)
+    # the ellipse is g cos + v sin, of which x is at the angle ``begin``
+    g = add(scale(cosine, e), scale(sine, axis))
+    c, s = dot(x, g), dot(x, v)
+    begin, sign = arctan2(s, c), 1.0 if c * dot(y, v) - s * dot(y, g) > 0.0 else -1.0
+    f, slope = _distance(begin, ellipse, section)
+    best, at, slope = limit, 0.0, sign * slope
+    best = min(best, f)
+    covered, searched, step = 0.0, 0.0, width / _FEW
+    while covered < width and best > 0.0:
+        step = min(step, width - covered)
+        theta = begin + sign * (covered + step)
+        f_next, slope_next = _distance(theta, ellipse, section)
+        slope_next = sign * slope_next
+        if f_next < best:
+            best, at = f_next, covered + step
+        bend = _bend(ellipse, section, best)
+        lowest = best - max(_SAME * radius, 0.125 * bend * _FINEST_OF_ARC * _FINEST_OF_ARC)
+        bound = _least(f, slope, f_next, slope_next, bend, step)
+        if (
+            bound < lowest
+            and slope < 0.0 < slope_next
+            and step <= _UNIMODAL
+            and covered >= searched
+        ):
+            value, minimum = _narrow(
+                theta - sign * step, f, slope, theta, slope_next, ellipse, section
+            )
+            searched = covered + step
+            if value < best:
+                lowest += value - best
+                best, at = value, sign * (minimum - begin)
+        if bound < lowest and step > _FINEST_OF_ARC:
+            step = max(0.5 * step, _FINEST_OF_ARC)
+            continue
+        covered += step
+        f, slope = f_next, slope_next
+        step *= _GROWTH
+    return best, at
 
 
 @long_formula

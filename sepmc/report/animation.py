@@ -145,6 +145,8 @@ class _Frame:
                     ax.plot(*points.T, "o", ms=3, c=edge)
                     continue
                 style = {"fill": False, "ls": "--"} if part.hollow else {"fc": tint, "alpha": 0.9}
+                if part.sector is not None:
+                    style = {"fill": False}
                 hull = _hull(self.in_view(name, _rim_points(part))[:, [0, up]])
                 ax.add_patch(Polygon(hull, closed=True, ec=edge, lw=1.1, **style))
             if not body.outline:
@@ -178,6 +180,8 @@ def _rim_points(part: Part) -> np.ndarray:
     assert part.stations is not None
     assert part.radii is not None
     around = np.linspace(0.0, 2.0 * np.pi, _RIM_POINTS, endpoint=False)
+    if part.sector is not None:  # there angles count from z toward -y, here from y toward z
+        around = np.linspace(*part.sector, _RIM_POINTS) + 0.5 * np.pi
     y, z = part.offset
     return np.concatenate(
         [

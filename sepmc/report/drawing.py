@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Ellipse, Polygon
+from matplotlib.patches import Circle, Ellipse, Patch, Polygon
 from matplotlib.ticker import MaxNLocator
 
 from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, save, set_title
@@ -21,6 +21,7 @@ from sepmc.scene.signals import with_sizes
 
 _COUNT_NOTE = "NAME +N: N more of its kind at or near this point"
 _ARROW, _MERGE_DISTANCE = 0.09, 0.05  # of the vehicle's length: arrows; points merged to one label
+_ARC_POINTS = 49  # of the arc of a sector
 _MARK_RADIUS, _LINE_RADIUS = 7.0, 2.0  # pixels, of marks and lines in the placement of labels
 Point = tuple[float, float, float]
 
@@ -205,6 +206,8 @@ def _size(scene: Scene) -> float:
     stations = [body.cg[0] for body in scene.body.values()]
     stations += [motor.station for motor in scene.motor]
     stations += [joint.point[0] for joint in scene.joint.values()]
+    stations += [spring.point[0] for spring in scene.spring]
+    stations += [load.point[0] for load in scene.load if load.point]
     for body in scene.body.values():
         for part in body.outline:
             stations += part.stations or [point[0] for point in part.points]
@@ -218,21 +221,33 @@ def _outlines(labels: _Labels, scene: Scene, view: _View) -> None:
         for part in body.outline:
             style = {"edgecolor": edge, "linewidth": 1.1}
             style |= {"fill": False, "linestyle": "--"} if part.hollow else {"facecolor": tint}
+            if part.sector is not None:
+                style = {"edgecolor": edge, "linewidth": 1.8, "fill": False}
             for shape in _shapes(part, view, style):
                 labels.ax.add_patch(shape)
                 outline = shape.get_path().transformed(shape.get_patch_transform())
                 for corners in outline.to_polygons():
                     for start, end in pairwise(np.asarray(corners).tolist()):
                         labels.line(start, end)
-            if part.points:
-                labels.ax.plot(*zip(*map(view.at, part.points), strict=True), "o", color=edge, ms=3)
+            if dots := _dots(part, view):
+                labels.ax.plot(*zip(*dots, strict=True), "o", color=edge, ms=3)
 
 
-def _shapes(part: Part, view: _View, style: dict[str, object]) -> list[Polygon | Circle]:
+def _dots(part: Part, view: _View) -> list[tuple[float, float]]:
+    """Return the points of a part in a view, and a line seen end-on."""
+    points = list(part.points)
+    if view is _END and part.stations is not None and part.radii == (0.0, 0.0):
+        points.append((part.stations[0], *part.offset))
+    return [view.at(point) for point in points]
+
+
+def _shapes(part: Part, view: _View, style: dict[str, object]) -> list[Patch]:
     """Return the shapes of a part in a view."""
     if part.stations is None or part.radii is None:
         return []
     y, z = part.offset
+    if part.sector is not None:
+        return _sector_shapes(part, view, style)
     if view is _END:
         return [Circle((z, y), radius, **style) for radius in part.radii if radius > 0.0]
     centre = y if view is _SIDE else z
@@ -244,6 +259,32 @@ def _shapes(part: Part, view: _View, style: dict[str, object]) -> list[Polygon |
         (front, centre - first),
     ]
     return [Polygon(corners, closed=True, **style)]
+
+
+def _sector_shapes(part: Part, view: _View, style: dict[str, object]) -> list[Patch]:
+    """Return the shapes of a sector: its arcs in rear view, else the area that its wall covers."""
+    assert part.stations is not None
+    assert part.radii is not None
+    assert part.sector is not None
+    angles = np.linspace(*part.sector, _ARC_POINTS)
+    arcs = [
+        np.array([view.at((station, *point)) for point in _on_circle(part, radius, angles)])
+        for station, radius in zip(part.stations, part.radii, strict=True)
+    ]
+    if view is _END:
+        arcs = arcs[: 1 if part.radii[0] == part.radii[1] else 2]
+        return [Polygon(arc, closed=False, **style) for arc in arcs]
+    # the wall is seen between the highest and the lowest of its straight lines
+    low, high = (np.array([pick(arc[:, 1]) for arc in arcs]) for pick in (np.min, np.max))
+    (front, aft) = part.stations
+    corners = [(front, high[0]), (aft, high[1]), (aft, low[1]), (front, low[0])]
+    return [Polygon(corners, closed=True, **style)]
+
+
+def _on_circle(part: Part, radius: float, angles: np.ndarray) -> np.ndarray:
+    """Return points (n, 2), y and z, of a circle of a part at angles about body x."""
+    y, z = part.offset
+    return np.column_stack([y - radius * np.sin(angles), z + radius * np.cos(angles)])
 
 
 def _masses(

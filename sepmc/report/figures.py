@@ -267,7 +267,7 @@ def _histogram(
     hidden = ", ".join(f"{bound:g}" for bound in required if bound not in shown)
     # drawn, it would shrink the histogram to a line
     note = f"\nrequired bound {hidden} is far outside" if hidden else ""
-    ax.set_title(title + note, fontsize=9)
+    ax.set_title(fill(title, _TITLE_WIDTH) + note, fontsize=9)
     if len(rounded(mean, sigma, 2)) > 6:  # long tick labels would overlap
         ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     # a wider label would overlap its neighbour
@@ -286,6 +286,7 @@ _NORMAL = (
     f"normal, same mean and sigma (where |skewness| < {_SKEWED:g}, |excess kurtosis| < {_PEAKED:g})"
 )
 _LEGEND = (_CASES, _ALIKE, _LOW, _ENDS, _NORMAL)
+_TITLE_WIDTH = 44  # characters of a title line that fit over a panel
 _SEEN = 0.01  # of the highest bar: lower ones are marked
 _TAIL = 0.3  # of all bars: if more are too low to see, the scale is logarithmic
 

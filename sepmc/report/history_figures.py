@@ -36,6 +36,7 @@ BY_JOINT = tuple((colour, style) for style in ("-", "--", ":", "-.") for colour 
 # smallest range, in any unit drawn here (deg, deg/s, mm, N, N m ...); a smaller one is round-off
 # and does not fill the axes
 FLAT = 1e-6
+_SIGNAL, _MOST_SIGNALS = "signal_", 12  # start of the columns of signals; most of them on a page
 _TOO_FLAT = 0.05  # fraction of a shared scale below which a panel keeps its own
 
 
@@ -86,9 +87,10 @@ def run_figures(
         ``{b}_{alpha,roll,yaw,pitch}_deg``, ``{b}_axial_acceleration_m_s2``; per joint ``j`` and
         body ``{j}_force_on_{b}_{x,y,z}_N``, ``{j}_moment_on_{b}_{x,y,z}_N_m``;
         ``separation_speed_m_s``, ``separation_distance_mm``; per clearance ``c``
-        ``{c}_clearance_mm``; per pin ``n`` of a joint ``{j}_pin{n}_{mouth,tip}_load_N``. At a phase
-        boundary two rows share a time (end of one phase, start of the next), so that a step is
-        drawn as a step.
+        ``{c}_clearance_mm``; per hinge ``{j}_angle_deg`` and ``{j}_angle_rate_deg_s``; per pair of
+        bodies ``{b}_from_{a}_distance_m`` and ``{b}_from_{a}_{roll,yaw,pitch}_deg``; per pin ``n``
+        of a joint ``{j}_pin{n}_{mouth,tip}_load_N``. At a phase boundary two rows share a time (end
+        of one phase, start of the next), so that a step is drawn as a step.
     folder : Path
         Created if missing.
     bodies, joints : sequence of str
@@ -110,13 +112,20 @@ def run_figures(
     -------
     list of Path
         ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``, ``angles.png``,
-        ``axial_acceleration.png``, ``separation.png``, ``clearances.png``, ``pin_loads.png``; those
-        without data are left out.
+        ``axial_acceleration.png``, ``separation.png``, ``hinges.png``, ``relative_motion.png``,
+        ``signals.png``, ``clearances.png``, ``pin_loads.png``; those without data are left out, and
+        forces, moments and separations that stay 0.
     """
     folder, written = make_folder(folder), []
 
-    def draw(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
+    def draw(
+        file: str, title: str, panels: list[Panel], columns: int = 1, zeros: bool = True
+    ) -> None:
         if only is not None and file not in only:
+            return
+        names = [name for panel in panels for name, _ in panel.lines if name in history]
+        stays_zero = all(history[name].abs().max() < FLAT for name in names)
+        if not zeros and stays_zero and len(history) > 1:
             return
         drawn = [
             panel
@@ -158,6 +167,7 @@ def run_figures(
                 f"{kind}_on_{body}",
                 f"Constraint {kind} on {to_words(body)}, in the axes of the joint's first body",
                 panels,
+                zeros=False,
             )
     rates = [
         Panel(
@@ -192,7 +202,52 @@ def run_figures(
         Panel(label, lines, BY_JOINT if len(lines) > 1 else ((BLUE, "-"),))
         for label, lines in lines_by_quantity.items()
     ]
-    draw("separation", "Separation", curves)
+    draw("separation", "Separation", curves, zeros=False)
+    hinge_panels = [
+        Panel(
+            f"{words} ({unit_text})",
+            [(f"{joint}_{stem}", to_words(joint)) for joint in joints],
+            BY_BODY if len(joints) > 1 else ((BLUE, "-"),),
+        )
+        for stem, words, unit_text in (
+            ("angle_deg", "angle about the joint's x axis", "deg"),
+            ("angle_rate_deg_s", "angular rate about it", "deg/s"),
+        )
+    ]
+    draw("hinges", "Hinges", hinge_panels)
+    pairs = [(a, b) for a in bodies for b in bodies if f"{b}_from_{a}_distance_m" in history]
+    draw(
+        "relative_motion",
+        "Relative motion of two bodies",
+        [
+            Panel(
+                f"{words} ({unit})",
+                [
+                    (f"{b}_from_{a}_{words}_{unit}", f"{to_words(b)} from {to_words(a)}")
+                    for a, b in pairs
+                ],
+                BY_BODY if len(pairs) > 1 else ((BLUE, "-"),),
+            )
+            for words, unit in (
+                ("distance", "m"),
+                ("pitch", "deg"),
+                ("yaw", "deg"),
+                ("roll", "deg"),
+            )
+        ],
+        2,
+    )
+    of_items = tuple(f"{name}_" for name in (*bodies, *joints))
+    draw(
+        "signals",
+        "Signals, in the units of the keys that name them",
+        [
+            Panel(to_words(name.removeprefix(_SIGNAL)), [(name, _OWN)], ((BLUE, "-"),))
+            for name in map(str, history.columns)
+            if name.startswith(_SIGNAL) and not name.startswith(of_items)
+        ][:_MOST_SIGNALS],
+        2,
+    )
     draw(
         "clearances",
         "Clearances",

@@ -50,13 +50,12 @@ def placed_part(part: Part, cg: Vector) -> PlacedPart:
     points = (np.array(part.points).reshape(-1, 3) - cg) * [-1.0, 1.0, 1.0]
     front, aft = part.stations or (0.0, 0.0)
     y, z = part.offset[0] - cg[1], part.offset[1] - cg[2]
-    sector = getattr(part, "sector", None)
     return PlacedPart(
         (cg[0] - front, y, z),
         (cg[0] - aft, y, z),
         part.radii or (0.0, 0.0),
-        part.hollow or sector is not None,
-        sector,
+        part.is_wall,
+        part.sector,
         points,
     )
 

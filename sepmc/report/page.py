@@ -80,6 +80,8 @@ class ReportContent:
     replays : sequence of CaseReplay
     nominal : mapping, optional
         Replay of the nominal case, from `sepmc.report.replay_data.replay_data`.
+    flight : str
+        Text on the comparison with a flight; empty without one.
     """
 
     name: str
@@ -103,6 +105,7 @@ class ReportContent:
     driver_notes: Sequence[str] = ()
     replays: Sequence[CaseReplay] = field(default_factory=list)
     nominal: Mapping[str, Any] | None = None
+    flight: str = ""
 
 
 def write_report(
@@ -111,6 +114,7 @@ def write_report(
     vehicle: Sequence[Path],
     outcomes: Sequence[Path],
     sensitivity: Sequence[Path],
+    flight: Sequence[Path] = (),
 ) -> Path:
     """Write a report with its figures from SVG files.
 
@@ -119,8 +123,8 @@ def write_report(
     report : ReportContent
     path : Path
         Of the page.
-    vehicle, outcomes, sensitivity : sequence of Path
-        Figures of the vehicle, of the outcomes, and of their sensitivity.
+    vehicle, outcomes, sensitivity, flight : sequence of Path
+        Figures of the vehicle, of the outcomes, of their sensitivity, and of a flight.
 
     Returns
     -------
@@ -131,6 +135,7 @@ def write_report(
         "vehicle_figures": _embedded(vehicle),
         "outcome_figures": _embedded(outcomes),
         "sensitivity_figures": _embedded(sensitivity),
+        "flight_figures": _embedded(flight),
         "replays": [
             {
                 "number": replay.number,

@@ -20,14 +20,17 @@ import math
 
 from sepmc.jit import noinline, routine
 from sepmc.physics import outlines, quat, vec3
+from sepmc.physics.elementary import sine_cosine
 from sepmc.physics.rims import rim_gap
+from sepmc.physics.sectors import sector_gap
 from sepmc.physics.shell_edge import edge_gap, edge_gap_bound
 from sepmc.routines import layout as at
 from sepmc.routines.lanes import LANES
 
-# Kinds of pairs: two solids; a rim of a solid within a shell; an edge circle of a shell and a
-# solid, with the shell on the first or on the second body.
+# Kinds of pairs: two solids; a rim of a solid within a shell, an edge circle of a shell and a
+# solid, or a sector and a solid, with the wall on the first or on the second body.
 SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND, EDGE_ON_FIRST, EDGE_ON_SECOND = 0, 1, 2, 3, 4
+SECTOR_ON_FIRST, SECTOR_ON_SECOND = 5, 6
 _SAFE = 2.0  # factor from the largest second difference to the bound of the acceleration
 _ROUND_OFF = 1e-14  # of the reach of both parts: smaller differences of distance are ignored
 # Times _ROUND_OFF: a rim may be this far beyond the end of its shell and count as within. Rims can
@@ -79,8 +82,12 @@ def search_clearance(w, job):
             pb = int(w[parts + 2]) + at.PART_SIZE * m
             part_b = _part(pb, cg_b, w)
             shell_a, shell_b = w[pa] != 0.0, w[pb] != 0.0
-            if shell_a and shell_b:
-                continue  # two shells: each is paired with the other body's solids
+            if (shell_a and shell_b) or max(w[pa], w[pb]) == at.SECTOR_ANGLES:
+                continue  # two walls: each is paired with the other body's solids
+            if max(w[pa], w[pb]) == at.SECTOR:
+                kind, position = (SECTOR_ON_FIRST, pa) if shell_a else (SECTOR_ON_SECOND, pb)
+                searched = _search((kind, position, part_a, part_b), motion, w, job) and searched
+                continue
             kind = SHELL_ON_FIRST if shell_a else (SHELL_ON_SECOND if shell_b else SOLIDS)
             length = part_b[2] if shell_a else part_a[2]
             for end in range(2 if kind != SOLIDS and length > 0.0 else 1):
@@ -231,6 +238,29 @@ def _placed(part, w, pose):
 
 
 @routine
+def _from_other(part, w, pose):
+    """Part of body a in the axes of body b."""
+    start, axis, length, r0, r1 = part
+    r = vec3.get_matrix(w, pose)
+    return (
+        vec3.unrotate(r, vec3.sub(start, vec3.get(w, pose + 9))),
+        vec3.unrotate(r, axis),
+        length,
+        r0,
+        r1,
+    )
+
+
+@routine
+def _sector(part, p, w):
+    """Sector of its body, stored at w[p], in body axes: see `sectors`."""
+    start, axis, length, r0, r1 = part
+    angles = p + at.PART_SIZE
+    s, c = sine_cosine(w[angles + 1])
+    return start, axis, length, r0, r1, (0.0, -s, c), (0.0, -c, -s), w[angles + 4]
+
+
+@routine
 def _rim(part, end):
     """Rim of a part: (centre, normal, radius)."""
     start, axis, length, r0, r1 = part
@@ -253,8 +283,13 @@ def _distance(pair, w, pose, margin):
         distance, point, _ = rim_gap(_rim(part_a, end), part_b, margin)
     elif kind == EDGE_ON_FIRST:
         distance, point, _ = edge_gap(_rim(part_a, end), part_b)
-    else:
+    elif kind == EDGE_ON_SECOND:
         distance, _, point = edge_gap(_rim(part_b, end), part_a)
+    elif kind == SECTOR_ON_FIRST:
+        distance, point, _ = sector_gap(_sector(part_a, end, w), part_b)
+    else:  # in the axes of b, in which the angles of the sector are
+        distance, _, point = sector_gap(_sector(part, end, w), _from_other(part_a, w, pose))
+        point = vec3.add(vec3.get(w, pose + 9), vec3.rotate(vec3.get_matrix(w, pose), point))
     return distance, point
 
 
@@ -264,7 +299,7 @@ def _far(pair, w, pose):
     without sign."""
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
-    if kind == SOLIDS:
+    if kind in (SOLIDS, SECTOR_ON_FIRST, SECTOR_ON_SECOND):
         return outlines.gap_bound(part_a, part_b)
     if kind == EDGE_ON_FIRST:
         return edge_gap_bound(_rim(part_a, end), part_b)

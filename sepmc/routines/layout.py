@@ -61,9 +61,11 @@ AT_CELL_TOP, AT_CELL_BASE = 13, 14  # ends of the cell of a table of lines, alon
 BODY_OUTCOMES, JOINT_OUTCOMES = 9, 3
 FLOW_ANGLES = 2  # the first outcomes of a body: undefined in still air
 LOADS_OUTCOMES, CLEARANCE_OUTCOMES = 6, 6
-# Part of an outline in ``numbers``: hollow, layout point of its start, length aft, radius at both
-# ends.
+# Part of an outline in ``numbers``: kind (solid, hollow or sector), layout point of its start,
+# length aft, radius at both ends. After a sector follow its angles: kind, first angle, two unused
+# numbers, width, two unused numbers.
 PART_SIZE = 7
+SECTOR, SECTOR_ANGLES = 2.0, 3.0
 # Status of a case that a kernel rejects because its steps are too long; other rejected cases have
 # the code of the variant (`sepmc.kernel.spec.variant`) that may integrate them.
 FINER_STEPS = -1

@@ -7,6 +7,7 @@ import numpy as np
 
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import COEFFICIENTS, DERIVATIVES, RATES
+from sepmc.scene.terms import signal_of
 from sepmc.scene.units import UNITS, split_unit
 
 _PER_DEGREE = 180.0 / math.pi
@@ -100,7 +101,7 @@ def _lateral_length(
             power = (coefficient in _LATERAL) + (rate in ("p", "r"))
             if isinstance(tree[name], dict):
                 tree[name] = {
-                    term: _scaled(x, ratio ** (power + (term.split("_")[-1] in ("p", "r"))))
+                    term: _scaled(x, ratio ** (power + _is_lateral_rate(term)))
                     for term, x in tree[name].items()
                 }
             elif power:
@@ -165,8 +166,10 @@ def _single_rows(key_path: str, table: dict[str, Any]) -> list[str]:
 
 
 def _degree(term: str) -> int:
-    """Number of angles and rates that a term multiplies."""
+    """Number of angles and rates that a term multiplies; a signal counts as it stands."""
     total = 0
+    if signal_of(term):
+        return total
     for factor in term.split("_"):
         for angle in ("alpha", "beta"):
             if factor.startswith(angle):
@@ -174,6 +177,11 @@ def _degree(term: str) -> int:
                 total += int(power) if power.isdigit() else 1
         total += factor in RATES
     return total
+
+
+def _is_lateral_rate(term: str) -> bool:
+    """True for a term with the rate p or r."""
+    return not signal_of(term) and term.rsplit("_", maxsplit=1)[-1] in ("p", "r")
 
 
 def _scaled(value: Any, factor: float) -> Any:

@@ -63,7 +63,7 @@ def convert_inertia(key_path: str, body: dict[str, Any], problems: Problems) -> 
         tensor, unit = moments
     if axes is not None:
         del body["inertia_axes"]
-        matrix = _axes(f"{key_path}.inertia_axes", axes, problems)
+        matrix = axes_matrix(f"{key_path}.inertia_axes", axes, problems)
         if matrix is None:
             return understood
         tensor = matrix.T @ tensor @ matrix + 0.0
@@ -125,8 +125,22 @@ def _moments(body: dict[str, Any]) -> tuple[np.ndarray, str] | None:
     return tensor, unit
 
 
-def _axes(key_path: str, axes: Any, problems: Problems) -> np.ndarray | None:
-    """Matrix of the named axes: its rows are their unit vectors in body axes."""
+def axes_matrix(key_path: str, axes: Any, problems: Problems) -> np.ndarray | None:
+    """Matrix (3, 3) of named axes.
+
+    Parameters
+    ----------
+    key_path : str
+    axes : object
+        Directions of x, y and z, such as "forward-right-down".
+    problems : Problems
+
+    Returns
+    -------
+    ndarray or None
+        Rows are the unit vectors of the axes in body axes; None, with the problem noted, if the
+        directions are none.
+    """
     words = axes.split("-") if isinstance(axes, str) else []
     known = [DIRECTIONS[word] for word in words if word in DIRECTIONS]
     if len(words) != 3 or len({number for number, _ in known}) != 3:

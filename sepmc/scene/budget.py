@@ -1,5 +1,6 @@
 """Mass properties, impulses and energies of a nominal scene: numbers to compare with a budget."""
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator
@@ -157,15 +158,21 @@ def energy(spring: Spring) -> float:
 def _of_table(table: ForceTable | None, stroke: float) -> float:
     """Integral of the force of a table from extension 0 to the stroke, J; constant beyond its
     rows."""
-    from scipy.interpolate import CubicSpline  # noqa: PLC0415  (few scenes need it)
+    from scipy.interpolate import (  # noqa: PLC0415  (few scenes need it)
+        CubicSpline,
+        PchipInterpolator,
+        make_interp_spline,
+    )
 
     if table is None:
         return 0.0
+    makers = {"cubic": CubicSpline, "monotone": PchipInterpolator}
+    make = makers.get(table.interpolation, functools.partial(make_interp_spline, k=1))
     (first, *_, last), force = table.extension, table.force
     start, end = max(first, 0.0), min(last, stroke)
     if end <= start:  # the stroke ends before the first row
         return force[0] * stroke
-    inner = float(CubicSpline(table.extension, force).integrate(start, end))
+    inner = float(make(table.extension, force).integrate(start, end))
     return force[0] * start + inner + force[-1] * (stroke - end)
 
 

@@ -41,4 +41,6 @@ def contents(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Contents:
         tuple(dict.fromkeys((r.joint, r.to) for r in scene.release if r.to != "free")),
         tuple(Formula(one.name, one.formula, one.unit) for one in scene.outcome),
         tuple(signal.name for signal in scene.signal),
+        scene.output.hinge,
+        scene.output.relative,
     )

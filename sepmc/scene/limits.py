@@ -1,6 +1,7 @@
 """Limits on the size of files, which may be untrusted: larger ones are rejected, with their size,
 before they are processed."""
 
+import math
 import re
 import stat
 from pathlib import Path
@@ -41,6 +42,8 @@ NAME = 64
 LARGEST = 1e60
 # A shorter vector has no direction: the square of its length underflows.
 SMALLEST = 1e-60
+# rad, with round-off of degrees: the largest width of a sector.
+FULL_TURN = 2.0 * math.pi * (1.0 + 1e-12)
 # Values of a list, such as the points of an outline.
 LIST = 20_000
 # Rows of a table along an axis: fitting a spline takes time with the cube of their number.

@@ -24,7 +24,7 @@ _PULL = 0.05  # of its initial force: pull of a pusher at the end of its stroke
 _AGAINST = -0.5  # cosine below which a spring pushes its second body toward the first
 # offset of two mass centres along a joint axis, relative to their distance, that is nearly zero
 _LEVEL = 0.02
-_ROUND = np.arange(24) * (2.0 * math.pi / 24)
+_ROUND = np.arange(24) / 24.0  # of a full turn
 # parts of the paths of numbers that may have either sign
 _SIGNED = ("cg", "offset", "omega", "direction", "deflection", "products", "point", "axis", "clock",
            "pitch", "yaw", "roll", "alpha", "force_factor")  # fmt: skip
@@ -202,7 +202,7 @@ def _overlaps(scene: Scene) -> Iterator[str]:
 def _depth(part: Part, solid: Part) -> float:
     """Largest depth, m, of the edge circles or points of a part inside a solid frustum, or beyond
     the wall of a hollow one; 0 if there is none."""
-    if solid.stations is None or solid.radii is None or part.hollow:
+    if solid.stations is None or solid.radii is None or part.hollow or solid.sector:
         return 0.0
     at = np.array([*part.points, *_edge_points(part)])
     (front, aft), (first, second) = solid.stations, solid.radii
@@ -219,11 +219,13 @@ def _depth(part: Part, solid: Part) -> float:
 
 
 def _edge_points(part: Part) -> Iterator[tuple[float, float, float]]:
-    """Points on the edge circles of a frustum, 24 each."""
+    """Points on the edge circles of a frustum, or on the arcs of a sector, 24 each."""
+    first, last = part.sector or (0.0, 2.0 * math.pi)
     for station, radius in zip(part.stations or (), part.radii or (), strict=True):
-        for angle in _ROUND:
+        for fraction in _ROUND:
             y, z = part.offset
-            yield station, y + radius * math.cos(angle), z + radius * math.sin(angle)
+            angle = first + fraction * (last - first)
+            yield station, y - radius * math.sin(angle), z + radius * math.cos(angle)
 
 
 def _springs(scene: Scene) -> Iterator[str]:

@@ -3,17 +3,31 @@
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from sepmc.scene.limits import SMALLEST, TABLE_CELLS, TABLE_ROWS
+from sepmc.scene.limits import FULL_TURN, SMALLEST, TABLE_CELLS, TABLE_ROWS
 from sepmc.scene.messages import Problems, nearest
-from sepmc.scene.model import COEFFICIENTS, DERIVATIVES, GROUND, AeroTable, Part, Scene, Spring
+from sepmc.scene.model import (
+    COEFFICIENTS,
+    DERIVATIVES,
+    GROUND,
+    AeroTable,
+    Part,
+    Proximity,
+    RelativeAxes,
+    Scene,
+    Spring,
+)
 from sepmc.scene.outline_parts import selected_parts
 from sepmc.scene.parameters import item_names
+from sepmc.scene.tables import TERMS
+from sepmc.scene.terms import signal_terms
 
 # s: the engine takes instants closer than this as one
 SHORTEST = 1e-12
+AXES = 3  # most axes of a table
 
 
 def check_known(key_path: str, name: str, known, what: str, problems: Problems) -> None:
@@ -82,15 +96,42 @@ def check_loads(scene: Scene, problems: Problems) -> None:
             )
         for label, part in zip(item_names(body.outline), body.outline, strict=True):
             _check_part(f"body.{name}.outline.{label}", part, problems)
+    signals = [signal.name for signal in scene.signal]
+    for key_path, signal in signal_terms(scene).items():
+        if signal not in signals:
+            hint = f"; {nearest(signal, signals)}" if signals else ""
+            problems.add(key_path, f"{TERMS}{hint}")
     for entry in scene.proximity:
         key_path = f"proximity.{entry.name}"
         check_known(f"{key_path}.body", entry.body, scene.body, "body", problems)
         check_known(f"{key_path}.joint", entry.joint, scene.joint, "joint", problems)
-        check_series(key_path, "distance_m", entry.distance, 2, problems)
-        coefficients = {key: getattr(entry, key) for key in COEFFICIENTS if getattr(entry, key)}
-        check_lengths(key_path, {"distance_m": entry.distance, **coefficients}, problems)
+        _check_increments(key_path, entry, problems)
         if entry.body in scene.body and scene.body[entry.body].aerodynamics is None:
             problems.add(f"{key_path}.body", "has no aerodynamics to add to", entry.body)
+
+
+def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> None:
+    """Check the axes and the grids of increments."""
+    grids = {key: getattr(entry, key) for key in COEFFICIENTS if getattr(entry, key)}
+    if entry.axes is None:
+        check_series(key_path, "distance_m", entry.distance, 2, problems)
+        if len(entry.distance) > 1:
+            columns = {"distance_m": entry.distance, **grids}
+            check_lengths(key_path, columns, problems)
+            equal = {key: grid for key, grid in grids.items() if len(grid) == len(entry.distance)}
+            _check_grids(key_path, {"distance_m": entry.distance}, equal, problems)
+        return
+    if entry.distance:
+        problems.add(f"{key_path}.distance_m", "give it or axes, not both")
+    units = {"x": "m", "y": "m", "z": "m"}
+    axes = {f"{name}_{units.get(name, 'deg')}": one for name, one in entry.points.items()}
+    if not 1 <= len(axes) <= AXES:
+        reason = f"needs one to three of {', '.join(RelativeAxes.__struct_fields__)}"
+        problems.add(f"{key_path}.axes", reason)
+        return
+    for key, points in axes.items():
+        check_series(f"{key_path}.axes", key, points, 2, problems)
+    _check_grids(key_path, axes, grids, problems)
 
 
 def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
@@ -126,6 +167,18 @@ def _check_part(key_path: str, part: Part, problems: Problems) -> None:
         problems.add(key_path, "give stations_m and radii_m (a frustum), or points_m")
     if part.hollow and (part.stations is None or part.stations[0] == part.stations[1]):
         problems.add(f"{key_path}.hollow", "only a frustum of some length can be hollow")
+    if part.sector is not None:
+        key_path_of_sector = f"{key_path}.sector_deg"
+        first, last = part.sector
+        if part.stations is None or part.stations[0] == part.stations[1]:
+            problems.add(key_path_of_sector, "only a frustum of some length has a sector")
+        if not 0.0 < last - first <= FULL_TURN:
+            reason = "must be two angles, the second above the first by at most 360"
+            problems.add(key_path_of_sector, reason, [math.degrees(x) for x in part.sector])
+        if part.hollow:
+            problems.add(
+                f"{key_path}.hollow", "leave it out: a sector is a thin wall with two sides"
+            )
     if part.points and any(part.offset):
         problems.add(
             f"{key_path}.offset_m",
@@ -142,15 +195,29 @@ def _check_aero_table(key_path: str, table: AeroTable, scene: Scene, problems: P
         check_series(key_path, key, axis, 1, problems)
     if not axes_given:
         problems.add(key_path, "needs an axis: mach, alpha_deg or beta_deg")
-    shape = tuple(len(axis) for axis in axes_given.values())
+    grids = {key: getattr(table, key) for key in (*COEFFICIENTS, *DERIVATIVES)}
+    _check_grids(key_path, axes_given, {key: grid for key, grid in grids.items() if grid}, problems)
+    if (
+        len(table.mach) > 1
+        and scene.environment.atmosphere == "table"
+        and not (scene.environment.air and scene.environment.air.speed_of_sound)
+    ):
+        problems.add("environment.air.speed_of_sound_m_s", "is needed for tables over Mach number")
+
+
+def _check_grids(
+    key_path: str,
+    axes: Mapping[str, Sequence[float]],
+    grids: Mapping[str, list[Any]],
+    problems: Problems,
+) -> None:
+    """Check that grids are numbers in the shape of their axes."""
+    shape = tuple(len(axis) for axis in axes.values())
     if math.prod(shape) > TABLE_CELLS:
         problems.add(
             key_path, f"has {math.prod(shape):,} combinations of its axes: at most {TABLE_CELLS:,}"
         )
-    for coefficient in (*COEFFICIENTS, *DERIVATIVES):
-        grid = getattr(table, coefficient)
-        if not grid:
-            continue
+    for coefficient, grid in grids.items():
         try:
             array = np.array(grid, dtype=float)
         except (ValueError, TypeError):
@@ -160,17 +227,11 @@ def _check_aero_table(key_path: str, table: AeroTable, scene: Scene, problems: P
             )
             continue
         if array.shape != shape:
-            wanted = " x ".join(f"{len(axis)} ({key})" for key, axis in axes_given.items())
+            wanted = " x ".join(f"{len(axis)} ({key})" for key, axis in axes.items())
             problems.add(
                 f"{key_path}.{coefficient}",
                 f"is {' x '.join(map(str, array.shape))}, but the axes ask for {wanted}",
             )
-    if (
-        len(table.mach) > 1
-        and scene.environment.atmosphere == "table"
-        and not (scene.environment.air and scene.environment.air.speed_of_sound)
-    ):
-        problems.add("environment.air.speed_of_sound_m_s", "is needed for tables over Mach number")
 
 
 def check_air(scene: Scene, problems: Problems) -> None:
@@ -208,7 +269,14 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
         check_known("output.transverse", body, scene.body, "body", problems)
     if len(set(scene.output.transverse)) < len(scene.output.transverse):
         problems.add("output.transverse", "names a body twice", list(scene.output.transverse))
-    for key in ("loads", "tip_off", "guide"):
+    for pair in scene.output.relative:
+        check_pair("output.relative", pair, scene, problems)
+        if GROUND in pair:
+            problems.add("output.relative", "the ground has no centre of mass", list(pair))
+    if len(set(scene.output.relative)) < len(scene.output.relative):
+        pairs = list(map(list, scene.output.relative))
+        problems.add("output.relative", "names a pair twice", pairs)
+    for key in ("loads", "tip_off", "guide", "hinge"):
         joints = getattr(scene.output, key)
         for joint in joints:
             check_known(f"output.{key}", joint, scene.joint, "joint", problems)
@@ -239,11 +307,11 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
             if len(set(names)) < len(names):
                 problems.add(f"{key_path}.outlines.{number}", "names a part twice", list(names))
         outlines = [selected_parts(scene, clearance, side) for side in range(2)]
-        if all(outlines) and all(part.hollow for outline in outlines for part in outline):
+        if all(outlines) and all(part.is_wall for outline in outlines for part in outline):
             problems.add(
                 f"{key_path}.{'outlines' if any(clearance.outlines) else 'bodies'}",
-                "have shells only, between which there is no clearance: one needs a solid or "
-                "points",
+                "have shells only (a sector is one), between which there is no clearance: one "
+                "needs a solid or points",
             )
         if clearance.after is not None:
             check_known(f"{key_path}.after", clearance.after, scene.joint, "joint", problems)

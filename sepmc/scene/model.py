@@ -36,7 +36,7 @@ Direction = Annotated[Vector, Quantity("", XYZ)]
 Radius = Annotated[float, NotNegative]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z", max_length=NAME)]
 Names = tuple[str, ...]
-# "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
+# "const", "alpha", "alpha2", "alpha_beta", ... or a signal -> coefficient, angles in radians
 Polynomial = dict[str, float]
 Series = tuple[float, ...]
 Grid = list[Any]  # nested lists of numbers, one level per axis of the table
@@ -125,8 +125,8 @@ RATES = ("p", "q", "r")  # roll to the right, pitch up, yaw to the right
 
 
 class Aerodynamics(_Table, frozen=True, kw_only=True):
-    """Aerodynamic coefficients of a body: polynomials in alpha, beta and the reduced rates, and a
-    table."""
+    """Aerodynamic coefficients of a body: polynomials in alpha, beta, the reduced rates and
+    signals, and a table."""
 
     reference_area: Annotated[float, Positive, Quantity("area")]
     reference_length: Annotated[float, Positive, Quantity("length")]
@@ -146,8 +146,9 @@ class Part(_Table, frozen=True, kw_only=True):
     """A part of a body's outline: a cone frustum (two stations and radii; a cylinder if the radii
     are equal), or points.
 
-    A hollow frustum is the inner surface of a shell: clearance counts from the inside. Clearances
-    can name parts that have names.
+    A hollow frustum is the inner surface of a shell: clearance counts from the inside. A sector is
+    the lateral surface between two angles, a thin wall with two sides. Clearances can name parts
+    that have names.
     """
 
     name: Name | None = None
@@ -157,6 +158,13 @@ class Part(_Table, frozen=True, kw_only=True):
     offset: Annotated[tuple[float, float], Quantity("length", ("y", "z"))] = (0.0, 0.0)
     points: Annotated[tuple[Vector, ...], Quantity("length")] = ()
     hollow: bool = False
+    # from, to, about body x: 0 toward z, 90 deg toward -y
+    sector: Annotated[tuple[float, float], Quantity("angle", _ENDS)] | None = None
+
+    @property
+    def is_wall(self) -> bool:
+        """True for a surface, between two of which there is no clearance."""
+        return self.hollow or self.sector is not None
 
 
 class Body(_Table, frozen=True, kw_only=True):
@@ -223,10 +231,13 @@ class Motor(_Table, frozen=True, kw_only=True):
 
 
 class ForceTable(_Table, frozen=True, kw_only=True):
-    """Force over extension, smooth between the rows, constant before the first row."""
+    """Force over extension, constant before the first row and after the last; times
+    ``return_factor`` while the extension shrinks."""
 
     extension: Annotated[Series, Quantity("length")]
     force: Annotated[Series, Quantity("force")]
+    return_factor: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    interpolation: Interpolation = "cubic"
 
 
 class Spring(_Table, frozen=True, kw_only=True):
@@ -315,22 +326,46 @@ class Load(_Table, frozen=True, kw_only=True):
     end: Annotated[float, Positive, Quantity("time")] = math.inf
 
 
+class RelativeAxes(_Table, frozen=True, kw_only=True):
+    """Axes of a grid over the motion of the second body of a joint relative to the first:
+    displacement of its joint point, and attitude, both along the axes of the joint."""
+
+    x: Annotated[Series, Quantity("length")] = ()
+    y: Annotated[Series, Quantity("length")] = ()
+    z: Annotated[Series, Quantity("length")] = ()
+    pitch: Annotated[Series, Quantity("angle")] = ()
+    yaw: Annotated[Series, Quantity("angle")] = ()
+    roll: Annotated[Series, Quantity("angle")] = ()
+
+    @property
+    def points(self) -> dict[str, Series]:
+        """Points of the axes that are given, by name, in the order of the fields."""
+        names = self.__struct_fields__
+        return {name: points for name in names if (points := getattr(self, name))}
+
+
 class Proximity(_Table, frozen=True, kw_only=True):
-    """Increments to the aerodynamic coefficients of a body over the separation distance of a joint;
-    constant beyond the ends."""
+    """Increments to the aerodynamic coefficients of a body over the separation distance of a joint,
+    or on a grid over up to three ``axes``; constant beyond the ends."""
 
     name: Name
     body: str
     joint: str
-    distance: Annotated[Series, Quantity("length")]
-    axial: Series = ()
-    normal: Series = ()
-    side: Series = ()
-    roll: Series = ()
-    yaw: Series = ()
-    pitch: Series = ()
+    distance: Annotated[Series, Quantity("length")] = ()
+    axes: RelativeAxes | None = None
+    axial: Grid = field(default_factory=list)
+    normal: Grid = field(default_factory=list)
+    side: Grid = field(default_factory=list)
+    roll: Grid = field(default_factory=list)
+    yaw: Grid = field(default_factory=list)
+    pitch: Grid = field(default_factory=list)
     factor: float = 1.0
     interpolation: Interpolation = "cubic"
+
+    @property
+    def points(self) -> dict[str, Series]:
+        """Points of the axes by name: the distance, or some of the relative motion."""
+        return {"distance": self.distance} if self.axes is None else self.axes.points
 
 
 class Guide(_Table, frozen=True, kw_only=True):
@@ -436,13 +471,15 @@ class Clearance(_Table, frozen=True, kw_only=True):
 
 
 class Output(_Table, frozen=True, kw_only=True):
-    """Optional outputs: joints with loads, rates at release and guide loads; bodies with transverse
-    rates."""
+    """Optional outputs: joints with loads, rates at release, guide loads and hinge angles; bodies
+    with transverse rates; pairs of bodies with their relative attitude and distance."""
 
     loads: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
     transverse: tuple[str, ...] = ()  # bodies
+    hinge: tuple[str, ...] = ()
+    relative: tuple[tuple[str, str], ...] = ()
 
 
 class FormulaOutcome(_Table, frozen=True, kw_only=True):
@@ -542,15 +579,6 @@ class Correlation(_Table, frozen=True, kw_only=True):
     matrix: tuple[tuple[float, ...], ...] | None = None
 
 
-class Expected(_Table, frozen=True, kw_only=True):
-    """Published statistics of an outcome."""
-
-    mean: float | None = None
-    sigma: Annotated[float, Positive] | None = None
-    min: float | None = None
-    max: float | None = None
-
-
 VIOLATION = "violation"  # of any other requirement
 
 
@@ -564,10 +592,3 @@ class Requirement(_Table, frozen=True, kw_only=True):
     at_most: float | None = None
     probability: Annotated[float, _FRACTION] = 0.9973
     confidence: Annotated[float, _FRACTION] = 0.9
-
-
-class Reference(_Table, frozen=True, kw_only=True):
-    """Published statistics to compare with."""
-
-    source: str
-    outcome: dict[str, Expected] = field(default_factory=dict)

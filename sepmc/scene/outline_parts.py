@@ -20,13 +20,18 @@ def selected_parts(scene: Scene, clearance: Clearance, side: int) -> list[Part]:
     return [scene.body[clearance.bodies[side]].outline[number] for number in numbers]
 
 
+def element_count(part: Part) -> int:
+    """Number of elements of a part: a frustum, the angles of a sector, or a point each."""
+    return (part.stations is not None) + (part.sector is not None) + len(part.points)
+
+
 def packed_runs(scene: Scene, clearance: Clearance, side: int) -> Iterator[tuple[int, int]]:
-    """Runs of consecutive elements that a clearance names: index of the first, and count. An
-    element is a frustum or a point, in the order of the file."""
+    """Runs of consecutive elements (`element_count`) that a clearance names: index of the first,
+    and count, in the order of the file."""
     chosen = set(selected_numbers(scene, clearance, side))
     first = end = position = 0
     for number, part in enumerate(scene.body[clearance.bodies[side]].outline):
-        count = (part.stations is not None) + len(part.points)
+        count = element_count(part)
         if number in chosen:
             if end != position:
                 if end > first:

@@ -39,11 +39,11 @@ from sepmc.scene.model import (
     VIOLATION,
     Correlation,
     Distribution,
-    Reference,
     Requirement,
     Scene,
 )
 from sepmc.scene.parameters import UnknownPath, find, replace, value
+from sepmc.scene.published import Reference
 from sepmc.scene.scenarios import Scenario, read_scenarios, scenario_tree
 from sepmc.scene.setting_checks import check_settings, expand
 from sepmc.scene.settings import apply_settings

@@ -1,8 +1,10 @@
 """Checks of dispersed joint and spring axes and of dispersed outlines."""
 
+import math
 from collections.abc import Sequence
 
 from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.limits import FULL_TURN
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import XYZ, Scene
 from sepmc.scene.parameters import item_names
@@ -41,7 +43,18 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
     for name, body in scene.body.items():
         for label, part in zip(item_names(body.outline), body.outline, strict=True):
             key_path = f"body.{name}.outline.{label}"
-            if part.hollow and part.stations is not None:
+            if part.sector is not None:
+                first, last = (
+                    ranges.get(f"{key_path}.sector.{k}", (angle, angle))
+                    for k, angle in enumerate(part.sector)
+                )
+                if not (first[1] < last[0] and last[1] - first[0] <= FULL_TURN):
+                    problems.add(
+                        f"dispersion.{key_path}.sector_deg",
+                        "the sector may have no width, or more than 360 deg",
+                        [math.degrees(x) for x in part.sector],
+                    )
+            if part.is_wall and part.stations is not None:
                 first, last = (
                     ranges.get(f"{key_path}.stations.{k}", (station, station))
                     for k, station in enumerate(part.stations)

@@ -23,6 +23,7 @@ from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import Driven, Load, Motor, Scene, Signal, Spring
 from sepmc.scene.parameters import replace
 from sepmc.scene.tables import read_table
+from sepmc.scene.terms import signal_terms
 from sepmc.scene.units import UNITS, split_unit
 
 # kind of quantity of each name: of time, of a body, of a joint, of a spring, of an event
@@ -35,7 +36,10 @@ OF_BODY = {
     "dynamic_pressure": "pressure",
     "mach": "",
 }
-OF_JOINT = {"stroke": "length", "rate": "speed", "time_since_release": "time"}
+OF_JOINT = {
+    **{"stroke": "length", "rate": "speed", "time_since_release": "time"},
+    **{"angle": "angle", "angle_rate": "angular rate"},
+}
 OF_EVENT = {"time_since": "time"}
 OF_SPRING = {"extension": "length", "rate": "speed"}
 _OF_ITEM = {"joint": OF_JOINT, "spring": OF_SPRING, "event": OF_EVENT}
@@ -305,6 +309,8 @@ def _unknown_of_item(head: list[str], last: str, scene: Scene, items: Items) -> 
             return f"{reason}; {nearest(head[1], items[head[0]])}" if len(head) == 2 else reason
     elif len(head) == 1 and head[0] in scene.body:
         kinds = OF_BODY
+    elif head[0] == "clearance":
+        return "a distance of outlines is no quantity of signals; use a stroke or positions"
     else:
         return "no such body; " + nearest(head[0], [*scene.body, *_OF_ITEM])
     stem, key = ".".join(head) + ".", split_unit(last)[0]
@@ -322,7 +328,7 @@ def _spellings(stem: str, key: str, kind: str) -> str:
 
 def idle_signals(scene: Scene) -> list[str]:
     """Signals that give no number and that no other signal names."""
-    named = {drive.signal for drive in scene.driven.values()}
+    named = {drive.signal for drive in scene.driven.values()} | {*signal_terms(scene).values()}
     for signal in scene.signal:
         named |= set(names(parse(signal.formula))) - {signal.name, *signal.constants}
     return [signal.name for signal in scene.signal if signal.name not in named]

@@ -13,7 +13,10 @@ from sepmc.scene.limits import NAME as LONGEST_NAME
 from sepmc.scene.messages import Problems, shorten
 from sepmc.scene.units import split_unit
 
-_TERM = re.compile(r"^(const|((alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)(_[pqr])?|[pqr])$")
+TERMS = (
+    "terms are const, alpha, alpha2 ... alpha5, beta ... beta5, products such as alpha_beta2, and "
+    "one of the rates p, q, r alone or at the end; or the name of a [[signal]]"
+)
 NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _RENAMED = {"plan": "samples"}  # keys of earlier versions
 
@@ -102,12 +105,8 @@ def _read_items(
     kind = get_args(field.bare)[1]
     result = {}
     for key, value in tree.items():
-        if kind is float and not _TERM.match(key):
-            problems.add(
-                _join(key_path, key),
-                "terms are const, alpha, alpha2 ... alpha5, beta ... beta5, products such as "
-                "alpha_beta2, and one of the rates p, q, r alone or at the end",
-            )
+        if kind is float and not NAME_PATTERN.fullmatch(key):
+            problems.add(_join(key_path, key), TERMS)
         elif fault := _size_fault(value):
             problems.add(_join(key_path, key), fault, value)
         else:

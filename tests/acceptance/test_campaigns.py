@@ -54,6 +54,8 @@ BY_HAND = [
     ("fairing", "right_hinge_tip_off_right_z_deg_s", -54.98733313, 1e-6),
     ("fairing", "left_hinge_tip_off_stage_z_deg_s", 0.0, 1e-7),
     ("fairing", "opening_lag_s", 0.0, 1e-9),
+    ("fairing", "left_gap_clearance_mm", 226.116114275, 1e-6),
+    ("fairing", "right_gap_clearance_mm", 226.116114275, 1e-6),
     # springs on the side that runs ahead push a little less
     ("lightband", "clear_separation_speed_m_s", 1.26984, 1e-4),
     ("lightband", "clear_craft_omega_z_deg_s", -0.2233, 0.009),

@@ -1,5 +1,8 @@
 """Scenarios: failure cases of a campaign by name."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -185,6 +188,30 @@ def test_the_command(table2_tree, tmp_path, monkeypatch):
     assert checked.exit_code == 1
     for command in ("stats", "doctor"):
         assert CliRunner().invoke(main, [command, "all/heavy"]).exit_code == 0
+
+
+@pytest.mark.slow
+def test_an_interrupted_command_is_resumed(table2_tree, tmp_path, monkeypatch):
+    """The second scenario was begun and the third not: all end with the rows of a whole run."""
+    monkeypatch.chdir(tmp_path)
+    Path("two.toml").write_text(campaign(table2_tree, WEAK, HEAVY).file.toml, encoding="utf-8")
+    words = ["scenarios", "two.toml", "--cases", "40", "--out"]
+    assert CliRunner().invoke(main, [*words, "whole"]).exit_code == 0
+    names = sorted(path.name for path in Path("whole").iterdir() if path.is_dir())
+    shutil.copytree("whole/baseline", "cut/baseline")
+    begun = sepmc.load("two.toml").scenarios()[names[-1]]
+    begun.run(cases=10, out=Path("cut", names[-1]))
+    result = CliRunner().invoke(main, [*words, "cut", "--resume"])
+    assert result.exit_code == 0, result.output
+    for name in names:
+        one, other = (pd.read_parquet(f"{folder}/{name}/cases") for folder in ("whole", "cut"))
+        pd.testing.assert_frame_equal(one, other, check_exact=True)
+    again = CliRunner().invoke(main, [*words, "cut"])
+    assert "--resume runs its missing cases" in again.output
+    nothing = CliRunner().invoke(main, [*words, "none", "--resume"])
+    assert "has no run of the scenarios to resume" in nothing.output
+    unnamed = CliRunner().invoke(main, [*words[:-1], "--resume"])
+    assert "--resume needs --out" in unnamed.output
 
 
 def test_a_campaign_without_scenarios_is_refused(table2_tree):

@@ -344,3 +344,15 @@ def test_fewer_trial_cases(table2, monkeypatch, corners, sample, settings):
     law = {"dispersion.body.upper.mass_kg": {"discrete": [450.0, 460.0]}, "run.history_step_s": 0.0}
     flight = step_selection.select_steps(table2.with_settings(law | settings))
     assert flight.achieved.cases == max(corners, 6) + 1 + sample
+
+
+def test_repr_is_one_line():
+    """It names the method and the number of steps of each segment, and no arrays."""
+    integration = step_selection.select_steps(sepmc.load("table2"))
+    shown = repr(integration)
+    assert len(shown) < 200
+    for stage, steps, method in zip(
+        integration.stages, integration.steps, integration.method_names, strict=True
+    ):
+        assert f"{stage}: {steps} x {method}" in shown
+    assert "array" not in shown

@@ -86,6 +86,13 @@ def test_a_scaled_impulse(tmp_path):
     assert_allclose(impulse, 12.9, rtol=1e-14)
 
 
+def test_an_impulse_that_no_finite_thrust_has(tmp_path):
+    """Two rows at one time last 5e-324 s."""
+    more = MOTOR.replace('"FILE"', '"FILE", total_impulse_N_s = 12.0')
+    reason = problem(tmp_path, more, "a.csv", "time_s,thrust_N\n0,1\n0,2\n")
+    assert "is too large for a curve of almost no duration" in reason
+
+
 def test_a_thrust_that_is_given_keeps_the_newtons(tmp_path):
     more = MOTOR.replace("station_m", "thrust_N = 20.0\nstation_m")
     motor = campaign(tmp_path, more, "c6.eng", CURVE).scene.motor[0]

@@ -1,13 +1,20 @@
 """Files of the field beside a campaign: thrust curves, decks, soundings, damaged at random."""
 
 import math
+from functools import cache
+from io import BytesIO
 from pathlib import Path
+
+import numpy as np
+import pandas as pd
 
 from fuzz.places import scratch
 from fuzz.watch import Wrong, turns
 from sepmc.formats.files import read_files
+from sepmc.formats.telemetry import parse_map, read_telemetry
+from sepmc.formats.text_table import FormatError
 from sepmc.scene.as_brought import convert_tree
-from sepmc.scene.messages import Problems
+from sepmc.scene.messages import InputError, Problems
 
 # file ending, kind and text of small files to start from
 SEEDS = (
@@ -38,10 +45,70 @@ SEEDS = (
         "   5.0  9. -9. -2. 1. -.1\n",
     ),
 )  # fmt: skip
+_OEM = (
+    "CCSDS_OEM_VERS = 2.0\nMETA_START\nCENTER_NAME = EARTH\nREF_FRAME = EME2000\nMETA_STOP\n"
+    "2026-03-01T00:00:00 6500 0 0 0.1 2 0.3\n2026-03-01T00:00:09 6500.5 20 1 0.1 2 0.3\n"
+    "COVARIANCE_START\n1\nCOVARIANCE_STOP\n"
+)
+_AEM = (
+    "CCSDS_AEM_VERS = 1.0\nMETA_START\nREF_FRAME_A = EME2000\nREF_FRAME_B = SC_BODY_1\n"
+    "ATTITUDE_DIR = A2B\nATTITUDE_TYPE = {}\nMETA_STOP\nDATA_START\n"
+    "2026-03-01T00:00:00 {}\n2026-03-01T00:00:09 {}\nDATA_STOP\n"
+)
+_URDF = (
+    '<robot name="r"><link name="a"><inertial><origin xyz="1 0 .5" rpy="0.1 0 0"/>'
+    '<mass value="2"/><inertia ixx="1" ixy=".1" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    '</link><link name="b"/></robot>'
+)
+_MJCF = (
+    '<mujoco><compiler angle="degree" eulerseq="xyz"/><worldbody><body name="a">'
+    '<inertial pos="0 0 1" mass="2" diaginertia="1 1 1" {}/></body></worldbody></mujoco>'
+)
+_JSBSIM = (
+    '<?xml version="1.0"?>\n<fdm_config><mass_balance negated_crossproduct_inertia="false">\n'
+    '<ixx unit="KG*M2"> 70 </ixx><iyy> 205 </iyy><izz> 212 </izz><ixz> 3 </ixz>\n'
+    '<emptywt unit="LBS"> 300 </emptywt><location name="CG" unit="M"><x>1</x><y>0</y><z>0</z>\n'
+    "</location></mass_balance></fdm_config>"
+)
+_DAVEML = (
+    '<?xml version="1.0"?><!DOCTYPE DAVEfunc SYSTEM "DAVEfunc.dtd"><DAVEfunc>\n'
+    '<variableDef name="machNumber" varID="M"/><variableDef name="alpha" varID="a" units="deg"/>\n'
+    '<variableDef name="Cm" varID="c"/><breakpointDef bpID="x"><bpVals>1, 2</bpVals>\n'
+    '</breakpointDef><breakpointDef bpID="y"><bpVals>-5 0 5</bpVals></breakpointDef>\n'
+    '<griddedTableDef gtID="t"><breakpointRefs><bpRef bpID="x"/><bpRef bpID="y"/>\n'
+    "</breakpointRefs><dataTable>1,2,3\n4,5,6</dataTable></griddedTableDef><function>\n"
+    '<independentVarRef varID="M"/><independentVarRef varID="a"/><dependentVarRef varID="c"/>\n'
+    '<functionDefn><griddedTableRef gtID="t"/></functionDefn></function></DAVEfunc>'
+)
+SEEDS += (
+    (".dml", "aero", _DAVEML),
+    (".oem", "initial", _OEM),
+    (".oem", "initial", _OEM.replace("EME2000", "ITRF").replace("\n2026-03-01T00:00:09", "\n")),
+    (".aem", "initial", _AEM.format("QUATERNION\nQUATERNION_TYPE = LAST", "0 0 0 1", "0 0 .1 1")),
+    (".aem", "initial", _AEM.format("EULER_ANGLE\nEULER_ROT_SEQ = 321", "0 0 9", "0 1 .1")),
+    (".urdf", "mass", _URDF),
+    (".xml", "mass", _MJCF.format('quat="1 0 .2 0"')),
+    (".xml", "mass", _MJCF.format('euler="10 0 20"')),
+    (".xml", "mass", _MJCF.format('xyaxes="1 0 0 0 1 0"')),
+    (".xml", "mass", _JSBSIM),
+    (".csv", "flight", "time (s);upper_omega_y_rad_s;acc [m/s2]\n0;1;2\n0.5;2;\n1;nan;3\n"),
+    (".csv", "flight", "t,gyro_y (deg/s),x\n0,1,2\n0.5,2,1\n1,2,3\n"),
+    (".parquet", "flight", ""),
+)
+_AXES = ("forward-left-up", "aft-right-up", "up-up-up", 3, None)
+_TIMES = ("2026-03-01T00:00:04", "2026-03-01T00:00:00", "2027-060T00:00:04", "x", 7, None)
+_COLUMNS = ("upper_omega_y_deg_s", "upper_axial_acceleration_m_s2", "signal_x")
+_MAPS = (
+    (), (), ("upper_omega_y_deg_s=-gyro_y",), ("signal_x=2*x", "upper_omega_y_deg_s=gyro_y[rad/s]"),
+    ("upper_axial_acceleration_m_s2=acc",), ("signal_x=a.x",), ("signal_x=1e999*x",), ("=",),
+)  # fmt: skip
 _PIECES = (
     ";", ",", "\t", " ", "\n", "\n\n", "#", '"', "0", "-1", "1e999", "nan", "inf", "0,5", "1.5",
     ".", "-", "mach", "CA", "(N)", "[", "]", "ALPHA", "MACH NO =", "NDM", "****", "\x00", "\xff",
     "é", "\u2028", "\x0b", "9" * 400, "_", "e", "1e-320", "case", "CASE   2\n", "PER RADIAN",
+    "<", ">", "</", "/>", "&amp;", "&a;", "<!DOCTYPE r [<!ENTITY a 'b'>]>", "<!--", "]]>", "='",
+    "${m}",
+    "META_STOP\n", "META_START\n", "1e300", "2026-03-01T00:00:05", "QUATERNION", "-0.0", "rpy",
 )  # fmt: skip
 _OPTIONS = (
     {}, {}, {}, {"engine": "C6"}, {"engine": 1}, {"engine": []}, {"case": 2}, {"case": "x"},
@@ -57,14 +124,59 @@ def files(rng, count, until, tried):
     with scratch() as folder:
         for number in turns(count, until, tried):
             ending, kind, text = rng.choice(SEEDS)
-            data = _damaged(rng, text)
+            data = _damaged(rng, text) if text else _damaged_bytes(rng)
             path = (
                 folder / f"{number % 8}{rng.choice((ending, ending, ending, '.csv', '.parquet'))}"
             )
             path.write_bytes(data)
-            options = rng.choice(_OPTIONS)
+            options = _options(rng, kind, folder)
             said = (path.name, kind, options, data[:500])
             tried.look(said, lambda p=path, k=kind, o=options: _read(p.name, k, dict(o), folder))
+
+
+def _options(rng, kind, folder):
+    """Options of a kind; those of a trajectory name a second file, damaged or not."""
+    if kind == "initial":
+        options = {"epoch": rng.choice(_TIMES)}
+        if rng.random() < 0.5:
+            attitude = rng.choice([text for end, _, text in SEEDS if end == ".aem"])
+            (folder / "s.aem").write_bytes(_damaged(rng, attitude))
+            options["attitude"] = {"file": "s.aem", "axes": rng.choice(_AXES)}
+        if rng.random() < 0.3:
+            options["azimuth_deg"] = rng.choice((90.0, -1e9, "x", True))
+    elif kind == "mass":
+        options = {"axes": rng.choice(_AXES), "link": rng.choice(("a", "b", 3, None, None))}
+        if rng.random() < 0.2:
+            options["origin_m"] = rng.choice(([1.0, 0, 0], [1, 2], "x", [1, 2, True]))
+    elif kind == "flight":
+        return {"maps": rng.choice(_MAPS), "time": rng.choice((None, None, None, "t", "x"))}
+    else:
+        return rng.choice(_OPTIONS)
+    return {key: value for key, value in options.items() if value is not None}
+
+
+def _damaged_bytes(rng):
+    """A Parquet file of telemetry with some bytes changed, left out or doubled."""
+    data = bytearray(_binary())
+    for _ in range(rng.choice((0, 1, 1, 2, 4))):
+        at = rng.randrange(len(data))
+        way = rng.randrange(3)
+        if way == 0:
+            data[at] = rng.randrange(256)
+        elif way == 1:
+            del data[at : at + rng.choice((1, 4, 40))]
+        else:
+            data[at:at] = data[max(0, at - 8) : at]
+    return bytes(data)
+
+
+@cache
+def _binary():
+    """A small Parquet file of telemetry."""
+    time = np.arange(6) * 0.1
+    stream = BytesIO()
+    pd.DataFrame({"time_s": time, "gyro_y": time**2, "x": time}).to_parquet(stream)
+    return stream.getvalue()
 
 
 def _damaged(rng, text):
@@ -85,12 +197,17 @@ def _damaged(rng, text):
 
 def _read(name, kind, options, folder):
     """Read a file as a campaign does; accepted numbers are finite, and of one length."""
+    if kind == "flight":
+        _read_flight(folder / name, options)
+        return
     table = {"file": name} | options
     aero = {"reference_area_m2": 1.0, "reference_length_m": 1.0, "table": table}
     tree = {
         "motor": {"motor": [{"name": "m", "profile": table}]},
         "aero": {"body": {"b": {"aerodynamics": aero}}},
         "air": {"environment": {"air": table}},
+        "initial": {"initial": {"trajectory": table}},
+        "mass": {"body": {"b": {"mass_properties": table}}},
         "wind": {"environment": {"wind": {"azimuth_deg": 90.0, "profile": table}}},
     }[kind]
     problems = Problems()
@@ -100,9 +217,24 @@ def _read(name, kind, options, folder):
     problems.raise_if_any("fuzz")
     if kind == "motor" and not math.isfinite(tree["motor"][0].get("thrust_N", 1.0)):
         raise Wrong("a thrust that is not finite was accepted")
-    for key, value in table.items():
-        if isinstance(value, list) and not _is_finite(value):
+    given = {"initial": tree.get("initial"), "mass": tree.get("body", {}).get("b")}.get(kind)
+    for key, value in (given or table).items():
+        if isinstance(value, list | float) and not _is_finite(value):
             raise Wrong(f"{key} has a number that is not finite")
+
+
+def _read_flight(path, options):
+    """Read channels; accepted ones have finite times, that do not fall, and finite values."""
+    mapped = [parse_map(text, _COLUMNS) for text in options["maps"]]
+    try:
+        channels, _ = read_telemetry(path, mapped, _COLUMNS, options["time"])
+    except FormatError as error:
+        raise InputError(f"{path.name}: {error}") from None
+    for column, (times, values) in channels.items():
+        if len(times) != len(values) or not np.isfinite([times, values]).all():
+            raise Wrong(f"{column} has a number that is not finite")
+        if (np.diff(times) < 0.0).any():
+            raise Wrong(f"{column} has times that fall")
 
 
 def _is_finite(value):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from oracles import independent
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 from support.pusher import MASSES, pusher_tree
 
 from sepmc.campaign.campaign import Campaign
@@ -75,13 +75,90 @@ def test_a_table_adds_to_the_linear_force():
     assert_allclose(both["separation_speed_m_s"], speed(work), rtol=1e-9)
 
 
-@pytest.mark.slow
-def test_before_its_first_row_the_force_is_that_of_the_first_row():
-    """Constant force to 20 mm, then a line."""
+def test_corners_cost_no_steps():
+    """Constant force to 20 mm, then a line to 60 mm, then constant to 80 mm: the work by hand, at
+    long steps."""
     x, force = [0.02, 0.06], [1500.0, 500.0]
-    coarse = campaign({"extension_m": x, "force_N": force}, solver={"accuracy": 1e-6})
-    work = 1500.0 * 0.02 + 0.5 * (1500.0 + 500.0) * 0.04
-    assert_allclose(outcomes(coarse)["separation_speed_m_s"], speed(work), rtol=1e-6)
+    one = campaign({"extension_m": x, "force_N": force}, {"stroke_m": 0.08})
+    result = one.simulate(one.nominal(), step_s=0.2).attrs
+    work = 1500.0 * 0.02 + 0.5 * (1500.0 + 500.0) * 0.04 + 500.0 * 0.02
+    assert_allclose(result["outcomes"]["separation_speed_m_s"], speed(work), rtol=1e-10)
+    assert max(result["errors"].values()) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "work"),
+    [
+        ("linear", np.trapezoid(FORCE, EXTENSION)),
+        ("monotone", PchipInterpolator(EXTENSION, FORCE).integrate(0.0, 0.1)),
+    ],
+)
+def test_the_work_of_other_interpolations(interpolation, work):
+    table = {"extension_m": EXTENSION, "force_N": FORCE, "interpolation": interpolation}
+    result = outcomes(campaign(table))
+    assert_allclose(result["separation_speed_m_s"], speed(work), rtol=1e-9)
+
+
+RETURNING = {"extension_m": [0.0, 0.4], "force_N": [2000.0, -2000.0], "return_factor": 0.4}
+PRESS = 500.0  # N, against the pusher
+
+
+def pressed(table, end_s, **more):
+    """Campaign of a pusher from the ground, free at once, against a constant load."""
+    tree = pusher_tree(
+        {"bodies": ["ground", "fore"], "table": table, "stroke_m": 1.0},
+        load=[{"name": "press", "body": "fore", "force_N": [-PRESS, 0.0, 0.0]}],
+        run={"end_time_s": end_s},
+    )
+    tree["joint"]["ring"]["bodies"] = ["ground", "fore"]
+    tree["phase"] = [{"name": "free", "joints": {}}]
+    tree["initial"] |= {"speed_m_s": 0.0, "altitude_m": 0.0}
+    del tree["body"]["aft"]
+    return Campaign(parse_campaign(tree | more, "pressed.toml"))
+
+
+def returned(factor, t):
+    """Position and speed of the pressed body, m and m/s, at a time after it has turned: harmonic
+    to the turn, then harmonic about another point with the force times a factor."""
+    stiffness, mass = 4000.0 / 0.4, MASSES[1]
+    middle, rate = (2000.0 - PRESS) / stiffness, math.sqrt(stiffness / mass)
+    turn, top = math.pi / rate, 2.0 * middle
+    middle, rate = (2000.0 - PRESS / factor) / stiffness, math.sqrt(factor * stiffness / mass)
+    angle = rate * (t - turn)
+    assert 0.0 < angle < math.pi
+    swing = top - middle
+    return middle + swing * math.cos(angle), -swing * rate * math.sin(angle)
+
+
+@pytest.mark.slow
+def test_a_shrinking_stroke_has_the_return_factor():
+    """Position and speed after the turn in closed form and against the independent flight, for the
+    nominal case and for dispersed ones."""
+    one = pressed(
+        RETURNING, 0.6, dispersion={"spring.pusher.table.return_factor": {"uniform": [0.3, 0.7]}}
+    )
+    result = one.simulate(step_s=0.6)
+    x, v = returned(0.4, 0.6)
+    assert_allclose(result.iloc[-1][["fore_x_m", "fore_vx_m_s"]].tolist(), [x, v], rtol=1e-9)
+    assert max(result.attrs["errors"].values()) < 1e-9
+    for number in range(2):
+        case = one.case(number)
+        last = one.simulate(case, step_s=0.6).iloc[-1]
+        factor = case.to_dict()["spring"][0]["table"]["return_factor"]
+        assert_allclose(
+            last[["fore_x_m", "fore_vx_m_s"]].tolist(), returned(factor, 0.6), rtol=1e-9
+        )
+        expected = independent.simulate(case.to_dict()).outcomes["separation_distance_mm"]
+        assert_allclose(last["separation_distance_mm"], expected, rtol=1e-9)
+
+
+def test_a_joint_that_holds_is_no_return():
+    """At rest in a fixed joint the force is that of the table, whatever round-off of the rate: the
+    work is its integral, although a shrinking stroke would have no force."""
+    table = {"extension_m": EXTENSION, "force_N": FORCE, "return_factor": 0.0}
+    result = outcomes(campaign(table, initial={"altitude_m": 1e5, "speed_m_s": 7000.0}))
+    work = CubicSpline(EXTENSION, FORCE).integrate(0.0, EXTENSION[-1])
+    assert_allclose(result["separation_speed_m_s"], speed(work), rtol=1e-9)
 
 
 @pytest.mark.slow
@@ -104,6 +181,10 @@ def test_off_axis_pushers_agree_with_the_independent_flight():
         ({"extension_m": [0.0, 0.1], "force_N": [1.0]}, r"table\.force_N: has 1 values"),
         ({"extension_m": [-0.2, -0.1], "force_N": [1.0, 2.0]}, "must end beyond 0"),
         ({"extension_m": [0.0, 0.1]}, "force"),
+        (
+            {"extension_m": [0.0, 0.1], "force_N": [1.0, 2.0], "return_factor": 1.2},
+            r"return_factor = 1\.2: must be",
+        ),
         ({"stroke_m": [0.0, 0.1], "force_N": [1.0, 2.0]}, "stroke_m: unknown key"),
         ({"extension_m": [0.0, math.inf], "force_N": [1.0, 2.0]}, "finite"),
     ],

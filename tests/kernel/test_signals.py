@@ -325,6 +325,10 @@ def test_a_kernel_without_signals_is_unchanged(pair):
         ),
         (pushed("fore.pich_deg"), "no such quantity; did you mean 'pitch_deg'?"),
         (pushed("for.pitch_deg"), "for.pitch_deg: no such body; did you mean 'fore'?"),
+        (
+            pushed("clearance.gap_mm"),
+            "clearance.gap_mm: a distance of outlines is no quantity of signals",
+        ),
         (pushed("joint.pin.stroke_m"), "write joint.NAME.QUANTITY with the name of a joint"),
         (pushed("joint.pins.stroke"), "allowed: joint.pins.stroke_m, joint.pins.stroke_mm"),
         (
@@ -442,7 +446,8 @@ def test_idle_signals_are_noted(pair):
     signals = [signal("2 * base"), signal("1", name="base"), signal("push", name="spare")]
     settings = STILL | pushed("1") | {"signal": signals}
     notes = [note for note in idle_loads(pair(settings).scene, set()) if note.startswith("signal.")]
-    assert notes == ["signal.spare does nothing: no load, motor, spring or other signal names it"]
+    reason = "no load, motor, spring, coefficient or other signal names it"
+    assert notes == [f"signal.spare does nothing: {reason}"]
 
 
 def test_quantities_that_are_known(pair):

@@ -7,6 +7,7 @@ their nearest points and a pair of parallel planes between them.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,6 +19,7 @@ THROUGH = (
 _ANGLES = 360  # samples of a rim
 _SECTORS = 8  # sectors of a circle
 _MAX_REFINEMENTS = 9  # maximum refinements, each by a factor of about ten in angle or time
+_SECTOR_REFINEMENTS, _THIRDS = 11, 55  # of angles; of the length of a line
 _SAME = 1e-12  # m: two refinements in a row without a larger gain end the search
 _MAX_PROJECTIONS, _FEW_PROJECTIONS = (
     2000,
@@ -200,6 +202,66 @@ def circle_distance(circle: tuple, solid: tuple) -> Array:
     return _refined_minimum(distance, grid).reshape(_SECTORS, -1).min(axis=0)
 
 
+def sector_distance(
+    sector: tuple, angles: tuple[float, float], right: Array, up: Array, solid: tuple
+) -> Array:
+    """Minimum distances (n,), m, of sectors of frustums from solid frustums: of their straight
+    lines, about a degree apart and refined around the nearest one of every 30 deg.
+
+    Along a line the distance from a solid is convex.
+
+    Parameters
+    ----------
+    sector : tuple
+        Frustum.
+    angles : tuple of 2 float
+        First and last angle, rad, from ``right`` to where -``up`` points.
+    right, up : ndarray, shape (n, 3)
+        Axes z and y of the body.
+    solid : tuple
+        Frustum.
+    """
+    borders = np.linspace(*angles, 2 + int(np.ptp(angles) / 0.5))
+    low, high = (np.repeat(one, len(sector[0]))[:, None] for one in (borders[:-1], borders[1:]))
+    sector, solid = (
+        (*(np.tile(one, (len(borders) - 1, 1)) for one in part[:2]), *part[2:])
+        for part in (sector, solid)
+    )
+    right, up = (np.tile(axis, (len(borders) - 1, 1)) for axis in (right, up))
+    rows, minimum = np.arange(len(low)), np.full(len(low), np.inf)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    for _ in range(_SECTOR_REFINEMENTS):
+        at = np.clip(middle + half * np.linspace(-1.0, 1.0, 25), low, high)
+        values = _line_distances(sector, at, right, up, solid)
+        chosen = np.argmin(values, axis=1)
+        minimum = np.minimum(minimum, values[rows, chosen])
+        middle, half = at[rows, chosen][:, None], 0.15 * half
+    return minimum.reshape(len(borders) - 1, -1).min(axis=0)
+
+
+def _line_distances(sector: tuple, angle: Array, right: Array, up: Array, solid: tuple) -> Array:
+    """Distances (n, k) of the straight lines of sectors at angles (n, k), rad, from solids."""
+    start, axis, length, r0, r1 = sector
+    n, k = angle.shape
+    out = np.cos(angle)[..., None] * right[:, None] - np.sin(angle)[..., None] * up[:, None]
+    begin = (start[:, None] + r0 * out).reshape(-1, 3)
+    along = (length * axis[:, None] + (r1 - r0) * out).reshape(-1, 3)
+    other = (np.repeat(solid[0], k, axis=0), np.repeat(solid[1], k, axis=0), *solid[2:])
+
+    def distance(fraction: Array) -> Array:
+        points = begin + fraction[:, None] * along
+        return np.linalg.norm(points - nearest_on_frustum(points, other), axis=1)
+
+    low, high = np.zeros(n * k), np.ones(n * k)
+    best = np.minimum(distance(low), distance(high))
+    for _ in range(_THIRDS):
+        third = (high - low) / 3.0
+        one, two = distance(low + third), distance(high - third)
+        best = np.minimum(best, np.minimum(one, two))
+        low, high = np.where(one < two, low, low + third), np.where(one < two, high - third, high)
+    return best.reshape(n, k)
+
+
 def _in_plane(normal: Array) -> tuple[Array, Array]:
     """Two unit vectors (n, 3) normal to unit vectors (n, 3) and to each other."""
     second = np.where(np.abs(normal[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
@@ -236,9 +298,10 @@ def _refined_minimum(value: Callable[[Array], Array], angles: Array) -> Array:
     return minimum
 
 
-def parts_of(body) -> list[tuple[bool, Array, Array, float, float, float]]:
-    """Parts of a body's outline in body axes from its mass centre: (hollow, start (3,), axis (3,),
-    length, r0, r1)."""
+def parts_of(body) -> list[tuple[Any, Array, Array, float, float, float]]:
+    """Parts of a body's outline in body axes from its mass centre: (wall, start (3,), axis (3,),
+    length, r0, r1). ``wall`` is False of a solid, True of the inside of a shell, and of a sector
+    its angles."""
     cg, parts = np.array(body.cg), []
 
     def place(station: float, y: float, z: float) -> Array:
@@ -249,7 +312,8 @@ def parts_of(body) -> list[tuple[bool, Array, Array, float, float, float]]:
         if part.stations is not None:
             (s0, s1), (r0, r1) = part.stations, part.radii
             axis = np.array([-1.0 if s1 >= s0 else 1.0, 0.0, 0.0])
-            parts.append((part.hollow, place(s0, *part.offset), axis, abs(s1 - s0), r0, r1))
+            wall = part.hollow if part.sector is None else part.sector
+            parts.append((wall, place(s0, *part.offset), axis, abs(s1 - s0), r0, r1))
         parts += [
             (False, place(*point), np.array([1.0, 0.0, 0.0]), 0.0, 0.0, 0.0)
             for point in part.points
@@ -263,13 +327,20 @@ def outline_distance(
     """Clearances (n,), m, of two outlines; b has relative attitudes (n, 3, 3) and positions (n, 3)
     in axes of a."""
     n, best = len(places), np.full(len(places), np.inf)
+    fixed = np.broadcast_to(np.eye(3), attitudes.shape)
     for hollow_a, start_a, axis_a, *size_a in parts_a:
         a = (np.broadcast_to(start_a, (n, 3)), np.broadcast_to(axis_a, (n, 3)), *size_a)
         for hollow_b, start_b, axis_b, *size_b in parts_b:
             b = (places + attitudes @ start_b, attitudes @ axis_b, *size_b)
             if hollow_a and hollow_b:
                 continue
-            if hollow_a or hollow_b:
+            if isinstance(hollow_a, tuple) or isinstance(hollow_b, tuple):
+                first = isinstance(hollow_a, tuple)
+                wall, solid, angles = (a, b, hollow_a) if first else (b, a, hollow_b)
+                axes = fixed if first else attitudes
+                distance = sector_distance(wall, angles, axes[:, :, 2], axes[:, :, 1], solid)
+                best = np.minimum(best, distance)
+            elif hollow_a or hollow_b:
                 solid, shell = (b, a) if hollow_a else (a, b)
                 rims = _rims(solid) if solid[2] > 0.0 else [(solid[0], solid[1], max(solid[3:]))]
                 for rim in rims:

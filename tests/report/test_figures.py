@@ -397,6 +397,26 @@ def test_names_wider_than_their_phase_are_slanted(tmp_path, drawn):
     assert {text.get_rotation() for text in drawn["rates.png"].axes[0].texts} == {35.0}
 
 
+def test_hinges_relative_motions_and_signals_are_drawn(tmp_path, drawn):
+    """One line for each joint and each pair of bodies; separations and forces that stay 0 are
+    not drawn."""
+    time = np.linspace(0.0, 1.0, 5)
+    columns = {"time_s": time, "separation_speed_m_s": 0.0 * time}
+    columns |= {"door_angle_deg": 40.0 * time, "door_angle_rate_deg_s": 40.0 + time}
+    columns |= {"signal_push": time**2}
+    columns |= {f"door_force_on_a_{axis}_N": 0.0 * time for axis in "xyz"}
+    columns |= {f"b_from_a_{key}_deg": time for key in ("roll", "yaw", "pitch")}
+    history = pd.DataFrame(columns | {"b_from_a_distance_m": 3.0 + time})
+    written = run_figures(history, tmp_path, ["a", "b"], ["door", "latch"])
+    assert [path.stem for path in written] == ["hinges", "relative_motion", "signals"]
+    assert_allclose(drawn["signals.png"].axes[0].lines[0].get_ydata(), time**2)
+    angle, rate = drawn["hinges.png"].axes
+    assert [line.get_label() for line in angle.lines] == ["door"]
+    assert_allclose(rate.lines[0].get_ydata(), history["door_angle_rate_deg_s"])
+    labels = [ax.get_ylabel() for ax in drawn["relative_motion.png"].axes]
+    assert labels == ["distance (m)", "pitch (deg)", "yaw (deg)", "roll (deg)"]
+
+
 def test_joints_share_the_panels_of_their_separation(tmp_path, drawn):
     """However many joints there are, one panel of speed and one of distance; each joint has a line
     of its own colour and style."""
@@ -566,6 +586,38 @@ def test_required_bounds_are_marked(drawn, tmp_path):
     marked = [line.get_xdata()[0] for line in first.lines if line.get_label() == "required bound"]
     assert marked == [4.0]
     assert "required bound" not in [line.get_label() for line in second.lines]
+
+
+def test_long_numbers_are_no_wider_than_their_panel(drawn, tmp_path):
+    """A rate that is round-off: 0.0000004, with a sigma of 0.0000153."""
+    tiny = 1.5e-5 * np.sin(np.arange(1000.0)) + 4e-7
+    names = [f"{name}_deg_s" for name in ("one", "two", "three")]
+    units = dict.fromkeys(names, "deg/s")
+    histogram_figures({name: histogram(tiny) for name in names}, tmp_path, units)
+    figure = drawn["histograms.png"]
+    assert "0.0000" in figure.axes[2].get_title()
+    width = figure.canvas.get_width_height()[0]
+    for ax in figure.axes:
+        box = ax.title.get_window_extent()
+        assert (box.x0 >= 0.0, box.x1 <= width) == (True, True)
+
+
+def test_outcomes_that_the_file_defines_are_drawn_first(monkeypatch):
+    """After required ones; and an outcome with the statistics of another is drawn once."""
+    import sepmc
+    from sepmc.analysis import constant_outcomes
+    from sepmc.cli.figures import ranked_outcomes
+
+    monkeypatch.setattr(constant_outcomes, "is_constant", lambda table, name: False)
+    campaign = sepmc.load("fairing")
+    names = [column.name for column in campaign.outcome_columns]
+    numbers = np.arange(4.0 * len(names)).reshape(-1, 4)
+    table = pd.DataFrame(numbers, names, ["mean", "sigma", "min", "max"]).assign(n=10)
+    same = ["left_gap_clearance_mm", "left_hinge_separation_distance_mm"]
+    table.loc[same[1]] = table.loc[same[0]]
+    ranked = ranked_outcomes(campaign, table)
+    assert ranked[:3] == ["left_gap_clearance_mm", "right_gap_clearance_mm", "opening_lag_s"]
+    assert same[1] not in ranked
 
 
 @pytest.mark.slow

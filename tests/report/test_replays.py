@@ -161,6 +161,7 @@ PARTS = {
     "reversed": Part(stations=(2.0, 0.0), radii=(0.3, 0.8)),
     "shell": Part(stations=(0.0, 2.0), radii=(0.5, 0.8), hollow=True),
     "line": Part(stations=(0.0, 2.0), radii=(0.0, 0.0), offset=(0.3, 0.0)),
+    "sector": Part(stations=(0.0, 2.0), radii=(0.5, 0.8), sector=(0.3, 1.9)),
     "points": Part(points=((0.0, 1.0, 0.0), (0.5, 0.0, 0.7))),
 }
 
@@ -184,12 +185,10 @@ def surface(part: PlacedPart) -> np.ndarray:
     return start + t[:, None] * (end - start) + around
 
 
-@pytest.mark.parametrize("name", [*PARTS, "sector"])
+@pytest.mark.parametrize("name", PARTS)
 def test_nearest_points_of_parts(name):
     """Not farther than any point of a grid, and on the part."""
-    part = placed_part(PARTS.get(name, PARTS["shell"]), (1.0, 0.0, 0.1))
-    if name == "sector":
-        part = PlacedPart(part.start, part.end, part.radii, True, (0.3, 1.9), part.points)
+    part = placed_part(PARTS[name], (1.0, 0.0, 0.1))
     points = np.random.default_rng(4).uniform(-2.0, 2.0, (40, 3))
     nearest, grid = nearest_on_part(points, part), surface(part)
     distance = np.linalg.norm(points - nearest, axis=1)

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.patches import Polygon
 from numpy.testing import assert_allclose
 from oracles.random_scenes.interpreted import run_interpreted
 
@@ -18,6 +19,7 @@ from sepmc.physics.propulsion import thrust_arm, thrust_direction
 from sepmc.report import drawing as drawing_module
 from sepmc.report.drawing import draw_vehicle, nozzle_point
 from sepmc.scene.campaign_files import shipped_campaigns
+from sepmc.scene.model import Part
 
 EVERYTHING = Path(__file__).parents[1] / "data" / "everything.toml"
 REQUIRED = [
@@ -219,6 +221,41 @@ def test_labels_of_coincident_points(name, noted, tmp_path, monkeypatch):
     names = [text.get_text() for ax in figures[0].axes for text in ax.texts]
     assert any(" +" in one for one in names) == noted
     assert (drawing_module._COUNT_NOTE in figures[0].get_supxlabel()) == noted
+
+
+def test_sectors_and_lines_are_drawn_in_rear_view(tmp_path, monkeypatch):
+    """The upper half of a shell as an arc above the axis, a line as a dot."""
+    figures = []
+    monkeypatch.setattr(drawing_module, "save", lambda figure, path: figures.append(figure))
+    campaign = sepmc.load("fairing")
+    scene, line = campaign.scene, Part(stations=(3.0, 8.0), radii=(0.0, 0.0), offset=(0.5, 1.2))
+    left = msgspec.structs.replace(scene.body["left"], outline=(*scene.body["left"].outline, line))
+    scene = msgspec.structs.replace(scene, body=scene.body | {"left": left})
+    draw_vehicle(scene, [], "fairing", tmp_path / "vehicle.png")
+    side, _, rear = figures[0].axes
+    arc = next(
+        shape.get_xy() for shape in rear.patches
+        if isinstance(shape, Polygon) and shape.get_xy()[:, 1].min() >= -1e-9
+    )  # fmt: skip
+    assert np.hypot(*arc.T) == pytest.approx(1.3)
+    assert (arc[0], arc[-1]) == (pytest.approx([-1.3, 0.0]), pytest.approx([1.3, 0.0]))
+    dots = [one.get_xydata()[0].tolist() for one in rear.lines if one.get_marker() == "o"]
+    assert [1.2, 0.5] in dots
+    wall = next(
+        shape.get_xy() for shape in side.patches
+        if isinstance(shape, Polygon) and shape.get_xy()[:, 0].min() == 3.0
+    )  # fmt: skip
+    assert np.ptp(wall, axis=0) == pytest.approx([5.0, 1.3])
+
+
+def test_springs_of_a_vehicle_without_outlines_are_seen(tmp_path, monkeypatch):
+    """The store has one body: its size is that of its ejectors' distance, 0.5 m."""
+    figures = []
+    monkeypatch.setattr(drawing_module, "save", lambda figure, path: figures.append(figure))
+    scene = sepmc.load("store").scene
+    draw_vehicle(scene, [], "store", tmp_path / "vehicle.png")
+    low, high = figures[0].axes[2].get_ylim()
+    assert 0.04 < high - low < 0.5
 
 
 def test_thrust_is_drawn_as_it_acts():

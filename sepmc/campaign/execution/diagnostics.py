@@ -157,7 +157,8 @@ def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
                 "give burn_s or a profile"
             )
     for signal in idle_signals(scene):
-        yield f"signal.{signal} does nothing: no load, motor, spring or other signal names it"
+        reason = "no load, motor, spring, coefficient or other signal names it"
+        yield f"signal.{signal} does nothing: {reason}"
     for load in scene.load:
         if is_zero(f"load.{load.name}", force=load.force, moment=load.moment):
             yield f"load.{load.name} does nothing: give force_N or moment_N_m"

@@ -122,6 +122,15 @@ class Integration:
     methods: np.ndarray | None = None
     variant: int = Variant.STANDARD
 
+    def __repr__(self) -> str:
+        names = self.stages or [f"segment {k}" for k in range(len(self.steps))]
+        step = f", of steps of {self.step:g} s" if self.step else ""
+        segments = ", ".join(
+            f"{name}: {steps} x {method}"
+            for name, steps, method in zip(names, self.steps, self.method_names, strict=True)
+        )
+        return f"<Integration: {segments}{step}; error {self.error:.1e}>"
+
     def __getstate__(self) -> dict[str, Any]:
         """State of a copy, in another process too: see `packed`."""
         return {**vars(self), "fallbacks": ()}

@@ -2,6 +2,7 @@
 long."""
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +18,13 @@ from sepmc.campaign.execution.integration import (
     typical_durations,
 )
 from sepmc.campaign.execution.step_refinement import longest_step, refine_case_steps
-from sepmc.engine.dispatch import integrate_nominal, interpreted, load_kernel, progress_reporter
+from sepmc.engine.dispatch import (
+    Kernel,
+    integrate_nominal,
+    interpreted,
+    load_kernel,
+    progress_reporter,
+)
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, Work, WorkLimitError
 from sepmc.kernel.spec.kernel_spec import KernelSpec
@@ -141,6 +148,41 @@ def simulate_case(
             )
 
 
+def simulate_cases(
+    spec: KernelSpec,
+    nominals: Iterable[np.ndarray],
+    row_interval_s: float,
+    announce: Log | None = None,
+) -> Iterator[SingleCase | None]:
+    """Simulate many cases of one campaign, as `simulate_case` does, by one compiled kernel.
+
+    Parameters
+    ----------
+    spec : KernelSpec
+        Of the campaign, with its dispersed parameters.
+    nominals : iterable of ndarray, shape (p,)
+        Parameter vector of each case, SI.
+    row_interval_s : float
+    announce : Log, optional
+        Told if the kernel is compiled.
+
+    Yields
+    ------
+    SingleCase or None
+        None for a case that this kernel rejects.
+    """
+    columns = schema.outcome_columns(spec.layout.contents)
+    kernel = load_kernel(written(spec, spec.scene.solver.method, FULL_HISTORY), announce)
+    for nominal in nominals:
+        own = replace(spec, layout=replace(spec.layout, nominal=nominal))
+        work = Work(_PLAIN_WORK)
+        run = _SingleRun(own, own.layout, columns, row_interval_s, None, work, True, kernel)
+        try:
+            yield run.run()
+        except _RejectedError:
+            yield None
+
+
 def invalid_case(scene: Scene, contents: Contents) -> SingleCase:
     """Result of a case with an invalid parameter, which is not simulated."""
     layout, columns = _layout(scene, contents), len(schema.result_columns(contents))
@@ -174,6 +216,7 @@ class _SingleRun:
         announce: Log | None,
         work: Work,
         may_compile: bool,
+        compiled: Kernel | None = None,
     ):
         self.shape, self.layout, self.columns, self.row_interval_s, self.announce = (
             shape,
@@ -182,9 +225,12 @@ class _SingleRun:
             row_interval_s,
             announce,
         )
-        self.text, self.compiled = written(shape, layout.scene.solver.method, FULL_HISTORY), False
-        with interpreted():
-            self.kernel = load_kernel(self.text)
+        self.compiled = compiled is not None
+        if compiled is None:
+            self.text = written(shape, layout.scene.solver.method, FULL_HISTORY)
+            with interpreted():
+                compiled = load_kernel(self.text)
+        self.kernel = compiled
         stages = self.kernel.n_segments
         self.durations = np.full(stages, np.inf)
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
@@ -506,7 +552,7 @@ def _instants(
                 instants += sorted(rows)
                 phases += len(rows) * [phase]
                 begin = upper
-    return np.array(instants), np.array(phases)
+    return np.array(instants).reshape(-1, 3), np.array(phases)
 
 
 def _phase(shape: KernelSpec, number: int) -> int:

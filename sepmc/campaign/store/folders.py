@@ -35,6 +35,9 @@ _FIGURES = (
     "rates",
     "angles",
     "axial_acceleration",
+    "hinges",
+    "relative_motion",
+    "signals",
     "clearances",
     "pin_loads",
     "requirements",
@@ -42,6 +45,7 @@ _FIGURES = (
     "sensitivity",
     "scatter",
     "rare",
+    "telemetry",
 )
 _DERIVED = (  # derived from the cases
     "statistics.csv",
@@ -50,6 +54,8 @@ _DERIVED = (  # derived from the cases
     HISTORY,
     "sensitivity.csv",
     "causes.csv",
+    "telemetry.csv",
+    "telemetry.json",
     "distributions.csv",
     "report.html",
     "rare.json",

@@ -157,19 +157,20 @@ def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that load the cells of tables of lines at the start, then those that the flow
-    moves into without motors and loads that switch."""
+    """Append lines that load the cells of tables with kinks at the start, then those that their
+    points move into without motors and loads that switch."""
     switched = [(f"BURNING_{motor.name}", 3) for motor in c.spec.scene.motor]
     switched += [(f"ACTS_{load.name}", 1) for load in c.spec.scene.load]
     for name, count in switched if c.spec.load_switches else []:
         c.workspace.add(name, count)
         text.block(f"for e in range({count} * LANES):")(f"w[{name} + e] = 0.0")
-    text(f"cell_flow_{segment.name}(w)", f"enter_cells_{segment.name}(w, 0.0)")
+    text.block("for e in range(SIZE_Y):")("w[K1 + e] = 0.0")
+    text(f"cell_points_{segment.name}(w)", f"enter_cells_{segment.name}(w, 0.0)")
     text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text(f"rates_{segment.name}(w)")
     text.block("for e in range(SIZE_Y):")("w[K1 + e] = w[D + e]")
-    text(f"cell_flow_{segment.name}(w)", f"enter_cells_{segment.name}(w, 1.0)")
+    text(f"cell_points_{segment.name}(w)", f"enter_cells_{segment.name}(w, 1.0)")
 
 
 def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
@@ -300,6 +301,8 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
             goes = f"({goes} and {_CONTINUES})"
         text.lanes()(f"going = going or {goes}")
         text.block("if not going:")("break")
+    if any(event.is_cell_end for event in segment.events):
+        text(f"cell_second_rates_{segment.name}(w)")
     if c.has_lane_steps(segment):
         _lane_steps(text, c, number, segment)
     else:

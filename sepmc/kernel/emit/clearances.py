@@ -141,7 +141,7 @@ def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: st
     motion."""
     entry = s.spec.scene.clearance[i]
     path = State(s.c, s.c.scope(), s.segment, s.field, s.clock)
-    a, b = (path.place(body) for body in entry.bodies)
+    a, b = (path.position(body) for body in entry.bodies)
     path.scope.store("PATH", vec3.sub(b, a))
     for k, body in enumerate(entry.bodies):
         path.scope.store(component("PATH", 3 + 4 * k), _quaternion(path, body))
@@ -169,7 +169,7 @@ def _position_coefficient(s: State, body: str, q: int) -> Any:
     fraction."""
     if body == GROUND:
         times = s.scope.load("BEGIN_T") if q == 0 else s.scope.load("LENGTH") if q == 1 else 0.0
-        return vec3.scale(times, s.speed(GROUND))
+        return vec3.scale(times, s.velocity(GROUND))
     return s.scope.load(f"{_power_field(q)} + X_{body}", 3)
 
 

@@ -36,7 +36,7 @@ def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
     mean, terms = _mean_speed(s), []
     for body in s.spec.bodies:
         if force[body] is not ZERO:
-            terms.append(vec3.dot(force[body], _relative_speed(s, body, mean)))
+            terms.append(vec3.dot(force[body], _relative_velocity(s, body, mean)))
         leader = s.segment.leader(body)
         if leader != GROUND and moment[body] is not ZERO:
             terms.append(vec3.dot(moment[body], s.rate(leader)))
@@ -50,15 +50,15 @@ def _mean_speed(s: State) -> Any:
     whole = total([s.case.mass(body) for body in s.spec.bodies])
     return vector_sum(
         [
-            vec3.scale((s.case.mass(body) / whole).called("mass_fraction"), s.speed(body))
+            vec3.scale((s.case.mass(body) / whole).called("mass_fraction"), s.velocity(body))
             for body in s.spec.bodies
         ]
     ).called("mean")
 
 
-def _relative_speed(s: State, body: str, mean: Any) -> Any:
+def _relative_velocity(s: State, body: str, mean: Any) -> Any:
     """Velocity of a body relative to the common mass centre."""
-    return s.speed(body) if mean is ZERO else vec3.sub(s.speed(body), mean).called("relative")
+    return s.velocity(body) if mean is ZERO else vec3.sub(s.velocity(body), mean).called("relative")
 
 
 def emit_energy(out: Text, c: Context, segment: Segment) -> None:
@@ -75,9 +75,9 @@ def emit_energy(out: Text, c: Context, segment: Segment) -> None:
     s, case = State(c, c.scope(), segment, "Y"), c.case
     mean, kinetic, at_rest = _mean_speed(s), [], []
     for body in c.spec.bodies:
-        v, mass = _relative_speed(s, body, mean), case.mass(body)
+        v, mass = _relative_velocity(s, body, mean), case.mass(body)
         kinetic.append(0.5 * mass * vec3.dot(v, v))
-        at_rest.append(_AT_REST * mass * (1.0 + vec3.dot(s.speed(body), s.speed(body))))
+        at_rest.append(_AT_REST * mass * (1.0 + vec3.dot(s.velocity(body), s.velocity(body))))
     for group in segment.groups:
         if GROUND not in group:
             omega = s.rate(group[0])

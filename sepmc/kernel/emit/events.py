@@ -10,12 +10,12 @@ condition (`emit_event_step`); the remaining microseconds are one RK4 step
 import math
 from typing import Any
 
+from sepmc.kernel.emit.cells import BESIDE, cell_end
 from sepmc.kernel.emit.context import Context, component, height, reject_if, stroke_end_time
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.kinks import set_mode, time_to_kink
 from sepmc.kernel.emit.loads import vector_sum
 from sepmc.kernel.emit.steps import mark_inactive
-from sepmc.kernel.emit.tables import cell_end
 from sepmc.kernel.spec.kernel_spec import Event, Segment
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, scalar, square_root, vec3
@@ -46,7 +46,7 @@ def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
         f"event_step_{segment.name}(w, typical: float)", docstring + " of each condition."
     )
     if any(event.is_cell_end for event in segment.events):
-        text(f"cell_flow_{segment.name}(w)")
+        text(f"cell_points_{segment.name}(w)")
     s = State(c, c.scope(), segment, "Y")
     step = s.scope.load("END") - s.time
     for event in segment.events:
@@ -78,7 +78,8 @@ def _time_to_event(s: State, event: Event) -> Any:
     first = previous_time.equals(math.inf)
     if event.is_cell_end:  # its acceleration does not follow from the state
         elapsed = where(time > previous_time, time - previous_time, math.inf)
-        acceleration = ((rate - scope.load(f"RATE_{name}")) / elapsed).called("acceleration")
+        later = (rate - scope.load(f"RATE_{name}")) / elapsed
+        acceleration = where(first, acceleration, later).called("acceleration")
     jerk = where(
         time > previous_time, (acceleration - previous_acceleration) / (time - previous_time), 0.0
     )
@@ -323,10 +324,10 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
 
 def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
     """Distance of a body above the top of its atmosphere layer or below its base, m, with rate and
-    acceleration; or beyond an end of the cell of its table, without acceleration."""
+    acceleration; or of a point beyond an end of its cell in a table."""
     if event.is_cell_end:
         top = event.quantity == at.AT_CELL_TOP
-        return *cell_end(s, event.item, event.threshold, top), 0.0
+        return cell_end(s, event.item, event.threshold, top)
     up = event.quantity == at.AT_LAYER_TOP
     value, rate = _climb(s, event.item, s.scope.load(component(f"BORDERS_{event.item}", int(up))))
     acceleration = s.scope.load(f"K1 + V_{event.item}", 3)[1]
@@ -340,7 +341,7 @@ def _climb(s: State, body: str, threshold: Expr) -> tuple[Any, Any]:
 
 def _climb_rate(s: State, body: str) -> Any:
     """Vertical speed of a body, m/s."""
-    return s.speed(body)[1] + s.scope.load("ORIGIN_CLIMB")
+    return s.velocity(body)[1] + s.scope.load("ORIGIN_CLIMB")
 
 
 def _angle(s: State, joint: str, threshold: Expr) -> tuple[Any, Any, Any]:
@@ -430,8 +431,9 @@ def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
         return
     if not event.ends_phase and event.number < 0:
         c.start(flag, 1.0 if event.is_border else 0.0)  # every body enters a layer at the start
+    # several points may leave their cells at one instant but for round-off
     met, flag_before, rate = (
-        scope.load(f"VALUE_{name}") >= _MET,
+        scope.load(f"VALUE_{name}") >= (-0.5 * BESIDE if event.is_cell_end else _MET),
         scope.load(flag),
         scope.load(f"RATE_{name}"),
     )

@@ -77,14 +77,14 @@ class State:
         """Time of the state, s."""
         return self.scope.load(self.clock)
 
-    def place(self, body: str) -> Any:
+    def position(self, body: str) -> Any:
         """Position of a mass centre, m, in a frame that moves with the initial velocity of the
         vehicle."""
         if body == GROUND:  # its axes start at the initial mass centre
-            return vec3.scale(self.time, self.speed(GROUND)).called("x_ground")
+            return vec3.scale(self.time, self.velocity(GROUND)).called("x_ground")
         return self.scope.load(f"{self.field} + X_{body}", 3).called(f"x_{body}")
 
-    def speed(self, body: str) -> Any:
+    def velocity(self, body: str) -> Any:
         """Velocity of a mass centre, m/s, in that frame."""
         if body == GROUND:
             return vec3.scale(-1.0, self.case.velocity).called("ground_speed")
@@ -142,7 +142,14 @@ class State:
         rho_b = vec3.rotate(self.attitude(b), end_b).called("rho")
         spin_a, spin_b = self.spin(a), self.spin(b)
         gap = joints.between(
-            self.place(a), self.speed(a), rho_a, spin_a, self.place(b), self.speed(b), rho_b, spin_b
+            self.position(a),
+            self.velocity(a),
+            rho_a,
+            spin_a,
+            self.position(b),
+            self.velocity(b),
+            rho_b,
+            spin_b,
         )
         d, d_rate = gap.called("gap")
         return Pair(d, d_rate, rho_a, rho_b, spin_a, spin_b)
@@ -154,9 +161,9 @@ class State:
         if leader == GROUND or self.segment.leader(b) != leader:
             return None
         attitude, omega = self.attitude(leader), self.rate(leader)
-        r = vec3.unrotate(attitude, vec3.sub(self.place(b), self.place(a))).called("offset")
+        r = vec3.unrotate(attitude, vec3.sub(self.position(b), self.position(a))).called("offset")
         across = vec3.cross(omega, r).called("swept")
-        speed = vec3.unrotate(attitude, vec3.sub(self.speed(b), self.speed(a)))
+        speed = vec3.unrotate(attitude, vec3.sub(self.velocity(b), self.velocity(a)))
         rate = vec3.sub(speed, across).called("slide")
         turning = vec3.cross(omega, vec3.add(vec3.add(rate, rate), across)).called("turning")
         return Slide(leader, r, rate, turning)
@@ -206,6 +213,25 @@ class State:
         return Line(
             e, arm_a, arm_b, gamma, distance.called("distance"), sign * translation_rate(pair, e)
         )
+
+    def displacement(self, joint: str, k: int) -> Any:
+        """Displacement of the second body's point of a joint along axis k, m, from where it is at
+        the start."""
+        start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, k))
+        line = self.sliding_line(joint, k)
+        if line is not None:
+            return line.length - start
+        return vec3.dot(self.joint(joint).d, self.axis(joint, k)) - start
+
+    def relative_angles(self, joint: str) -> tuple[Any, Any, Any]:
+        """Pitch, yaw and roll of the second body of a joint relative to the first, rad, in the axes
+        of the joint."""
+        first, second = self.spec.scene.joint[joint].bodies
+        if self.segment.leader(first) == self.segment.leader(second):
+            return 0.0, 0.0, 0.0
+        axes = [[self.axis(joint, k, second) for k in range(3)] for second in (False, True)]
+        r = tuple(vec3.dot(a, b) for a in axes[0] for b in axes[1])
+        return quat.pitch(r), quat.yaw(r), quat.roll(r)
 
     def sliding(self, joint: str) -> Any:
         """1 while the pins of a joint may slide, else 0."""

@@ -9,6 +9,7 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import pin_forces
 from sepmc.kernel.emit.motion import Motion
 from sepmc.kernel.emit.outcomes import body_outcomes
+from sepmc.kernel.emit.relative import relative_values
 from sepmc.kernel.emit.signals import signals_of
 from sepmc.kernel.emit.steps import emit_broadcast, restore_stage
 from sepmc.kernel.emit.wrenches import before_wrenches, force_of, make_wrenches, moment_of
@@ -141,8 +142,10 @@ def _emit_row(out: Text, c: Context, segment: Segment) -> None:
     row += [x for line in map(s.separation, joints) for x in (line.rate, line.length)]
     origin = (0.0, s.scope.load("ORIGIN_HEIGHT"), 0.0)
     for body in c.spec.bodies:
-        row.extend(vec3.add(s.place(body), vec3.add(origin, vec3.scale(s.time, s.case.velocity))))
-        row.extend(vec3.add(s.speed(body), s.case.velocity))
+        row.extend(
+            vec3.add(s.position(body), vec3.add(origin, vec3.scale(s.time, s.case.velocity)))
+        )
+        row.extend(vec3.add(s.velocity(body), s.case.velocity))
         row.append(vec3.unrotate(s.attitude(body), motion.acceleration[body])[0])
     for joint, joint_model in joints.items():
         force, moment, gap = force_of(motion, joint), moment_of(s, motion, joint), s.joint(joint).d
@@ -161,6 +164,7 @@ def _emit_row(out: Text, c: Context, segment: Segment) -> None:
             )
     row += [load for joint in c.guide_joints for load in _pin_loads(s, motion, joint)]
     row += [signals_of(s).value(signal.name) for signal in c.spec.scene.signal]
+    row += relative_values(s)
     clearances = c.spec.scene.clearance
     c.workspace.add("ROW", len(row) + len(clearances))
     for k, value in enumerate(row):

@@ -14,8 +14,9 @@ from sepmc.kernel.emit.context import (
 )
 from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import ignition_time
-from sepmc.kernel.emit.signals import number, three_numbers
+from sepmc.kernel.emit.signals import number, signals_of, three_numbers
 from sepmc.kernel.emit.tables import looks_up, table_derivatives, table_force
+from sepmc.kernel.spec.held_cells import has_unloading, unloading_path
 from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
 from sepmc.kernel.spec.variant import Variant
@@ -106,7 +107,7 @@ def _height_above_centre(s: State, body: str) -> tuple[Expr, Expr]:
     """Height above that of the expansion of air and gravity, m, and its ratio to the distance from
     the centre of the earth."""
     rise = (
-        s.place(body)[1] + (origin_height(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
+        s.position(body)[1] + (origin_height(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
     ).called("rise")
     return rise, (rise * s.scope.load(component(f"AIR_CENTRE_{body}", 1))).called("ratio")
 
@@ -199,7 +200,9 @@ def emit_layers(out: Text, c: Context) -> None:
 def _air(s: State, body: str, acting: _Loads) -> None:
     """Aerodynamic force and moment at the flow angles."""
     case, p = s.case, s.case.body(body)
-    flow = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called("flow")
+    flow = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
+        "flow"
+    )
     alpha, beta = loads.flow_angles(flow).called("angles")
     pressure = (air_density(s, body) * vec3.dot(flow, flow)).called("pressure")
     rates = _reduced_rates(s, body, flow)
@@ -259,8 +262,8 @@ def _reduced_rates(s: State, body: str, flow: Any) -> dict[str, Any]:
 
 
 def _coefficients(s: State, body: str, alpha: Expr, beta: Expr, rates: dict[str, Any]) -> list[Any]:
-    """Six aerodynamic coefficients, polynomials in the flow angles and reduced rates; 0.0 without
-    terms."""
+    """Six aerodynamic coefficients, polynomials in the flow angles, reduced rates and signals; 0.0
+    without terms."""
     terms: dict[int, list[Expr]] = {code: [] for code in range(6)}
     for k, term in enumerate(aero_terms(s.spec.scene)):
         if term.body == body:
@@ -270,6 +273,8 @@ def _coefficients(s: State, body: str, alpha: Expr, beta: Expr, rates: dict[str,
                     value = value * _power(angle, power)
             if term.rate:
                 value = value * rates[term.rate]
+            if term.signal:
+                value = value * signals_of(s).value(s.spec.names.of["signal"][term.signal])
             terms[term.coefficient].append(value)
     return [
         total(terms[code]).called(name) if terms[code] else 0.0
@@ -375,7 +380,7 @@ def _weight(s: State, body: str) -> Any:
             s.scope.load(component(f"AIR_CENTRE_{body}", 3)), _height_above_centre(s, body)[1]
         )
     return case.mass(body) * loads.inverse_square(
-        surface, s.place(body)[1] + origin_height(s.scope, s.time)
+        surface, s.position(body)[1] + origin_height(s.scope, s.time)
     )
 
 
@@ -397,6 +402,9 @@ def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> No
     )
     if spring.table is not None:
         force = force + s.scope.load(table_force(spring.name))
+        if has_unloading(spring, s.spec.dispersed):
+            lost = s.case.number(s.spec.layout.slots[unloading_path(spring.name)]) - 1.0
+            force = force + lost * s.scope.load(component(table_force(spring.name), 1))
     if s.spec.may_occur(f"{path}.factor", spring.factor != 1.0):
         force = number(s, f"{path}.factor", p + at.SPRING_FACTOR) * force
     if s.spec.may_occur(f"{path}.stroke", math.isfinite(spring.stroke)):

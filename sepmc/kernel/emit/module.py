@@ -6,6 +6,7 @@ coefficients are data: scenes with equal specifications share it. `sepmc check -
 """
 
 from sepmc.kernel.emit.block import emit_block, emit_load_switch
+from sepmc.kernel.emit.cells import emit_cells
 from sepmc.kernel.emit.clearances import emit_clearances
 from sepmc.kernel.emit.context import Context
 from sepmc.kernel.emit.energy import emit_energy
@@ -29,7 +30,7 @@ from sepmc.kernel.emit.steps import (
     emit_indicators,
     emit_step_length,
 )
-from sepmc.kernel.emit.tables import emit_cells, has_tables_over_height, looks_up
+from sepmc.kernel.emit.tables import has_tables_over_height, looks_up
 from sepmc.kernel.emit.wrenches import emit_min_norm
 from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.methods import method
@@ -286,6 +287,8 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
         "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),
     }
+    if scene.output.hinge or scene.output.relative:
+        is_present["relative motion"] = True
     return [name for name, present in is_present.items() if present], [
         name for name, present in is_present.items() if not present
     ]

@@ -223,8 +223,8 @@ def _project(s: State, rows: Rows, factors: Solver) -> None:
     velocity_change, rate_change = rows.act(factors.solve([-one.rate for one in rows.rows]))
     for body in s.spec.bodies:
         for vector, value, change in (
-            ("X", s.place(body), position_change[body]),
-            ("V", s.speed(body), velocity_change[body]),
+            ("X", s.position(body), position_change[body]),
+            ("V", s.velocity(body), velocity_change[body]),
         ):
             if change is not None:
                 s.scope.store(f"Y + {vector}_{body}", vec3.add(value, change))

@@ -10,6 +10,7 @@ from sepmc.kernel.emit.context import STROKE_END_TIMES, Context, change_time, co
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import guide_outcomes
 from sepmc.kernel.emit.ignition import ignition
+from sepmc.kernel.emit.relative import relative_values
 from sepmc.kernel.emit.tables import call_look_up, has_wind_profile
 from sepmc.kernel.tracer.formulas import ZERO, loads, quat, vec3
 from sepmc.kernel.tracer.text import Text
@@ -59,6 +60,7 @@ def emit_outcomes(out: Text, c: Context) -> None:
     for number, event in enumerate(events):
         _event_outcomes(s, event, number * _event_size(c))
     _ignition_outcomes(s)
+    _relative_outcomes(s, events)
     s.scope.write(text)
     for number, event in enumerate(events):
         _event_clearances(text, s, event, (number + 1) * _event_size(c))
@@ -114,6 +116,21 @@ def _ignition_outcomes(end: State) -> None:
         end.scope.store(component("IGNITIONS", k), where(time <= end.time, time, math.nan))
 
 
+def _relative_outcomes(end: State, events: list[str]) -> None:
+    """Store relative motions at the end and at all events into RELATIVE_OUTCOMES."""
+    c, scope = end.c, end.scope
+    values = relative_values(end)
+    if not values:
+        return
+    c.workspace.add("RELATIVE_OUTCOMES", len(values) * (1 + len(events)), optional=True)
+    for event in events:
+        s = State(c, scope, end.segment, event_field(event), f"EVENT_TIME_{event}")
+        occurred = s.time < math.inf
+        values += [where(occurred, value, math.nan) for value in relative_values(s)]
+    for k, value in enumerate(values):
+        scope.store(component("RELATIVE_OUTCOMES", k), value)
+
+
 def _event_clearances(text: Text, end: State, event: str, end_index: int) -> None:
     """Append lines for all clearances at an event, into EVENT_OUTCOMES up to component
     ``end_index``."""
@@ -146,7 +163,7 @@ def body_outcomes(
         rad, rad/s
     """
     leader, attitude, case = s.segment.leader(body), s.attitude(body), s.case
-    flow = vec3.unrotate(attitude, vec3.add(s.speed(body), s.stream(body))).called("flow")
+    flow = vec3.unrotate(attitude, vec3.add(s.velocity(body), s.stream(body))).called("flow")
     alpha, beta = loads.reported_angles(flow, loads.flow_angles(flow).called("angles"))
     fixed = leader == GROUND
     pitch, roll = (case.number(at.PITCH), case.number(at.ROLL)) if fixed else angles_of(s, leader)
@@ -248,7 +265,10 @@ def _other_outcomes(c: Context) -> list[tuple[str, int]]:
         fields.append(("EVENT_OUTCOMES", c.workspace.counts["EVENT_OUTCOMES"]))
     if "IGNITIONS" in c.workspace.counts:
         fields.append(("IGNITIONS", c.workspace.counts["IGNITIONS"]))
-    return fields + time_fields(c)
+    fields += time_fields(c)
+    if "RELATIVE_OUTCOMES" in c.workspace.counts:
+        fields.append(("RELATIVE_OUTCOMES", c.workspace.counts["RELATIVE_OUTCOMES"]))
+    return fields
 
 
 def _audits(c: Context) -> list[str]:

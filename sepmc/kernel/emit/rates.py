@@ -41,7 +41,7 @@ def _emit_rates(out: Text, c: Context, segment: Segment) -> None:
     s = State(c, c.scope(), segment, "S")
     motion = make_motion(s)
     for body in c.spec.bodies:
-        s.scope.store(f"D + X_{body}", s.speed(body))
+        s.scope.store(f"D + X_{body}", s.velocity(body))
         s.scope.store(f"D + V_{body}", motion.acceleration[body])
     for leader in segment.leaders:
         s.scope.store(f"D + Q_{leader}", quat.rate(s.quaternion(leader), s.rate(leader)))

@@ -346,7 +346,7 @@ def is_finite(s: State) -> Expr:
     """Condition that a state is finite: NaN and inf spread to the velocities of all bodies that
     they affect."""
     finite: Expr = getattr(scalar, "math.isfinite")(
-        total([x for body in s.spec.bodies for x in s.speed(body)])
+        total([x for body in s.spec.bodies for x in s.velocity(body)])
     )
     return finite
 

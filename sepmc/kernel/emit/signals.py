@@ -8,6 +8,7 @@ from sepmc.kernel.emit import jets
 from sepmc.kernel.emit.context import component, origin_height, reject_unless, state_offset
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.jets import Jet
+from sepmc.kernel.emit.relative import hinge_angle, hinge_rate
 from sepmc.kernel.emit.tables import mach_and_angles
 from sepmc.kernel.spec.kinks import HELD, OWN, STATE, STATE_RATE, Kink, kink_name
 from sepmc.kernel.tracer.formulas import ZERO, loads, quat, scalar, signals, square_root, vec3
@@ -347,24 +348,28 @@ class Quantities:
         """Coordinate of a mass centre, ground axes; y is the height."""
         s = self.s
         if k == 1:
-            value = s.place(body)[1] + origin_height(s.scope, s.time)
+            value = s.position(body)[1] + origin_height(s.scope, s.time)
         else:
-            value = s.place(body)[k] + s.time * s.case.velocity[k]
+            value = s.position(body)[k] + s.time * s.case.velocity[k]
         return self._jet(
             value,
-            lambda: s.speed(body)[k] + s.case.velocity[k],
+            lambda: s.velocity(body)[k] + s.case.velocity[k],
             lambda: self._acceleration(body)[k],
         )
 
     def _speed(self, body: str, k: int) -> Jet:
         """Component of the velocity of a mass centre, ground axes."""
-        value = self.s.speed(body)[k] + self.s.case.velocity[k]
+        value = self.s.velocity(body)[k] + self.s.case.velocity[k]
         return self._jet(value, lambda: self._acceleration(body)[k])
 
     def _joint(self, quantity: Quantity) -> Jet:
-        """Stroke of a joint along its x axis from the start, its rate, or the time since its
-        release; 0 before it."""
+        """Stroke of a joint along its x axis from the start, its rate, its angle about that axis,
+        the rate of it, or the time since its release; 0 before it."""
         s, joint = self.s, quantity.item
+        if quantity.key == "angle":
+            return self._hinge_angle(joint)
+        if quantity.key == "angle_rate":
+            return self._jet(hinge_rate(s, joint), lambda: self._hinge_acceleration(joint))
         if quantity.key == "time_since_release":
             return self._since(f"RELEASE_{joint}", math.nan)
         line, bodies = s.separation(joint), s.spec.scene.joint[joint].bodies
@@ -375,6 +380,28 @@ class Quantities:
         if quantity.key == "rate":
             return self._jet(line.rate, second)
         return self._jet(line.length, lambda: line.rate, second)
+
+    def _hinge_angle(self, joint: str) -> Jet:
+        """Angle of a joint about its x axis."""
+        value = hinge_angle(self.s, joint)
+        if not self.moving:
+            return Jet(value)
+        return Jet(value, hinge_rate(self.s, joint), self._hinge_acceleration(joint))
+
+    def _hinge_acceleration(self, joint: str) -> Any:
+        """Rate of the relative rate about the x axis of a joint."""
+        first, second = self.s.spec.scene.joint[joint].bodies
+        x, spin = self.s.axis(joint, 0), self.s.spin(first)
+        relative = vec3.sub(self.s.spin(second), spin)
+        rates = vec3.sub(self._spin_rate(second), self._spin_rate(first))
+        return vec3.dot(x, rates) + vec3.dot(vec3.cross(spin, x), relative)
+
+    def _spin_rate(self, body: str) -> Any:
+        """Angular acceleration of a body, ground axes, rad/s2."""
+        leader = self.s.segment.leader(body)
+        if leader == GROUND:
+            return ZERO
+        return vec3.rotate(self.s.attitude(leader), self.s.scope.load(f"K1 + OMEGA_{leader}", 3))
 
     def _spring(self, quantity: Quantity) -> Jet:
         """Extension of a spring from the start, or its rate."""
@@ -428,7 +455,7 @@ class Quantities:
         from sepmc.kernel.emit.loads import air_density  # noqa: PLC0415
 
         s = self.s
-        flow = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called(
+        flow = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
             "flow"
         )
         flow_rate: Any = ZERO

@@ -11,19 +11,17 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, component, origin_height, rejection_unless
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment, kinked_axes
-from sepmc.kernel.spec.packing import derivative_grids
+from sepmc.kernel.spec.held_cells import force_cell, has_unloading, proximity_cell
+from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment
+from sepmc.kernel.spec.packing import PER_RATE, derivative_grids
 from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr
 from sepmc.routines import layout as at
-from sepmc.scene.model import Proximity
+from sepmc.scene.model import XYZ, Proximity
 from sepmc.schema import Status
 
 COEFFICIENTS = 6
-# Mach number, rad: a cell is left so far beyond its end, and the next one holds that point
-_BESIDE = 1e-9
-_MOMENT = 1e-6  # s
 
 
 def looks_up(spec: KernelSpec, body: str) -> bool:
@@ -90,27 +88,23 @@ def _emit_aero_tables(
     """Append lines for the coefficients of bodies, from tables and increments."""
     s = State(c, c.scope(), segment, "S")
     for body in bodies:
-        if _table_start(c, body) >= 0:
+        if table_start(c, body) >= 0:
             _store_point(s, f"FLOW_{body}", mach_and_angles(s, body))
     for i, entry in _increments(c, bodies):
-        _store_point(s, f"DISTANCE_{i}", (s.separation(entry.joint).length, 0.0, 0.0))
+        _store_point(s, f"DISTANCE_{i}", _relative_motion(s, entry))
     s.scope.write(text)
     for body in bodies:
         c.workspace.add(f"LOOKED_UP_{body}", COEFFICIENTS + len(table_derivatives(c.spec, body)))
-        if (start := _table_start(c, body)) >= 0:
-            is_held = bool(kinked_axes(c.spec.scene, body))
-            cell, values = f"CELL_{body}", f"LOOKED_UP_{body}"
-            _emit_table(out, text, c, start, cell, f"FLOW_{body}", values, is_held=is_held)
+        if (start := table_start(c, body)) >= 0:
+            _emit_table(out, text, c, start, f"CELL_{body}", f"FLOW_{body}", f"LOOKED_UP_{body}")
         else:
             text.block(f"for e in range({COEFFICIENTS} * LANES):")(f"w[LOOKED_UP_{body} + e] = 0.0")
     for i, entry in _increments(c, bodies):
-        start, factor = (
-            int(c.spec.layout.model.table[int(c.model.proximity_i) + i]),
-            int(c.model.proximity_p) + i,
-        )
+        start, factor = proximity_start(c, i), int(c.model.proximity_p) + i
         c.workspace.add(f"INCREMENTS_{i}", COEFFICIENTS)
-        _clamp(text, c, start, f"DISTANCE_{i}")
-        _emit_table(out, text, c, start, f"INCREMENT_CELL_{i}", f"DISTANCE_{i}", f"INCREMENTS_{i}")
+        cell, point = proximity_cell(i), f"DISTANCE_{i}"
+        _clamp(text, c, start, cell, point)
+        _emit_table(out, text, c, start, cell, point, f"INCREMENTS_{i}")
         inner = text.block(f"for k in range({COEFFICIENTS}):").lanes()
         inner(
             f"w[LOOKED_UP_{entry.body} + k * LANES + l] += w[P + {factor} * LANES + l] * "
@@ -129,7 +123,9 @@ def _emit_height_tables(out: Text, text: Text, c: Context, segment: Segment) -> 
     for name, bodies in (("HEIGHT_OF", in_air), ("WIND_HEIGHT", windy)):
         for body in bodies:
             _store_point(
-                s, f"{name}_{body}", (s.place(body)[1] + origin_height(s.scope, s.time), 0.0, 0.0)
+                s,
+                f"{name}_{body}",
+                (s.position(body)[1] + origin_height(s.scope, s.time), 0.0, 0.0),
             )
     s.scope.write(text)
     for body in in_air:
@@ -146,7 +142,7 @@ def _emit_height_tables(out: Text, text: Text, c: Context, segment: Segment) -> 
         )
     for body in windy:
         c.workspace.add(f"WIND_{body}", 2)
-        _clamp(text, c, int(c.model.wind_x), f"WIND_HEIGHT_{body}")
+        _clamp(text, c, int(c.model.wind_x), f"WIND_CELL_{body}", f"WIND_HEIGHT_{body}")
         _emit_table(
             out,
             text,
@@ -165,112 +161,23 @@ def _emit_force_tables(out: Text, text: Text, c: Context, segment: Segment) -> N
         return
     s = State(c, c.scope(), segment, "S")
     for _, spring in springs:
-        extension = s.spring(spring).length - s.spring_start(spring)
-        _store_point(s, f"EXTENSION_{spring.name}", (extension, 0.0, 0.0))
+        line = s.spring(spring)
+        extension = line.length - s.spring_start(spring)
+        rate: Any = PER_RATE * line.rate if has_unloading(spring, c.spec.dispersed) else 0.0
+        _store_point(s, f"EXTENSION_{spring.name}", (extension, rate, 0.0))
     s.scope.write(text)
     for i, spring in springs:
-        start = int(c.spec.layout.model.table[int(c.model.force_tables_i) + i])
+        start = force_table_start(c, i)
         point = f"EXTENSION_{spring.name}"
-        c.workspace.add(table_force(spring.name), 1)
-        _clamp(text, c, start, point)
-        _emit_table(
-            out, text, c, start, f"FORCE_CELL_{spring.name}", point, table_force(spring.name)
-        )
+        c.workspace.add(table_force(spring.name), int(c.spec.layout.model.numbers[start]))
+        _clamp(text, c, start, force_cell(spring.name), point)
+        _emit_table(out, text, c, start, force_cell(spring.name), point, table_force(spring.name))
 
 
 def table_force(spring: str) -> str:
-    """Workspace field of the force of a spring from its table, N."""
+    """Workspace field of the force of a spring from its table, N; with unloading also of that force
+    while the extension shrinks, else 0."""
     return f"TABLE_FORCE_{spring}"
-
-
-def held_cells(spec: KernelSpec) -> list[str]:
-    """Bodies whose tables are of lines with kinks: their cells change at the ends of steps only."""
-    return [body for body in spec.bodies if kinked_axes(spec.scene, body)]
-
-
-def emit_cells(out: Text, c: Context, segment: Segment) -> None:
-    """Write the functions for the ends of cells of tables of lines: the flow in a segment and its
-    rate, and the entry into the next cells.
-
-    The rate is the difference quotient over `_MOMENT` along the derivative K1, wind and air at that
-    place included.
-    """
-    bodies = held_cells(c.spec)
-    if not bodies:
-        return
-    size = c.spec.active_size(segment)
-    docstring = "Flow at bodies with tables of lines at the state Y, and its rate along K1."
-    text = out.function(f"cell_flow_{segment.name}(w)", docstring)
-    text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
-    text.lanes()("w[CLOCK + l] = w[T + l]")
-    text(f"look_up_{segment.name}(w)")
-    for body in bodies:
-        c.workspace.add(f"FLOW_NOW_{body}", 3), c.workspace.add(f"FLOW_RATE_{body}", 3)
-        inner = text.block("for e in range(3 * LANES):")
-        inner(f"w[FLOW_NOW_{body} + e] = w[FLOW_{body} + e]")
-    text.block(f"for e in range({size} * LANES):")(f"w[S + e] = w[Y + e] + {_MOMENT} * w[K1 + e]")
-    text.lanes()(f"w[CLOCK + l] = w[T + l] + {_MOMENT}")
-    text(f"look_up_{segment.name}(w)")
-    for body in bodies:
-        inner = text.block("for e in range(3 * LANES):")
-        inner(
-            f"w[FLOW_RATE_{body} + e] = (w[FLOW_{body} + e] - w[FLOW_NOW_{body} + e]) / {_MOMENT}"
-        )
-    docstring = (
-        "Move bodies whose flow has left the cell of their table into the one that holds it or, "
-        "with ``ahead``, that it moves into."
-    )
-    text = out.function(f"enter_cells_{segment.name}(w, ahead: float)", docstring)
-    for body in bodies:
-        start, flag = _table_start(c, body), f"ENTERS_CELL_{body}"
-        inner = text.lanes().block(f"if w[{flag} + l] > 0.0:")
-        axes = kinked_axes(c.spec.scene, body)
-        for k, axis in enumerate("xyz"):
-            inner(f"{axis} = w[{component(f'FLOW_NOW_{body}', k)} + l]")
-            if k not in axes:
-                continue
-            first, last = _range(c, start, k)
-            rate = f"w[{component(f'FLOW_RATE_{body}', k)} + l]"
-            inner(
-                f"there = {axis} + ({2.0 * _BESIDE} if {rate} > 0.0 else {-2.0 * _BESIDE})",
-                f"is_in = w[SHARED + {first}] <= there <= w[SHARED + {last}]",
-                f"{axis} = there if ahead > 0.0 and abs({rate}) > 0.0 and is_in else {axis}",
-            )
-        inner(
-            f"inside = load_cell(w, CELL_{body} + l, SHARED + {start}, x, y, z)",
-            rejection_unless("inside", Status.OUTSIDE_TABLE),
-            f"w[{flag} + l] = 0.0 if ahead > 0.0 else 1.0",
-        )
-
-
-def _range(c: Context, start: int, axis: int) -> tuple[int, int]:
-    """Indices of the first and the last point of an axis of a table among the shared numbers."""
-    at_axis = start + 1
-    for _ in range(axis):
-        at_axis += 2 + 17 * int(c.spec.layout.model.numbers[at_axis])
-    return at_axis + 1, at_axis + 1 + int(c.spec.layout.model.numbers[at_axis])
-
-
-def cell_end(s: State, body: str, axis: int, is_top: bool) -> tuple[Any, Any]:
-    """Distance of the flow at a body beyond an end of its cell along an axis, and its rate.
-
-    Parameters
-    ----------
-    s : State
-    body : str
-    axis : int
-        0 Mach number, 1 alpha (rad), 2 beta (rad)
-    is_top : bool
-
-    Returns
-    -------
-    distance, rate : Expr
-        per s
-    """
-    end = s.scope.load(component(f"CELL_{body}", at.CELL_ENDS + 3 * axis + int(is_top)))
-    value = s.scope.load(component(f"FLOW_NOW_{body}", axis))
-    rate = s.scope.load(component(f"FLOW_RATE_{body}", axis))
-    return (value - end - _BESIDE, rate) if is_top else (end - value - _BESIDE, -rate)
 
 
 def _store_point(s: State, field: str, point: tuple[Any, Any, Any]) -> None:
@@ -280,12 +187,37 @@ def _store_point(s: State, field: str, point: tuple[Any, Any, Any]) -> None:
         s.scope.store(component(field, k), value)
 
 
-def _clamp(text: Text, c: Context, start: int, point: str) -> None:
-    """Append lines that limit a coordinate to the range of a table of one axis."""
-    first, last = start + 2, start + 2 + int(c.spec.layout.model.numbers[start + 1])
-    text.lanes()(
-        f"w[{point} + l] = min(max(w[{point} + l], w[SHARED + {first}]), w[SHARED + {last}])"
-    )
+def _relative_motion(s: State, entry: Proximity) -> tuple[Any, Any, Any]:
+    """Coordinates of a table of increments: the separation distance, or those of its axes."""
+    if entry.axes is None:
+        return s.separation(entry.joint).length, 0.0, 0.0
+    known: dict[str, Any] = {
+        axis: s.displacement(entry.joint, k) for k, axis in enumerate(XYZ) if axis in entry.points
+    }
+    if not known.keys() >= entry.points.keys():
+        known |= dict(zip(("pitch", "yaw", "roll"), s.relative_angles(entry.joint), strict=True))
+    values = [known[axis] for axis in entry.points]
+    x, y, z = values + [0.0] * (3 - len(values))
+    return x, y, z
+
+
+def _clamp(text: Text, c: Context, start: int, cell: str, point: str) -> None:
+    """Append lines that limit coordinates to the range of a table; one with kinks has spans
+    beyond."""
+    if cell in c.spec.held_cells:
+        return
+    for k in range(sum(count > 1 for count in _basis_counts(c, start))):
+        first, last = axis_ends(c, start, k)
+        path = f"w[{component(point, k)} + l]"
+        text.lanes()(f"{path} = min(max({path}, w[SHARED + {first}]), w[SHARED + {last}])")
+
+
+def axis_ends(c: Context, start: int, axis: int) -> tuple[int, int]:
+    """Indices of the first and the last point of an axis of a table among the shared numbers."""
+    at_axis = start + 1
+    for _ in range(axis):
+        at_axis += 2 + 17 * int(c.spec.layout.model.numbers[at_axis])
+    return at_axis + 1, at_axis + 1 + int(c.spec.layout.model.numbers[at_axis])
 
 
 def _emit_table(
@@ -297,14 +229,13 @@ def _emit_table(
     point: str,
     values: str,
     leaves: Status = Status.OUTSIDE_TABLE,
-    is_held: bool = False,
 ) -> None:
     """Append lines that evaluate a table at the stored points and, the first time, write the
     function that sums its values.
 
     ``start`` is the index of the table among the shared numbers, ``cell`` the field of the cells; a
-    lane outside the table is rejected with the status ``leaves``. A cell that ``is_held`` changes
-    at the ends of steps only (`emit_enter_cells`).
+    lane outside the table is rejected with the status ``leaves``. Cells of tables with kinks change
+    at the ends of steps only (`sepmc.kernel.emit.cells`).
     """
     functions, counts = int(c.spec.layout.model.numbers[start]), _basis_counts(c, start)
     if c.workspace.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
@@ -314,7 +245,7 @@ def _emit_table(
         inner = out.function(f"sum_{cell}(w)", docstring).lanes()
         for line in cell_sum_lines(cell, point, values, functions, counts):
             inner.broken(line)
-    if not is_held:
+    if cell not in c.spec.held_cells:
         inner = text.lanes()
         inner("x, y, z = " + ", ".join(f"w[{component(point, k)} + l]" for k in range(3)))
         inner = inner.block(f"if not in_cell(w, {cell} + l, x, y, z):")
@@ -397,16 +328,26 @@ def _increments(c: Context, bodies: list[str]) -> list[tuple[int, Proximity]]:
     return [(i, entry) for i, entry in enumerate(c.spec.scene.proximity) if entry.body in bodies]
 
 
-def _table_start(c: Context, body: str) -> int:
+def table_start(c: Context, body: str) -> int:
     """Index of the aerodynamic table of a body among the shared numbers; -1 if it has none."""
     return int(
         c.spec.layout.model.table[int(c.model.aero_table_i) + list(c.spec.bodies).index(body)]
     )
 
 
+def proximity_start(c: Context, number: int) -> int:
+    """Index of a table of increments among the shared numbers."""
+    return int(c.spec.layout.model.table[int(c.model.proximity_i) + number])
+
+
+def force_table_start(c: Context, number: int) -> int:
+    """Index of the force table of a spring, by its number, among the shared numbers."""
+    return int(c.spec.layout.model.table[int(c.model.force_tables_i) + number])
+
+
 def mach_and_angles(s: State, body: str) -> tuple[Expr, Expr, Expr]:
     """Mach number, alpha and beta at a body."""
-    flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called(
+    flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
         "flow"
     )
     alpha, beta = loads.flow_angles(flow).called("angles")
@@ -418,7 +359,7 @@ def mach_and_angles(s: State, body: str) -> tuple[Expr, Expr, Expr]:
         )
     base = s.scope.load(s.c.layer(body), 4)
     height_above_base = (
-        air.geopotential(s.place(body)[1] + origin_height(s.scope, s.time)) - base[0]
+        air.geopotential(s.position(body)[1] + origin_height(s.scope, s.time)) - base[0]
     )
     temperature = (1.0 + base[1] * height_above_base) / base[2]
     return square_root(vec3.dot(flow, flow)) / air.sound_speed(temperature), alpha, beta

@@ -5,6 +5,7 @@ import numpy as np
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.model import Condition, Motor, Scene, Signal
+from sepmc.scene.terms import signal_terms
 
 
 def lines(layout: ParameterLayout) -> list[str]:
@@ -82,6 +83,7 @@ def _signal(scene: Scene, signal: Signal) -> list[str]:
         response = f", sampled every {signal.sample:g} s{response}"
         response += f", used {signal.delay:g} s later" if signal.delay else ""
     paths = [path for path, drive in scene.driven.items() if drive.signal == signal.name]
+    paths += [path for path, name in signal_terms(scene).items() if name == signal.name]
     gives = f"gives {', '.join(paths)}" if paths else "gives no number of a load by itself"
     line = f"signal       {signal.name} = {signal.formula.strip()}{response}"
     return [line + (f", {constants}" if constants else ""), f"             {gives}"]

@@ -7,6 +7,7 @@ equal specifications share one compiled kernel.
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from sepmc.kernel.spec.held_cells import held_cells
 from sepmc.kernel.spec.kinks import Formulas
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
@@ -43,10 +44,10 @@ class Event:
     """Condition on the state or on a joint load, compared with a threshold.
 
     ``quantity`` is its code (AT_STROKE, ... of `sepmc.routines.layout`) and ``item`` the joint,
-    spring, body or kink; ``threshold`` is a parameter index. It either ends its phase by itself, or
-    is condition ``number`` of several that end a phase together or, with ``any_phase``, trigger a
-    release or an observation event. ``direction`` of the crossing that counts: rising, falling,
-    either, or "" if the quantity may also start beyond the threshold.
+    spring, body, kink or cell; ``threshold`` is a parameter index, or the axis of a cell. It either
+    ends its phase by itself, or is condition ``number`` of several that end a phase together or,
+    with ``any_phase``, trigger a release or an observation event. ``direction`` of the crossing
+    that counts: rising, falling, either, or "" if the quantity may also start beyond the threshold.
     """
 
     quantity: int
@@ -62,26 +63,25 @@ class Event:
         """Name of the event, unique within its segment."""
         if self.is_cell_end:
             end = "top" if self.quantity == at.AT_CELL_TOP else "base"
-            return f"{self.item}_{('mach', 'alpha', 'beta')[self.threshold]}_{end}"
+            return f"{self.item}_{self.threshold}_{end}"
         if self.is_border:
             return f"{self.item}_{'top' if self.quantity == at.AT_LAYER_TOP else 'base'}"
         return self.item if self.number < 0 else f"{self.item}_{self.number}"
 
     @property
     def is_border(self) -> bool:
-        """True for a border of the atmosphere layer of a body, or of the cell of its table; it may
-        be crossed repeatedly."""
+        """True for a border of the atmosphere layer of a body, or of the cell of a table; it may be
+        crossed repeatedly."""
         return self.is_cell_end or self.quantity in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
 
     @property
     def is_cell_end(self) -> bool:
-        """True for an end of the cell of a table of lines, along the axis ``threshold``."""
+        """True for an end of the cell ``item`` of a table with kinks, along the axis
+        ``threshold``."""
         return self.quantity in (at.AT_CELL_TOP, at.AT_CELL_BASE)
 
     def flag(self, segment: str) -> str:
         """Workspace field that is 1 once the event has occurred."""
-        if self.is_cell_end:
-            return f"ENTERS_CELL_{self.item}"
         if self.is_border:
             return f"ENTERS_{self.item}"
         if self.quantity == at.AT_KINK:
@@ -93,27 +93,6 @@ class Event:
             if self.number < 0
             else condition_flag(ANY_PHASE if self.any_phase else segment, self.number)
         )
-
-
-def kinked_axes(scene: Scene, body: str) -> list[int]:
-    """Axes (0 Mach number, 1 alpha, 2 beta) of a body's table if it is of lines with kinks: its
-    cell then changes at the ends of steps only.
-
-    Parameters
-    ----------
-    scene : Scene
-    body : str
-
-    Returns
-    -------
-    list of int
-    """
-    aero = scene.body[body].aerodynamics
-    table = aero.table if aero is not None else None
-    if table is None or table.interpolation != "linear" or scene.environment.atmosphere == "none":
-        return []
-    counts = [len(axis) for axis in (table.mach, table.alpha, table.beta)]
-    return [k for k, n in enumerate(counts) if n > 1] if max(counts) > 2 else []
 
 
 def stroke_flag(spring: str) -> str:
@@ -307,6 +286,12 @@ class KernelSpec:
     def scene(self) -> Scene:
         """The scene, with the names of the kernel."""
         return self.layout.scene
+
+    @cached_property
+    def held_cells(self) -> dict[str, tuple[int, ...]]:
+        """Axes of the tables with kinks by the fields of their cells, which change at the ends of
+        steps only."""
+        return held_cells(self.scene, self.dispersed)
 
     @cached_property
     def formulas(self) -> Formulas:

@@ -9,6 +9,7 @@ from sepmc.kernel.spec.naming import Names
 from sepmc.scene.formula import KINKS, Call, Name, Node, Number, parse, walk
 from sepmc.scene.model import Scene, Signal
 from sepmc.scene.signals import Quantity, quantity
+from sepmc.scene.terms import signal_terms
 
 OWN = "@"  # begins names that no file has: states and parameters of the signal itself
 STATE, STATE_RATE, HELD = Name(f"{OWN}state"), Name(f"{OWN}state rate"), Name(f"{OWN}held")
@@ -91,8 +92,8 @@ class Formulas:
 
     @cached_property
     def used(self) -> tuple[str, ...]:
-        """Signals that drive numbers of the scene or have states, and all signals that these depend
-        on; each follows the signals without states in its formula."""
+        """Signals that drive numbers or aerodynamic terms of the scene or have states, and all that
+        these depend on; each follows the signals without states in its formula."""
         ordered: dict[str, None] = {}
 
         def add(signal: str) -> None:
@@ -102,7 +103,10 @@ class Formulas:
                     add(other)
             ordered.setdefault(signal)
 
-        for signal in [drive.signal for drive in self.scene.driven.values()]:
+        named = [drive.signal for drive in self.scene.driven.values()]
+        if self.scene.environment.atmosphere != "none":
+            named += [self.names.of["signal"][x] for x in signal_terms(self.scene).values()]
+        for signal in named:
             if self.at_once(signal):
                 add(signal)
         for signal in self.with_states:

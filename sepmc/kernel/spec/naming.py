@@ -117,9 +117,10 @@ class Names:
                 scene.output,
                 **{
                     key: self._joints(getattr(scene.output, key))
-                    for key in ("loads", "tip_off", "guide")
+                    for key in ("loads", "tip_off", "guide", "hinge")
                 },
                 transverse=tuple(map(self._body, scene.output.transverse)),
+                relative=tuple(map(self._pair, scene.output.relative)),
             ),
         )
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
-from sepmc.kernel.spec.splines import pack
+from sepmc.kernel.spec.held_cells import has_kinks, has_unloading
+from sepmc.kernel.spec.splines import FAR, pack
 from sepmc.routines import layout as at
 from sepmc.scene.model import (
     DERIVATIVES,
@@ -18,6 +19,7 @@ from sepmc.scene.model import (
     Spring,
     WindProfile,
 )
+from sepmc.scene.terms import signal_of
 
 COEFFICIENTS = {
     "axial": at.AXIAL,
@@ -27,6 +29,11 @@ COEFFICIENTS = {
     "yaw": at.YAWING,
     "pitch": at.PITCHING,
 }
+
+
+# The extension of a spring shrinks at rates below REST / PER_RATE (m/s): round-off of the rate of a
+# spring between bodies that a joint fixes is no unloading.
+PER_RATE, REST = 100.0, -2e-9
 
 
 class Pool:
@@ -49,7 +56,7 @@ class Pool:
 @dataclass(frozen=True)
 class Term:
     """Term of an aerodynamic polynomial: coefficient times powers of alpha and beta, and a reduced
-    rate (one of `RATES`, or none)."""
+    rate (one of `RATES`, or none), or a signal (its name in the file)."""
 
     path: str
     body: str
@@ -57,6 +64,7 @@ class Term:
     alpha: int
     beta: int
     rate: str = ""
+    signal: str = ""
 
 
 def aero_terms(scene: Scene) -> list[Term]:
@@ -75,6 +83,9 @@ def aero_terms(scene: Scene) -> list[Term]:
         for coefficient, code in COEFFICIENTS.items():
             for term in getattr(body.aerodynamics, coefficient) if body.aerodynamics else ():
                 path = f"body.{name}.aerodynamics.{coefficient}.{term}"
+                if signal := signal_of(term):
+                    terms.append(Term(path, name, code, 0, 0, signal=signal))
+                    continue
                 rate = term[-1] if term.split("_")[-1] in RATES else ""
                 powers = _power(term, "alpha"), _power(term, "beta")
                 terms.append(Term(path, name, code, *powers, rate))
@@ -116,7 +127,8 @@ def add_air(pool: Pool, scene: Scene) -> int:
 def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
     """Append the functions of the wind along ground x and z (m/s) over altitude.
 
-    With ``varies`` (factor and turn differ from case to case) the profile is stored without them.
+    With ``varies`` (factor and turn are parameters of the kernel) the profile is stored without
+    them.
     Returns the start, or -1 without a profile.
     """
     profile = scene.environment.wind.profile
@@ -125,7 +137,14 @@ def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
     if varies:
         profile = replace(profile, factor=1.0, turn=0.0)
     rows = along_ground(profile)
-    return pool.add(pack([profile.altitude], rows, "flat", profile.interpolation))
+    return pool.add(
+        pack([profile.altitude], rows, _flat(profile.interpolation), profile.interpolation)
+    )
+
+
+def _flat(interpolation: str) -> str:
+    """Ends of functions that are constant beyond: smooth, or kinks of lines."""
+    return "constant" if interpolation == "linear" else "flat"
 
 
 def along_ground(profile: WindProfile) -> np.ndarray:
@@ -193,21 +212,31 @@ def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
 
 
 def add_proximity(pool: Pool, entry: Proximity) -> int:
-    """Append the functions of six coefficient increments over separation distance (m); return the
-    start."""
-    values = [
-        getattr(entry, coefficient) or (0.0,) * len(entry.distance) for coefficient in COEFFICIENTS
-    ]
-    numbers = np.array(values, dtype=float)
-    return pool.add(pack([entry.distance], numbers, "flat", entry.interpolation))
+    """Append the functions of six coefficient increments over separation distance (m), or over
+    relative position and attitude (m, rad); return the start."""
+    axes = list(entry.points.values())
+    zero = np.zeros([len(points) for points in axes])
+    values = [np.array(getattr(entry, key) or zero, dtype=float) for key in COEFFICIENTS]
+    ends = _flat(entry.interpolation)
+    return pool.add(pack(axes, np.array(values), ends, entry.interpolation))
 
 
-def add_force_table(pool: Pool, spring: Spring) -> int:
-    """Append the spline of the force (N) of a spring over extension (m); return the start, or -1
-    without a table."""
-    if spring.table is None:
+def add_force_table(pool: Pool, spring: Spring, dispersed: frozenset[str]) -> int:
+    """Append the function of the force (N) of a spring over extension (m); return the start, or -1
+    without a table.
+
+    With unloading there is a second axis, `PER_RATE` times the rate of extension (m/s), and a
+    second function: the force while the extension shrinks, else 0.
+    """
+    table = spring.table
+    if table is None:
         return -1
-    return pool.add(pack([spring.table.extension], np.array([spring.table.force], dtype=float)))
+    axes, force = [table.extension], np.array([table.force], dtype=float)
+    ends = "constant" if has_kinks(spring, dispersed) else "not-a-knot"
+    if not has_unloading(spring, dispersed):
+        return pool.add(pack(axes, force, ends, table.interpolation))
+    both = np.stack([np.repeat(force.T, 2, axis=1), force.T * [1.0, 0.0]])
+    return pool.add(pack([*axes, (-FAR, REST)], both, ends, (table.interpolation, "steps")))
 
 
 def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:
@@ -219,6 +248,10 @@ def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:
             (s0, s1), (r0, r1), (y, z) = element.stations, element.radii, element.offset
             if s0 == s1:  # a disc has one rim
                 r0 = r1 = max(r0, r1)
-            elements.append((float(element.hollow), s0, y, z, s1 - s0, r0, r1))
+            kind = at.SECTOR if element.sector is not None else float(element.hollow)
+            elements.append((kind, s0, y, z, s1 - s0, r0, r1))
+        if element.sector is not None:
+            first, last = element.sector
+            elements.append((at.SECTOR_ANGLES, first, 0.0, 0.0, last - first, 0.0, 0.0))
         elements += [(0.0, *point, 0.0, 0.0, 0.0) for point in element.points]
     return pool.add([x for element in elements for x in element]), len(elements)

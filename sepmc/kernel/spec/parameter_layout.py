@@ -9,6 +9,7 @@ import numpy as np
 
 from sepmc.kernel.spec import packing
 from sepmc.kernel.spec.conditions import Conditions, make_conditions
+from sepmc.kernel.spec.held_cells import has_unloading, unloading_path
 from sepmc.kernel.spec.packing import Pool
 from sepmc.routines import layout as at
 from sepmc.scene.contents import contents
@@ -146,7 +147,7 @@ def make_parameter_layout(scene: Scene, dispersed: frozenset[str] = frozenset())
     for i, motor in enumerate(scene.motor):
         if motor.profile is not None and math.isinf(motor.burn):
             nominal[starts["motors_p"] + at.MOTOR_SIZE * i + at.BURN] = motor.profile.time[-1]
-    model = _model(scene, order, starts, len(nominal), WIND_FACTOR in slots)
+    model = _model(scene, order, starts, len(nominal), WIND_FACTOR in slots, dispersed)
     pairs = {j: joint.bodies for j, joint in scene.joint.items()}
     return ParameterLayout(
         scene,
@@ -246,8 +247,9 @@ def _parameters(
 def _varied(
     scene: Scene, dispersed: frozenset[str], start: int
 ) -> tuple[dict[str, int], dict[str, int], list[float]]:
-    """Extra parameters: constants of signals, and quantities that all cases share unless they are
-    dispersed: axes of joints and springs, outlines, factor and turn of the wind profile.
+    """Extra parameters: constants of signals, return factors of springs, and quantities that all
+    cases share unless they are dispersed: axes of joints and springs, outlines, factor and turn of
+    the wind profile.
 
     Returns the indices by path (from ``start`` on), the first index of each dispersed outline
     (elements as in `sepmc.routines.clearances.load_outline`), and the values.
@@ -272,8 +274,14 @@ def _varied(
     for spring in scene.spring:
         if spring.axis is not None and varies(path := f"spring.{spring.name}.axis"):
             add(spring.axis, _vector(path, 0))
+        if spring.table is not None and has_unloading(spring, dispersed):
+            add((spring.table.return_factor,), {unloading_path(spring.name): 0})
     profile = scene.environment.wind.profile
-    if profile is not None and not dispersed.isdisjoint({WIND_FACTOR, WIND_TURN}):
+    if profile is not None and (
+        not dispersed.isdisjoint({WIND_FACTOR, WIND_TURN})
+        # components without overshoot are other ones after a turn: the wind is turned, not its rows
+        or (profile.interpolation == "monotone" and profile.turn != 0.0)
+    ):
         add((profile.factor, profile.turn), {WIND_FACTOR: 0, WIND_TURN: 1})
     for name, body in scene.body.items():
         if not varies(f"body.{name}.outline"):
@@ -285,8 +293,17 @@ def _varied(
                 keys = ("stations.0", "offset.y", "offset.z", "stations.1", "radii.0", "radii.1")
                 first, last = part.stations
                 add(
-                    (float(part.hollow), first, *part.offset, last, *part.radii),
+                    (
+                        at.SECTOR if part.sector is not None else float(part.hollow),
+                        *(first, *part.offset, last, *part.radii),
+                    ),
                     {f"{stem}.{key}": i for i, key in enumerate(keys, 1)},
+                )
+            if part.sector is not None:
+                begin, end = part.sector
+                add(
+                    (at.SECTOR_ANGLES, begin, 0.0, 0.0, end, 0.0, 0.0),
+                    {f"{stem}.sector.0": 1, f"{stem}.sector.1": 4},
                 )
             for k, point in enumerate(part.points):
                 add((0.0, *point, math.nan, 0.0, 0.0), _vector(f"{stem}.points.{k}", 1))
@@ -320,7 +337,12 @@ def _optional(
 
 
 def _model(
-    scene: Scene, order: list[str], starts: dict[str, int], size_p: int, gusty: bool
+    scene: Scene,
+    order: list[str],
+    starts: dict[str, int],
+    size_p: int,
+    gusty: bool,
+    dispersed: frozenset[str],
 ) -> at.Model:
     """Structure record of a scene; ``gusty`` : factor and turn of the wind profile differ from case
     to case."""
@@ -343,7 +365,9 @@ def _model(
         "aero_table_i": [packing.add_aero_table(pool, scene, b) for b in order],
         "proximity_i": [packing.add_proximity(pool, entry) for entry in scene.proximity],
         "parts_i": [x for b in order for x in packing.add_outline(pool, scene, b)],
-        "force_tables_i": [packing.add_force_table(pool, spring) for spring in scene.spring],
+        "force_tables_i": [
+            packing.add_force_table(pool, spring, dispersed) for spring in scene.spring
+        ],
     }
     table_starts = dict(
         zip(

@@ -11,6 +11,7 @@ interpolations alike:
   those of Fritsch and Butland (scipy's ``PchipInterpolator``), axis by axis: no value between two
   rows is beyond theirs. Two coefficients belong to a row, so every row is two breaks at one place,
   and the span between them is empty.
+- ``"steps"``: the value of each row up to the next one.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,8 @@ from math import factorial
 import numpy as np
 
 AXES = 3
-_BOUNDARY = {"not-a-knot": None, "flat": "clamped"}
+FAR = 1e15  # length of the spans beyond the ends of a function that is continued as a constant
+_BOUNDARY = {"flat": "clamped"}
 # the Hermite functions on 0 to 1 in powers of the coordinate: value and slope at the start, at the
 # end
 _HERMITE = ((1, 0, -3, 2), (0, 1, -2, 1), (0, 0, 3, -2), (0, 0, -1, 1))
@@ -29,7 +31,7 @@ def pack(
     axes: Sequence[Sequence[float]],
     values: np.ndarray,
     ends: str = "not-a-knot",
-    interpolation: str = "cubic",
+    interpolation: str | Sequence[str] = "cubic",
 ) -> np.ndarray:
     """Pack the interpolant of tabulated functions.
 
@@ -39,10 +41,11 @@ def pack(
         grid points of each axis, strictly increasing; at most three axes. A function is constant
         along a missing axis or one with a single point.
     values : ndarray, shape (functions, n1, n2, n3), without the missing axes
-    ends : {"not-a-knot", "flat"}
+    ends : {"not-a-knot", "flat", "constant"}
         "not-a-knot" reproduces cubic polynomials; "flat" has zero slope at both ends, which is
-        smooth if the function is constant beyond. Lines have no such ends.
-    interpolation : {"cubic", "linear", "monotone"}
+        smooth if the function is constant beyond. Lines have no such ends. "constant" is
+        "not-a-knot", and constant beyond the ends, where it has kinks.
+    interpolation : {"cubic", "linear", "monotone", "steps"}, or one for each axis
 
     Returns
     -------
@@ -55,16 +58,20 @@ def pack(
     assert len(axes) <= AXES
     assert coefficients.shape[1:] == tuple(len(points) for points in axes)
     head = [[float(len(coefficients))]]
-    for points in axes:  # each pass moves the first axis to the end
-        places = np.asarray(points, float)
-        if len(points) > 1 and interpolation == "linear":
-            basis, matrix = _lines(places)
-            coefficients = np.tensordot(coefficients, matrix, (1, 1))
-        elif len(points) > 1 and interpolation == "monotone":
-            basis, coefficients = _monotone(places, coefficients, ends)
+    kinds = [interpolation] * len(axes) if isinstance(interpolation, str) else interpolation
+    for points, kind in zip(axes, kinds, strict=True):  # each pass moves the first axis to the end
+        places, rows = np.asarray(points, float), coefficients
+        if len(points) > 1 and kind == "monotone":
+            basis, coefficients = _monotone(places, rows, ends)
         else:
-            basis, matrix = _axis(places, ends)
-            coefficients = np.tensordot(coefficients, matrix, (1, 1))
+            make = {"linear": _lines, "steps": _steps}.get(kind) if len(points) > 1 else None
+            basis, matrix = make(places) if make else _axis(places, ends)
+            coefficients = np.tensordot(rows, matrix, (1, 1))
+        if ends == "constant" and len(points) > 1 and kind != "steps":
+            basis = _with_constant_ends(basis)
+            edges = (rows[:, :1], rows[:, -1:])
+            first, last = (np.moveaxis(edge, 1, -1) for edge in edges)
+            coefficients = np.concatenate([first, coefficients, last], axis=-1)
         head.append(basis)
     head += [[0.0, 0.0]] * (AXES - len(axes))
     return np.concatenate([*head, np.moveaxis(coefficients, 0, -1).ravel()])
@@ -80,7 +87,7 @@ def _axis(points, ends):
     if count == 1:
         return [0.0, points[0]], np.eye(1)
     if ends == "flat" or count > 3:
-        spline = make_interp_spline(points, np.eye(count), k=3, bc_type=_BOUNDARY[ends])
+        spline = make_interp_spline(points, np.eye(count), k=3, bc_type=_BOUNDARY.get(ends))
         knots, matrix = spline.t, spline.c
     else:
         matrix = make_interp_spline(points, np.eye(count), k=count - 1).c
@@ -98,6 +105,27 @@ def _lines(points):
     pieces = np.zeros((len(widths), 4, 4))
     pieces[:, 0, 0], pieces[:, 0, 1], pieces[:, 1, 1] = 1.0, -1.0 / widths, 1.0 / widths
     return [float(len(widths)), *points, *pieces.ravel()], np.eye(len(points) + 2, len(points))
+
+
+def _steps(points):
+    """Numbers of an axis of steps, and the matrix (coefficients, points) to its coefficients: the
+    values and three zeros."""
+    pieces = np.zeros((len(points), 4, 4))
+    pieces[:, 0, 0] = 1.0
+    breaks = [*points, points[-1] + FAR]
+    return [float(len(points)), *breaks, *pieces.ravel()], np.eye(len(points) + 3, len(points))
+
+
+def _with_constant_ends(basis):
+    """Numbers of an axis with a span beyond each end: there the first and the last coefficient,
+    which are added, are the values."""
+    spans = int(basis[0])
+    breaks, pieces = basis[1 : spans + 2], basis[spans + 2 :]
+    constants = np.zeros((2, 4, 4))
+    constants[0, 0, 0] = constants[1, 3, 0] = 1.0
+    before, after = constants.reshape(2, 16)
+    breaks = [breaks[0] - FAR, *breaks, breaks[-1] + FAR]
+    return [float(spans + 2), *breaks, *before, *pieces, *after]
 
 
 def _monotone(points, values, ends):

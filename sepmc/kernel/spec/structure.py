@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from sepmc.kernel.spec.conditions import Leaf, make_conditions
 from sepmc.kernel.spec.heights import may_pass_borders
+from sepmc.kernel.spec.held_cells import held_cells
 from sepmc.kernel.spec.kernel_spec import (
     Change,
     Due,
@@ -15,7 +16,6 @@ from sepmc.kernel.spec.kernel_spec import (
     Kinds,
     Release,
     Segment,
-    kinked_axes,
 )
 from sepmc.kernel.spec.kinks import Formulas, kink_name
 from sepmc.kernel.spec.naming import Names
@@ -144,9 +144,9 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
                 ]
         segment.events += [Event(at.AT_KINK, kink, -1, False) for kink in kinks]
         cell_ends = [
-            Event(quantity, body, axis, False)
-            for body in layout.bodies
-            for axis in kinked_axes(scene, body)
+            Event(quantity, cell, axis, False)
+            for cell, axes in held_cells(scene, dispersed).items()
+            for axis in axes
             for quantity in (at.AT_CELL_TOP, at.AT_CELL_BASE)
         ]
         segment.events += cell_ends

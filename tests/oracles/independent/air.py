@@ -3,6 +3,7 @@ coefficients."""
 
 import itertools
 import math
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -77,8 +78,15 @@ class Wind:
         self.curve, profile = None, table["profile"]
         if profile:
             factor, turn = profile["factor"], profile["turn"]
+            self.turn = np.array(
+                [
+                    [math.cos(turn), 0.0, -math.sin(turn)],
+                    [0.0, 1.0, 0.0],
+                    [math.sin(turn), 0.0, math.cos(turn)],
+                ]
+            )
             rows = [
-                _level(factor * speed, direction + turn)
+                _level(factor * speed, direction)
                 for speed, direction in zip(profile["speed"], profile["direction"], strict=True)
             ]
             self.curve, self.ends = (
@@ -91,7 +99,7 @@ class Wind:
         return (
             self.steady
             if self.curve is None
-            else self.steady + self.curve(min(max(height, self.ends[0]), self.ends[1]))
+            else self.steady + self.turn @ self.curve(min(max(height, self.ends[0]), self.ends[1]))
         )
 
 
@@ -122,40 +130,61 @@ def clamped_curve(points: Array, rows: Array, interpolation: str) -> Any:
     return CubicSpline(points, values, bc_type="clamped")
 
 
-def _monotone(axes: list[Array], rows: Array, point: list[float]) -> Array:
+def _monotone(axes: list[Array], rows: Array, point: list[float], flat_ends: bool = False) -> Array:
     """Values (functions,) at a point of rows (n1, n2, ..., functions): the slopes along the first
     axis are interpolated along the others as the values are."""
     if not axes:
         return rows
     slopes = PchipInterpolator(axes[0], rows).derivative()(axes[0])
+    if flat_ends:
+        slopes[[0, -1]] = 0.0
     here, there = (
-        np.moveaxis(_monotone(axes[1:], np.moveaxis(each, 0, -1), point[1:]), -1, 0)
+        np.moveaxis(_monotone(axes[1:], np.moveaxis(each, 0, -1), point[1:], flat_ends), -1, 0)
         for each in (rows, slopes)
     )
     return np.asarray(CubicHermiteSpline(axes[0], here, there)(point[0]))
 
 
 class Increments:
-    """Increments of the six coefficients over a separation distance, constant beyond the ends."""
+    """Increments of the six coefficients over a separation distance or a relative motion, constant
+    beyond the ends."""
 
     def __init__(self, table: Table):
-        zero = (0.0,) * len(table["distance"])
-        self.curve = clamped_curve(
-            table["distance"],
-            np.transpose([table[key] or zero for key in COEFFICIENTS]),
-            table["interpolation"],
-        )
-        self.ends, self.factor = (table["distance"][0], table["distance"][-1]), table["factor"]
+        axes = {"distance": table["distance"]} if table["axes"] is None else table["axes"]
+        self.axes = {name: np.array(points, float) for name, points in axes.items() if points}
+        zero = np.zeros([len(points) for points in self.axes.values()])
+        grids = [np.array(table[key] or zero, float) for key in COEFFICIENTS]
+        self.rows = np.moveaxis(np.array(grids), 0, -1)
+        self.interpolation = table["interpolation"]
+        self.factor = table["factor"]
+        self.cardinals = [
+            clamped_curve(points, np.eye(len(points)), self.interpolation)
+            for points in self.axes.values()
+        ]
 
-    def at(self, distance: float) -> Array:
-        """Increments (6,) at a separation distance, m."""
-        return self.factor * self.curve(min(max(distance, self.ends[0]), self.ends[1]))
+    def at(self, motion: dict[str, float]) -> Array:
+        """Increments (6,) at a separation distance, m, or a relative motion, m and rad."""
+        point = [
+            min(max(motion[name], points[0]), points[-1]) for name, points in self.axes.items()
+        ]
+        if self.interpolation == "monotone":
+            return self.factor * _monotone(list(self.axes.values()), self.rows, point, True)
+        rows = self.rows
+        for cardinal, x in zip(self.cardinals, point, strict=True):
+            rows = np.tensordot(cardinal(x), rows, 1)
+        return self.factor * rows
 
 
-def _by_rate(terms: dict[str, float] | None) -> list[tuple[str, float, str]]:
-    """Terms of a polynomial without their rate, coefficients, and rates p, q, r or none."""
+def _by_rate(
+    terms: dict[str, float] | None, signals: Collection[str]
+) -> list[tuple[str, float, str]]:
+    """Terms of a polynomial without their rate or signal, coefficients, and rates p, q, r, signals
+    or none."""
     result = []
     for term, value in (terms or {}).items():
+        if term in signals:
+            result.append(("const", value, term))
+            continue
         *angles, last = term.split("_")
         rate = last if last in ("p", "q", "r") else ""
         result.append(("_".join(angles) or "const" if rate else term, value, rate))
@@ -168,12 +197,12 @@ def _factors(term: str, value: float) -> tuple[float, int, int]:
 
 
 class Coefficients:
-    """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha and beta plus a table over Mach,
-    alpha and beta."""
+    """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha, beta, reduced rates and signals
+    plus a table over Mach, alpha and beta."""
 
-    def __init__(self, table: Table):
+    def __init__(self, table: Table, signals: Collection[str]):
         self.terms = [
-            [(*_factors(term, value), rate) for term, value, rate in _by_rate(table[key])]
+            [(*_factors(term, value), rate) for term, value, rate in _by_rate(table[key], signals)]
             for key in COEFFICIENTS
         ]
         # axis (0 Mach, 1 alpha, 2 beta) and its points
@@ -199,7 +228,7 @@ class Coefficients:
 
     def at(self, mach: float, alpha: float, beta: float, rates: dict[str, float]) -> Array:
         """Coefficients (6,) at a Mach number, angles alpha and beta, rad, and the reduced rates p,
-        q, r."""
+        q, r and signals."""
         coefficients = np.array(
             [
                 sum(c * alpha**i * beta**j * (rates[r] if r else 1.0) for c, i, j, r in terms)

@@ -53,7 +53,9 @@ SPRING = {
     "force": 0.0, "stiffness": 0.0,
     "damping": 0.0, "stroke": math.inf, "factor": 1.0, "table": None,
 }  # fmt: skip
-FORCE_TABLE = {"extension": REQUIRED, "force": REQUIRED}
+FORCE_TABLE = {
+    "extension": REQUIRED, "force": REQUIRED, "return_factor": 1.0, "interpolation": "cubic",
+}  # fmt: skip
 LOAD = {
     "name": REQUIRED, "body": REQUIRED, "force": ZERO, "moment": ZERO, "frame": "body",
     "point": None, "start": 0.0, "end": math.inf,
@@ -67,11 +69,13 @@ PROXIMITY = {
     "name": REQUIRED,
     "body": REQUIRED,
     "joint": REQUIRED,
-    "distance": REQUIRED,
+    "distance": (),
+    "axes": None,
     "factor": 1.0,
     "interpolation": "cubic",
     **dict.fromkeys(COEFFICIENTS, ()),
 }
+RELATIVE_AXES = dict.fromkeys(("x", "y", "z", "pitch", "yaw", "roll"), ())
 JOINT = {
     "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "x_axis": (1.0, 0.0, 0.0),
     "y_axis": (0.0, 1.0, 0.0), "apart": None, "omega": ZERO,
@@ -88,7 +92,7 @@ GUIDE = {
 CUSTOM = {"translations": (), "rotations": ()}
 PART = {
     "name": None, "stations": None, "radii": None, "offset": (0.0, 0.0), "points": (),
-    "hollow": False,
+    "hollow": False, "sector": None,
 }  # fmt: skip
 CLEARANCE = {"name": REQUIRED, "bodies": REQUIRED, "outlines": ((), ()), "after": None}
 FORMULA_OUTCOME = {"name": REQUIRED, "formula": REQUIRED, "unit": "1"}
@@ -104,7 +108,9 @@ UNTIL = {
     "body": None, "altitude": None, "vertical_speed": None, "direction": None,
     "any": (), "all": (),
 }  # fmt: skip
-OUTPUT = {"loads": (), "tip_off": (), "guide": (), "transverse": ()}
+OUTPUT = {
+    "loads": (), "tip_off": (), "guide": (), "transverse": (), "hinge": (), "relative": (),
+}  # fmt: skip
 INITIAL = {
     "altitude": REQUIRED, "speed": REQUIRED, "omega": ZERO, "alpha": 0.0, "pitch": 0.0,
     "yaw": 0.0, "roll": 0.0, "path_yaw": 0.0,
@@ -210,6 +216,8 @@ def read(case: Mapping[str, Any]) -> Table:
     scene["driven"] = scene["driven"] or {}
     scene["clearance"] = _list(scene["clearance"], CLEARANCE, "clearance")
     scene["proximity"] = _list(scene["proximity"], PROXIMITY, "proximity")
+    for near in scene["proximity"]:
+        _inner(near, "axes", RELATIVE_AXES, f"proximity.{near['name']}")
     scene["joint"] = {
         name: filled(table, JOINT, f"joint.{name}")
         for name, table in (scene["joint"] or {}).items()

@@ -106,6 +106,8 @@ class Simulation:
         formulas = self.loads.formulas
         for key in formulas.modes:
             functions.append((partial(formulas.excess, key), partial(self._pass_kink, key)))
+        for spring in self.loads.springs:
+            functions += spring.kinks()
         for flow in self.loads.flows:
             for side in (-1, 1):
                 functions.append(
@@ -190,6 +192,8 @@ class Simulation:
         s = self.state(0.0, self.y)
         if not self.motion.constraints.residual(s) <= _CONSISTENT:
             raise EndOfSimulation("inconsistent-start")
+        for spring in self.loads.springs:
+            spring.begin(s)
         for flow in self.loads.flows:
             edges, height = self._edges(), self.vehicle.height(0.0, s, flow.body)
             if not edges[0] - _EDGE <= height <= edges[-1] + _EDGE:

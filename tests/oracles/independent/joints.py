@@ -1,6 +1,7 @@
 """Joints: rows of every kind, and the relative position of the bodies."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from oracles.independent.case import GROUND, Table
 from oracles.independent.state import Array, State, Vehicle, cross
@@ -85,6 +86,17 @@ class Joint:
         e, turning = s.r[self.a] @ self.axes[0], s.r[self.a] @ cross(s.w[self.a], self.axes[0])
         return float(self.separation_sign * (d @ e - self.start)), float(
             self.separation_sign * (rate @ e + d @ turning)
+        )
+
+    def relative_motion(self, s: State) -> dict[str, float]:
+        """Displacement of B's point from the start, m, and pitch, yaw and roll of B against A, rad,
+        in A's axes of the joint."""
+        gap = (np.array(self.points[1], float) - np.array(self.points[0], float)) * (-1.0, 1.0, 1.0)
+        d = self.axes @ (s.r[self.a].T @ self.gap(s)[0] - gap)
+        turned = Rotation.from_matrix(self.axes @ s.r[self.a].T @ s.r[self.b] @ self.axes.T)
+        pitch, yaw, roll = turned.as_euler("ZYX")
+        return dict(
+            zip(("x", "y", "z", "pitch", "yaw", "roll"), (*d, pitch, yaw, roll), strict=True)
         )
 
     def angle(self, s: State) -> float:

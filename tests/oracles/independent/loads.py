@@ -3,19 +3,20 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from oracles.independent.air import Coefficients, Increments, Standard, Tabled, Wind
-from oracles.independent.case import Table
+from oracles.independent.air import Coefficients, Increments, Standard, Tabled, Wind, curve
+from oracles.independent.case import COEFFICIENTS, Table
 from oracles.independent.formulas import Formulas
 from oracles.independent.joints import Joint, pair
 from oracles.independent.state import Array, State, Vehicle, cross
 from sepmc.validation.classical_loads import EARTH_RADIUS
 
 GRAIN = 1e-12  # s: times closer than this are equal
+_PAST_ROW = 1e-10  # m beyond a row of a force table, m/s beyond rest: it is passed
 
 
 class Motor:
@@ -111,10 +112,14 @@ class Spring:
             if table["axis"] is None
             else np.array(table["axis"], float) / np.linalg.norm(table["axis"])
         )
-        self.curve = None
+        self.curve, self.rows, self.span = None, np.zeros(0), 0
+        # of the force of the table, as the extension shrinks
+        self.return_factor, self.shrinks = 1.0, False
         if table["table"]:
-            rows = table["table"]
-            self.curve = CubicSpline(np.array(rows["extension"], float), rows["force"])
+            known = table["table"]
+            self.rows = np.array(known["extension"], float)
+            self.curve = curve(self.rows, known["force"], known["interpolation"])
+            self.return_factor = known["return_factor"]
         gap = (np.array(points[1], float) - np.array(points[0], float)) * (-1.0, 1.0, 1.0)
         self.start = float(np.linalg.norm(gap) if self.axis is None else gap @ self.axis)
 
@@ -131,12 +136,43 @@ class Spring:
         """Extension from the start, m."""
         return self.line(s)[1]
 
+    def begin(self, s: State) -> None:
+        """Set the span of the table that the spring starts in, and whether it shrinks."""
+        _, extension, rate, _ = self.line(s)
+        self.span = int(np.searchsorted(self.rows, extension, side="right"))
+        self.shrinks = rate < -_PAST_ROW
+
+    def kinks(self) -> list[tuple[Callable[[float, State], float], Callable[[], None]]]:
+        """Functions that become positive where the force of the table is not smooth, and what
+        changes there."""
+        if self.curve is None:
+            return []
+        k, sign = self.span, 1.0 if self.shrinks else -1.0
+        kinks = [(lambda _, s: sign * self.line(s)[2] - _PAST_ROW, self._turn)]
+        if k < len(self.rows):
+            top = self.rows[k]
+            kinks.append((lambda _, s: self.extension(s) - top - _PAST_ROW, partial(self._move, 1)))
+        if k > 0:
+            base = self.rows[k - 1]
+            kinks.append(
+                (lambda _, s: base - self.extension(s) - _PAST_ROW, partial(self._move, -1))
+            )
+        return kinks
+
+    def _turn(self) -> None:
+        """Note that the extension begins to shrink, or ceases to."""
+        self.shrinks = not self.shrinks
+
+    def _move(self, by: int) -> None:
+        """Move to the next span."""
+        self.span += by
+
     def tabled(self, extension: float) -> float:
         """Force of the table at an extension, N; that of an end row beyond the ends."""
         if self.curve is None:
             return 0.0
-        ends = self.curve.x[[0, -1]]
-        return float(self.curve(min(max(extension, ends[0]), ends[1])))
+        value = float(self.curve(min(max(extension, self.rows[0]), self.rows[-1])))
+        return value * (self.return_factor if self.shrinks else 1.0)
 
     def push(
         self, s: State, force: Array, moment: Array, number: Callable[[str, float], float]
@@ -215,9 +251,11 @@ class Constant:
 class Flow:
     """Aerodynamic state of a body: its coefficients, reference point and atmosphere layer."""
 
-    def __init__(self, name: str, table: Table, vehicle: Vehicle):
+    def __init__(self, name: str, table: Table, vehicle: Vehicle, signals: list[str]):
         self.name, self.body, self.table = name, vehicle.index[name], table
-        self.coefficients = Coefficients(table)
+        self.coefficients = Coefficients(table, signals)
+        known = {term for key in COEFFICIENTS for term in table[key] or ()}
+        self.signals = [name for name in signals if name in known]
         self.arm = (
             np.zeros(3)
             if table["moment_point"] is None
@@ -248,7 +286,7 @@ class Loads:
         self.constants = [self._constant(table) for table in scene["load"]]
         self.air = None if self.environment["atmosphere"] == "none" else self._air()
         flows = {
-            name: Flow(name, body["aerodynamics"], vehicle)
+            name: Flow(name, body["aerodynamics"], vehicle, list(self.formulas.signals))
             for name, body in scene["body"].items()
             if body["aerodynamics"]
         }
@@ -256,6 +294,8 @@ class Loads:
             if table["body"] in flows:
                 flows[table["body"]].increments.append((joints[table["joint"]], Increments(table)))
         self.flows = list(flows.values()) if self.air else []
+        used = [name for flow in self.flows for name in flow.signals]
+        self.formulas.used = list(dict.fromkeys([*self.formulas.used, *used]))
         self.thrusts: list[tuple[Motor, Callable[[float], float]]] = []
         self.acting: list[Constant] = []
 
@@ -343,9 +383,13 @@ class Loads:
         """Aerodynamic force, N, and moment about the mass centre, N m, body axes."""
         speed, density, mach, alpha, beta = self.flow(t, s, flow)
         rates = self._reduced_rates(s, flow, speed)
+        rates |= {name: self.formulas.value(name, t, s) for name in flow.signals}
         c = flow.coefficients.at(mach, alpha, beta, rates)
         for joint, increments in flow.increments:
-            c = c + increments.at(joint.separation(s)[0])
+            motion = {"distance": joint.separation(s)[0]}
+            if "distance" not in increments.axes:
+                motion = joint.relative_motion(s)
+            c = c + increments.at(motion)
         qs = 0.5 * density * speed * speed * flow.table["reference_area"]
         force = qs * flow.table["force_factor"] * np.array([-c[0], c[1], -c[2]])
         moment = (

@@ -34,6 +34,8 @@ def columns(scene: dict[str, Any]) -> list[str]:
         ignitions=tuple(m["name"] for m in scene["motor"] if isinstance(m["ignition"], dict)),
         springs=tuple(s["name"] for s in scene["spring"] if math.isfinite(s["stroke"])),
         partial_releases=tuple(dict.fromkeys(_partial_releases(scene))),
+        hinges=tuple(output["hinge"]),
+        relative=tuple(map(tuple, output["relative"])),
         formulas=tuple(Formula(t["name"], t["formula"], t["unit"]) for t in scene["outcome"]),
     )
     return [column.name for column in outcome_columns(contents)]
@@ -130,7 +132,7 @@ def at_event(flight: Progress, event: str) -> dict[str, float]:
             f"{prefix}separation_speed_m_s": speed,
             f"{prefix}separation_distance_mm": 1e3 * distance,
         }
-    return out
+    return out | _relative(flight, s, f"{event}_")
 
 
 def report(flight: Progress) -> dict[str, float]:
@@ -170,6 +172,7 @@ def report(flight: Progress) -> dict[str, float]:
             f"{prefix}separation_distance_mm": 1e3 * distance,
         }
         out[f"{prefix}release_time_s"] = released
+    out |= _relative(flight, s)
     for name in flight.scene["output"]["tip_off"]:
         if name in flight.released:
             for body in flight.joints[name].bodies:
@@ -196,6 +199,34 @@ def report(flight: Progress) -> dict[str, float]:
     distances = flight.clearances.report(free) | flight.clearances.at(times, free)
     out |= flight.monitor.report() | distances | _transverse_rates(flight, out)
     return out | _by_formulas(flight.scene["outcome"], out)
+
+
+def _relative(flight: Progress, s: State, prefix: str = "") -> dict[str, float]:
+    """Hinge angles, distances and relative attitudes at a state."""
+    out, index = {}, flight.vehicle.index
+    for name in flight.scene["output"]["hinge"]:
+        table = flight.scene["joint"][name]
+        turns = [s.r[index[body]] if body in index else np.eye(3) for body in table["bodies"]]
+        spins = [
+            s.r[index[body]] @ s.w[index[body]] if body in index else np.zeros(3)
+            for body in table["bodies"]
+        ]
+        x = np.array(table["x_axis"]) / np.linalg.norm(table["x_axis"])
+        y = np.array(table["y_axis"]) - x * (x @ np.array(table["y_axis"]))
+        y /= np.linalg.norm(y)
+        turned = turns[0].T @ turns[1] @ y
+        angle = math.atan2(turned @ np.cross(x, y), turned @ y)
+        out[f"{prefix}{name}_angle_deg"] = math.degrees(angle)
+        rate = (turns[0] @ x) @ (spins[1] - spins[0])
+        out[f"{prefix}{name}_angle_rate_deg_s"] = math.degrees(rate)
+    for first, second in flight.scene["output"]["relative"]:
+        a, b = index[first], index[second]
+        stem, m = f"{prefix}{second}_from_{first}_", s.r[a].T @ s.r[b]
+        out[f"{stem}distance_m"] = float(np.linalg.norm(s.x[b] - s.x[a]))
+        out[f"{stem}roll_deg"] = math.degrees(math.atan2(m[2, 1], m[2, 2]))
+        out[f"{stem}yaw_deg"] = math.degrees(math.atan2(-m[2, 0], math.hypot(m[0, 0], m[1, 0])))
+        out[f"{stem}pitch_deg"] = math.degrees(math.atan2(m[1, 0], m[0, 0]))
+    return out
 
 
 def _by_formulas(tables: list[dict[str, Any]], out: dict[str, float]) -> dict[str, float]:

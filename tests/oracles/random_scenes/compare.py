@@ -459,6 +459,10 @@ def _late_features(tree: Tree) -> set[str]:
         "wind profile": "profile" in environment.get("wind", {}),
         "table of the air": "air" in environment,
         "aerodynamic table": any("table" in body.get("aerodynamics", {}) for body in bodies),
+        "relative axes": any("axes" in entry for entry in tree.get("proximity", [])),
+        "return factor": any(
+            "return_factor" in spring.get("table", {}) for spring in tree.get("spring", [])
+        ),
         "guide": guides,
         "guide friction": any(guide.get("friction") for guide in guides),
         "clearance": tree.get("clearance"),

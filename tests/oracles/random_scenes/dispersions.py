@@ -117,10 +117,17 @@ def kind_of(path: Path) -> str:
     return ".".join(parts)
 
 
+def _is_unused_return(scene: Scene, path: Path) -> bool:
+    """True for the return factor 1 of a force table."""
+    name = ".".join(path.parts)
+    return path.parts[-1] == "return_factor" and value(scene, name) == 1.0
+
+
 def add_dispersions(tree: dict[str, Any], scene: Scene, rng: RandomStream) -> None:
     """Add distributions to a tree, from which ``scene`` was read; those that the parser refuses (of
     settings, say) are left out."""
-    all_paths = list(paths(scene))
+    # scenes of old seeds have no return factors
+    all_paths = [path for path in paths(scene) if not _is_unused_return(scene, path)]
     # Each kind of number is equally likely, whatever its count.
     kinds = sorted({kind_of(path) for path in all_paths})
     timed = [kind for kind in kinds if kind.endswith(_TIMED)]

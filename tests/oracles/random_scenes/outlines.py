@@ -25,6 +25,19 @@ def add_clearances(draft: Draft) -> None:
         tree.setdefault("clearance", []).append(clearance)
 
 
+def add_sectors(draft: Draft) -> None:
+    """Make some frustums of outlines sectors, where a clearance has solids left."""
+    rng, tree = draft.rng, draft.tree
+    if "sector" not in draft.late:
+        return
+    for body in sorted({body for one in tree.get("clearance", []) for body in one["bodies"]}):
+        outline = tree["body"][body]["outline"]
+        frustums = [part for part in outline if "stations_m" in part and not part.get("hollow")]
+        if len(frustums) > 1 or (len(outline) > 1 and frustums):
+            first = rng.uniform(-180.0, 180.0)
+            frustums[0]["sector_deg"] = [first, rounded(first + rng.uniform(60.0, 300.0))]
+
+
 def name_parts(draft: Draft) -> None:
     """Name some parts of outlines, and some of them in clearances; others by their number."""
     rng, tree = draft.rng, draft.tree
@@ -42,7 +55,9 @@ def name_parts(draft: Draft) -> None:
             [part for part, name in zip(o, one, strict=True) if not c or name in c]
             for o, one, c in zip(outlines, names, chosen, strict=True)
         ]
-        if not all(part.get("hollow") for parts in kept for part in parts):
+        if not all(
+            part.get("hollow") or part.get("sector_deg") for parts in kept for part in parts
+        ):
             clearance["outlines"] = chosen
 
 

@@ -29,11 +29,11 @@ from oracles.random_scenes.guides import add_guides, add_outputs
 from oracles.random_scenes.joints import add_joints
 from oracles.random_scenes.loads import add_force_tables, add_late_profiles, add_loads
 from oracles.random_scenes.names import Names
-from oracles.random_scenes.outlines import add_clearances, name_parts
+from oracles.random_scenes.outlines import add_clearances, add_sectors, name_parts
 from oracles.random_scenes.phases import add_allowances, add_instants, add_phases, add_triggers
 from oracles.random_scenes.rng import RandomStream
-from oracles.random_scenes.signals import add_signals
-from oracles.random_scenes.tables import add_aero_tables, add_increments, add_profiles
+from oracles.random_scenes.signals import add_control_terms, add_signals
+from oracles.random_scenes.tables import add_aero_tables, add_increments, add_profiles, vary_tables
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 
@@ -63,6 +63,10 @@ LATE = {
     "optional": 0.15,  # optional releases, and releases that do not occur
     "late profile": 0.15,  # thrust that begins some time after ignition
     "signal": 0.2,  # loads, motors and springs by formulas
+    # by name only, so that old scenes stay
+    "sector": 0.0,  # sectors of frustums as outlines
+    "table variant": 0.0,  # interpolations, corners, return factors, axes of relative motion
+    "control derivative": 0.0,  # coefficients by signals
 }
 _LATE_PROBABILITY = 0.3
 _TRANSVERSE = 0.15  # probability of transverse rates as outputs
@@ -133,12 +137,18 @@ def scene(seed: int, late: Iterable[str] | None = None, kinds: Iterable[str] = (
     add_allowances(draft)
     draft.rng = RandomStream(seed, 7)
     add_late_profiles(draft)
+    draft.rng = RandomStream(seed, 22)
+    add_sectors(draft)
     draft.rng = RandomStream(seed, 20)
     name_parts(draft)
     draft.rng = RandomStream(seed, 21)
     add_force_tables(draft)
     draft.rng = RandomStream(seed, 8)
     add_signals(draft)
+    draft.rng = RandomStream(seed, 22)
+    vary_tables(draft)
+    draft.rng = RandomStream(seed, 23)
+    add_control_terms(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # refused scenes are counted
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, rng)

@@ -31,6 +31,20 @@ def add_signals(draft: Draft) -> None:
     tree["signal"] = signals
 
 
+def add_control_terms(draft: Draft) -> None:
+    """Let signals act on coefficients of bodies in the air."""
+    rng, tree = draft.rng, draft.tree
+    bodies = [body["aerodynamics"] for body in tree["body"].values() if "aerodynamics" in body]
+    if "control derivative" not in draft.late or not bodies:
+        return
+    tree.setdefault("signal", [_signal(draft, "signal1", 1.0, [])])
+    for signal in tree["signal"]:
+        aero = rng.choice(bodies)
+        for key in rng.subset(("axial", "normal", "side", "roll", "yaw", "pitch"), 2):
+            part = rng.symmetric(0.2) / (abs(signal["size"]) or 1.0)
+            aero[key] = {**aero.get(key, {}), signal["name"]: rounded(part)}
+
+
 def _places(tree: Tree) -> list[tuple[Tree, str, int | None]]:
     """Tables, keys and components of the numbers that a signal may give."""
     places: list[tuple[Tree, str, int | None]] = []

@@ -94,6 +94,50 @@ def add_increments(draft: Draft) -> None:
         tree.setdefault("proximity", []).append(entry)
 
 
+def vary_tables(draft: Draft) -> None:
+    """Give tables other interpolations, springs corners and return factors, and increments axes of
+    relative motion."""
+    rng, tree = draft.rng, draft.tree
+    if "table variant" not in draft.late:
+        return
+    environment = tree["environment"]
+    tables = [environment.get("air"), environment.get("wind", {}).get("profile")]
+    tables += [body.get("aerodynamics", {}).get("table") for body in tree["body"].values()]
+    tables += [*tree.get("proximity", []), *(one.get("table") for one in tree.get("spring", []))]
+    for table in filter(None, tables):
+        table["interpolation"] = rng.weighted_choice({"linear": 0.6, "monotone": 0.2, "cubic": 0.2})
+    for spring in tree.get("spring", []):
+        table = spring.get("table", {})
+        if table and rng.chance(0.4):
+            later = rng.uniform(0.002, 0.02)
+            table["extension_m"] = [rounded(x + later) for x in table["extension_m"]]
+        if table and rng.chance(0.5):
+            table["return_factor"] = rng.uniform(0.0, 1.0)
+    for entry in tree.get("proximity", []):
+        if rng.chance(0.6):
+            _add_axes(draft, entry)
+
+
+def _add_axes(draft: Draft, entry: Tree) -> None:
+    """Replace the distance of increments by one to three axes of relative motion."""
+    rng = draft.rng
+    reach = max(abs(x) for x in entry.pop("distance_m"))
+    names = rng.subset(["x", "y", "z", "pitch", "yaw", "roll"], rng.choice([1, 2, 2, 3]))
+    axes = {
+        f"{name}_m" if name in "xyz" else f"{name}_deg": _axis(
+            draft,
+            rng.symmetric(0.3 * reach if name in "xyz" else 3.0),
+            reach if name in "xyz" else rng.uniform(3.0, 40.0),
+            rng.choice([2, 3, 4]),
+        )
+        for name in names
+    }
+    shape = [len(points) for points in axes.values()]
+    for name in [name for name in COEFFICIENTS if name in entry]:
+        entry[name] = _grid(draft, shape, 0.5 if name in ("axial", "normal", "side") else 0.1)
+    entry["axes"] = axes
+
+
 def _axis(draft: Draft, middle: float, half: float, count: int) -> list[float]:
     """Strictly increasing points from ``middle - half`` to ``middle + half``, unevenly spaced."""
     step = 2.0 * half / (count - 1)

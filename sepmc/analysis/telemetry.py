@@ -1,0 +1,433 @@
+"""Telemetry of a flight against the cases of a run: clock shift, envelope, residuals, nearest
+cases.
+
+A channel of the flight is compared with a column of histories; both are in the unit of the column.
+The time of the flight's clock is the time of the run plus the clock shift.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from sepmc.scene.messages import InputError
+
+INSIDE = 99.0  # %, of the band whose use is reported
+CURVES = {"p0.5": 0.5, "p5": 5.0, "p50": 50.0, "p95": 95.0, "p99.5": 99.5}
+_NORMAL = 2.5758293035489004  # half width of the 99 % band of noise, in sigmas
+_NEAREST = 5  # cases listed
+_SAMPLES = 2_000  # of a channel, that the shift is estimated from
+_STEPS = 200  # of a coarse scan, over the duration of the run
+_MOST_SHIFTS = 20_000  # of a coarse scan
+_SCANS, _FINE = 3, 20  # fine scans, each of so many steps to either side
+_REFERENCES = 8  # cases of a coarse scan beside the nominal one
+_LEAST_NOISE = 1e-3  # of a channel, in units of its scale, in the weights of its samples
+_WINDOW = 0.1  # of the run, to either side of the coarse scan: shifts that other cases may have
+_OVERLAP = 0.5  # least part of the shorter of run and flight that must coincide
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel of telemetry.
+
+    Attributes
+    ----------
+    time : ndarray, shape (m,)
+        Of the flight's clock, s, not falling.
+    values : ndarray, shape (m,)
+        In the unit of the column it is compared with.
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Histories:
+    """Histories of cases on one time grid.
+
+    Attributes
+    ----------
+    numbers : ndarray of int, shape (n,)
+        Of the cases.
+    names : tuple of str, length c
+        Of the columns.
+    step : float
+        Of the grid, which starts at 0, s.
+    values : ndarray, shape (n, c, t)
+        NaN after the end of a case.
+    nominal : ndarray, shape (c, t)
+        Of the nominal case.
+    """
+
+    numbers: np.ndarray
+    names: tuple[str, ...]
+    step: float
+    values: np.ndarray
+    nominal: np.ndarray
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times (t,) of the grid, s."""
+        return np.arange(self.values.shape[-1]) * self.step
+
+    @property
+    def end(self) -> float:
+        """Last time of the grid, s."""
+        return (self.values.shape[-1] - 1) * self.step
+
+
+@dataclass(frozen=True)
+class ClockShift:
+    """Time of the flight's clock at time 0 of the run.
+
+    Attributes
+    ----------
+    value, error : float
+        s; ``error`` is one standard error, 0 of a shift that was given.
+    is_estimated : bool
+    """
+
+    value: float
+    error: float = 0.0
+    is_estimated: bool = False
+
+
+@dataclass(frozen=True)
+class FlightComparison:
+    """A flight against the cases of a run.
+
+    Attributes
+    ----------
+    shift : ClockShift
+    n_cases : int
+        Cases of the envelope.
+    channels : DataFrame
+        A row per column: samples, noise (sigma of the channel, from its second differences),
+        envelope_used (largest distance from the median over the half width of the 99 % band, 1 at
+        its edge; the band is widened by the noise) and its time, inside_99 (fraction of the time
+        within the band), residual_rms and residual_max (against the nominal case) and its time.
+    curves : DataFrame
+        Long form: channel, time_s (of the run), flight, nominal, percentiles p0.5 to p99.5.
+    nearest : list of (int, float)
+        Number and distance of the cases that are nearest: rms over time and channels of the
+        difference, in units of the spread of the cases and the noise of the channel.
+    """
+
+    shift: ClockShift
+    n_cases: int
+    channels: pd.DataFrame
+    curves: pd.DataFrame
+    nearest: list[tuple[int, float]]
+
+
+def noise_of(values: np.ndarray) -> float:
+    """Standard deviation of the noise of a channel, from its second differences.
+
+    Parameters
+    ----------
+    values : ndarray, shape (m,)
+
+    Returns
+    -------
+    float
+        0 of fewer than five values.
+    """
+    if len(values) < 5:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(np.diff(values, 2))) / np.sqrt(6.0))
+
+
+def compare_flight(
+    channels: Mapping[str, Channel], histories: Histories, shift_s: float | None = None
+) -> FlightComparison:
+    """Compare a flight with the cases of a run.
+
+    Parameters
+    ----------
+    channels : mapping of column to Channel
+    histories : Histories
+        With these columns.
+    shift_s : float, optional
+        Time of the flight's clock at time 0 of the run; estimated if None.
+
+    Returns
+    -------
+    FlightComparison
+
+    Raises
+    ------
+    InputError
+        If flight and run do not overlap, or the shift cannot be estimated.
+    """
+    ordered = [channels[name] for name in histories.names]
+    scales = _scales(ordered, histories)
+    shift = ClockShift(shift_s or 0.0)
+    if shift_s is None:
+        shift = _estimate_shift(ordered, histories, scales)
+    rows, curves, squares, count = [], [], np.zeros(len(histories.numbers)), 0
+    for i, (name, channel) in enumerate(zip(histories.names, ordered, strict=True)):
+        time, flight = _within(channel, shift.value, histories.end)
+        if len(time) < 2:
+            raise InputError(
+                f"{name}: the flight has {len(time)} samples within the run, 0 to "
+                f"{histories.end:g} s, at a clock shift of {shift.value:.14g} s"
+            )
+        cases = _at(histories.values[:, i], histories.step, time)
+        nominal = _at(histories.nominal[None, i], histories.step, time)[0]
+        bands = np.nanpercentile(cases, list(CURVES.values()), axis=0)
+        low, _, median, _, high = bands
+        noise = _NORMAL * noise_of(channel.values)
+        half = np.hypot(np.where(flight > median, high - median, median - low), noise)
+        used = np.abs(flight - median) / np.where(half > 0.0, half, np.inf)
+        used[(half == 0.0) & (flight != median)] = np.inf
+        weights = np.gradient(time) if np.ptp(time) > 0.0 else np.ones(len(time))
+        residual = flight - nominal
+        worst, largest = int(np.nanargmax(used)), int(np.nanargmax(np.abs(residual)))
+        rows.append(
+            {
+                "samples": len(time),
+                "noise": noise / _NORMAL,
+                "envelope_used": used[worst],
+                "envelope_used_at_s": time[worst],
+                "inside_99": float(weights[used <= 1.0].sum() / weights.sum()),
+                "residual_rms": float(np.sqrt(np.nanmean(residual**2))),
+                "residual_max": residual[largest],
+                "residual_max_at_s": time[largest],
+            }
+        )
+        table = {"channel": name, "time_s": time, "flight": flight, "nominal": nominal}
+        curves.append(pd.DataFrame(table | dict(zip(CURVES, bands, strict=True))))
+        squares += _sum_squares((cases - flight) / scales[i])
+        count += len(time)
+    distances = np.sqrt(squares / count)
+    order = np.argsort(distances, kind="stable")[:_NEAREST]
+    return FlightComparison(
+        shift,
+        len(histories.numbers),
+        pd.DataFrame(rows, index=pd.Index(histories.names, name="channel")),
+        pd.concat(curves, ignore_index=True),
+        [(int(histories.numbers[k]), float(distances[k])) for k in order],
+    )
+
+
+def _scales(channels: Sequence[Channel], histories: Histories) -> list[float]:
+    """Scale of the difference of each channel: spread of the cases and noise."""
+    scales = []
+    for i, channel in enumerate(channels):
+        values = histories.values[:, i]
+        variance = float(np.nanmean(np.nanvar(values, axis=0)))
+        scale = np.hypot(np.sqrt(variance), noise_of(channel.values))
+        extent = float(np.nanmax(np.abs(values), initial=0.0))
+        scales.append(max(float(scale), 1e-9 * extent) or 1.0)
+    return scales
+
+
+def _within(channel: Channel, shift: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times of the run and values of the samples of a channel within the run."""
+    time = channel.time - shift
+    first, last = np.searchsorted(time, [-1e-9 * end, end * (1 + 1e-9)])
+    return np.clip(time[first:last], 0.0, end), channel.values[first:last]
+
+
+def _at(values: np.ndarray, step: float, times: np.ndarray) -> np.ndarray:
+    """Values (n, m) of histories (n, t) at times (m,) or (n, m), linear between the rows; NaN
+    outside."""
+    position = times / step
+    index = np.clip(position.astype(np.int64), 0, values.shape[1] - 2)
+    part = position - index
+    if times.ndim == 1:
+        low, high = values[:, index], values[:, index + 1]
+    else:
+        low, high = (np.take_along_axis(values, k, axis=1) for k in (index, index + 1))
+    inside = (position >= -1e-9) & (position <= values.shape[1] - 1 + 1e-9)
+    return np.where(inside, low + part * (high - low), np.nan)
+
+
+def _sum_squares(differences: np.ndarray) -> np.ndarray:
+    """Sums (n,) of squares (n, m); where a case has no value, the mean of its others counts."""
+    squares = differences**2
+    known = np.isfinite(squares)
+    total, count = np.where(known, squares, 0.0).sum(axis=1), known.sum(axis=1)
+    return np.where(count > 0, total * squares.shape[1] / np.maximum(count, 1), np.inf)
+
+
+@dataclass(frozen=True)
+class _Curves:
+    """Histories of a channel, in units of its scale.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, t)
+    weights : ndarray, shape (n, t)
+        Of a sample after each row: 1 where the history is smooth; where it jumps or bends within
+        two rows, its time is not known better than they are apart, and a sample counts by the
+        ratio of the variance of the noise to that bend.
+    step : float
+        s.
+    """
+
+    values: np.ndarray
+    weights: np.ndarray
+    step: float
+
+    @classmethod
+    def of(cls, values: np.ndarray, scale: float, noise: float, step: float) -> "_Curves":
+        """Curves of histories (n, t) and noise in the unit of a channel."""
+        scaled = values / scale
+        bend = np.zeros_like(scaled)
+        bend[:, 1:-1] = np.abs(np.diff(scaled, 2, axis=1))
+        bend[:, :-1] = np.maximum(bend[:, :-1], bend[:, 1:])
+        variance = max(noise / scale, _LEAST_NOISE) ** 2
+        return cls(scaled, variance / (variance + np.nan_to_num(bend, nan=np.inf) ** 2), step)
+
+    def differences(
+        self, time: np.ndarray, flight: np.ndarray, shifts: np.ndarray | float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Differences (n, m) from a flight, and their weights, 0 where there is no value."""
+        times = _run_times(time, shifts)
+        residual = _at(self.values, self.step, times) - flight
+        index = np.clip((times / self.step).astype(np.int64), 0, self.values.shape[1] - 1)
+        if times.ndim == 1:
+            weights = self.weights[:, index]
+        else:
+            weights = np.take_along_axis(self.weights, index, axis=1)
+        known = np.isfinite(residual)
+        return np.where(known, residual, 0.0), np.where(known, weights, 0.0)
+
+    def slopes(self, times: np.ndarray) -> np.ndarray:
+        """Slopes (n, m) at times (n, m), 0 where there is none."""
+        slopes = _at(np.gradient(self.values, self.step, axis=1), self.step, times)
+        return np.nan_to_num(slopes, nan=0.0)
+
+    def only(self, case: int) -> "_Curves":
+        """The curves of one case."""
+        part = slice(case, case + 1)
+        return _Curves(self.values[part], self.weights[part], self.step)
+
+
+Samples = Sequence[tuple[np.ndarray, np.ndarray]]
+
+
+def _estimate_shift(
+    channels: Sequence[Channel], histories: Histories, scales: Sequence[float]
+) -> ClockShift:
+    """Estimate the clock shift: that at which the nearest case is nearest.
+
+    The error is that of least squares with the residual of that case, its correlation in time
+    included, and the spread of the shifts of other cases by how near they are.
+    """
+    noise = [noise_of(channel.values) for channel in channels]
+    start, step = _coarse_shift(channels, histories, scales, noise)
+    width = max(2.0 * step, _WINDOW * histories.end)
+    samples = []
+    for channel, scale in zip(channels, scales, strict=True):
+        time, values = _within(channel, start - width, histories.end + 2.0 * width)
+        stride = -(-len(time) // _SAMPLES) or 1
+        samples.append((time[::stride] + start - width, values[::stride] / scale))
+    curves = [
+        _Curves.of(histories.values[:, i], scales[i], noise[i], histories.step)
+        for i in range(len(scales))
+    ]
+    shifts, resolution = np.full(len(histories.numbers), start), width
+    for _ in range(_SCANS):  # the jumps of a history have no slopes to go by
+        offsets = resolution * np.linspace(-1.0, 1.0, 2 * _FINE + 1)
+        fits = np.array([_mean_squares(samples, curves, shifts + offset) for offset in offsets])
+        fits = np.where(np.isfinite(fits), fits, np.inf)
+        shifts, squares = shifts + offsets[fits.argmin(axis=0)], fits.min(axis=0)
+        resolution /= _FINE
+    best = int(squares.argmin())
+    own = [each.only(best) for each in curves]
+    variance, effective = _variance(samples, own, shifts[best : best + 1])
+    if not np.isfinite(variance):
+        raise InputError(
+            "clock shift: the cases do not change over time in these columns, so it cannot be "
+            "estimated; give --shift"
+        )
+    variance += resolution**2 / 12.0
+    least = max(float(squares[best]), 1e-300)
+    weights = np.exp(-0.5 * effective * np.minimum(squares / least - 1.0, 1e6))
+    spread = float(np.sum(weights * (shifts - shifts[best]) ** 2) / weights.sum())
+    return ClockShift(float(shifts[best]), float(np.sqrt(variance + spread)), True)
+
+
+def _coarse_shift(
+    channels: Sequence[Channel],
+    histories: Histories,
+    scales: Sequence[float],
+    noise: Sequence[float],
+) -> tuple[float, float]:
+    """Shift at which one of a few cases is nearest, and the step of the scan, s."""
+    first = max(channel.time[0] for channel in channels)
+    last = min(channel.time[-1] for channel in channels)
+    overlap = _OVERLAP * min(last - first, histories.end)
+    if not overlap > 0.0:
+        raise InputError("clock shift: the channels have no time in common; give --shift")
+    low, high = first - histories.end + overlap, last - overlap
+    step = max(histories.end / _STEPS, (high - low) / _MOST_SHIFTS)
+    count = len(histories.numbers)
+    chosen = np.linspace(0, count - 1, min(_REFERENCES, count)).round().astype(int)
+    curves = [
+        _Curves.of(
+            np.vstack([histories.nominal[None, i], histories.values[chosen, i]]),
+            scales[i],
+            noise[i],
+            histories.step,
+        )
+        for i in range(len(scales))
+    ]
+    best = (np.inf, 0.0)
+    for shift in np.arange(low, high + 0.5 * step, step):
+        samples = []
+        for channel, scale in zip(channels, scales, strict=True):
+            time, values = _within(channel, shift, histories.end)
+            stride = -(-len(time) // (2 * _STEPS)) or 1
+            samples.append((time[::stride] + shift, values[::stride] / scale))
+        squares = np.nan_to_num(_mean_squares(samples, curves, shift), nan=np.inf)
+        best = min(best, (float(squares.min()), float(shift)))
+    if not np.isfinite(best[0]):
+        raise InputError("clock shift: no shift at which flight and run overlap; give --shift")
+    return best[1], float(step)
+
+
+def _run_times(time: np.ndarray, shifts: np.ndarray | float) -> np.ndarray:
+    """Times of the run (m,), or (n, m) of a shift for each case."""
+    return time - shifts if np.ndim(shifts) == 0 else time - np.asarray(shifts)[:, None]
+
+
+def _mean_squares(
+    samples: Samples, curves: Sequence[_Curves], shifts: np.ndarray | float
+) -> np.ndarray:
+    """Weighted mean squares (n,) of the differences of cases from samples, at a shift or one of
+    each case; NaN without any."""
+    total = count = np.zeros(len(curves[0].values))
+    for (time, flight), own in zip(samples, curves, strict=True):
+        residual, weights = own.differences(time, flight, shifts)
+        total = total + (weights * residual**2).sum(axis=1)
+        count = count + weights.sum(axis=1)
+    return np.where(count > 0.0, total / np.where(count > 0.0, count, 1.0), np.nan)
+
+
+def _variance(
+    samples: Samples, curves: Sequence[_Curves], shift: np.ndarray
+) -> tuple[float, float]:
+    """Variance of the shift (1,) of a case, and its number of independent samples. Residuals that
+    are correlated in time count as fewer (by their correlation from one sample to the next)."""
+    top = bottom = effective = 0.0
+    for (time, flight), own in zip(samples, curves, strict=True):
+        residual, weights = (x[0] for x in own.differences(time, flight, shift))
+        slope = own.slopes(_run_times(time, shift))[0]
+        count = float(weights.sum())
+        if count < 3.0:
+            continue
+        variance = float((weights * residual**2).sum()) / count
+        weighted = np.sqrt(weights) * residual
+        product = float((weighted[1:] * weighted[:-1]).sum()) / count
+        correlation = min(max(product / variance, 0.0), 1.0 - 1.0 / count) if variance else 0.0
+        inflation = (1.0 + correlation) / (1.0 - correlation)
+        information = float((weights * slope**2).sum())
+        top += variance * inflation * information
+        bottom += information
+        effective += count / inflation
+    return (top / bottom**2 if bottom > 0.0 else np.inf), effective

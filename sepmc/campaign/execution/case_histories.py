@@ -1,0 +1,79 @@
+"""Full histories of many cases of a campaign on one time grid."""
+
+from collections.abc import Callable, Sequence
+
+import msgspec
+import numpy as np
+
+from sepmc import schema
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.execution.single_case import SingleCase, simulate_case, simulate_cases
+from sepmc.campaign.execution.step_selection import kernel_spec
+from sepmc.scene.messages import Log
+from sepmc.schema import Status
+
+
+def case_histories(
+    campaign: Definition,
+    numbers: Sequence[int],
+    names: Sequence[str],
+    times: np.ndarray,
+    seed: int,
+    total: int,
+    announce: Log | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> np.ndarray:
+    """Simulate cases of a run again, with the columns of their histories.
+
+    Parameters
+    ----------
+    campaign : Definition
+    numbers : sequence of int
+        Case numbers; -1 is the nominal case.
+    names : sequence of str
+        Of `sepmc.schema.history_columns`.
+    times : ndarray, shape (t,)
+        Evenly spaced from 0, s.
+    seed, total : int
+        Of the run.
+    announce : Log, optional
+        Told if the kernel is compiled.
+    progress : callable (n_done), optional
+
+    Returns
+    -------
+    ndarray, shape (cases, names, t)
+        In the units of the columns; NaN where a case did not get.
+    """
+    columns = schema.history_columns(campaign.layout.contents)
+    indices = [[c.name for c in columns].index(name) for name in names]
+    scales = np.array([columns[i].scale for i in indices])
+    spec, step = kernel_spec(campaign), float(times[1] - times[0])
+    histories = np.full((len(numbers), len(names), len(times)), np.nan)
+    vectors = (_parameter_vector(campaign, number, seed, total) for number in numbers)
+    for k, result in enumerate(simulate_cases(spec, vectors, step, announce)):
+        if result is None:
+            result = _alone(campaign, numbers[k], step, seed, total)
+        if result.status <= Status.NEVER_RELEASED:
+            for i, (index, scale) in enumerate(zip(indices, scales, strict=True)):
+                rows = result.rows[:, index] * scale
+                histories[k, i] = np.interp(times, result.times, rows, right=np.nan)
+        if progress:
+            progress(k + 1)
+    return histories
+
+
+def _parameter_vector(campaign: Definition, number: int, seed: int, total: int) -> np.ndarray:
+    """Parameter vector of a case, SI."""
+    vector = campaign.layout.nominal.copy()
+    if number >= 0:
+        vector[campaign.slots] = campaign.in_si(campaign.sample(number, 1, seed, total))[0]
+    return vector
+
+
+def _alone(campaign: Definition, number: int, step: float, seed: int, total: int) -> SingleCase:
+    """A case that the kernel of the campaign rejects, by a kernel of its own."""
+    case = campaign.nominal() if number < 0 else campaign.case(number, seed, total)
+    run = msgspec.structs.replace(case.scene.run, seed=seed)
+    scene = msgspec.structs.replace(case.scene, run=run)
+    return simulate_case(scene, campaign.layout.contents, step)

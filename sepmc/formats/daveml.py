@@ -1,0 +1,245 @@
+"""Aerodynamic tables of DAVE-ML (AIAA S-119): gridded tables over Mach number and angles.
+
+A model of DAVE-ML computes outputs by tables and formulas. Read are the functions that are a table
+over Mach number, alpha and beta only; what follows from a formula, or from deflections, is not.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
+from sepmc.formats.columns import plain
+from sepmc.formats.decks import AXES, deck_of
+from sepmc.formats.text_table import FormatError, TextTable, read_text
+from sepmc.formats.xml_tree import Element, parse_xml
+from sepmc.scene.messages import nearest, shorten
+from sepmc.scene.units import split_unit
+
+_CELLS = 100_000  # of a table
+# standard names: column of a deck, and sign; X is forward, Z down, Y right as in DATCOM
+_STANDARD = {
+    "aeroBodyForceCoefficient_X": ("axial", -1.0),
+    "aeroBodyForceCoefficient_Y": ("side", -1.0),
+    "aeroBodyForceCoefficient_Z": ("normal", -1.0),
+    "aeroBodyMomentCoefficient_Roll": ("roll", 1.0),
+    "aeroBodyMomentCoefficient_Pitch": ("pitch", 1.0),
+    "aeroBodyMomentCoefficient_Yaw": ("yaw", 1.0),
+}
+_UNITS = {"deg": "deg", "d": "deg", "rad": "rad", "r": "rad"}
+
+
+@dataclass
+class _Function:
+    """A table: the variable that it gives, those that it depends on, and their points."""
+
+    element: Element
+    result: str
+    variables: list[str]
+    points: list[np.ndarray]
+    values: np.ndarray
+
+
+def read_daveml(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Read an aerodynamic table of a campaign from DAVE-ML.
+
+    Parameters
+    ----------
+    path : Path
+    options : dict
+        ``columns``: names or varIDs of variables, by coefficient or axis.
+
+    Returns
+    -------
+    table : dict
+        Keys of ``[body.NAME.aerodynamics.table]``, with ``interpolation = "linear"``.
+    understood : list of str
+
+    Raises
+    ------
+    FormatError
+    """
+    root = parse_xml(read_text(path))
+    if root.tag != "DAVEfunc":
+        raise FormatError(f"line {root.line}: the root is {shorten(root.tag)}; must be DAVEfunc")
+    variables = {each.attributes.get("varID", "").strip(): each for each in root.all("variableDef")}
+    functions = [_function(each, root, variables) for each in root.all("function")]
+    named = _named(options.get("columns"), variables)
+    chosen = {variable: key for key, (variable, _) in named.items()}
+    axes = {
+        variable: axis
+        for variable, element in variables.items()
+        for axis, quantity in AXES.items()
+        if split_unit(chosen.get(variable, ""))[0] == axis
+        or (
+            variable not in chosen
+            and {plain(element.attributes.get("name", "")), plain(variable)} & {*quantity.names}
+        )
+    }
+    # what enters a formula is a contribution, and no coefficient unless the campaign says so
+    in_formulas = {
+        each.text.strip() for formula in root.all("calculation") for each in formula.all("ci")
+    }
+    usable = [
+        each
+        for each in functions
+        if set(each.variables) <= set(axes)
+        and (each.result in chosen or each.result not in in_formulas)
+    ]
+    if not usable:
+        known = ", ".join(each.result for each in functions[:8])
+        raise FormatError(
+            "has no table over Mach number, alpha and beta alone; name its variables by columns"
+            + (f"; tables: {known}" if functions else "")
+        )
+    table, titles = _long_table(usable, variables, axes)
+    columns = {
+        key: {"column": titles[variable], "scale": scale}
+        for key, (variable, scale) in named.items()
+        if variable in titles
+    }
+    tree, understood = deck_of(table, columns)
+    tree["interpolation"] = "linear"
+    understood.append("linear between the rows, as DAVE-ML means it")
+    left = [each.result for each in functions if each not in usable]
+    if left:
+        understood.append(f"not read, as of other variables or in formulas: {', '.join(left)}")
+    computed = [
+        element.attributes.get("name", variable)
+        for variable, element in variables.items()
+        if element.child("calculation") is not None and element.child("isOutput") is not None
+    ]
+    if computed:
+        understood.append(f"NOT in the table, as they follow from formulas: {', '.join(computed)}")
+    return tree, understood
+
+
+def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, float]]:
+    """Variable and scale by the key that the campaign names."""
+    if columns is not None and not isinstance(columns, dict):
+        raise FormatError("columns: must be variables by coefficient or axis")
+    by_name = {element.attributes.get("name", ""): name for name, element in variables.items()}
+    named = {}
+    for key, value in (columns or {}).items():
+        entry = value if isinstance(value, dict) else {"column": value}
+        name, scale = entry.get("column"), entry.get("scale", 1.0)
+        if (
+            not isinstance(name, str)
+            or isinstance(scale, bool)
+            or not isinstance(scale, int | float)
+        ):
+            raise FormatError(f"columns.{key}: must be a variable, or {{ column, scale }}")
+        if name not in variables and name not in by_name:
+            hint = nearest(name, [*variables, *by_name])
+            raise FormatError(f"columns.{key}: no variable {shorten(name)}; {hint}")
+        named[key] = (name if name in variables else by_name[name], float(scale))
+    return named
+
+
+def _function(element: Element, root: Element, variables: dict[str, Element]) -> _Function:
+    """The table of a function, by points beside its values or by breakpoints."""
+    result = next(
+        (each.attributes.get("varID", "").strip() for each in element.children
+         if each.tag in ("dependentVarRef", "dependentVarPts")), ""
+    )  # fmt: skip
+    inputs = [
+        each for each in element.children if each.tag in ("independentVarRef", "independentVarPts")
+    ]
+    names = [each.attributes.get("varID", "").strip() for each in inputs]
+    if unknown := [name for name in (result, *names) if name not in variables]:
+        raise FormatError(f"line {element.line}: no variableDef of {shorten(unknown[0])}")
+    for each in inputs:
+        way = each.attributes.get("interpolate", "linear")
+        if way != "linear":
+            raise FormatError(f"line {each.line}: interpolate = {shorten(way)}: must be linear")
+    if any(each.tag == "independentVarPts" for each in inputs):
+        points = [np.array(each.numbers(each.text, "independentVarPts")) for each in inputs]
+        cells = element.child("dependentVarPts")
+    else:
+        grid = _grid(element, root)
+        breakpoints = {
+            each.attributes.get("bpID", "").strip(): each for each in root.all("breakpointDef")
+        }
+        points = [_points(each, breakpoints) for each in grid.all("bpRef")]
+        cells = grid.child("dataTable")
+    if cells is None:
+        raise FormatError(f"line {element.line}: the function of {result} has no values")
+    shape = tuple(map(len, points))
+    if len(points) != len(names) or not points or math.prod(shape) > _CELLS:
+        raise FormatError(
+            f"line {element.line}: {result} has {len(points)} sets of breakpoints for "
+            f"{len(names)} variables, {' x '.join(map(str, shape))} values"
+        )
+    for name, axis in zip(names, points, strict=True):
+        if (np.diff(axis) <= 0.0).any():
+            raise FormatError(f"line {element.line}: the points of {name} do not rise")
+    values = np.array(cells.numbers(cells.text, cells.tag, math.prod(shape)))
+    return _Function(element, result, names, points, values.reshape(shape))
+
+
+def _grid(element: Element, root: Element) -> Element:
+    """The gridded table of a function."""
+    own = next(element.all("griddedTableDef"), None) or next(element.all("griddedTable"), None)
+    if own is not None:
+        return own
+    reference = next(element.all("griddedTableRef"), None)
+    if reference is None:
+        raise FormatError(f"line {element.line}: has no gridded table; others are not read")
+    name = reference.attributes.get("gtID", "").strip()
+    tables = {each.attributes.get("gtID", "").strip(): each for each in root.all("griddedTableDef")}
+    if name not in tables:
+        raise FormatError(f"line {reference.line}: no griddedTableDef {shorten(name)}")
+    return tables[name]
+
+
+def _points(reference: Element, breakpoints: dict[str, Element]) -> np.ndarray:
+    name = reference.attributes.get("bpID", "").strip()
+    values = breakpoints[name].child("bpVals") if name in breakpoints else None
+    if values is None:
+        raise FormatError(f"line {reference.line}: no breakpointDef {shorten(name)} with bpVals")
+    return np.array(values.numbers(values.text, "bpVals"))
+
+
+def _long_table(
+    functions: list[_Function], variables: dict[str, Element], axes: dict[str, str]
+) -> tuple[TextTable, dict[str, str]]:
+    """Long table of all functions on the grid of all their points, and the titles of variables.
+
+    Linear tables are the same on a finer grid.
+    """
+    used = [name for name in axes if any(name in each.variables for each in functions)]
+    for first, second in combinations(used, 2):
+        if axes[first] == axes[second]:
+            raise FormatError(f"{first} and {second} are both {axes[first]}")
+    points = {
+        name: np.unique(np.concatenate([
+            each.points[each.variables.index(name)] for each in functions if name in each.variables
+        ]))
+        for name in used
+    }  # fmt: skip
+    if math.prod(map(len, points.values())) > _CELLS:
+        raise FormatError("has tables whose points together are too many")
+    mesh = dict(zip(used, np.meshgrid(*points.values(), indexing="ij"), strict=True))
+    columns, titles = {}, {}
+    for name in used:
+        units = variables[name].attributes.get("units", "").strip().lower()
+        unit = "" if axes[name] == "mach" else _UNITS.get(units, units)
+        titles[name] = f"{axes[name]} ({unit})" if unit else axes[name]
+        columns[titles[name]] = mesh[name].ravel()
+    for each in functions:
+        table = RegularGridInterpolator(each.points, each.values, method="linear")
+        at = [
+            np.clip(mesh[name], ends[0], ends[-1])
+            for name, ends in zip(each.variables, each.points, strict=True)
+        ]
+        title = variables[each.result].attributes.get("name") or each.result
+        title, sign = _STANDARD.get(title, (title, 1.0))
+        if title in columns:
+            raise FormatError(f"line {each.element.line}: {title} is given twice")
+        titles[each.result] = title
+        columns[title] = sign * table(np.stack(at, axis=-1)).ravel()
+    return TextTable(columns), titles

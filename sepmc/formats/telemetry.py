@@ -1,0 +1,369 @@
+"""Channels of telemetry: tables in text and Parquet, MATLAB, MDF (ASAM) and TDMS (LabVIEW)."""
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sepmc.formats.columns import plain, split_header, values_in_si
+from sepmc.formats.text_table import FormatError, read_bytes, read_table
+from sepmc.paths import EXTRA
+from sepmc.processes import processes
+from sepmc.scene.messages import InputError, nearest, printable, shorten
+from sepmc.scene.units import UNITS, split_unit, unit_kind, unit_text
+
+FILE_BYTES = 200_000_000  # of a file
+_LONGEST_S = 300.0  # that a library may take
+_MAP = re.compile(r"([+-]?)\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*)?\s*(.+?)\s*")
+_UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
+_TIMES = ("time", "t", "times", "timestamp", "timestamps", "timesec", "seconds")
+_PACKAGES = {".mf4": "asammdf", ".mdf": "asammdf", ".tdms": "nptdms"}  # of the extra `telemetry`
+
+
+@dataclass(frozen=True)
+class MappedChannel:
+    """A column of histories, and the channel that it is compared with.
+
+    Attributes
+    ----------
+    column, channel : str
+    factor : float
+        Of the channel.
+    unit : str
+        Of the channel; if empty that of the file, or else that of the column.
+    """
+
+    column: str
+    channel: str
+    factor: float = 1.0
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class _Raw:
+    """A channel of a file: time, s or in the unit of its title, values, and unit."""
+
+    time: np.ndarray
+    values: np.ndarray
+    unit: str
+
+
+def parse_map(text: str, columns: Sequence[str]) -> MappedChannel:
+    """Read a mapping, ``COLUMN=[-][FACTOR*]CHANNEL[UNIT]``.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``upper_omega_y_deg_s=-gyro_z[rad/s]``.
+    columns : sequence of str
+        Columns of histories that may be mapped.
+
+    Returns
+    -------
+    MappedChannel
+
+    Raises
+    ------
+    InputError
+    """
+    column, equal, right = (part.strip() for part in text.partition("="))
+    match = _MAP.fullmatch(right)
+    if not equal or match is None:
+        raise InputError(f"--map {shorten(text)}: must be COLUMN=CHANNEL, such as {_EXAMPLE}")
+    if column not in columns:
+        hint = nearest(column, columns)
+        raise InputError(f"--map {shorten(text)}: no column {column} of histories; {hint}")
+    factor = float(match[2] or 1.0) * (-1.0 if match[1] == "-" else 1.0)
+    if not (math.isfinite(factor) and factor):
+        raise InputError(f"--map {shorten(text)}: the factor must be finite and not 0")
+    return MappedChannel(column, match[3], factor)
+
+
+_EXAMPLE = "upper_omega_y_deg_s=-gyro_z[rad/s]"
+
+
+def read_telemetry(
+    path: Path, mapped: Sequence[MappedChannel], columns: Sequence[str], time: str | None = None
+) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], list[str]]:
+    """Read channels of a file of telemetry.
+
+    Parameters
+    ----------
+    path : Path
+        ``.mat``, ``.mf4``, ``.mdf``, ``.tdms``, ``.parquet``; any other ending is a text table.
+    mapped : sequence of MappedChannel
+        If empty, the channels that have the name of a column.
+    columns : sequence of str
+        Columns of histories.
+    time : str, optional
+        Channel of the time; default one that is called so.
+
+    Returns
+    -------
+    dict of str to (ndarray, ndarray)
+        By column: times, s, and values in the unit of the column, without gaps.
+    list of str
+        What was understood.
+
+    Raises
+    ------
+    FormatError
+    """
+    channels = _channels(path, time)
+    if not mapped:
+        mapped = [
+            MappedChannel(column, title)
+            for title in channels
+            for column in columns
+            if title == column or split_header(title, _kind(column))[0] == split_unit(column)[0]
+        ]
+        if not mapped:
+            raise FormatError(
+                f"no channel has the name of a column; give --map, such as {_EXAMPLE}; channels: "
+                f"{_listed(channels)}"
+            )
+    result: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    understood = []
+    for each in mapped:
+        if each.column in result:
+            raise FormatError(f"two channels for the column {each.column}; choose one by --map")
+        own = _resolve(each, channels)
+        raw = channels[own.channel]
+        values, unit, is_assumed = _in_unit_of_column(own, raw)
+        kept = np.isfinite(values) & np.isfinite(raw.time)
+        times, values = raw.time[kept], values[kept]
+        if len(times) < 2:
+            raise FormatError(f"channel {own.channel}: has {len(times)} samples")
+        falling = np.flatnonzero(np.diff(times) < 0.0)
+        if len(falling):
+            k = int(falling[0])
+            raise FormatError(
+                f"channel {own.channel}: the time falls from {times[k]:.14g} to "
+                f"{times[k + 1]:.14g} s at its sample {k + 1}"
+            )
+        result[each.column] = times, values
+        factor = "" if own.factor == 1.0 else f"{own.factor:g} * "
+        assumed = ", which the file does not say" if is_assumed else ""
+        span = f"{times[0]:.14g} to {times[-1]:.14g} s"
+        understood.append(
+            f"{each.column} = {factor}{own.channel}, in {unit_text(unit)}{assumed}: {len(times)} "
+            f"samples, {span}"
+        )
+    return result, understood
+
+
+def _listed(channels: Mapping[str, Any]) -> str:
+    names = list(channels)
+    more = f" and {len(names) - 12} more" if len(names) > 12 else ""
+    return ", ".join(printable(name, 60) for name in names[:12]) + more
+
+
+def _kind(column: str) -> str:
+    unit = split_unit(column)[1]
+    return unit_kind(unit) if unit else ""
+
+
+def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChannel:
+    """The mapping with the title of its channel, and the unit after it."""
+    name, unit = mapped.channel, ""
+    titles = _titles(name, channels)
+    if not titles and (match := _UNIT.fullmatch(name)):
+        name, unit = match[1], match[2]
+        titles = _titles(name, channels)
+    if not titles:
+        raise FormatError(f"no channel {shorten(name)}; {nearest(name, list(channels))}")
+    if len(titles) > 1:
+        raise FormatError(f"several channels {name}: {', '.join(titles[:6])}; give one of these")
+    return replace(mapped, channel=titles[0], unit=unit)
+
+
+def _titles(name: str, channels: Mapping[str, _Raw]) -> list[str]:
+    """Titles of the channels of a name: that title, or those that end in it after a dot, or are
+    it with a unit."""
+    if name in channels:
+        return [name]
+    ends = [title for title in channels if title.rpartition(".")[2] == name]
+    return ends or [title for title in channels if re.match(rf"{re.escape(name)}\s*[(\[]", title)]
+
+
+def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, str, bool]:
+    """Values of a channel in the unit of its column, the unit they had, and whether it is that of
+    the column for want of another."""
+    values, own = mapped.factor * raw.values, split_unit(mapped.column)[1]
+    if not own:
+        return values, "", False
+    kind = unit_kind(own)
+    unit = mapped.unit or raw.unit
+    if unit:
+        unit = split_header(f"channel [{unit}]", kind)[1]
+    else:
+        unit = split_header(mapped.channel, kind)[1]
+    if not unit:
+        return values, own, True
+    try:
+        in_si = values_in_si(values, mapped.channel, unit, kind)
+    except FormatError:
+        raise FormatError(
+            f"channel {mapped.channel}: {unit!r} is no unit of {kind}, of "
+            f"{', '.join(UNITS[kind])}; name one in --map, such as "
+            f"{mapped.column}={mapped.channel}[{own}], with a factor where it needs one"
+        ) from None
+    return in_si / UNITS[kind][own], unit, False
+
+
+def _channels(path: Path, time: str | None) -> dict[str, _Raw]:
+    """Channels of a file by title."""
+    suffix = path.suffix.lower()
+    if suffix not in (".mat", *_PACKAGES):
+        return _of_table(read_table(path, most=FILE_BYTES, gaps=True).columns, time)
+    read_bytes(path, FILE_BYTES)
+    if suffix in _PACKAGES:
+        try:
+            import_module(_PACKAGES[suffix])
+        except ImportError:
+            raise InputError(
+                f"{path.name}: needs {_PACKAGES[suffix]}, of the extra telemetry "
+                f"({EXTRA.format('telemetry')})"
+            ) from None
+    # in a process of its own: damaged files can crash or stall these libraries
+    with processes(1) as pool:
+        try:
+            channels = pool.submit(_by_library, path, time).result(timeout=_LONGEST_S)
+        except BrokenExecutor:
+            raise FormatError("is damaged: the library that reads it crashes") from None
+        except TimeoutError:
+            raise FormatError(f"takes more than {_LONGEST_S:.0f} s to read") from None
+    if not channels:
+        raise FormatError("has no channel of numbers over time")
+    return channels
+
+
+def _by_library(path: Path, time: str | None) -> dict[str, _Raw]:
+    """Channels of a file that a library reads."""
+    readers: dict[str, Callable[[Path, str | None], dict[str, _Raw]]]
+    readers = {".mat": _of_matlab, ".mf4": _of_mdf, ".mdf": _of_mdf, ".tdms": _of_tdms}
+    try:
+        return readers[path.suffix.lower()](path, time)
+    except FormatError:
+        raise
+    except Exception as error:  # what libraries raise on damaged files has no common type
+        reason = printable(str(error).partition("\n")[0])
+        raise FormatError(f"cannot be read: {reason or type(error).__name__}") from None
+
+
+def _of_table(
+    columns: Mapping[str, np.ndarray], time: str | None, stem: str = ""
+) -> dict[str, _Raw]:
+    """Channels of columns of one length, of which one is the time."""
+    title = _time_title(columns, time)
+    unit = split_header(title, "time")[1]
+    factor = UNITS["time"].get(unit or "s")
+    if factor is None:
+        raise FormatError(f"column {title}: {unit!r} is no unit of time")
+    seconds = columns[title] * factor
+    return {stem + k: _Raw(seconds, v, "") for k, v in columns.items() if k != title}
+
+
+def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
+    """Title of the column of time. Raises FormatError if there is none or several."""
+    if time is not None and time in columns:
+        return time
+    wanted = _TIMES if time is None else (plain(time),)
+    titles = [title for title in columns if plain(split_header(title, "time")[0]) in wanted]
+    if len(titles) != 1:
+        what = "no column" if not titles else f"{len(titles)} columns"
+        raise FormatError(f"{what} of time; give --time, of {_listed(columns)}")
+    return titles[0]
+
+
+def _of_matlab(path: Path, time: str | None) -> dict[str, _Raw]:
+    """Vectors of a MATLAB file, and of its structs, each with the time beside it."""
+    from scipy.io import loadmat  # noqa: PLC0415
+
+    try:
+        content = loadmat(path, simplify_cells=True)
+    except NotImplementedError:
+        raise FormatError("is of MATLAB 7.3; save it by save(..., '-v7')") from None
+    channels: dict[str, _Raw] = {}
+    _add_matlab(channels, {k: v for k, v in content.items() if not k.startswith("__")}, "", time, 0)
+    if not channels:
+        raise FormatError("has no vectors with a vector of time beside them; give --time")
+    return channels
+
+
+def _add_matlab(
+    channels: dict[str, _Raw], struct: Mapping[str, Any], stem: str, time: str | None, depth: int
+) -> None:
+    vectors = {
+        str(name): np.asarray(value, dtype=float)
+        for name, value in struct.items()
+        if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiu"
+    }
+    clock = None if time is None else time.rpartition(".")[2]
+    with suppress(FormatError):  # without a time beside them, vectors are no channels
+        title = _time_title(vectors, clock)
+        length = len(vectors[title])
+        same = {name: vector for name, vector in vectors.items() if len(vector) == length}
+        channels |= _of_table(same, title, stem)
+    for name, value in struct.items():
+        if isinstance(value, dict) and depth < 4:
+            _add_matlab(channels, value, f"{stem}{name}.", time, depth + 1)
+
+
+def _of_mdf(path: Path, time: str | None) -> dict[str, _Raw]:
+    """Channels of an MDF file, each with its own time; of equal names all, with their groups."""
+    asammdf = import_module("asammdf")
+
+    channels: dict[str, _Raw] = {}
+    with asammdf.MDF(path) as file:
+        for name, entries in file.channels_db.items():
+            for group, index in entries:
+                signal = file.get(name, group=group, index=index)
+                if signal.samples.ndim != 1 or signal.samples.dtype.kind not in "fiub":
+                    continue
+                if len(signal.timestamps) == 0 or np.array_equal(signal.samples, signal.timestamps):
+                    continue  # the time itself
+                title = name if len(entries) == 1 else f"group {group}.{name}"
+                channels[title] = _Raw(
+                    np.asarray(signal.timestamps, dtype=float),
+                    np.asarray(signal.samples, dtype=float),
+                    str(signal.unit or ""),
+                )
+    return channels
+
+
+def _of_tdms(path: Path, time: str | None) -> dict[str, _Raw]:
+    """Channels of a TDMS file: time of a waveform, or of a channel of the group."""
+    nptdms = import_module("nptdms")
+
+    channels: dict[str, _Raw] = {}
+    for group in nptdms.TdmsFile.read(path).groups():
+        vectors = {
+            channel.name: channel
+            for channel in group.channels()
+            if len(channel) and np.asarray(channel[:]).dtype.kind in "fiu"
+        }
+        for name, channel in vectors.items():
+            unit = str(channel.properties.get("unit_string", ""))
+            title = f"{group.name}.{name}"
+            values = np.asarray(channel[:], dtype=float)
+            if channel.properties.get("wf_increment") and time is None:
+                channels[title] = _Raw(np.asarray(channel.time_track(), float), values, unit)
+                continue
+            clock = _time_title(vectors, None if time is None else time.rpartition(".")[2])
+            if name == clock or len(vectors[clock]) != len(values):
+                continue
+            clock_unit = str(vectors[clock].properties.get("unit_string", "")) or "s"
+            factor = UNITS["time"].get(split_header(f"time [{clock_unit}]", "time")[1])
+            if factor is None:
+                raise FormatError(f"channel {clock}: {clock_unit!r} is no unit of time")
+            seconds = np.asarray(vectors[clock][:], dtype=float) * factor
+            channels[title] = _Raw(seconds, values, unit)
+    return channels

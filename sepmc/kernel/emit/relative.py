@@ -1,0 +1,44 @@
+"""Angles of hinges, and distances and relative attitudes of pairs of bodies."""
+
+from typing import Any
+
+from sepmc.kernel.emit.geometry import State
+from sepmc.kernel.tracer.formulas import quat, scalar, square_root, vec3
+
+
+def relative_values(s: State) -> list[Any]:
+    """Values at a state in the order of `sepmc.schema.relative_columns`, SI."""
+    values: list[Any] = []
+    for joint in s.spec.scene.output.hinge:
+        values += [hinge_angle(s, joint), hinge_rate(s, joint)]
+    for first, second in s.spec.scene.output.relative:
+        offset = vec3.sub(s.position(second), s.position(first)).called("offset")
+        r = _from_first(s, first, second)
+        values += [square_root(vec3.dot(offset, offset)), quat.roll(r), quat.yaw(r), quat.pitch(r)]
+    return values
+
+
+def hinge_angle(s: State, joint: str) -> Any:
+    """Angle about the x axis of a joint from the y axis fixed in its first body to that in its
+    second, rad, -pi to pi."""
+    sine, cosine = hinge_components(s, joint)
+    return scalar.arctan2(sine, cosine)
+
+
+def hinge_components(s: State, joint: str) -> tuple[Any, Any]:
+    """Components along z and y of the first body's axes of the y axis fixed in the second."""
+    turned = s.axis(joint, 1, second=True)
+    return vec3.dot(turned, s.axis(joint, 2)), vec3.dot(turned, s.axis(joint, 1))
+
+
+def hinge_rate(s: State, joint: str) -> Any:
+    """Rate of the second body of a joint relative to the first, about its x axis, rad/s."""
+    first, second = s.spec.scene.joint[joint].bodies
+    return vec3.dot(s.axis(joint, 0), vec3.sub(s.spin(second), s.spin(first)))
+
+
+def _from_first(s: State, first: str, second: str) -> Any:
+    """Matrix from the axes of the second body to those of the first."""
+    a, b = s.attitude(first), s.attitude(second)
+    columns = [vec3.unrotate(a, (b[k], b[3 + k], b[6 + k])) for k in range(3)]
+    return tuple(columns[k][i] for i in range(3) for k in range(3))

@@ -1,0 +1,60 @@
+"""Telemetry of a flight over the envelope of a run."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pandas as pd
+
+from sepmc.report.style import (
+    BLACK,
+    VERMILION,
+    make_axes,
+    make_folder,
+    save,
+    set_title,
+    to_words,
+)
+
+_BANDS = (("p0.5", "p99.5", "#cfe1f2", "99 % of cases"), ("p5", "p95", "#6aa7d6", "90 % of cases"))
+_DOTS = 150  # samples of a channel up to which each is marked
+
+
+def flight_figure(curves: pd.DataFrame, units: Mapping[str, str], about: str, path: Path) -> Path:
+    """Draw each channel of a flight over the percentile bands of the cases.
+
+    Parameters
+    ----------
+    curves : DataFrame
+        Of `sepmc.analysis.telemetry.FlightComparison`.
+    units : mapping of channel to unit
+        In the order of the panels.
+    about : str
+        Second line of the title.
+    path : Path
+
+    Returns
+    -------
+    Path
+    """
+    make_folder(path.parent)
+    columns = min(2, len(units))
+    figure, axes = make_axes(-(-len(units) // columns), columns, (5.6, 3.4))
+    for ax, (name, unit) in zip(axes, units.items(), strict=False):
+        own = curves[curves["channel"] == name]
+        time = own["time_s"]
+        for low, high, tint, text in _BANDS:
+            ax.fill_between(time, own[low], own[high], color=tint, linewidth=0, label=text)
+        ax.plot(time, own["p50"], color=BLACK, linewidth=1.4, linestyle="--", label="median")
+        ax.plot(time, own["nominal"], color=BLACK, linewidth=1.0, label="nominal case")
+        marker = "." if len(own) <= _DOTS else ""
+        ax.plot(
+            time, own["flight"], color=VERMILION, linewidth=1.0, marker=marker, markersize=3,
+            label="flight", zorder=3,
+        )  # fmt: skip
+        words = to_words(name, unit)
+        ax.set(xlabel="time of the run (s)", ylabel=f"{words} ({unit})" if unit != "1" else words)
+        ax.margins(x=0)
+    for ax in axes[len(units) :]:
+        ax.remove()
+    set_title(figure, f"Flight and envelope of the run\n{about}")
+    return save(figure, path)

@@ -1,0 +1,23 @@
+"""Published statistics to compare a campaign with."""
+
+from typing import Annotated
+
+from msgspec import Struct, field
+
+from sepmc.scene.model import Positive
+
+
+class Expected(Struct, frozen=True, kw_only=True):
+    """Published statistics of an outcome."""
+
+    mean: float | None = None
+    sigma: Annotated[float, Positive] | None = None
+    min: float | None = None
+    max: float | None = None
+
+
+class Reference(Struct, frozen=True, kw_only=True):
+    """Published statistics to compare with."""
+
+    source: str
+    outcome: dict[str, Expected] = field(default_factory=dict)

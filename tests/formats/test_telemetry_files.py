@@ -1,0 +1,155 @@
+"""Channels of telemetry from text, Parquet, MATLAB, MDF and TDMS."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from scipy.io import savemat
+from support import ended_process
+
+from sepmc.formats import telemetry
+from sepmc.formats.telemetry import MappedChannel, parse_map, read_telemetry
+from sepmc.formats.text_table import FormatError
+from sepmc.scene.messages import InputError
+
+COLUMNS = ["upper_omega_y_deg_s", "upper_axial_acceleration_m_s2", "signal_gain"]
+TIME = np.arange(5) * 0.1
+RATE = np.array([0.0, 0.1, -0.2, 0.3, 0.5])
+
+
+def read(path, *maps, time=None):
+    return read_telemetry(path, [parse_map(each, COLUMNS) for each in maps], COLUMNS, time)
+
+
+def csv(tmp_path, header, *columns):
+    path = tmp_path / "f.csv"
+    rows = [",".join(map(str, row)) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([header, *rows]))
+    return path
+
+
+def test_map_is_an_assignment():
+    assert parse_map("upper_omega_y_deg_s=-gyro_z[rad/s]", COLUMNS) == MappedChannel(
+        "upper_omega_y_deg_s", "gyro_z[rad/s]", -1.0
+    )
+    assert parse_map("signal_gain = 2.5e1 * a b", COLUMNS) == MappedChannel(
+        "signal_gain", "a b", 25.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("gyro", "must be COLUMN=CHANNEL"),
+        ("gyro_z=upper_omega_y_deg_s", "no column gyro_z of histories"),
+        ("signal_gain=0*x", "must be finite and not 0"),
+    ],
+)
+def test_wrong_maps_are_refused(text, reason):
+    with pytest.raises(InputError, match=reason):
+        parse_map(text, COLUMNS)
+
+
+def test_sign_factor_and_unit_of_the_title(tmp_path):
+    path = csv(tmp_path, "time (ms),gyro_z (rad/s),acc", 1000 * TIME, RATE, RATE)
+    channels, understood = read(
+        path, "upper_omega_y_deg_s=-gyro_z", "upper_axial_acceleration_m_s2=9.80665*acc"
+    )
+    time, values = channels["upper_omega_y_deg_s"]
+    assert_allclose(time, TIME, atol=1e-15)
+    assert_allclose(values, -np.rad2deg(RATE))
+    assert_allclose(channels["upper_axial_acceleration_m_s2"][1], 9.80665 * RATE)
+    assert "rad/s: 5 samples" in understood[0]
+    assert "m/s2, which the file does not say" in understood[1]
+
+
+def test_unit_of_the_map_counts(tmp_path):
+    path = csv(tmp_path, "t,gyro", TIME, RATE)
+    assert_allclose(
+        read(path, "upper_omega_y_deg_s=gyro[rad/s]")[0]["upper_omega_y_deg_s"][1],
+        np.rad2deg(RATE),
+    )
+    with pytest.raises(FormatError, match="'furlong' is no unit of angular rate"):
+        read(path, "upper_omega_y_deg_s=gyro[furlong]")
+
+
+def test_channels_that_have_the_name_of_a_column_need_no_map(tmp_path):
+    path = csv(tmp_path, "time_s,upper_omega_y_rad_s,other", TIME, RATE, RATE)
+    channels, _ = read(path)
+    assert list(channels) == ["upper_omega_y_deg_s"]
+    assert_allclose(channels["upper_omega_y_deg_s"][1], np.rad2deg(RATE))
+
+
+def test_gaps_are_left_out(tmp_path):
+    path = csv(tmp_path, "t,gyro", TIME, ["1", "nan", "", "2", "3"])
+    time, values = read(path, "signal_gain=gyro")[0]["signal_gain"]
+    assert_allclose(time, TIME[[0, 3, 4]])
+    assert_allclose(values, [1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("header", "times", "reason"),
+    [
+        ("clock,gyro", TIME, "no column of time; give --time, of clock, gyro"),
+        ("t,gyro", TIME[::-1], "the time falls from 0.4 to 0.3 s at its sample 1"),
+        ("time (fortnight),gyro", TIME, "'fortnight' is no unit of time"),
+        ("t,gyroscope", TIME, "no channel 'gyro'; did you mean 'gyroscope'"),
+    ],
+)
+def test_faults_are_named(tmp_path, header, times, reason):
+    path = csv(tmp_path, header, times, RATE)
+    with pytest.raises(FormatError, match=reason.replace("(", r"\(")):
+        read(path, "signal_gain=gyro")
+
+
+def test_parquet(tmp_path):
+    pd.DataFrame({"time_s": TIME, "gyro": RATE}).to_parquet(tmp_path / "f.parquet")
+    channels, _ = read(tmp_path / "f.parquet", "signal_gain=gyro")
+    assert_allclose(channels["signal_gain"][1], RATE)
+
+
+def test_matlab_vectors_and_structs_with_their_own_time(tmp_path):
+    content = {"t": TIME, "gyro": RATE, "imu": {"time": TIME[:3] + 7.0, "acc": RATE[:3]}}
+    savemat(tmp_path / "f.mat", content)
+    channels, _ = read(tmp_path / "f.mat", "upper_omega_y_deg_s=gyro", "signal_gain=imu.acc")
+    assert_allclose(channels["upper_omega_y_deg_s"], [TIME, RATE])
+    assert_allclose(channels["signal_gain"], [TIME[:3] + 7.0, RATE[:3]])
+
+
+def test_file_whose_library_ends_the_process_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(telemetry, "_by_library", ended_process.end)
+    savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})
+    with pytest.raises(FormatError, match="the library that reads it crashes"):
+        read(tmp_path / "f.mat", "signal_gain=gyro")
+
+
+@pytest.mark.parametrize("ending", [".mat", ".mf4", ".tdms", ".parquet", ".csv"])
+def test_damaged_files_are_refused(tmp_path, ending):
+    path = tmp_path / f"f{ending}"
+    path.write_bytes(b"\x00\x01damaged" * 40)
+    with pytest.raises((FormatError, InputError)):
+        read(path, "signal_gain=gyro")
+
+
+def test_mdf(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    file = asammdf.MDF()
+    file.append(asammdf.Signal(RATE, TIME, name="gyro", unit="rad/s"))
+    file.append(asammdf.Signal(RATE[:3], TIME[:3] + 7.0, name="acc", unit="m/s2"))
+    path = file.save(tmp_path / "f.mf4")
+    channels, _ = read(path, "upper_omega_y_deg_s=-gyro", "upper_axial_acceleration_m_s2=acc")
+    assert_allclose(channels["upper_omega_y_deg_s"], [TIME, -np.rad2deg(RATE)])
+    assert_allclose(channels["upper_axial_acceleration_m_s2"], [TIME[:3] + 7.0, RATE[:3]])
+
+
+@pytest.mark.parametrize("is_waveform", [True, False])
+def test_tdms(tmp_path, is_waveform):
+    nptdms = pytest.importorskip("nptdms")
+    wave = {"wf_increment": 0.1, "wf_start_offset": 0.0} if is_waveform else {}
+    channels = [nptdms.ChannelObject("imu", "gyro", RATE, {"unit_string": "rad/s", **wave})]
+    if not is_waveform:
+        channels.append(nptdms.ChannelObject("imu", "Time", TIME, {"unit_string": "s"}))
+    with nptdms.TdmsWriter(tmp_path / "f.tdms") as writer:
+        writer.write_segment(channels)
+    result, _ = read(tmp_path / "f.tdms", "upper_omega_y_deg_s=gyro")
+    assert_allclose(result["upper_omega_y_deg_s"], [TIME, np.rad2deg(RATE)])
