@@ -86,6 +86,9 @@ def test_one_page(page):
     # outcomes over time, as shares, as they converge and as histograms; vehicle; drivers as swings
     # and case by case; three figures of each worst case
     assert tags.count["svg"] == 2 + 1 + 1 + 1 + 1 + 2 + 3 * 2
+    assert page.count('<svg role="img"') == tags.count["svg"]
+    titles = re.findall(r"<svg [^>]*>\s*<title>([^<]+)</title>", page)
+    assert len(titles) == tags.count["svg"]  # for readers who do not see the figures
     assert len(page) < 3e6
 
 
