@@ -33,7 +33,9 @@
   const COLOURS = { thrust: "#D55E00", constraint: "#000000" };
   const ARROW = 0.25;  // length of the largest arrow / radius of the view
   const LEAST = 1e-4;  // smallest force with an arrow / largest one
-  const VIEWS = { "3-D": [-0.6, 0.35], side: [0, 0], top: [0, Math.PI / 2], rear: [-Math.PI / 2, 0] };
+  const VIEWS = {  // yaw and pitch of the camera, rad
+    "3-D": [-0.6, 0.35], side: [0, 0], top: [0, Math.PI / 2], rear: [-Math.PI / 2, 0],
+  };
   const canvas = $("canvas"), slider = $("slider"), play = $("play"), select = $("case"),
     follow = $("follow"), ghost = $("ghost"), context = canvas.getContext("2d");
   let shown = replays[0], row = 0, [yaw, pitch] = VIEWS["3-D"], zoom = 1, pan = [0, 0];
@@ -45,6 +47,10 @@
   const minus = (a, b) => a.map((x, k) => x - b[k]);
   const times = (s, a) => a.map((x) => s * x);
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const cross = (a, b) => [0, 1, 2].map((k) => {
+    const [m, n] = [(k + 1) % 3, (k + 2) % 3];
+    return a[m] * b[n] - a[n] * b[m];
+  });
   const size = (a) => Math.sqrt(dot(a, a));
   const turn = (m, a) => m.map((line) => dot(line, a));
   const back = (m, a) => [0, 1, 2].map((k) => m[0][k] * a[0] + m[1][k] * a[1] + m[2][k] * a[2]);
@@ -59,7 +65,9 @@
   // Faces, edges and points of a part in body axes.
   function shape(part) {
     if (part.points) return { faces: [], edges: [], points: part.points };
-    if (Math.max(...part.radii) === 0) return { faces: [], edges: [[part.start, part.end]], points: [] };
+    if (Math.max(...part.radii) === 0) {
+      return { faces: [], edges: [[part.start, part.end]], points: [] };
+    }
     const [from, to] = part.sector || [0, 2 * Math.PI];
     const count = Math.max(2, Math.ceil(SIDES * (to - from) / (2 * Math.PI)));
     const rings = [part.start, part.end].map((centre, end) =>
@@ -80,8 +88,10 @@
   for (const one of cases) {
     for (const body of one.bodies) {
       body.shapes = body.parts.map(shape);
-      body.shapes.push({ faces: [], points: [], edges: body.spokes.map((end) => [[0, 0, 0], end]) });
-      const points = body.shapes.flatMap((s) => [...s.faces.flat(), ...s.edges.flat(), ...s.points]);
+      const spokes = body.spokes.map((end) => [[0, 0, 0], end]);
+      body.shapes.push({ faces: [], points: [], edges: spokes });
+      const points = body.shapes.flatMap(
+        (s) => [...s.faces.flat(), ...s.edges.flat(), ...s.points]);
       body.reach = Math.max(0.01, ...points.map(size));
       const ends = [0, 1, 2].map((k) => [Math.min(0, ...points.map((p) => p[k])),
         Math.max(0, ...points.map((p) => p[k]))]);
@@ -161,9 +171,10 @@
       marks.push([seen(own[0]), body.edge]);
       for (const { faces, edges, points, wall } of body.shapes) {
         for (const face of faces) {
-          const corners = face.map(map), depth = corners.reduce((d, c) => d + c[2], 0) / corners.length;
+          const corners = face.map(map);
+          const depth = corners.reduce((d, c) => d + c[2], 0) / corners.length;
           const [a, b] = [minus(corners[2], corners[0]), minus(corners.at(-1), corners[1])];
-          const normal = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+          const normal = cross(a, b);
           const light = Math.abs(dot(normal, [0.3, 0.6, 0.75])) / (size(normal) || 1);
           items.push([depth, () => {
             path(corners, true);
@@ -185,7 +196,9 @@
             context.stroke();
           }]);
         }
-        for (const point of points.map(map)) items.push([point[2], () => dotAt(point, 3, body.edge)]);
+        for (const point of points.map(map)) {
+          items.push([point[2], () => dotAt(point, 3, body.edge)]);
+        }
       }
     });
     items.sort((a, b) => a[0] - b[0]).forEach(([, paint]) => paint());
@@ -218,7 +231,9 @@
     for (const arrow of shown.arrows) {
       const force = at(arrow.force, row, 3), own = pose(shown, row, arrow.body);
       const start = placed(own, arrow.at);
-      if (arrow.kind === "constraint") dotAt(seen(start), isActive(arrow) ? 4 : 2, COLOURS.constraint);
+      if (arrow.kind === "constraint") {
+        dotAt(seen(start), isActive(arrow) ? 4 : 2, COLOURS.constraint);
+      }
       if (size(force) < LEAST * shown.largest[arrow.kind] || !size(force)) continue;
       // by the square root, so that small forces are seen beside large ones
       const length = ARROW * shown.reach[row] / Math.sqrt(size(force) * shown.largest[arrow.kind]);
@@ -323,7 +338,7 @@
   }
   function open(number) {
     row = 0;
-    load(replays.find((one) => one.number === number));
+    load(byNumber(number));
     $("replay").scrollIntoView({ block: "start" });
     slider.focus({ preventScroll: true });
   }
@@ -348,7 +363,8 @@
     requestAnimationFrame(step);
   };
   slider.oninput = () => { stop(); show(Number(slider.value)); };
-  select.onchange = () => { stop(); load(replays.find((one) => one.number === Number(select.value))); };
+  const byNumber = (number) => replays.find((one) => one.number === number);
+  select.onchange = () => { stop(); load(byNumber(Number(select.value))); };
   follow.onchange = ghost.onchange = redraw;
   const view = (angles) => { [yaw, pitch] = angles; zoom = 1; pan = [0, 0]; redraw(); };
   for (const button of document.querySelectorAll("[data-view]")) {
@@ -359,7 +375,8 @@
     const known = shown.distances.filter(({ line }) => line[6 * row] !== null);
     if (!known.length) return;
     const { line } = known.reduce((a, b) => (b.value[row] < a.value[row] ? b : a));
-    const [a, b] = [at(line, row, 6).slice(0, 3), at(line, row, 6).slice(3)].map(camera(shown, row));
+    const ends = at(line, row, 6);
+    const [a, b] = [ends.slice(0, 3), ends.slice(3)].map(camera(shown, row));
     zoom = 1;
     const { middle, scale } = frame();
     pan = minus(times(0.5, add(a, b)), [...middle, 0]);
