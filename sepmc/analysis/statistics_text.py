@@ -111,39 +111,54 @@ def render_summary(
     str
         Numbers have the decimals that show sigma to three digits, standard errors to two.
     """
-    parts = [_counts_line(counts, width)]
+    parts = [render_counts(counts, width)]
     for lines in (render_proportions(stats), constant_outcomes.render_constants(stats, units)):
         parts += ["\n".join(f"  {line}" for line in lines)] if lines else []
     stats = stats[~_are_proportions(stats)]
     varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
     if len(varied):
         parts.append(_layout(list(varied.index), column_groups(varied, units), width))
-    if varied["n"].between(1, _TAIL_CASES - 1).any():
-        note = (
-            f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between "
-            "the two extreme values."
-        )
-        parts.append(fill(note, width))
+    parts += [fill(note, width) for note in (tail_note(stats),) if note]
+    comparison = render_comparison(stats, source, width)
+    return "\n\n".join(parts + ([comparison] if comparison else [])) + "\n"
+
+
+def tail_note(stats: pd.DataFrame) -> str:
+    """Return a sentence on extreme percentiles of few values; empty if it applies to none."""
+    varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
+    if not varied["n"].between(1, _TAIL_CASES - 1).any():
+        return ""
+    return (
+        f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between "
+        "the two extreme values."
+    )
+
+
+def render_comparison(stats: pd.DataFrame, source: str = "paper", width: int = WIDTH) -> str:
+    """Render the comparison of a table of `statistics` with its reference; empty if there is none.
+
+    Parameters are those of `render_summary`.
+    """
     stats = constant_outcomes.with_constant_values(stats)
     compared = (
         stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)]
         if "ref_mean" in stats
         else stats[:0]
     )
-    if len(compared):
-        source_name = source if source[:1].isupper() else f"the {source}"  # "Table 3", "the paper"
-        head = (
-            f"Compared with {source_name} (dev: this run minus {source_name}; mean, max and min in "
-            "its sigmas, sigma in percent)"
-        )
-        comparisons = [
-            (name, _comparison(compared, name, source)) for name in ("mean", "sigma", "max", "min")
-        ]
-        parts += [fill(head, width) + "\n\n" + _layout(list(compared.index), comparisons, width)]
-    return "\n\n".join(parts) + "\n"
+    if not len(compared):
+        return ""
+    source_name = source if source[:1].isupper() else f"the {source}"  # "Table 3", "the paper"
+    head = (
+        f"Compared with {source_name} (dev: this run minus {source_name}; mean, max and min in "
+        "its sigmas, sigma in percent)"
+    )
+    comparisons = [
+        (name, _comparison(compared, name, source)) for name in ("mean", "sigma", "max", "min")
+    ]
+    return fill(head, width) + "\n\n" + _layout(list(compared.index), comparisons, width)
 
 
-def _counts_line(counts: Mapping[str, int], width: int) -> str:
+def render_counts(counts: Mapping[str, int], width: int) -> str:
     """Render the number of cases, of ok cases, and of the others by status."""
     total, ok = sum(counts.values()), counts.get(OK, 0)
     others = ", ".join(f"{status} {count}" for status, count in counts.items() if status != OK)

@@ -13,7 +13,7 @@ from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import folders, shards
 from sepmc.cli.figures import ranked_outcomes, run_title
 from sepmc.cli.render import warn
-from sepmc.report.sensitivity_figures import scatter_figure, tornado_figure
+from sepmc.report.sensitivity_figures import attribution_figure, scatter_figure, tornado_figure
 from sepmc.scene.messages import nearest
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import Status
@@ -45,6 +45,20 @@ class InputSensitivity:
                 for name, sentence in self.failures.items()
             ],
         )
+
+    def notes(self) -> list[str]:
+        """Return sentences on what figures do not show: how indices were estimated, and failures
+        that no input distinguishes."""
+        notes = [
+            f"{name}: {note}"
+            for name, table in self.sensitivities.items()
+            for note in sensitivity.index_notes(table, self.keys)
+        ]
+        return notes + [
+            failure_attribution.render_attribution(sentence, (), self.keys, design=self.design)
+            for name, sentence in self.failures.items()
+            if not self.attributions[name]
+        ]
 
 
 def check_outcomes(campaign: Campaign, names: tuple[str, ...]) -> None:
@@ -126,3 +140,15 @@ def draw_sensitivities(
         tornado_figure(tables, into, units, keys, title, suffix),
         scatter_figure(tables, rows, violating, into, units, keys, title, suffix),
     ]
+
+
+def draw_attributions(
+    drivers: InputSensitivity, folder: Path, into: Path, suffix: str = ".png"
+) -> list[Path]:
+    """Draw the inputs that distinguish failed cases into a folder."""
+    known = {name: drivers.attributions[name] for name in drivers.failures}
+    shown = {name: each for name, each in known.items() if each}
+    if not shown:
+        return []
+    keys, title = drivers.keys, run_title(folder)
+    return [attribution_figure(shown, drivers.failures, into, keys, title, suffix)]

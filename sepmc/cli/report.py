@@ -7,22 +7,47 @@ import click
 from sepmc.cli.options import QUIET, RUN, load_run
 from sepmc.cli.render import logger
 from sepmc.cli.results import check_rows
+from sepmc.cli.single_case import check_stored
+
+_MOST = 100  # cases of --replays
+
+
+def _numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> list[int]:
+    """Read case numbers separated by commas."""
+    try:
+        numbers = sorted({int(number) for number in value.split(",")}) if value else []
+    except ValueError:
+        raise click.BadParameter(f"{value}: must be case numbers, as 3,17") from None
+    if any(number < 0 for number in numbers) or len(numbers) > _MOST:
+        raise click.BadParameter(f"{value}: must be at most {_MOST} case numbers, from 0 on")
+    return numbers
 
 
 @click.command(short_help="Write the report of RUN, report.html.")
 @RUN
 @click.option("--no-replay", is_flag=True, help="Do not simulate the worst cases again.")
+@click.option(
+    "--replays",
+    "numbers",
+    metavar="N,N",
+    callback=_numbers,
+    help="Simulate cases of these numbers again too, as 3,17.",
+)
 @QUIET
-def report(folder: Path, no_replay: bool, quiet: bool) -> None:
+def report(folder: Path, no_replay: bool, numbers: list[int], quiet: bool) -> None:
     """Write the report of RUN, report.html: verdicts, statistics, figures, sensitivities, the worst
-    cases over time, and how the run was made, in one page that needs no network.
+    cases over time and as three-dimensional replays, and how the run was made, in one page that
+    needs no network.
 
     \b
-    Example:
+    Examples:
       sepmc report runs/windy
+      sepmc report runs/windy --replays 3,17
     """
     check_rows(folder)
+    for number in numbers:
+        check_stored(folder, number, None)
     from sepmc.cli.report_content import write_report
 
     log = logger(quiet)
-    log(f"wrote {write_report(folder, load_run(folder), not no_replay, log)}")
+    log(f"wrote {write_report(folder, load_run(folder), not no_replay, numbers, log)}")

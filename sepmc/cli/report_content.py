@@ -1,11 +1,19 @@
 """Content of the report of a run."""
 
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from sepmc.analysis.requirements import FAIL, Verdict
-from sepmc.analysis.statistics_text import WIDTH, render_audit, render_proportions, render_summary
+from sepmc.analysis.statistics_text import (
+    render_audit,
+    render_comparison,
+    render_counts,
+    render_proportions,
+    tail_note,
+)
 from sepmc.campaign import run_statistics
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.label import of_settings
@@ -13,7 +21,12 @@ from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import manifests
 from sepmc.cli.figures import clearance_bounds, draw_figures, event_times, ranked_outcomes
 from sepmc.cli.flight_comparison import draw_flight, read_stored_flight, render_flight
-from sepmc.cli.input_sensitivity import InputSensitivity, analyse, draw_sensitivities
+from sepmc.cli.input_sensitivity import (
+    InputSensitivity,
+    analyse,
+    draw_attributions,
+    draw_sensitivities,
+)
 from sepmc.cli.options import load_run, redundant
 from sepmc.cli.render import render_accuracy
 from sepmc.cli.results import phases
@@ -21,9 +34,10 @@ from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.drawing import draw_vehicle
 from sepmc.report.history_figures import run_figures
+from sepmc.report.replay_data import replay_data
 from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
-from sepmc.schema import Status
+from sepmc.schema import Status, is_yes_or_no
 
 _PAGES = ("rates", "angles", "separation", "hinges", "clearances")  # figures of a worst case
 _ACCURACY = 1e-5  # relative; errors below are not visible in a figure
@@ -33,17 +47,22 @@ _WORST, _MOST_WORST = 2, 4  # worst cases shown over time; at most, if more requ
 _ROWS = 400  # of their histories
 
 
-def write_report(folder: Path, campaign: Campaign, replays: bool, log: Log) -> Path:
-    """Write the report of a run, with its worst cases simulated again if ``replays``; return its
-    path. A second process draws the vehicle and the outcomes meanwhile."""
+def write_report(
+    folder: Path, campaign: Campaign, worst: bool, numbers: Sequence[int], log: Log
+) -> Path:
+    """Write the report of a run; return its path. Its ``worst`` cases are simulated again, and
+    those of some ``numbers``. A second process draws the vehicle and the outcomes meanwhile."""
     with TemporaryDirectory() as temporary, processes(1) as second:
         into = Path(temporary)
         drawn = second.submit(_draw_run, folder, into)
         run = run_statistics.read_run(folder, campaign)
         drivers = analyse(folder, campaign, run)
-        worst = _draw_worst(campaign, run, into, log) if replays else []
-        content = _content(campaign, run, drivers, worst)
-        figures = draw_sensitivities(drivers, folder, campaign, into, ".svg")
+        cases = _worst_cases(campaign, run) if worst else {}
+        cases |= {number: (f"case {number}", "") for number in numbers if number not in cases}
+        content = _content(campaign, run, drivers, folder)
+        content.replays, content.nominal = _replay(campaign, run, cases, into, log)
+        figures = draw_attributions(drivers, folder, into, ".svg")
+        figures += draw_sensitivities(drivers, folder, campaign, into, ".svg")
         flight = read_stored_flight(folder)
         flight_figures = []
         if flight is not None:
@@ -76,15 +95,14 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
 
 
 def _content(
-    campaign: Campaign, run: RunStatistics, drivers: InputSensitivity, worst: list[page.CaseReplay]
+    campaign: Campaign, run: RunStatistics, drivers: InputSensitivity, folder: Path
 ) -> page.ReportContent:
     """Collect the content of a report."""
     manifest, counts = run.manifest, run.summary.counts
-    sensitivities, attributions = drivers.texts(WIDTH)
     units = {column.name: column.unit for column in campaign.outcome_columns}
     source = campaign.file.reference.source if campaign.file.reference else "reference"
     sentences = {status.label: status.sentence for status in Status}
-    table = render_summary(run.table, counts, units, source, _WIDTH)
+    table = run.table[[not is_yes_or_no(name) for name in run.table.index]]
     last = manifest["sessions"][-1]
     return page.ReportContent(
         name=campaign.name,
@@ -94,54 +112,70 @@ def _content(
         f"campaign {manifest['digest']}{of_settings(campaign.settings).replace(chr(10), '; ')}",
         notes=[*manifest.get("notes", ()), *redundant(campaign)],
         verdicts=run.verdicts,
-        counts=table.partition("\n")[0],
+        counts=render_counts(counts, _WIDTH),
         failures=[
             f"{count} cases {label}: {sentences.get(label, '')}"
             for label, count in counts.items()
             if count and label != Status.OK.label
         ],
         proportions=render_proportions(run.table),
-        statistics=run.table,
-        leading=ranked_outcomes(campaign, run.table)[:_SHOWN],
+        statistics=table,
+        leading=[name for name in ranked_outcomes(campaign, run.table) if name in table.index][
+            :_SHOWN
+        ],
         units=units,
-        all_statistics=table,
+        tail_note=tail_note(table),
+        comparison=render_comparison(table, source, _WIDTH),
         accuracy=render_accuracy(run.accuracy, phases(campaign, run.accuracy))
         if "errors" in run.accuracy
         else "",
         audit=render_audit(run.audit),
         sessions=manifest["sessions"],
         campaign=campaign.file.toml,
-        sensitivities=sensitivities,
-        attributions=attributions,
-        replays=worst,
+        run=shlex.quote(str(folder)),
+        driver_notes=drivers.notes(),
     )
 
 
-def _draw_worst(
-    campaign: Campaign, run: RunStatistics, into: Path, log: Log
-) -> list[page.CaseReplay]:
-    """Simulate the worst cases of the requirements again, and draw them into a folder."""
+def _worst_cases(campaign: Campaign, run: RunStatistics) -> dict[int, tuple[str, str]]:
+    """Return title and reason of the worst cases of the requirements, by number."""
     verdicts = [v for v in run.verdicts if v.worst_case is not None and v.metric != VIOLATION]
     # requirements that fail come first, then violated ones; of each, cases that have the outcome
     verdicts.sort(key=lambda v: (v.verdict != FAIL, not v.violations, v.worst is None))
     worst: dict[Any, Verdict] = {v.worst_case: v for v in reversed(verdicts)}
-    solver = campaign.scene.solver
+    failing = sum(v.verdict == FAIL for v in worst.values())
+    cases = {}
+    for number, v in list(reversed(worst.items()))[: min(max(_WORST, failing), _MOST_WORST)]:
+        unit = next((c.unit for c in campaign.outcome_columns if c.name == v.metric), "")
+        if v.worst is None:
+            title = f"case {number}, the first of {v.violations} that violate {v.name}"
+            reason = f", the first that violates {v.name}"
+        else:
+            title = f"case {number}, the worst of {v.name}: {v.metric} {v.worst:.5g} {unit}"
+            reason = f", the worst of {v.name}"
+        cases[number] = title.rstrip(), reason
+    return cases
+
+
+def _replay(
+    campaign: Campaign,
+    run: RunStatistics,
+    cases: dict[int, tuple[str, str]],
+    into: Path,
+    log: Log,
+) -> tuple[list[page.CaseReplay], dict[str, Any] | None]:
+    """Simulate some cases again, and the nominal one, and draw them into a folder; return their
+    replays."""
+    if not cases:
+        return [], None
+    solver, every_s = campaign.scene.solver, campaign.scene.run.end_time / _ROWS
     if solver.step is None and solver.accuracy < _ACCURACY:
         campaign = campaign.with_settings({"solver.accuracy": _ACCURACY})
-    failing = sum(v.verdict == FAIL for v in worst.values())
     replays = []
-    for number, v in list(reversed(worst.items()))[: min(max(_WORST, failing), _MOST_WORST)]:
-        which = "the first that violates" if v.worst is None else "the worst of"
-        log(f"running case {number} again, {which} {v.name}")
-        every_s = campaign.scene.run.end_time / _ROWS
+    for number, (title, reason) in cases.items():
+        log(f"running case {number} again{reason}")
         case = campaign.case(number, run.manifest["seed"])
         history = campaign.simulate(case, every_s, log)
-        unit = next((c.unit for c in campaign.outcome_columns if c.name == v.metric), "")
-        title = (
-            f"case {number}, the first of {v.violations} that violate {v.name}"
-            if v.worst is None
-            else f"case {number}, the worst of {v.name}: {v.metric} {v.worst:.5g} {unit}"
-        )
         figures = run_figures(
             history,
             into / str(number),
@@ -152,5 +186,7 @@ def _draw_worst(
             required=clearance_bounds(campaign),
             marks=event_times(history.attrs),
         )
-        replays.append(page.CaseReplay(title.rstrip(), figures))
-    return replays
+        data = replay_data(history, case.scene, title, number) if len(history) else None
+        replays.append(page.CaseReplay(number, title, figures, data))
+    nominal = campaign.simulate(None, every_s, log)
+    return replays, replay_data(nominal, campaign.nominal().scene, "nominal case")

@@ -9,8 +9,8 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull, QhullError
-from scipy.spatial.transform import Rotation
 
+from sepmc.report.poses import Poses, poses
 from sepmc.report.style import BLACK, EDGES, TINTS, VERMILION, make_axes, to_words
 from sepmc.scene.model import GROUND, Body, Joint, Part, Scene
 
@@ -62,7 +62,8 @@ def animate(
     if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
         raise ValueError(f"{path}: an MP4 needs ffmpeg, which is not installed; use .gif")
     writer = (FFMpegWriter if path.suffix == ".mp4" else PillowWriter)(fps=_PER_SECOND)
-    frames = [_Frame(history, scene, row) for row in _rows(history)]
+    motion = poses(history, scene)
+    frames = [_Frame(history, motion, scene, row) for row in _rows(history)]
     views, length = _frame_views(frames, scene)
     force = max((frame.largest_force for frame in frames), default=0.0)
     figure, axes = make_axes(2, 1, (8.0, 2.9))
@@ -100,22 +101,11 @@ def _rows(history: pd.DataFrame) -> list[int]:
 class _Frame:
     """Positions, attitudes and constraint forces of a case at one instant."""
 
-    def __init__(self, history: pd.DataFrame, scene: Scene, row: int):
-        self.scene, state, start = scene, history.iloc[row], history.iloc[0]
-        first, *_ = scene.body
-        to_view = _attitude(start, first).inv()
-        masses = np.array([body.mass for body in scene.body.values()])
-        positions = np.array([[state[f"{b}_{axis}_m"] for axis in "xyz"] for b in scene.body])
-        centre = masses @ positions / masses.sum()
-        self.positions = dict(zip(scene.body, to_view.apply(positions - centre), strict=True))
-        self.rotations = {name: to_view * _attitude(state, name) for name in scene.body}
-        self.forces = {
-            name: self.rotations[joint.bodies[0]].apply(
-                [state[f"{name}_force_on_{joint.bodies[1]}_{axis}_N"] for axis in "xyz"]
-            )
-            for name, joint in scene.joint.items()
-            if GROUND not in joint.bodies
-        }
+    def __init__(self, history: pd.DataFrame, motion: Poses, scene: Scene, row: int):
+        self.scene, state = scene, history.iloc[row]
+        self.positions = {name: each[row] for name, each in motion.positions.items()}
+        self.rotations = {name: each[row] for name, each in motion.rotations.items()}
+        self.forces = {name: each[row] for name, each in motion.forces.items()}
         locked = {j for phase in scene.phase for j, kind in phase.joints.items() if kind != "free"}
         releases = history.attrs["releases"]
         # NaN: never released
@@ -183,12 +173,6 @@ class _Frame:
             if np.linalg.norm(force) > 0.01 * length:
                 arrow = {"arrowstyle": "-|>", "color": VERMILION, "linewidth": 1.6}
                 ax.annotate("", tuple(end + force), tuple(end), arrowprops=arrow, zorder=5)
-
-
-def _attitude(row: pd.Series, body: str) -> Rotation:
-    """Return the rotation from body to ground in a row: Rz(pitch) Ry(yaw) Rx(roll)."""
-    angles = [row[f"{body}_{angle}_deg"] for angle in ("pitch", "yaw", "roll")]
-    return Rotation.from_euler("ZYX", angles, degrees=True)
 
 
 def _rim_points(part: Part) -> np.ndarray:

@@ -329,7 +329,7 @@ def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
         if spring.bodies[1] != GROUND:
             _arrow(labels, view, spring.point, axis, length, GREEN, spring.name)
     for motor in scene.motor:
-        _arrow(labels, view, _nozzle(motor), motor.direction, length, VERMILION, motor.name)
+        _arrow(labels, view, nozzle_point(motor), motor.direction, length, VERMILION, motor.name)
     for load in scene.load:
         point = load.point or scene.body[load.body].cg
         if any(load.force) and load.frame == "body":
@@ -353,7 +353,7 @@ def _arrow(
     labels.add(end, name, colour)
 
 
-def _nozzle(motor: Motor) -> Point:
+def nozzle_point(motor: Motor) -> Point:
     """Return the point of a motor's force in layout coordinates
     (`sepmc.physics.propulsion.thrust_arm`)."""
     y, z = motor.offset

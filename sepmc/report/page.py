@@ -17,12 +17,27 @@ from sepmc.analysis.statistics_text import column_groups, rounded
 _STYLES = {PASS: "pass", FAIL: "fail"}
 
 
+_SCRIPTS = ("tables.js", "replay.js")
+
+
 @dataclass
 class CaseReplay:
-    """A case shown over time, in SVG files."""
+    """A case shown over time.
 
+    Parameters
+    ----------
+    number : int
+    title : str
+    figures : sequence of Path
+        SVG files.
+    data : mapping, optional
+        From `sepmc.report.replay_data.replay_data`; None if the case has no motion.
+    """
+
+    number: int
     title: str
     figures: Sequence[Path]
+    data: Mapping[str, Any] | None = None
 
 
 @dataclass
@@ -49,16 +64,22 @@ class ReportContent:
     leading : sequence of str
         Outcomes in the first table.
     units : mapping of outcome to unit
-    all_statistics : str
-        The whole table as text.
+    tail_note : str
+        On extreme percentiles of few cases, or empty.
+    comparison : str
+        With the reference, as text; or empty.
     accuracy, audit : str
     sessions : sequence of mapping
         Of the manifest.
     campaign : str
         The campaign file.
-    sensitivities, attributions : sequence of str
-        Texts on each outcome, and on each violated requirement.
+    run : str
+        The run folder, as in a command line.
+    driver_notes : sequence of str
+        Sentences on the figures of sensitivity.
     replays : sequence of CaseReplay
+    nominal : mapping, optional
+        Replay of the nominal case, from `sepmc.report.replay_data.replay_data`.
     flight : str
         Text on the comparison with a flight; empty without one.
     """
@@ -74,14 +95,16 @@ class ReportContent:
     statistics: pd.DataFrame
     leading: Sequence[str]
     units: Mapping[str, str]
-    all_statistics: str
+    tail_note: str
+    comparison: str
     accuracy: str
     audit: str
     sessions: Sequence[Mapping[str, Any]]
     campaign: str
-    sensitivities: Sequence[str] = ()
-    attributions: Sequence[str] = ()
+    run: str = "RUN"
+    driver_notes: Sequence[str] = ()
     replays: Sequence[CaseReplay] = field(default_factory=list)
+    nominal: Mapping[str, Any] | None = None
     flight: str = ""
 
 
@@ -114,26 +137,43 @@ def write_report(
         "sensitivity_figures": _embedded(sensitivity),
         "flight_figures": _embedded(flight),
         "replays": [
-            {"title": replay.title, "figures": _embedded(replay.figures)}
+            {
+                "number": replay.number,
+                "title": replay.title,
+                "moves": replay.data is not None,
+                "figures": _embedded(replay.figures),
+            }
             for replay in report.replays
         ],
+        "replay_data": [
+            data
+            for data in (report.nominal, *(replay.data for replay in report.replays))
+            if data is not None
+        ],
+        "replayed": [replay.number for replay in report.replays],
+        "scripts": [_resource(name) for name in _SCRIPTS],
     }
-    template = files("sepmc.report").joinpath("report.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     columns, rows = _statistics(report.statistics, report.leading)
-    html = environment.from_string(template).render(
+    html = environment.from_string(_resource("report.html.j2")).render(
         vars(report)
         | figures
         | {
             "columns": columns,
             "leading": rows,
-            "outcomes": len(report.statistics),
+            "all_outcomes": _statistics(report.statistics, list(report.statistics.index))[1],
             "verdicts": [_verdict(v, report.units.get(v.metric, "")) for v in report.verdicts],
             "sessions": [_session(session) for session in report.sessions],
         }
     )
     path.write_text(html, encoding="utf-8")
     return path
+
+
+def _resource(name: str) -> str:
+    """Return the text of a file beside this one."""
+    return files("sepmc.report").joinpath(name).read_text(encoding="utf-8")
 
 
 # points: figures up to this width stand side by side, at 0.79 of their size or more
@@ -145,20 +185,31 @@ def _embedded(paths: Sequence[Path]) -> list[dict[str, str]]:
     figures = []
     for path in paths:
         text = path.read_text(encoding="utf-8")
-        svg = text[text.index("<svg") :]
+        svg = text[text.index("<svg") :].replace("<svg", '<svg role="img"', 1)
         width = float(svg.partition(' width="')[2].partition("pt")[0])
         figures.append({"svg": svg, "style": "half" if width <= _HALF_WIDTH else "whole"})
     return sorted(figures, key=lambda figure: figure["style"])  # pairs first
 
 
-def _statistics(table: pd.DataFrame, names: Sequence[str]) -> tuple[list[str], list[list[str]]]:
-    """Return heads and rows of the statistics of some outcomes."""
+def _statistics(
+    table: pd.DataFrame, names: Sequence[str]
+) -> tuple[list[str], list[list[str | int]]]:
+    """Return heads and rows of the statistics of some outcomes; case numbers are numbers."""
     cells = [
         (head, column)
         for _, columns in column_groups(table.loc[list(names)], None)
         for head, column in columns.items()
     ]
-    rows = [[name, *(column[i] for _, column in cells)] for i, name in enumerate(names)]
+    rows = [
+        [
+            name,
+            *(
+                int(column[i]) if head == "case" and column[i] != "-" else column[i]
+                for head, column in cells
+            ),
+        ]
+        for i, name in enumerate(names)
+    ]
     return [head for head, _ in cells], rows
 
 
@@ -166,10 +217,8 @@ def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
     """Return a row of the table of requirements."""
     unit = "" if unit == "1" else unit
 
-    def format_value(value: float | None, case: str = "") -> str:
-        if value is None:
-            return "-"
-        return f"{rounded(value, abs(value), 4)} {unit}".rstrip() + case
+    def format_value(value: float | None) -> str:
+        return "-" if value is None else f"{rounded(value, abs(value), 4)} {unit}".rstrip()
 
     return {
         "verdict": v.verdict.upper(),
@@ -185,9 +234,8 @@ def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
             format_proportion(*end)
             for end in ((v.share_low, math.floor), (v.share_high, math.ceil))
         ),
-        "worst": f"case {v.worst_case}"
-        if v.worst is None and v.worst_case is not None
-        else format_value(v.worst, f" ({v.worst_case})"),
+        "worst": "" if v.worst is None and v.worst_case is not None else format_value(v.worst),
+        "case": v.worst_case,
         "design": ("margin " if has_two_bounds(v) and v.design_value is not None else "")
         + format_value(v.design_value),
     }

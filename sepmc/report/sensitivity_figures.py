@@ -1,7 +1,7 @@
 """Sensitivity figures: tornado charts of the means of outcomes beside variance indices, and
 outcomes over their leading inputs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 
@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from sepmc.analysis.failure_attribution import Attribution
 from sepmc.analysis.sensitivity import leading_inputs, order_description
 from sepmc.report.style import (
     BLACK,
@@ -130,6 +131,64 @@ def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
     if top.attrs.get("correlated"):
         ax.set_xlabel("fraction of variance\n(correlated inputs: no sum)")
     ax.locator_params(axis="x", nbins=4)
+
+
+_REGIONS = 5  # bars of a failure
+_BAR_INCHES, _HEAD_INCHES = 0.42, 1.1  # height of a bar, and of all else of its axes
+
+
+def attribution_figure(
+    attributions: Mapping[str, Sequence[Attribution]],
+    failures: Mapping[str, str],
+    folder: Path,
+    keys: Mapping[str, str],
+    about: str,
+    suffix: str = ".png",
+) -> Path:
+    """Draw for each failure the inputs, and pairs of inputs, that distinguish its cases: the
+    fraction of information each explains, with the range where most of these cases are.
+
+    Parameters
+    ----------
+    attributions : mapping of failure to sequence of Attribution
+        From `sepmc.analysis.failure_attribution`; none empty.
+    failures : mapping of failure to str
+        Title of each.
+    folder, keys, about, suffix
+        As for `tornado_figure`.
+
+    Returns
+    -------
+    Path
+        ``attribution`` + suffix.
+    """
+    shown = {name: list(each)[:_REGIONS][::-1] for name, each in attributions.items()}
+    height = _HEAD_INCHES + _BAR_INCHES * max(len(each) for each in shown.values())
+    figure, axes = make_axes(len(shown), 1, (9.0, height))
+    for ax, (name, each) in zip(axes, shown.items(), strict=True):
+        places = np.arange(len(each))
+        fractions = np.array([100.0 * one.information for one in each])
+        ax.barh(places, fractions, height=0.6, color=BLUE)
+        for y, (x, one) in enumerate(zip(fractions, each, strict=True)):
+            ax.text(
+                x + 0.8, y, f"{one.inside} of {one.violations}, among {one.cases} cases",
+                va="center", fontsize=8,
+            )  # fmt: skip
+        ax.set_yticks(places, ["\n".join(_region_lines(one, keys)) for one in each], fontsize=8)
+        ax.set(xlim=(0.0, max(1.3 * fractions.max(), 10.0)), ylim=(-0.6, len(each) - 0.4))
+        ax.grid(axis="y", visible=False)
+        ax.set_title(failures[name], fontsize=9, loc="left")
+        ax.set_xlabel("explained information on which cases these are (%)")
+    set_title(figure, f"Inputs that distinguish cases of a failure, and where most are\n{about}")
+    return save(figure, make_folder(folder) / f"attribution{suffix}")
+
+
+def _region_lines(one: Attribution, keys: Mapping[str, str]) -> list[str]:
+    """Return a line on the range of each input of an attribution."""
+    return [
+        f"{keys.get(name, name)} {low:.5g}" + ("" if low == high else f" to {high:.5g}")
+        for name, (low, high) in zip(one.inputs, one.region, strict=True)
+    ]
 
 
 _DOTS, _INPUTS = 1500, 3  # cases drawn; inputs per outcome

@@ -151,7 +151,9 @@ def save(figure: Figure, path: Path, order: Sequence[str] = ()) -> Path:
         figure.set_dpi(_dots)
         layout.execute(figure)
         figure.set_layout_engine(None)
-    metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}
+    metadata: dict[str, str | None] = {"Software": None}
+    if path.suffix == ".svg":  # the title is the text for readers who do not see the figure
+        metadata = {"Date": None, "Title": " ".join(figure.get_suptitle().split())}
     if path.suffix == ".pdf":
         metadata = {"CreationDate": None, "Producer": None, "Creator": None}
     with matplotlib.rc_context({"svg.hashsalt": "sepmc", "svg.fonttype": "none"}):

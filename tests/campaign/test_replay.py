@@ -14,6 +14,7 @@ from sepmc.cli.app import main
 from sepmc.cli.figures import event_times
 from sepmc.report import animation, history_figures
 from sepmc.report.animation import _Frame
+from sepmc.report.poses import poses
 from sepmc.report.style import make_axes
 
 
@@ -135,7 +136,7 @@ def test_film(folder, tmp_path, monkeypatch):
     assert np.abs(frames[0] - frames[2]).max() > 100
     joint = case.scene.joint["pins"]
     for row in (0, len(history) - 1):
-        frame = _Frame(history, case.scene, row)
+        frame = _Frame(history, poses(history, case.scene), case.scene, row)
         first, second = (frame.in_view(body, np.array([joint.point]))[0] for body in joint.bodies)
         gap = [history[f"pins_gap_{axis}_m"].iloc[row] for axis in "xyz"]
         own = frame.rotations[joint.bodies[0]].apply(gap) * [-1.0, 1.0, 1.0]
@@ -166,7 +167,9 @@ def test_film_shows_what_a_release_lets_go(pair):
     assert history.attrs["releases"] == pytest.approx({"pins": 0.2})
     assert history.attrs["events"] == pytest.approx({"late": 0.4})
     locked = {
-        float(history["time_s"].iloc[row]): bool(_Frame(history, campaign.scene, row).locked)
+        float(history["time_s"].iloc[row]): bool(
+            _Frame(history, poses(history, campaign.scene), campaign.scene, row).locked
+        )
         for row in range(len(history))
     }
     assert all(holds == (time < 0.2 - 1e-9) for time, holds in locked.items()), locked
@@ -180,7 +183,7 @@ def test_film_shows_a_joint_that_never_lets_go(pair):
     ]
     campaign = pair({"phase": phases, "joint.pins.fails": 1})
     history = campaign.simulate(step_s=0.05)
-    frame = _Frame(history, campaign.scene, len(history) - 1)
+    frame = _Frame(history, poses(history, campaign.scene), campaign.scene, len(history) - 1)
     assert frame.locked == {"pins"}
     assert "of pins on aft" in frame.caption or frame.largest_force == 0.0
 
@@ -193,7 +196,10 @@ def test_film_begins_at_the_size_of_the_vehicle(pair):
     }
     campaign = pair(apart)
     history = campaign.simulate(step_s=0.01)
-    frames = [_Frame(history, campaign.scene, row) for row in (0, len(history) - 1)]
+    frames = [
+        _Frame(history, poses(history, campaign.scene), campaign.scene, row)
+        for row in (0, len(history) - 1)
+    ]
     views, length = animation._frame_views(frames, campaign.scene)
     widths = [high - low for low, high in (view[0] for view in views)]
     assert length == pytest.approx(2.0)  # from centre of mass to centre of mass

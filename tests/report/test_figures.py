@@ -12,11 +12,13 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 from scipy import stats
 
+from sepmc.analysis.failure_attribution import Attribution
 from sepmc.analysis.statistics import column, histogram
 from sepmc.report.bench_figures import _peers
 from sepmc.report.figures import band_figures, histogram_figures
 from sepmc.report.history_figures import run_figures
-from sepmc.report.style import _columns
+from sepmc.report.sensitivity_figures import attribution_figure
+from sepmc.report.style import _columns, make_axes, save, set_title
 
 UNITS = {"separation_speed_m_s": "m/s", "separation_distance_mm": "mm", "upper_alpha_deg": "deg"}
 REFERENCE = {"upper_alpha_deg": {"mean": 4.06, "sigma": 0.67, "min": 2.42, "max": 5.93}}
@@ -655,3 +657,28 @@ def test_no_recontact_is_a_clearance_above_zero():
     touch = {"name": "touch", "metric": "gap_recontact", "at_most": 0.0}
     both = campaign.with_settings({"requirement": [wide, touch]})
     assert clearance_bounds(both)["gap_clearance_mm"] == [40.0, 0.0]
+
+
+def test_attributions_are_bars(drawn, tmp_path):
+    """One for each input, or pair, of each failure; the first at the top, with where most are."""
+    one = Attribution(("a",), 0.4, 1e-9, ((1.0, 2.0),), 8, 10, 25)
+    two = Attribution(("a", "b"), 0.6, 1e-9, ((1.0, 2.0), (3.0, 3.0)), 9, 10, 12)
+    each = {"small": [two, one], "parts": [one]}
+    failures = {"small": "small, 10 of 60 cases", "parts": "parts, 10 of 60 cases"}
+    path = attribution_figure(each, failures, tmp_path, {"a": "body.a.mass_kg"}, "some", ".svg")
+    assert path.name == "attribution.svg"
+    first, second = drawn["attribution.svg"].axes
+    assert [bar.get_width() for bar in first.patches] == pytest.approx([40.0, 60.0])
+    labels = [label.get_text() for label in first.get_yticklabels()]
+    assert labels == ["body.a.mass_kg 1 to 2", "body.a.mass_kg 1 to 2\nb 3"]
+    assert first.texts[1].get_text() == "9 of 10, among 12 cases"
+    assert second.get_title(loc="left") == failures["parts"]
+
+
+def test_svg_has_a_title_for_readers_who_do_not_see_it(tmp_path):
+    figure, _ = make_axes(1, 1, (3.0, 2.0))
+    set_title(figure, "A title that is folded into lines, as it is wider than this figure\nsome")
+    path = save(figure, tmp_path / "small.svg")
+    text = path.read_text(encoding="utf-8")
+    folded = "A title that is folded into lines, as it is wider than this figure some"
+    assert f"<title>{folded}</title>" in text

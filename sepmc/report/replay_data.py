@@ -1,0 +1,225 @@
+"""Data of the three-dimensional replays of a report, which `replay.js` draws."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sepmc.report.drawing import nozzle_point
+from sepmc.report.nearest import MovingOutline, PlacedPart, nearest_lines, placed_part
+from sepmc.report.poses import Poses, poses
+from sepmc.report.style import EDGES, TINTS
+from sepmc.scene.model import GROUND, Body, Motor, Scene
+from sepmc.scene.outline_parts import selected_numbers
+
+# decimals of positions in m, of distances in mm, and of quaternions
+_METRES, _MILLIMETRES, _UNIT = 5, 2, 6
+_DIGITS = 4  # significant digits of forces
+
+
+def replay_data(
+    history: pd.DataFrame, scene: Scene, title: str, number: int | None = None
+) -> dict[str, Any]:
+    """Return the data of one case: numbers, texts, lists and dicts of them.
+
+    Parameters
+    ----------
+    history : DataFrame
+        Of `Campaign.simulate`, with its ``attrs``.
+    scene : Scene
+        Of this case.
+    title : str
+    number : int, optional
+        Of the case; None for the nominal case.
+
+    Returns
+    -------
+    dict
+        ``time`` (n), s; ``phases`` and ``phase`` (n), index among them; ``bodies`` with parts in
+        body axes from the centre of mass, ``at`` (3 n), m, and ``turn`` (4 n), scalar-first
+        quaternions to the axes of `sepmc.report.poses.Poses`; ``arrows``: forces (3 n), N, in these
+        axes, at a point of a body, with their joint or motor; ``distances``: those of clearances
+        (n), mm, and ``line`` (6 n), their nearest points, m. Numbers that are not known are None.
+    """
+    history = history[~history["time_s"].duplicated(keep="last")]
+    motion = poses(history, scene)
+    phases = list(dict.fromkeys(history["phase"]))
+    return {
+        "number": number,
+        "title": title,
+        "time": _rounded(history["time_s"], 6),
+        "phases": phases,
+        "phase": [phases.index(phase) for phase in history["phase"]],
+        "bodies": [_body(name, number, scene, motion) for number, name in enumerate(scene.body)],
+        "arrows": [*_joint_arrows(history, scene, motion), *_motor_arrows(history, scene, motion)],
+        "distances": _distances(history, scene, motion),
+    }
+
+
+def _rounded(values: Any, decimals: int) -> list[float | None]:
+    """Return numbers as a flat list, None where they are not finite."""
+    flat = np.asarray(values, dtype=float).ravel()
+    return [
+        value + 0.0 if finite else None
+        for value, finite in zip(np.round(flat, decimals).tolist(), np.isfinite(flat), strict=True)
+    ]
+
+
+def _significant(values: Any) -> list[float | None]:
+    """Return numbers as a flat list, to some significant digits of the largest."""
+    flat = np.asarray(values, dtype=float).ravel()
+    largest = np.abs(flat[np.isfinite(flat)]).max(initial=0.0)
+    return _rounded(flat, _DIGITS - int(np.ceil(np.log10(largest))) if largest > 0.0 else 0)
+
+
+def _arm(point: Sequence[float], body: Body) -> list[float]:
+    """Return a layout point in body axes from the centre of mass, m."""
+    arm = (np.array(point) - body.cg) * [-1.0, 1.0, 1.0]
+    return [float(x) for x in np.round(arm, _METRES)]
+
+
+def _body(name: str, number: int, scene: Scene, motion: Poses) -> dict[str, Any]:
+    """Return a body: name, colours, parts, and motion. A body without outline has lines from its
+    centre of mass to its joints and motors."""
+    body = scene.body[name]
+    points = [joint.point for joint in scene.joint.values() if name in joint.bodies]
+    points += [nozzle_point(motor) for motor in scene.motor if motor.body == name]
+    return {
+        "name": name,
+        "tint": TINTS[number % len(TINTS)],
+        "edge": EDGES[number % len(EDGES)],
+        "parts": [_part(placed_part(part, body.cg)) for part in body.outline],
+        "spokes": [] if body.outline else [_arm(point, body) for point in points],
+        "at": _rounded(motion.positions[name], _METRES),
+        "turn": _rounded(motion.rotations[name].as_quat(scalar_first=True), _UNIT),
+    }
+
+
+def _part(part: PlacedPart) -> dict[str, Any]:
+    """Return a part: centres and radii of the ends, angles of a sector; or points."""
+    if len(part.points):
+        return {"points": np.round(part.points, _METRES).tolist()}
+    return {
+        "start": [round(x, _METRES) for x in part.start],
+        "end": [round(x, _METRES) for x in part.end],
+        "radii": list(part.radii),
+        "wall": part.is_wall,
+        "sector": None if part.sector is None else list(part.sector),
+    }
+
+
+def _joint_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
+    """Return the constraint force of each joint on its second body, until its release."""
+    arrows, bodies = [], list(scene.body)
+    releases = history.attrs["releases"]
+    for name, force in motion.forces.items():
+        joint = scene.joint[name]
+        second, release = joint.bodies[1], releases.get(name, np.nan)
+        arrows.append(
+            {
+                "name": name,
+                "kind": "constraint",
+                "body": bodies.index(second),
+                "at": _arm(joint.second_point or joint.point, scene.body[second]),
+                "force": _significant(force),
+                "until": None if np.isnan(release) else float(release),
+            }
+        )
+    return arrows
+
+
+def _motor_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
+    """Return the thrust of each motor, at its nozzle."""
+    arrows, bodies = [], list(scene.body)
+    for motor in scene.motor:
+        if motor.body == GROUND:
+            continue
+        line = thrust_lines(motor, _driven(history, scene, motor, "deflection"),
+                            _driven(history, scene, motor, "deflection_clock"))  # fmt: skip
+        force = thrust(history, scene, motor)[:, None] * line
+        arrows.append(
+            {
+                "name": motor.name,
+                "kind": "thrust",
+                "body": bodies.index(motor.body),
+                "at": _arm(nozzle_point(motor), scene.body[motor.body]),
+                "force": _significant(motion.rotations[motor.body].apply(force)),
+                "until": None,
+            }
+        )
+    return arrows
+
+
+def _driven(history: pd.DataFrame, scene: Scene, motor: Motor, field: str) -> np.ndarray:
+    """Return a number of a motor (n,), in SI: its own, or that of the signal that gives it."""
+    drive = scene.driven.get(f"motor.{motor.name}.{field}")
+    if drive is None:
+        return np.full(len(history), float(getattr(motor, field)))
+    return history[f"signal_{drive.signal}"].to_numpy() * drive.factor
+
+
+def thrust(history: pd.DataFrame, scene: Scene, motor: Motor) -> np.ndarray:
+    """Return the thrust of a motor (n,), N, over the rows of a history."""
+    ignition = motor.ignition + motor.delay if isinstance(motor.ignition, float) else np.nan
+    ignition = history.attrs["outcomes"].get(f"{motor.name}_ignition_time_s", ignition)
+    if np.isnan(ignition):
+        return np.zeros(len(history))
+    since = history["time_s"].to_numpy() - ignition
+    burning = np.clip(since, 0.0, motor.burn)  # s of burning so far
+    force = _driven(history, scene, motor, "thrust") * (since >= 0.0)
+    if motor.build_up > 0.0:
+        force = force * -np.expm1(-burning / motor.build_up)
+    if motor.profile is not None:
+        force = force * np.interp(
+            burning, motor.profile.time, motor.profile.fraction, left=0.0, right=0.0
+        )
+    after = np.maximum(since - motor.burn, 0.0)
+    if motor.tail_off > 0.0:
+        return np.asarray(force * np.exp(-after / motor.tail_off))
+    return np.where(after > 0.0, 0.0, force)
+
+
+def thrust_lines(motor: Motor, deflection: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    """Return the directions (n, 3) of the thrust of a motor, body axes, at some deflections and
+    their clock angles (n,), rad; eqs (1), (2), (3) of the paper."""
+    fx = np.cos(deflection)
+    fy, fz = -np.sin(deflection) * np.sin(clock), np.sin(deflection) * np.cos(clock)
+    sx, cx = np.sin(motor.cant), np.cos(motor.cant)
+    sg, cg = np.sin(motor.clock), np.cos(motor.clock)
+    return np.column_stack(
+        [
+            cx * fx - sx * fz,
+            -sg * sx * fx + cg * fy - sg * cx * fz,
+            cg * sx * fx + sg * fy + cg * cx * fz,
+        ]
+    )
+
+
+def _distances(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
+    """Return the distance of each clearance over time, and where it is."""
+    result: list[dict[str, Any]] = []
+    for clearance in scene.clearance:
+        column = f"{clearance.name}_clearance_mm"
+        if column not in history or GROUND in clearance.bodies:
+            continue
+        one, two = (
+            MovingOutline(
+                [
+                    placed_part(scene.body[body].outline[k], scene.body[body].cg)
+                    for k in selected_numbers(scene, clearance, side)
+                ],
+                motion.positions[body],
+                motion.rotations[body],
+            )
+            for side, body in enumerate(clearance.bodies)
+        )
+        distances = history[column].to_numpy()
+        result.append(
+            {
+                "name": clearance.name,
+                "value": _rounded(distances, _MILLIMETRES),
+                "line": _rounded(nearest_lines(one, two, 1e-3 * distances), _METRES),
+            }
+        )
+    return result
