@@ -6,19 +6,12 @@ whose true probability of a violation is beyond the requirement's (at most 10 % 
 """
 
 import sys
-from statistics import NormalDist
 
-from support.sizing_problem import FORCE, SIGMA, SPEED, campaign, risk
+from support.sizing_problem import FORCE, SPEED, campaign, risk
 
 from sepmc.campaign.allocation import allocate
 
 KEY, CASES = "spring.pusher.factor", 1000
-
-
-def exact(force: float, factor: float) -> float:
-    """Probability of a violation with a scaled spread."""
-    bound = 1.0 + SIGMA * NormalDist().inv_cdf(risk(force))
-    return NormalDist(1.0, factor * SIGMA).cdf(bound)
 
 
 def main(repeats: int) -> None:
@@ -30,11 +23,11 @@ def main(repeats: int) -> None:
         result = allocate(campaign().with_settings({FORCE.key: force, **cut}), CASES, 10 * seed)
         row = result.table.iloc[0]
         for name, factor in (("half", 0.5), ("double", 2.0)):
-            change = exact(force, factor) - exact(force, 1.0)
+            change = risk(force, factor) - risk(force)
             within[name] += int(row[f"{name}_low"] <= change <= row[f"{name}_high"])
         shown += result.shown
         factor = result.factors.get(KEY, 1.0)
-        wrong += int(result.shown and exact(force, factor) > 1.0 - SPEED["probability"])
+        wrong += int(result.shown and risk(force, factor) > 1.0 - SPEED["probability"])
     print(f"{repeats} allocations: intervals with the true change: {within}")
     print(f"proposals shown: {shown}, of these wrong: {wrong}")
 

@@ -29,8 +29,9 @@ def campaign(*requirements):
     return Campaign(parse_campaign(tree, "pusher.toml"))
 
 
-def risk(force):
-    """Probability that the speed is below the bound: v^2 = 2 F s factor (1/m1 + 1/m2)."""
+def risk(force, spread=1.0):
+    """Probability that the speed is below the bound, v^2 = 2 F s factor (1/m1 + 1/m2), with the
+    spread of the factor multiplied."""
     inverse = sum(1.0 / mass for mass in MASSES)
     factor = SPEED["at_least"] ** 2 / (2.0 * force * STROKE * inverse)
-    return NormalDist(1.0, SIGMA).cdf(factor)
+    return NormalDist(1.0, spread * SIGMA).cdf(factor)
