@@ -309,7 +309,12 @@ _STATE = (
 # Per joint with a hinge angle, and per pair of bodies, in the order of kernel/emit/relative.py.
 _HINGE = (
     ("angle_deg", "deg", "angle of {0} about its x axis: of y in its second body from y", DEG),
-    ("angle_rate_deg_s", "deg/s", "relative rate of the bodies of {0} about its x axis", DEG),
+    (
+        "angle_rate_deg_s",
+        "deg/s",
+        "component about the x axis of {0} of the rate of its second body relative to the first",
+        DEG,
+    ),
 )
 _RELATIVE = (
     ("distance_m", "m", "distance of the centres of mass of {0}", 1.0),

@@ -6,6 +6,7 @@ OF_NOTES = {
     "key, such as `cg_mm` for `cg_m`",
     r"with relative = true": "a width in the unit of the key was probably meant as a fraction: add "
     "`relative = true`, or change the width",
+    r"can hold its bodies still": "`return_factor = 1`, or forces of at least 0",
     r"the weights add up to": "they are normalised; change them if that is not meant",
     r"may not have, and are not run": "bound the distribution with `truncate_sigma`",
     r"overlap at the start": "move a station, or give the clearance `after`",

@@ -113,6 +113,9 @@ class FlightComparison:
     nearest : list of (int, float)
         Number and distance of the cases that are nearest: rms over time and channels of the
         difference, in units of the spread of the cases and the noise of the channel.
+    left_out : float
+        Part of the time that flight and run could share, but which the shift leaves outside; the
+        largest of the channels. More than a few samples point to a wrong sign, factor or unit.
     """
 
     shift: ClockShift
@@ -120,6 +123,7 @@ class FlightComparison:
     channels: pd.DataFrame
     curves: pd.DataFrame
     nearest: list[tuple[int, float]]
+    left_out: float = 0.0
 
 
 def noise_of(values: np.ndarray) -> float:
@@ -167,6 +171,7 @@ def compare_flight(
     if shift_s is None:
         shift = _estimate_shift(ordered, histories, scales)
     rows, curves, squares, count = [], [], np.zeros(len(histories.numbers)), 0
+    left_out = 0.0
     for i, (name, channel) in enumerate(zip(histories.names, ordered, strict=True)):
         time, flight = _within(channel, shift.value, histories.end)
         if len(time) < 2:
@@ -174,6 +179,8 @@ def compare_flight(
                 f"{name}: the flight has {len(time)} samples within the run, 0 to "
                 f"{histories.end:g} s, at a clock shift of {shift.value:.14g} s"
             )
+        shared = min(float(np.ptp(channel.time)), histories.end)
+        left_out = max(left_out, 1.0 - float(np.ptp(time)) / shared)
         cases = _at(histories.values[:, i], histories.step, time)
         nominal = _at(histories.nominal[None, i], histories.step, time)[0]
         bands = np.nanpercentile(cases, list(CURVES.values()), axis=0)
@@ -209,6 +216,7 @@ def compare_flight(
         pd.DataFrame(rows, index=pd.Index(histories.names, name="channel")),
         pd.concat(curves, ignore_index=True),
         [(int(histories.numbers[k]), float(distances[k])) for k in order],
+        left_out,
     )
 
 

@@ -50,9 +50,10 @@ class Allocation:
     settings : dict
         The same as settings of the file.
     shown : bool
-        True if a run with another seed shows all requirements with the proposal.
+        True if a run with another seed shows all requirements with the proposal; without one, the
+        unchanged campaign.
     verdicts : DataFrame or None
-        Verdicts of that run, at the raised confidence.
+        Verdicts of that run, at the raised confidence; None if nothing was tried.
     cases, seed : int
         Of every run of the table; the proposal has the same number of cases.
     verdict_seed : int
@@ -225,7 +226,8 @@ def _propose(
     """Scaled inputs, whether a fresh run shows all requirements with them, its verdicts and seed.
 
     The first inputs in the order of ``candidates`` are scaled: as many as possible if the campaign
-    passes, else as few as possible. Their number is found by bisection, at most `MAX_TRIES` runs.
+    passes, else as few as possible. Their number is searched by bisection, at most `MAX_TRIES`
+    runs; if the campaign passes and none of them does, the last one scales nothing.
     """
     raised = {
         f"requirement.{item.name}.confidence": 1.0 - (1.0 - item.confidence) / MAX_TRIES
@@ -235,8 +237,10 @@ def _propose(
     low, high = (0, len(candidates)) if passes else (1, len(candidates))
     count = len(candidates)  # the first try scales all
     for number in range(1, MAX_TRIES + 1):
-        if not candidates or low > high or count == 0:
+        if not candidates or low > high:
             break
+        if passes and number == MAX_TRIES and not best[1]:
+            count = 0
         chosen = list(candidates[:count])
         variant = _with_spreads(campaign, dict.fromkeys(chosen, factor)).with_settings(raised)
         verdicts = variant.run(cases, seed + number, threads, announce=_ignore).requirements()

@@ -46,11 +46,10 @@ def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]
         *(f"{row['input']}: {row['note']}" for row in table.to_dict("records") if row["note"]),
         "",
     ]
-    if not allocation.factors:
+    if not allocation.factors or not allocation.shown:
         return "\n".join([*lines, _without_proposal(allocation)])
     verb = "doubled" if allocation.passes else "halved"
-    shown = "shown" if allocation.shown else "not shown"
-    lines.append(f"{shown} with {len(allocation.factors)} of {len(table)} spreads {verb}:")
+    lines.append(f"shown with {len(allocation.factors)} of {len(table)} spreads {verb}:")
     lines += [f"  {line}" for line in _file_lines(allocation.settings)]
     assert allocation.verdicts is not None
     lines += render_verdicts(allocation.verdicts)
@@ -65,9 +64,23 @@ def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]
 
 
 def _without_proposal(allocation: Allocation) -> str:
-    if allocation.passes:
-        return "no spread can be doubled: each doubled one alone fails a requirement"
-    return "no halved spread surely helps: change the design, or give more --cases"
+    if allocation.verdicts is None:
+        if allocation.passes:
+            return "no spread can be doubled: each doubled one alone fails a requirement"
+        return "no halved spread surely helps: change the design, or give more --cases"
+    if not allocation.passes:
+        return (
+            "not shown with all spreads halved whose halving surely helps, "
+            f"{len(allocation.factors)} of {len(allocation.table)}: change the design, or give "
+            "more --cases"
+        )
+    unchanged = f"with no spread doubled, a run of seed {allocation.verdict_seed}"
+    if allocation.shown:
+        return f"no proposal: {unchanged} shows all requirements, with spreads doubled none did"
+    return (
+        f"no proposal: even {unchanged} does not show all requirements at the confidence raised "
+        f"for {MAX_TRIES} tries: the margin is too small for --cases {allocation.cases}"
+    )
 
 
 def _change(row: Mapping[Any, Any], name: str) -> list[str]:

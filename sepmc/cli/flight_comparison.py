@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 CASES = 300  # simulated again for the envelope, by default
 _MIN_ROWS, _MOST_ROWS = 200, 1000  # of a history
 _STORED = 20_000  # cases with stored histories that are read
+_MOST_LEFT_OUT = 0.05  # of the time that flight and run could share, without a warning
 _FILES = ("telemetry.csv", "telemetry.json", "telemetry.png")
 
 
@@ -155,6 +156,7 @@ def _summary(
             str(name): {"unit": units[str(name)], **row}
             for name, row in result.channels.to_dict("index").items()
         },
+        "left_out": result.left_out,
         "nearest": [{"case": case, "distance": distance} for case, distance in result.nearest],
     }
 
@@ -188,6 +190,7 @@ def render_flight(summary: dict[str, Any], width: int, folder: Path) -> str:
     first = summary["nearest"][0]["case"]
     text = [
         f"clock shift (time of the flight at time 0 of the run): {shift}, {how}",
+        *_left_out_note(summary["left_out"]),
         *text_table(rows, (0, 1)),
         f"envelope used: of the 99 % band of {summary['cases']} cases, widened by the noise of the "
         "channel; 1 is its edge. Residuals are flight minus nominal case.",
@@ -197,6 +200,16 @@ def render_flight(summary: dict[str, Any], width: int, folder: Path) -> str:
     return "\n".join(
         line if "  " in line else fill(line, width, break_on_hyphens=False) for line in text
     )
+
+
+def _left_out_note(left_out: float) -> list[str]:
+    """Note on a shift that leaves much of the flight outside the run."""
+    if left_out <= _MOST_LEFT_OUT:
+        return []
+    return [
+        f"warning: this shift leaves {100.0 * left_out:.0f} % of what flight and run could share "
+        "outside the run: check sign, factor and unit of the channels, or give --shift"
+    ]
 
 
 def draw_flight(

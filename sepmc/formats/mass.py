@@ -180,11 +180,22 @@ def _urdf(root: Element, name: Any) -> MassProperties:
                           sentence)  # fmt: skip
 
 
+# keys of MuJoCo's compiler that change inertia by the whole model, and their values that do not
+_WHOLE_MODEL = (
+    ("inertiafromgeom", ("auto", "false")),
+    ("settotalmass", ("-1", "0")),
+    ("boundmass", ("0",)),
+    ("boundinertia", ("0",)),
+    ("balanceinertia", ("false",)),
+    ("coordinate", ("local",)),
+)
+
+
 def _mjcf(root: Element, name: Any) -> MassProperties:
     compiler: dict[str, str] = {}
     for each in root.children:
         compiler |= each.attributes if each.tag == "compiler" else {}
-    for key, plain in (("inertiafromgeom", ("auto", "false")), ("settotalmass", ("-1", "0"))):
+    for key, plain in _WHOLE_MODEL:
         if compiler.get(key, plain[0]) not in plain:
             raise FormatError(f"has {key} in its compiler: inertia follows from the whole model")
     bodies = [body for body in root.all("body") if body.child("inertial")]

@@ -52,6 +52,7 @@ def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
         *_start(scene),
         *_overlaps(scene),
         *_springs(scene),
+        *_unloading(scene),
         *_pulls(scene, dispersions),
         *_wind(scene, dispersions),
         *_late_thrust(scene, dispersions),
@@ -60,6 +61,18 @@ def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
         *lint_aerodynamics(scene),
         *lint_layout(scene),
     ]
+
+
+def _unloading(scene: Scene) -> Iterator[str]:
+    """Tables of force that pull, with a return factor: they can hold bodies at a standstill."""
+    for spring in scene.spring:
+        table = spring.table
+        if table is not None and table.return_factor < 1.0 and min(table.force) < 0.0:
+            yield (
+                f"spring.{spring.name}.table: pulls with {-min(table.force):g} N, less on the way "
+                "back by return_factor: against another force such a spring can hold its bodies "
+                "still, which steps do not resolve; give return_factor = 1 or forces >= 0"
+            )
 
 
 def _nearly_level(scene: Scene) -> Iterator[str]:

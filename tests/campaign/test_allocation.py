@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from support.sizing_problem import FORCE, SIGMA, campaign, risk
 
 from sepmc.campaign.allocation import MAX_TRIES, allocate, scaled_distribution
+from sepmc.cli.allocation_results import render_allocation
 from sepmc.cli.app import main
 from sepmc.scene.messages import InputError
 
@@ -63,6 +64,19 @@ def test_no_proposal_where_a_doubled_spread_fails():
 
 
 @pytest.mark.slow
+def test_no_proposal_where_a_fresh_run_of_the_campaign_itself_fails():
+    """The first run passes by chance: no doubled spread is blamed, and none is proposed."""
+    force = next(f for f in range(1000, 6000, 10) if risk(f) < 0.036)
+    result = allocate(at(force, **{"dispersion.body.aft.cg_m.y": {"uniform": 1e-6}}), 500, 5)
+    assert result.passes
+    assert "body.aft.cg_m.y" in list(result.table["input"][result.table["double_passes"].eq(True)])
+    assert (result.factors, result.settings, result.shown) == ({}, {}, False)
+    text = render_allocation(result, "pusher.toml", ())
+    assert "no proposal: even with no spread doubled" in text
+    assert "truncate_sigma" not in text
+
+
+@pytest.mark.slow
 def test_a_spread_that_cannot_be_doubled_is_a_row_with_the_reason():
     """Twice the spread of a mass reaches below 0."""
     nominal = campaign().scene.body["aft"].mass
@@ -111,9 +125,9 @@ def test_scaled_distributions():
 def test_command(tmp_path, monkeypatch):
     """The printed command runs the same cases with the proposed spreads."""
     monkeypatch.chdir(tmp_path)
-    arguments = ["allocate", "lightband", "--cases", "400", "--seed", "2", "--check"]
+    arguments = ["allocate", "lightband", "--cases", "2000", "--check"]
     result = CliRunner().invoke(main, arguments)
-    assert result.exit_code in (0, 1), result.output
+    assert result.exit_code == 0, result.output
     table = pd.read_csv("lightband-allocation.csv")
     assert len(table) == 10
     assert "of 10 spreads halved:" in result.output

@@ -126,3 +126,16 @@ def test_wrong_requests_are_refused(run, arguments, reason):
     done = compare(folder, *filled)
     assert done.exit_code == 2
     assert reason in " ".join(done.output.split())
+
+
+@pytest.mark.slow
+def test_a_shift_that_slides_the_flight_off_the_run_is_noted(run, tmp_path):
+    """Feet that are taken for metres, 3.28 times too large: the nearest shift is a wrong one."""
+    folder, data = run
+    arguments = ("--data", data, "--map", "separation_speed_m_s=3.28*separation_speed_m_s")
+    done = compare(folder, *arguments, "--out", tmp_path / "wrong")
+    assert done.exit_code == 0, done.output
+    assert "check sign, factor and unit of the channels" in " ".join(done.output.split())
+    assert json.loads((tmp_path / "wrong" / "telemetry.json").read_text())["left_out"] > 0.05
+    right = compare(folder, "--data", data, "--out", tmp_path / "right")
+    assert "check sign" not in right.output

@@ -218,6 +218,10 @@ def test_faults_are_named(tmp_path, text, options, reason):
     [
         (("diaginertia", "dia"), "line 3: inertial has no diaginertia"),
         (("<worldbody>", "<compiler inertiafromgeom='true'/><worldbody>"), "has inertiafromgeom"),
+        (("<worldbody>", "<compiler boundmass='1000'/><worldbody>"), "has boundmass"),
+        (("<worldbody>", "<compiler boundinertia='9'/><worldbody>"), "has boundinertia"),
+        (("<worldbody>", "<compiler balanceinertia='true'/><worldbody>"), "has balanceinertia"),
+        (("<worldbody>", "<compiler coordinate='global'/><worldbody>"), "has coordinate"),
         (("<inertial", "<joint/><geom"), "has no body with mass properties"),
         (('1.0 0.0 0.0 0.0"', '0 0 0 0"'), "has no direction"),
         (('1.0 0.0 0.0 0.0"', '1 0 0"'), "quat = .*: must be 4 finite numbers"),

@@ -197,3 +197,19 @@ def test_wrong_tables_are_refused(table, message):
 def test_a_table_of_zeros_does_nothing():
     one = campaign({"extension_m": [0.0, 0.1], "force_N": [0.0, 0.0]})
     assert any("spring.pusher does nothing" in note for note in file_notes(one))
+
+
+def test_a_table_that_overshoots_is_noted():
+    """All rows push, but the spline through them pulls with 745 N: it does 9 J instead of 125 J."""
+    table = {"extension_m": [0.0, 0.05, 0.1, 0.3], "force_N": [1000.0, 900.0, 400.0, 50.0]}
+    (note,) = [one for one in file_notes(campaign(table)) if "table.force" in one]
+    assert "spring.pusher.table.force: the smooth function through the rows reaches -7" in note
+    for other in ("linear", "monotone"):
+        notes = file_notes(campaign(table | {"interpolation": other}))
+        assert not any("table.force" in one for one in notes)
+
+
+def test_a_table_that_pulls_less_on_the_way_back_is_noted():
+    table = {"extension_m": [0.0, 0.1], "force_N": [100.0, -50.0], "return_factor": 0.6}
+    assert any("can hold its bodies" in one for one in file_notes(campaign(table)))
+    assert not any("can hold" in one for one in file_notes(campaign(table | {"return_factor": 1})))

@@ -465,6 +465,14 @@ def test_a_table_that_overshoots_is_said(pair):
     assert 'interpolation = "linear"' in sentence
     assert said([0.1, 0.3, 0.5, 0.7, 0.9], [0.2, 0.3, 0.6, 0.5, 0.4], "linear") == []
     assert said([0.1, 0.3, 0.5], [0.2, 0.2, 0.2]) == []
+    near = {"name": "near", "body": "aft", "joint": "pins", "axial": [0.0, 0.5, 0.5, 0.5]}
+    (sentence,) = overshooting(
+        pair(
+            {"environment.atmosphere": "us1976", "body.aft.aerodynamics": drag | {"axial": {}}}
+            | {"proximity": [near | {"distance_m": [0.0, 0.01, 0.5, 1.0]}]}
+        ).scene
+    )
+    assert "proximity.near.axial: the smooth function" in sentence
     thin = {
         "altitude_m": [0.0, 500.0, 500.001, 1000.0, 2000.0],
         "density_kg_per_m3": [1.2, 1.0, 0.9, 0.8, 0.7],

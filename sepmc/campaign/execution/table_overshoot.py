@@ -1,7 +1,8 @@
 """Tables whose spline goes beyond the values of their rows: rows at uneven distances, or too few
 where the values bend."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ _SMALLER = 1e-6  # range of values, of their size, that is round-off
 _BEYOND_NEIGHBOURS = 0.05
 _REMEDY = "give more rows where it changes, at even distances"
 _OTHERS = 'or interpolation = "linear" or "monotone"'
+_FLAT = "clamped"  # zero slope at both ends
 _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 Array = np.ndarray
@@ -42,6 +44,21 @@ def overshooting(scene: Scene) -> list[str]:
                     notes += _table_notes(
                         f"body.{name}.aerodynamics.table.{coefficient}", axes, np.array(grid, float)
                     )
+    for spring in scene.spring:
+        if spring.table is not None and spring.table.interpolation == "cubic":
+            rows = {"extension": spring.table.extension}
+            notes += _table_notes(
+                f"spring.{spring.name}.table.force", rows, np.array(spring.table.force)
+            )
+    for entry in scene.proximity:
+        for coefficient in _COEFFICIENTS if entry.interpolation == "cubic" else ():
+            if grid := getattr(entry, coefficient):
+                notes += _table_notes(
+                    f"proximity.{entry.name}.{coefficient}",
+                    entry.points,
+                    np.array(grid, float),
+                    _FLAT,
+                )
     return notes
 
 
@@ -69,9 +86,12 @@ def _air_columns(air: AirProfile) -> Iterator[tuple[str, Array]]:
         yield "environment.air.speed_of_sound", np.array(air.speed_of_sound)
 
 
-def _table_notes(name: str, axes: dict[str, tuple[float, ...]], values: Array) -> list[str]:
+def _table_notes(
+    name: str, axes: Mapping[str, Sequence[float]], values: Array, ends: str | None = None
+) -> list[str]:
     """Note if the interpolant of ``values``, a row for each number of the axes, goes far beyond
-    them, or along an axis beyond two neighbouring rows."""
+    them, or along an axis beyond two neighbouring rows. ``ends`` is a boundary condition of scipy;
+    None: not-a-knot."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415
 
     low, high, curve = float(values.min()), float(values.max()), values
@@ -80,9 +100,9 @@ def _table_notes(name: str, axes: dict[str, tuple[float, ...]], values: Array) -
         if len(axis) > 1:
             points = np.array(axis)
             points_between = np.unique(np.linspace(points[:-1], points[1:], _BETWEEN))
-            degree = min(3, len(points) - 1)
-            curve = make_interp_spline(points, curve, k=degree, axis=number)(points_between)
-            along = make_interp_spline(points, np.moveaxis(values, number, 0), k=degree)
+            how: dict[str, Any] = {"k": 3 if ends else min(3, len(points) - 1), "bc_type": ends}
+            curve = make_interp_spline(points, curve, axis=number, **how)(points_between)
+            along = make_interp_spline(points, np.moveaxis(values, number, 0), **how)
             excess, sentence = _beyond_neighbours(key, points, along)
             if excess > furthest:
                 furthest, where = excess, sentence
@@ -102,7 +122,7 @@ def _beyond_neighbours(
     key: str, points: Array, along: Callable[[Array], Array]
 ) -> tuple[float, str]:
     """Largest excess of a spline over the two rows that it is between, and where."""
-    angle = key in ("alpha", "beta")
+    angle = key in ("alpha", "beta", "pitch", "yaw", "roll")
     between = np.linspace(points[:-1], points[1:], _BETWEEN, axis=1)  # (intervals, points)
     values, rows = along(between), along(points)
     shape = (len(points) - 1, 1, *rows.shape[1:])
