@@ -1,7 +1,7 @@
 """Cells of tables with kinks, as lines of a kernel.
 
-Such a cell is held within a step, so that the table is smooth there. A step ends where the point
-leaves its cell, as at any other event, and the next cell is entered then.
+Such a cell is constant within a step, so that the table is smooth there. A step ends where the
+point leaves its cell, as at any other event, and the next cell is entered then.
 """
 
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ from typing import Any
 from sepmc.kernel.emit.context import Context, component, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.tables import axis_ends, force_table_start, proximity_start, table_start
-from sepmc.kernel.spec.held_cells import force_cell, proximity_cell
 from sepmc.kernel.spec.kernel_spec import Segment
+from sepmc.kernel.spec.step_cells import force_cell, proximity_cell
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines import layout as at
 from sepmc.schema import Status
@@ -22,7 +22,7 @@ _MOMENT, _LONGER_MOMENT = 1e-6, 1e-5  # s
 
 
 @dataclass(frozen=True)
-class _HeldTable:
+class _KinkedTable:
     """Table with kinks: fields of its cell and its point, index among the shared numbers, and the
     status of a case that leaves it."""
 
@@ -32,22 +32,22 @@ class _HeldTable:
     leaves: Status = Status.OUTSIDE_TABLE
 
 
-def _held_tables(c: Context) -> list[_HeldTable]:
+def _kinked_tables(c: Context) -> list[_KinkedTable]:
     """Tables with kinks."""
     wind, air = int(c.model.wind_x), int(c.model.air_x)
     tables = []
     for body in c.spec.bodies:
         tables += [
-            _HeldTable(f"WIND_CELL_{body}", f"WIND_HEIGHT_{body}", wind),
-            _HeldTable(f"AIR_CELL_{body}", f"HEIGHT_OF_{body}", air, Status.OUTSIDE_ATMOSPHERE),
-            _HeldTable(f"CELL_{body}", f"FLOW_{body}", table_start(c, body)),
+            _KinkedTable(f"WIND_CELL_{body}", f"WIND_HEIGHT_{body}", wind),
+            _KinkedTable(f"AIR_CELL_{body}", f"HEIGHT_OF_{body}", air, Status.OUTSIDE_ATMOSPHERE),
+            _KinkedTable(f"CELL_{body}", f"FLOW_{body}", table_start(c, body)),
         ]
     for i in range(len(c.spec.scene.proximity)):
-        tables.append(_HeldTable(proximity_cell(i), f"DISTANCE_{i}", proximity_start(c, i)))
+        tables.append(_KinkedTable(proximity_cell(i), f"DISTANCE_{i}", proximity_start(c, i)))
     for i, spring in enumerate(c.spec.scene.spring):
         start, point = force_table_start(c, i), f"EXTENSION_{spring.name}"
-        tables.append(_HeldTable(force_cell(spring.name), point, start))
-    return [table for table in tables if table.cell in c.spec.held_cells]
+        tables.append(_KinkedTable(force_cell(spring.name), point, start))
+    return [table for table in tables if table.cell in c.spec.step_cells]
 
 
 def emit_cells(out: Text, c: Context, segment: Segment) -> None:
@@ -57,7 +57,7 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
     The rate is the difference quotient over `_MOMENT` along the derivative K1, wind and air at that
     place included.
     """
-    tables = _held_tables(c)
+    tables = _kinked_tables(c)
     if not tables:
         return
     size = c.spec.active_size(segment)
@@ -88,7 +88,7 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
         inner = text.lanes().block(f"if w[{flag} + l] > 0.0:")
         for k, axis in enumerate("xyz"):
             inner(f"{axis} = w[{component(f'NOW_{cell}', k)} + l]")
-            if k not in c.spec.held_cells[cell]:
+            if k not in c.spec.step_cells[cell]:
                 continue
             first, last = axis_ends(c, table.start, k)
             rate = f"w[{component(f'RATE_{cell}', k)} + l]"
@@ -104,7 +104,7 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
         )
 
 
-def _emit_second_rates(out: Text, c: Context, segment: Segment, tables: list[_HeldTable]) -> None:
+def _emit_second_rates(out: Text, c: Context, segment: Segment, tables: list[_KinkedTable]) -> None:
     """Write the function for the second rates of the points in tables with kinks at the start of an
     interval, where no step before tells them: a point at rest on a kink leaves it by them."""
     size = c.spec.active_size(segment)

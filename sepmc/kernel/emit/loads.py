@@ -16,9 +16,9 @@ from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import ignition_time
 from sepmc.kernel.emit.signals import number, signals_of, three_numbers
 from sepmc.kernel.emit.tables import looks_up, table_derivatives, table_force
-from sepmc.kernel.spec.held_cells import has_unloading, unloading_path
 from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
+from sepmc.kernel.spec.step_cells import has_unloading, unloading_path
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, air, loads, scalar, square_root, vec3, vehicle
 from sepmc.kernel.tracer.text import Text

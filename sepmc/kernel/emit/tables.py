@@ -11,9 +11,9 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, component, origin_height, rejection_unless
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.spec.held_cells import force_cell, has_unloading, proximity_cell
 from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment
 from sepmc.kernel.spec.packing import PER_RATE, derivative_grids
+from sepmc.kernel.spec.step_cells import force_cell, has_unloading, proximity_cell
 from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr
@@ -204,7 +204,7 @@ def _relative_motion(s: State, entry: Proximity) -> tuple[Any, Any, Any]:
 def _clamp(text: Text, c: Context, start: int, cell: str, point: str) -> None:
     """Append lines that limit coordinates to the range of a table; one with kinks has spans
     beyond."""
-    if cell in c.spec.held_cells:
+    if cell in c.spec.step_cells:
         return
     for k in range(sum(count > 1 for count in _basis_counts(c, start))):
         first, last = axis_ends(c, start, k)
@@ -245,7 +245,7 @@ def _emit_table(
         inner = out.function(f"sum_{cell}(w)", docstring).lanes()
         for line in cell_sum_lines(cell, point, values, functions, counts):
             inner.broken(line)
-    if cell not in c.spec.held_cells:
+    if cell not in c.spec.step_cells:
         inner = text.lanes()
         inner("x, y, z = " + ", ".join(f"w[{component(point, k)} + l]" for k in range(3)))
         inner = inner.block(f"if not in_cell(w, {cell} + l, x, y, z):")

@@ -7,10 +7,10 @@ equal specifications share one compiled kernel.
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from sepmc.kernel.spec.held_cells import held_cells
 from sepmc.kernel.spec.kinks import Formulas
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
+from sepmc.kernel.spec.step_cells import step_cells
 from sepmc.kernel.spec.variant import Variant
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import joint_axes, leaves_pins_sliding
@@ -288,10 +288,10 @@ class KernelSpec:
         return self.layout.scene
 
     @cached_property
-    def held_cells(self) -> dict[str, tuple[int, ...]]:
+    def step_cells(self) -> dict[str, tuple[int, ...]]:
         """Axes of the tables with kinks by the fields of their cells, which change at the ends of
         steps only."""
-        return held_cells(self.scene, self.dispersed)
+        return step_cells(self.scene, self.dispersed)
 
     @cached_property
     def formulas(self) -> Formulas:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
-from sepmc.kernel.spec.held_cells import has_kinks, has_unloading
 from sepmc.kernel.spec.splines import FAR, pack
+from sepmc.kernel.spec.step_cells import has_kinks, has_unloading
 from sepmc.routines import layout as at
 from sepmc.scene.model import (
     DERIVATIVES,

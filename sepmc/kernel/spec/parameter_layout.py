@@ -9,8 +9,8 @@ import numpy as np
 
 from sepmc.kernel.spec import packing
 from sepmc.kernel.spec.conditions import Conditions, make_conditions
-from sepmc.kernel.spec.held_cells import has_unloading, unloading_path
 from sepmc.kernel.spec.packing import Pool
+from sepmc.kernel.spec.step_cells import has_unloading, unloading_path
 from sepmc.routines import layout as at
 from sepmc.scene.contents import contents
 from sepmc.scene.kinds import axial_offset, joint_axes, mass_centres

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 from sepmc.kernel.spec.conditions import Leaf, make_conditions
 from sepmc.kernel.spec.heights import may_pass_borders
-from sepmc.kernel.spec.held_cells import held_cells
 from sepmc.kernel.spec.kernel_spec import (
     Change,
     Due,
@@ -20,6 +19,7 @@ from sepmc.kernel.spec.kernel_spec import (
 from sepmc.kernel.spec.kinks import Formulas, kink_name
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout, is_ground_named
+from sepmc.kernel.spec.step_cells import step_cells
 from sepmc.kernel.spec.variant import Variant
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import rows_of
@@ -145,7 +145,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
         segment.events += [Event(at.AT_KINK, kink, -1, False) for kink in kinks]
         cell_ends = [
             Event(quantity, cell, axis, False)
-            for cell, axes in held_cells(scene, dispersed).items()
+            for cell, axes in step_cells(scene, dispersed).items()
             for axis in axes
             for quantity in (at.AT_CELL_TOP, at.AT_CELL_BASE)
         ]

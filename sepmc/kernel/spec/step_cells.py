@@ -44,8 +44,8 @@ def force_cell(spring: str) -> str:
     return f"FORCE_CELL_{spring}"
 
 
-def held_cells(scene: Scene, dispersed: frozenset[str]) -> dict[str, tuple[int, ...]]:
-    """Cells of tables with kinks.
+def step_cells(scene: Scene, dispersed: frozenset[str]) -> dict[str, tuple[int, ...]]:
+    """Cells of tables with kinks, which are constant within a step.
 
     Parameters
     ----------
