@@ -5,11 +5,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from sepmc.formats.ccsds import read_initial
 from sepmc.formats.datcom import is_datcom, read_datcom
-from sepmc.formats.daveml import read_daveml
 from sepmc.formats.decks import read_deck
-from sepmc.formats.mass import read_mass
 from sepmc.formats.soundings import read_air, read_wind
 from sepmc.formats.text_table import FormatError
 from sepmc.formats.thrust import read_thrust
@@ -113,12 +110,19 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
             if kind == "thrust":
                 sentences = _thrust(key_path, table, owner, path, options, problems)
             elif kind in ("initial", "mass"):
+                # these readers need scipy, which takes longer to import than most campaigns to read
                 if kind == "initial":
+                    from sepmc.formats.ccsds import read_initial  # noqa: PLC0415
+
                     keys, sentences = read_initial(path, _located(options, folder))
                 else:
+                    from sepmc.formats.mass import read_mass  # noqa: PLC0415
+
                     keys, sentences = read_mass(path, options)
                 _move(key_path, kind, owner, keys, problems)
             elif kind == "deck" and path.suffix.lower() == ".dml":
+                from sepmc.formats.daveml import read_daveml  # noqa: PLC0415
+
                 table_read, sentences = read_daveml(path, options)
                 if "interpolation" in table:
                     del table_read["interpolation"]
