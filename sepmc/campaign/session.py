@@ -492,6 +492,8 @@ def _verdicts(
     dict of str to (str, int, int)
         By name of the requirement: verdict, violations, missing.
     """
+    if not box.file.requirements:
+        return {}
     codes = {status.label: status for status in Status}
     columns = {column.name: k for k, column in enumerate(box.result_columns)}
     is_ok = np.asarray(block.status == Status.OK)

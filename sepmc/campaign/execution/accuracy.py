@@ -107,12 +107,10 @@ def scales(
         SI.
     """
     magnitudes = np.abs(np.where(np.isnan(reference), 0.0, reference)).max(axis=0, initial=0.0)
-    largest = np.array(
-        [
-            max(x for x, other in zip(magnitudes, units, strict=True) if other == unit)
-            for unit in units
-        ]
-    )
+    largest_of: dict[str, float] = {}
+    for unit, magnitude in zip(units, magnitudes.tolist(), strict=True):
+        largest_of[unit] = max(largest_of.get(unit, 0.0), magnitude)
+    largest = np.array([largest_of[unit] for unit in units])
     if scene_scale is not None:
         largest = np.maximum(largest, scene_scale)
     return np.maximum(deviation(reference) if spread is None else spread, SMALL * largest)
