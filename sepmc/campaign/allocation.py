@@ -17,7 +17,7 @@ import pandas as pd
 
 from sepmc.analysis.proportions import paired_interval
 from sepmc.analysis.requirements import PASS, violation_masks
-from sepmc.campaign.sizing import checked_requirements
+from sepmc.campaign.sizing import checked_requirements, fresh_verdict
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import InputError, Log, SceneError
 
@@ -151,7 +151,9 @@ def allocate(
         row: dict[str, Any] = {"input": one.parameter.key, "low": low, "high": high, "note": ""}
         for name, factor in (("half", HALF), ("double", DOUBLE)):
             try:
-                changed, row[f"{name}_passes"] = run(_with_spreads(campaign, {one: factor}))
+                changed, row[f"{name}_passes"] = run(
+                    campaign.with_settings(_settings({one: factor}))
+                )
             except SceneError as error:
                 reason = str(error.problems[0]).removeprefix(f"{campaign.name}: ")
                 row["note"], row[f"{name}_passes"] = f"{name}: {reason}", None
@@ -197,11 +199,6 @@ def _ignore(*_: object) -> None:
     """Ignore a message."""
 
 
-def _with_spreads(campaign: "Campaign", factors: dict[Dispersion, float]) -> "Campaign":
-    """Campaign with scaled spreads."""
-    return campaign.with_settings(_settings(factors))
-
-
 def _candidates(
     table: pd.DataFrame, spreads: Sequence[Dispersion], passes: bool
 ) -> tuple[list[Dispersion], float]:
@@ -229,10 +226,6 @@ def _propose(
     passes, else as few as possible. Their number is searched by bisection, at most `MAX_TRIES`
     runs; if the campaign passes and none of them does, the last one scales nothing.
     """
-    raised = {
-        f"requirement.{item.name}.confidence": 1.0 - (1.0 - item.confidence) / MAX_TRIES
-        for item in campaign.file.requirements
-    }
     best: tuple[list[Dispersion], bool, pd.DataFrame | None, int] = ([], False, None, seed)
     low, high = (0, len(candidates)) if passes else (1, len(candidates))
     count = len(candidates)  # the first try scales all
@@ -242,9 +235,10 @@ def _propose(
         if passes and number == MAX_TRIES and not best[1]:
             count = 0
         chosen = list(candidates[:count])
-        variant = _with_spreads(campaign, dict.fromkeys(chosen, factor)).with_settings(raised)
-        verdicts = variant.run(cases, seed + number, threads, announce=_ignore).requirements()
-        shown = bool((verdicts["verdict"] == PASS).all())
+        settings = _settings(dict.fromkeys(chosen, factor))
+        shown, verdicts = fresh_verdict(
+            campaign, settings, cases, seed + number, MAX_TRIES, threads, _ignore
+        )
         if shown or not best[1]:
             best = chosen, shown, verdicts, seed + number
         if shown == passes:  # more may be scaled

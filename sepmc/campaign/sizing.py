@@ -153,10 +153,12 @@ def size(
         best, searched = search.optimum(fraction)
         if announce:
             announce(f"search {number}: {_text(best)}; a run with a fresh seed for the verdict ...")
-        shown, verdicts = _verdict(campaign, best, cases, seed + number, threads, announce)
+        count = VERDICT_CASES * cases
+        shown, verdicts = fresh_verdict(
+            campaign, dict(best), count, seed + number, MAX_TRIES, threads, announce
+        )
         if shown or number == MAX_TRIES:
             cost = float(evaluate(tree, _named(variables, list(best.values()))))
-            count = VERDICT_CASES * cases
             at_ends = tuple(
                 v.key
                 for v in variables
@@ -218,21 +220,22 @@ def checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement,
     return items
 
 
-def _verdict(
+def fresh_verdict(
     campaign: "Campaign",
-    design: dict[str, float],
+    settings: dict[str, Any],
     cases: int,
     seed: int,
+    tries: int,
     threads: int | None,
     announce: Log | None,
 ) -> tuple[bool, pd.DataFrame]:
-    """Verdicts of a run of a design on fresh cases, at the raised confidence."""
+    """True if a run with other values shows all requirements, and its verdicts. Their confidence is
+    raised for a number of such tries."""
     raised = {
-        f"requirement.{item.name}.confidence": 1.0 - (1.0 - item.confidence) / MAX_TRIES
+        f"requirement.{item.name}.confidence": 1.0 - (1.0 - item.confidence) / tries
         for item in campaign.file.requirements
     }
-    count = VERDICT_CASES * cases
-    run = campaign.with_settings(design | raised).run(count, seed, threads, announce=announce)
+    run = campaign.with_settings(settings | raised).run(cases, seed, threads, announce=announce)
     verdicts = run.requirements()
     return bool((verdicts["verdict"] == PASS).all()), verdicts
 

@@ -103,6 +103,7 @@ def test_beyond_tables_of_lines_over_height(pair, table):
         assert_allclose(result["outcomes"][name], value, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interpolation", ["cubic", "linear", "monotone"])
 def test_a_wind_is_turned_as_a_whole(pair, plainly, interpolation):
     """The components of a wind without overshoot are others in other axes: it is interpolated as in

@@ -63,9 +63,7 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
     size = c.spec.active_size(segment)
     docstring = "Points in tables with kinks at the state Y, and their rates along K1."
     text = out.function(f"cell_points_{segment.name}(w)", docstring)
-    text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
-    text.lanes()("w[CLOCK + l] = w[T + l]")
-    text(f"look_up_{segment.name}(w)")
+    _look_up_at_state(text, segment)
     for table in tables:
         c.workspace.add(f"NOW_{table.cell}", 3), c.workspace.add(f"RATE_{table.cell}", 3)
         inner = text.block("for e in range(3 * LANES):")
@@ -104,15 +102,20 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
         )
 
 
+def _look_up_at_state(text: Text, segment: Segment) -> None:
+    """Write the lines that look up all tables at the state Y."""
+    text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+    text.lanes()("w[CLOCK + l] = w[T + l]")
+    text(f"look_up_{segment.name}(w)")
+
+
 def _emit_second_rates(out: Text, c: Context, segment: Segment, tables: list[_KinkedTable]) -> None:
     """Write the function for the second rates of the points in tables with kinks at the start of an
     interval, where no step before tells them: a point at rest on a kink leaves it by them."""
     size = c.spec.active_size(segment)
     docstring = "Second rates of points in tables with kinks at the start of an interval."
     text = out.function(f"cell_second_rates_{segment.name}(w)", docstring)
-    text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
-    text.lanes()("w[CLOCK + l] = w[T + l]")
-    text(f"look_up_{segment.name}(w)")
+    _look_up_at_state(text, segment)
     for table in tables:
         c.workspace.add(f"SECOND_{table.cell}", 3)
         inner = text.block("for e in range(3 * LANES):")
