@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from sepmc.campaign.session import DesignResult, DesignTable, Session
     from sepmc.campaign.store.untrusted import StoreError
     from sepmc.campaign.stored_result import open
+    from sepmc.report.flight_figure import draw_flight
     from sepmc.scene.messages import InputError, RunWarning, SceneError, SceneWarning
 
 try:
@@ -35,6 +36,7 @@ __all__ = [
     "StaleWorkerError",
     "StoreError",
     "__version__",
+    "draw_flight",
     "load",
     "open",
 ]
@@ -54,6 +56,7 @@ _MODULES = {
     "Session": "campaign.session",
     "StaleWorkerError": "campaign.execution.work_ranges",
     "StoreError": "campaign.store.untrusted",
+    "draw_flight": "report.flight_figure",
     "load": "campaign.campaign",
     "open": "campaign.stored_result",
 }

@@ -7,6 +7,8 @@ The time of the flight's clock is the time of the run plus the clock shift.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,6 +27,7 @@ _REFERENCES = 8  # cases of a coarse scan beside the nominal one
 _LEAST_NOISE = 1e-3  # of a channel, in units of its scale, in the weights of its samples
 _WINDOW = 0.1  # of the run, to either side of the coarse scan: shifts that other cases may have
 _OVERLAP = 0.5  # least part of the shorter of run and flight that must coincide
+_MOST_LEFT_OUT = 0.05  # of the time that flight and run could share, without a note
 
 
 @dataclass(frozen=True)
@@ -37,10 +40,13 @@ class Channel:
         Of the flight's clock, s, not falling.
     values : ndarray, shape (m,)
         In the unit of the column it is compared with.
+    unit : str
+        Of the values.
     """
 
     time: np.ndarray
     values: np.ndarray
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -94,17 +100,19 @@ class ClockShift:
     is_estimated: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FlightComparison:
     """A flight against the cases of a run.
 
     Attributes
     ----------
     shift : ClockShift
+        Time of the flight's clock at time 0 of the run: ``value`` and one standard ``error``, s,
+        and whether it ``is_estimated``.
     n_cases : int
         Cases of the envelope.
     channels : DataFrame
-        A row per column: samples, noise (sigma of the channel, from its second differences),
+        A row per column: unit, samples, noise (sigma of the channel, from its second differences),
         envelope_used (largest distance from the median over the half width of the 99 % band, 1 at
         its edge; the band is widened by the noise) and its time, inside_99 (fraction of the time
         within the band), residual_rms and residual_max (against the nominal case) and its time.
@@ -116,6 +124,10 @@ class FlightComparison:
     left_out : float
         Part of the time that flight and run could share, but which the shift leaves outside; the
         largest of the channels. More than a few samples point to a wrong sign, factor or unit.
+    run, data : str
+        Name of the run, and of the file of telemetry.
+    channels_read : tuple of str
+        What was understood of each channel.
     """
 
     shift: ClockShift
@@ -124,6 +136,85 @@ class FlightComparison:
     curves: pd.DataFrame
     nearest: list[tuple[int, float]]
     left_out: float = 0.0
+    run: str = ""
+    data: str = ""
+    channels_read: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        case, distance = self.nearest[0]
+        return (
+            f"<FlightComparison of {self.run} and {self.data}, {self.n_cases} cases: clock shift "
+            f"{self.shift.value:.14g} s, nearest case {case} ({distance:.3g})>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Table of the channels, for notebooks."""
+        return f"<p>{escape(repr(self))}</p>{self.channels.to_html()}"
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes for the user, on a shift that leaves much of the flight outside the run."""
+        if self.left_out <= _MOST_LEFT_OUT:
+            return []
+        return [
+            f"this shift leaves {100.0 * self.left_out:.0f} % of what flight and run could share "
+            "outside the run: check sign, factor and unit of the channels, or give the shift"
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of ``telemetry.json``: all but the curves.
+
+        Returns
+        -------
+        dict
+        """
+        return {
+            "data": self.data,
+            "channels_read": list(self.channels_read),
+            "cases": self.n_cases,
+            "clock_shift_s": self.shift.value,
+            "clock_shift_error_s": self.shift.error,
+            "clock_shift_is_estimated": self.shift.is_estimated,
+            "channels": {str(k): row for k, row in self.channels.to_dict("index").items()},
+            "left_out": self.left_out,
+            "nearest": [{"case": case, "distance": distance} for case, distance in self.nearest],
+        }
+
+    @classmethod
+    def from_dict(
+        cls, content: Mapping[str, Any], curves: pd.DataFrame, run: str
+    ) -> "FlightComparison":
+        """Comparison from the content of ``telemetry.json`` and ``telemetry.csv``.
+
+        Parameters
+        ----------
+        content : mapping
+            Of `to_dict`, None in place of numbers that are not finite.
+        curves : DataFrame
+        run : str
+            Name of the run.
+
+        Returns
+        -------
+        FlightComparison
+        """
+        channels = pd.DataFrame.from_dict(content["channels"], orient="index")
+        channels.index.name = "channel"
+        return cls(
+            ClockShift(
+                content["clock_shift_s"],
+                content["clock_shift_error_s"],
+                content["clock_shift_is_estimated"],
+            ),
+            content["cases"],
+            channels,
+            curves,
+            [(each["case"], each["distance"]) for each in content["nearest"]],
+            content["left_out"],
+            run,
+            content["data"],
+            tuple(content["channels_read"]),
+        )
 
 
 def noise_of(values: np.ndarray) -> float:
@@ -143,7 +234,7 @@ def noise_of(values: np.ndarray) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(values, 2))) / np.sqrt(6.0))
 
 
-def compare_flight(
+def compare_channels(
     channels: Mapping[str, Channel], histories: Histories, shift_s: float | None = None
 ) -> FlightComparison:
     """Compare a flight with the cases of a run.
@@ -194,6 +285,7 @@ def compare_flight(
         worst, largest = int(np.nanargmax(used)), int(np.nanargmax(np.abs(residual)))
         rows.append(
             {
+                "unit": channel.unit,
                 "samples": len(time),
                 "noise": noise / _NORMAL,
                 "envelope_used": used[worst],
@@ -351,7 +443,7 @@ def _estimate_shift(
     if not np.isfinite(variance):
         raise InputError(
             "clock shift: the cases do not change over time in these columns, so it cannot be "
-            "estimated; give --shift"
+            "estimated; give the shift"
         )
     variance += resolution**2 / 12.0
     least = max(float(squares[best]), 1e-300)
@@ -371,7 +463,7 @@ def _coarse_shift(
     last = min(channel.time[-1] for channel in channels)
     overlap = _OVERLAP * min(last - first, histories.end)
     if not overlap > 0.0:
-        raise InputError("clock shift: the channels have no time in common; give --shift")
+        raise InputError("clock shift: the channels have no time in common; give the shift")
     low, high = first - histories.end + overlap, last - overlap
     step = max(histories.end / _STEPS, (high - low) / _MOST_SHIFTS)
     count = len(histories.numbers)
@@ -395,7 +487,7 @@ def _coarse_shift(
         squares = np.nan_to_num(_mean_squares(samples, curves, shift), nan=np.inf)
         best = min(best, (float(squares.min()), float(shift)))
     if not np.isfinite(best[0]):
-        raise InputError("clock shift: no shift at which flight and run overlap; give --shift")
+        raise InputError("clock shift: no shift at which flight and run overlap; give the shift")
     return best[1], float(step)
 
 

@@ -20,16 +20,19 @@ from sepmc.analysis.row_filter import describe_filter, filter_names
 from sepmc.analysis.row_filter import matching_rows as matching
 from sepmc.analysis.row_statistics import index_by_case
 from sepmc.analysis.statistics import ok_rows, statistics
+from sepmc.analysis.telemetry import FlightComparison
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Case
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors, with_scales
 from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.sinks import RunOutput
+from sepmc.campaign.flight_comparison import CASES as FLIGHT_CASES
+from sepmc.campaign.flight_comparison import compare_with_flight
 from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import shards
 from sepmc.engine.dispatch import check_int, check_text
 from sepmc.scene.limits import CASES
-from sepmc.scene.messages import InputError, RunWarning, nearest, warn
+from sepmc.scene.messages import InputError, Log, RunWarning, nearest, no_log, warn
 from sepmc.scene.model import Requirement
 from sepmc.schema import NOT_OK_LABELS, is_yes_or_no
 
@@ -269,6 +272,49 @@ class Result:
         item = known.get(name) or Requirement(name=name, metric=name)
         others, design = list(known.values()), self.campaign.design
         return failure_attribution.attribute_violations(item, rows, self._inputs, others, design)
+
+    def compare_flight(
+        self,
+        data: str | Path,
+        map: Mapping[str, str] | None = None,
+        time: str | None = None,
+        shift_s: float | None = None,
+        cases: int = FLIGHT_CASES,
+        announce: Log | None = None,
+    ) -> FlightComparison:
+        """Compare the run with the telemetry of a flight; `sepmc.draw_flight` draws it.
+
+        Parameters
+        ----------
+        data : str or Path
+            Text table, Parquet, MATLAB, MDF or TDMS.
+        map : mapping of str to str, optional
+            Channel of the file by column of histories, with a sign, a factor and a unit:
+            ``{"upper_omega_y_deg_s": "-0.5*gyro_z[rad/s]"}``. Default: channels that have the name
+            of a column.
+        time : str, optional
+            Channel of the time. Default: time, t and such.
+        shift_s : float, optional
+            Time of the flight's clock at time 0 of the run, s. Default: estimated.
+        cases : int
+            Cases of the envelope, simulated again unless the run stored these columns.
+        announce : callable (str), optional
+            Told what was understood and simulated.
+
+        Returns
+        -------
+        FlightComparison
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, has no such channel, or does not overlap with the run.
+        """
+        log, chosen = announce or no_log, check_int("cases", cases, 2, CASES)
+        comparison = compare_with_flight(self, Path(data), map or {}, time, shift_s, chosen, log)
+        for note in comparison.notes if announce is None else ():
+            warn(note, RunWarning)
+        return comparison
 
     @property
     def _inputs(self) -> list[str]:

@@ -20,7 +20,7 @@ from sepmc.campaign.label import of_settings
 from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import manifests
 from sepmc.cli.figures import clearance_bounds, draw_figures, event_times, ranked_outcomes
-from sepmc.cli.flight_comparison import draw_flight, read_stored_flight, render_flight
+from sepmc.cli.flight_comparison import read_stored_flight, render_flight
 from sepmc.cli.input_sensitivity import (
     InputSensitivity,
     analyse,
@@ -33,6 +33,7 @@ from sepmc.cli.results import phases
 from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.drawing import draw_vehicle
+from sepmc.report.flight_figure import draw_flight
 from sepmc.report.history_figures import run_figures
 from sepmc.report.replay_data import replay_data
 from sepmc.scene.messages import Log, no_log
@@ -66,8 +67,8 @@ def write_report(
         flight = read_stored_flight(folder)
         flight_figures = []
         if flight is not None:
-            content.flight = render_flight(flight[1], _WIDTH, folder)
-            flight_figures.append(draw_flight(*flight, folder, into, ".svg"))
+            content.flight = render_flight(flight, _WIDTH, folder)
+            flight_figures.append(draw_flight(flight, into / "telemetry.svg"))
         path = folder / "report.html"
         page.write_report(content, path, *drawn.result(), figures, flight_figures)
         manifests.record_derived(folder, [path])

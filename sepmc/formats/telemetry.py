@@ -76,13 +76,13 @@ def parse_map(text: str, columns: Sequence[str]) -> MappedChannel:
     column, equal, right = (part.strip() for part in text.partition("="))
     match = _MAP.fullmatch(right)
     if not equal or match is None:
-        raise InputError(f"--map {shorten(text)}: must be COLUMN=CHANNEL, such as {_EXAMPLE}")
+        raise InputError(f"map {shorten(text)}: must be COLUMN=CHANNEL, such as {_EXAMPLE}")
     if column not in columns:
         hint = nearest(column, columns)
-        raise InputError(f"--map {shorten(text)}: no column {column} of histories; {hint}")
+        raise InputError(f"map {shorten(text)}: no column {column} of histories; {hint}")
     factor = float(match[2] or 1.0) * (-1.0 if match[1] == "-" else 1.0)
     if not (math.isfinite(factor) and factor):
-        raise InputError(f"--map {shorten(text)}: the factor must be finite and not 0")
+        raise InputError(f"map {shorten(text)}: the factor must be finite and not 0")
     return MappedChannel(column, match[3], factor)
 
 
@@ -126,14 +126,14 @@ def read_telemetry(
         ]
         if not mapped:
             raise FormatError(
-                f"no channel has the name of a column; give --map, such as {_EXAMPLE}; channels: "
+                f"no channel has the name of a column; give a map, such as {_EXAMPLE}; channels: "
                 f"{_listed(channels)}"
             )
     result: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     understood = []
     for each in mapped:
         if each.column in result:
-            raise FormatError(f"two channels for the column {each.column}; choose one by --map")
+            raise FormatError(f"two channels for the column {each.column}; choose one by a map")
         own = _resolve(each, channels)
         raw = channels[own.channel]
         values, unit, is_assumed = _in_unit_of_column(own, raw)
@@ -212,7 +212,7 @@ def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, st
     except FormatError:
         raise FormatError(
             f"channel {mapped.channel}: {unit!r} is no unit of {kind}, of "
-            f"{', '.join(UNITS[kind])}; name one in --map, such as "
+            f"{', '.join(UNITS[kind])}; name one in the map, such as "
             f"{mapped.column}={mapped.channel}[{own}], with a factor where it needs one"
         ) from None
     return in_si / UNITS[kind][own], unit, False
@@ -279,7 +279,7 @@ def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
     titles = [title for title in columns if plain(split_header(title, "time")[0]) in wanted]
     if len(titles) != 1:
         what = "no column" if not titles else f"{len(titles)} columns"
-        raise FormatError(f"{what} of time; give --time, of {_listed(columns)}")
+        raise FormatError(f"{what} of time; name its channel, of {_listed(columns)}")
     return titles[0]
 
 
@@ -294,7 +294,7 @@ def _of_matlab(path: Path, time: str | None) -> dict[str, _Raw]:
     channels: dict[str, _Raw] = {}
     _add_matlab(channels, {k: v for k, v in content.items() if not k.startswith("__")}, "", time, 0)
     if not channels:
-        raise FormatError("has no vectors with a vector of time beside them; give --time")
+        raise FormatError("has no vectors with a vector of time beside them; name its channel")
     return channels
 
 

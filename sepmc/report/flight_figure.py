@@ -1,10 +1,8 @@
 """Telemetry of a flight over the envelope of a run."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
-import pandas as pd
-
+from sepmc.analysis.telemetry import FlightComparison
 from sepmc.report.style import (
     BLACK,
     VERMILION,
@@ -19,23 +17,22 @@ _BANDS = (("p0.5", "p99.5", "#cfe1f2", "99 % of cases"), ("p5", "p95", "#6aa7d6"
 _DOTS = 150  # samples of a channel up to which each is marked
 
 
-def flight_figure(curves: pd.DataFrame, units: Mapping[str, str], about: str, path: Path) -> Path:
+def draw_flight(comparison: FlightComparison, path: str | Path) -> Path:
     """Draw each channel of a flight over the percentile bands of the cases.
 
     Parameters
     ----------
-    curves : DataFrame
-        Of `sepmc.analysis.telemetry.FlightComparison`.
-    units : mapping of channel to unit
-        In the order of the panels.
-    about : str
-        Second line of the title.
-    path : Path
+    comparison : FlightComparison
+        Of `Result.compare_flight`.
+    path : str or Path
+        ``.png``, ``.svg`` or ``.pdf``.
 
     Returns
     -------
     Path
     """
+    path, curves = Path(path), comparison.curves
+    units = {str(name): str(unit) for name, unit in comparison.channels["unit"].items()}
     make_folder(path.parent)
     columns = min(2, len(units))
     figure, axes = make_axes(-(-len(units) // columns), columns, (5.6, 3.4))
@@ -56,5 +53,6 @@ def flight_figure(curves: pd.DataFrame, units: Mapping[str, str], about: str, pa
         ax.margins(x=0)
     for ax in axes[len(units) :]:
         ax.remove()
+    about = f"{comparison.run}, {comparison.n_cases} cases; {comparison.data}"
     set_title(figure, f"Flight and envelope of the run\n{about}")
     return save(figure, path)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sepmc.analysis.telemetry import Channel, Histories, compare_flight, noise_of
+from sepmc.analysis.telemetry import Channel, Histories, compare_channels, noise_of
 from sepmc.scene.messages import InputError
 
 STEP, ROWS, CASES = 0.01, 101, 20
@@ -39,7 +39,7 @@ def test_known_shift_and_case_are_recovered():
     pulls = []
     for seed in range(16):
         shift = -3.0 + 17.123 * seed
-        result = compare_flight(flight(seed, shift, seed), histories())
+        result = compare_channels(flight(seed, shift, seed), histories())
         assert result.shift.is_estimated
         assert result.nearest[0][0] == seed
         assert result.nearest[0][1] < 0.5 * result.nearest[1][1]
@@ -51,7 +51,7 @@ def test_known_shift_and_case_are_recovered():
 
 def test_shift_of_a_flight_that_is_no_case_has_the_error_of_the_cases():
     for case in range(6):
-        result = compare_flight(flight(case, 12.0, case), histories(skip=(case,)))
+        result = compare_channels(flight(case, 12.0, case), histories(skip=(case,)))
         assert abs(result.shift.value - 12.0) < 3.0 * result.shift.error
         assert result.shift.error > 0.001
 
@@ -62,7 +62,7 @@ def test_table_of_a_known_difference():
     time = np.linspace(0.0, 1.0, 201)
     rate = np.interp(time, TIMES, cases.nominal[0]) + np.where(time >= 0.5, 0.25, 0.0)
     one = Histories(cases.numbers, ("rate",), STEP, cases.values[:, :1], cases.nominal[:1])
-    result = compare_flight({"rate": Channel(time + 7.0, rate)}, one, 7.0)
+    result = compare_channels({"rate": Channel(time + 7.0, rate)}, one, 7.0)
     row = result.channels.loc["rate"]
     assert not result.shift.is_estimated
     assert row["samples"] == 201
@@ -82,7 +82,7 @@ def test_flight_outside_the_envelope_is_not_inside():
     cases = histories()
     rate = cases.nominal[0] + np.where(TIMES >= 0.5, 10.0, 0.0)
     one = Histories(cases.numbers, ("rate",), STEP, cases.values[:, :1], cases.nominal[:1])
-    row = compare_flight({"rate": Channel(TIMES, rate)}, one, 0.0).channels.loc["rate"]
+    row = compare_channels({"rate": Channel(TIMES, rate)}, one, 0.0).channels.loc["rate"]
     assert row["envelope_used"] > 3.0
     assert_allclose(row["inside_99"], 0.5, atol=0.02)
 
@@ -97,17 +97,17 @@ def test_noise_is_measured(sigma):
 def test_channels_that_do_not_move_have_no_shift():
     still = Histories(np.arange(3), ("x",), STEP, np.ones((3, 1, ROWS)), np.ones((1, ROWS)))
     with pytest.raises(InputError, match="do not change over time"):
-        compare_flight({"x": Channel(TIMES + 4.0, np.ones(ROWS))}, still)
+        compare_channels({"x": Channel(TIMES + 4.0, np.ones(ROWS))}, still)
 
 
 def test_flight_of_another_time_is_refused():
     with pytest.raises(InputError, match="0 samples within the run"):
-        compare_flight(flight(1, 100.0, 1), histories(), 0.0)
+        compare_channels(flight(1, 100.0, 1), histories(), 0.0)
 
 
 def test_case_that_ends_early_counts_by_what_it_has():
     cases = histories()
     cases.values[5, :, 60:] = np.nan
-    result = compare_flight(flight(5, 0.0, 5), cases, 0.0)
+    result = compare_channels(flight(5, 0.0, 5), cases, 0.0)
     assert result.nearest[0][0] == 5
     assert result.curves.notna().all(axis=None)

@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 import sepmc
+from sepmc.analysis.telemetry import FlightComparison
 from sepmc.campaign.execution.rare_event import RareEventEstimate
 
 PUBLIC = {name: getattr(sepmc, name) for name in sepmc.__all__ if name != "__version__"}
 # returned by a public method
-PUBLIC["RareEventEstimate"] = RareEventEstimate
+PUBLIC |= {"RareEventEstimate": RareEventEstimate, "FlightComparison": FlightComparison}
 
 
 def members(cls):

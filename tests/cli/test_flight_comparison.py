@@ -117,13 +117,15 @@ def test_histories_of_cases_are_those_of_single_ones(run):
         (("--map", "a=b"), "give RUN_B, or the telemetry of a flight"),
         (("{run}", "--map", "a=b"), "--map needs --data"),
         (("--data", "{data}", "--map", "a=b"), "no column a of histories"),
+        (("--data", "{data}", "--map", "a"), "--map a: must be COLUMN=CHANNEL"),
+        (("--data", "{data}", "--map", "a=b", "--map", "a=c"), "a second channel for a"),
         (("--data", "absent.csv"), "absent.csv: no such file"),
     ],
 )
-def test_wrong_requests_are_refused(run, arguments, reason):
+def test_wrong_requests_are_refused(run, tmp_path, arguments, reason):
     folder, data = run
     filled = [each.format(run=folder, data=data) for each in arguments]
-    done = compare(folder, *filled)
+    done = compare(folder, *filled, "--out", tmp_path)
     assert done.exit_code == 2
     assert reason in " ".join(done.output.split())
 
@@ -139,3 +141,39 @@ def test_a_shift_that_slides_the_flight_off_the_run_is_noted(run, tmp_path):
     assert json.loads((tmp_path / "wrong" / "telemetry.json").read_text())["left_out"] > 0.05
     right = compare(folder, "--data", data, "--out", tmp_path / "right")
     assert "check sign" not in right.output
+
+
+@pytest.mark.slow
+def test_python_compares_as_the_command_does(run, tmp_path):
+    folder, data = run
+    compare(folder, "--data", data, "--out", tmp_path, "--shift", SHIFT, "--cases", 4)
+    result, told = sepmc.open(folder), []
+    with run_interpreted():
+        flight = result.compare_flight(data, shift_s=SHIFT, cases=4, announce=told.append)
+    summary = json.loads((tmp_path / "telemetry.json").read_text())
+    assert flight.to_dict() == summary
+    curves = pd.read_csv(tmp_path / "telemetry.csv")
+    pd.testing.assert_frame_equal(flight.curves, curves)
+    assert any("4 of 12 ok cases" in each for each in told)
+    assert "clock shift 41.75 s, nearest case" in repr(flight)
+    assert sepmc.draw_flight(flight, tmp_path / "own.svg").stat().st_size > 10_000
+    turned = {"separation_speed_m_s": "-back_m_s"}
+    with run_interpreted():
+        own = result.compare_flight(data, turned, shift_s=SHIFT, cases=4).channels
+    assert_allclose(
+        own.loc["separation_speed_m_s", "envelope_used"],
+        flight.channels.loc["separation_speed_m_s", "envelope_used"],
+    )
+
+
+def test_a_suspicious_shift_warns_in_python(run, tmp_path):
+    """Half a second of the flight is before the run at this shift."""
+    folder, data = run
+    result = sepmc.open(folder)
+    with run_interpreted(), pytest.warns(sepmc.RunWarning, match="leaves .* outside the run"):
+        flight = result.compare_flight(data, shift_s=SHIFT + 0.4, cases=2)
+    assert flight.left_out > 0.05
+    with pytest.raises(sepmc.InputError, match="no column a of histories"):
+        result.compare_flight(data, {"a": "b"})
+    with pytest.raises(sepmc.InputError, match="cases = 1"):
+        result.compare_flight(data, cases=1)

@@ -1,0 +1,98 @@
+"""A run against the telemetry of a flight: channels of a file, histories of cases, comparison."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sepmc import schema
+from sepmc.analysis.statistics import ok_rows
+from sepmc.analysis.telemetry import Channel, FlightComparison, Histories, compare_channels
+from sepmc.campaign.execution.case_histories import case_histories
+from sepmc.campaign.store import shards
+from sepmc.formats.telemetry import parse_map, read_telemetry
+from sepmc.formats.text_table import FormatError
+from sepmc.scene.messages import InputError, Log
+
+if TYPE_CHECKING:
+    from sepmc.campaign.result import Result
+
+CASES = 300  # simulated again for the envelope, by default
+_MIN_ROWS, _MOST_ROWS = 200, 1000  # of a history
+_STORED = 20_000  # cases with stored histories that are read
+
+
+def compare_with_flight(
+    result: "Result",
+    data: Path,
+    mapping: Mapping[str, str],
+    time: str | None,
+    shift_s: float | None,
+    cases: int,
+    announce: Log,
+) -> FlightComparison:
+    """Compare a run with the telemetry of a flight; see `Result.compare_flight`."""
+    columns = {c.name: c.unit for c in schema.history_columns(result.campaign.layout.contents)}
+    mapped = [parse_map(f"{column}={text}", list(columns)) for column, text in mapping.items()]
+    try:
+        brought, understood = read_telemetry(data, mapped, list(columns), time)
+    except FormatError as error:
+        raise InputError(f"{data}: {error}") from None
+    for sentence in understood:
+        announce(sentence)
+    channels = {name: Channel(*each, columns[name]) for name, each in brought.items()}
+    comparison = compare_channels(channels, _histories(result, channels, cases, announce), shift_s)
+    run = result.folder.name if result.folder else result.campaign.name
+    return replace(comparison, run=run, data=data.name, channels_read=tuple(understood))
+
+
+def _histories(
+    result: "Result", channels: Mapping[str, Channel], cases: int, announce: Log
+) -> Histories:
+    """Histories of the columns of the channels: the stored ones if the run has these columns,
+    else of the first ``cases`` ok cases, simulated again."""
+    campaign, rows, names = result.campaign, result.table, tuple(channels)
+    numbers = np.sort(np.asarray(rows["case"])[ok_rows(rows)])
+    if not len(numbers):
+        raise InputError("no case is ok, so there is no envelope")
+    end = campaign.scene.run.end_time
+    stored = _stored_histories(result, names, numbers)
+    if stored is not None:
+        numbers, step, values = stored
+        announce(f"envelope: stored histories of {len(numbers)} cases")
+        times = np.arange(values.shape[-1]) * step
+    else:
+        chosen = numbers[:cases]
+        announce(f"envelope: {len(chosen)} of {len(numbers)} ok cases, simulated again ...")
+        spacing = min(float(np.median(np.diff(c.time))) for c in channels.values())
+        count = int(np.clip(end / spacing if spacing > 0.0 else 0, _MIN_ROWS, _MOST_ROWS))
+        times = np.linspace(0.0, end, count + 1)
+        numbers = chosen
+        values = case_histories(
+            campaign, list(numbers), names, times, result.seed, result.total, announce
+        )
+    nominal = case_histories(campaign, [-1], names, times, result.seed, result.total, announce)[0]
+    return Histories(numbers, names, float(times[1]), values, nominal)
+
+
+def _stored_histories(
+    result: "Result", names: tuple[str, ...], ok: np.ndarray
+) -> tuple[np.ndarray, float, np.ndarray] | None:
+    """Numbers, step in s and stored histories (n, c, t) of ok cases; None if the run has not all
+    of these columns."""
+    if not {c.name for c in result.campaign.stored_history_columns()} >= set(names):
+        return None
+    if result.folder:
+        frame = shards.read_histories(result.folder, shards.case_after(result.folder, _STORED))
+    else:
+        frame = result.histories()
+    if frame is None:
+        return None
+    frame = frame[frame["case"].isin(ok)]
+    numbers, counts = np.unique(frame["case"].to_numpy(), return_counts=True)
+    if not len(numbers) or counts[0] < 2 or (counts != counts[0]).any():
+        return None
+    values = frame[list(names)].to_numpy(dtype=float).reshape(len(numbers), counts[0], len(names))
+    return numbers, result.campaign.scene.run.history_step, np.moveaxis(values, 1, 2)
