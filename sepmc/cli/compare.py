@@ -27,7 +27,8 @@ _SHOWN = 12  # outcomes on the screen and in the figure
 @click.option(
     "--data",
     type=click.Path(path_type=Path),
-    help="Telemetry of a flight: CSV, Parquet, MATLAB; MDF and TDMS with the extra telemetry.",
+    help="Telemetry of a flight: CSV, Parquet, MATLAB; HDF5 with the extra export, MDF and TDMS "
+    "with the extra telemetry.",
 )
 @click.option(
     "--map",

@@ -1,10 +1,7 @@
-"""Initial states from trajectories of CCSDS: orbit ephemeris (OEM, 502.0-B) and attitude ephemeris
-(AEM, 504.0-B) in keyword = value notation."""
+"""Initial states from trajectories of CCSDS: orbit and attitude ephemerides (OEM, AEM)."""
 
 import math
-import re
-from dataclasses import dataclass, field
-from datetime import date, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +9,8 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
-from sepmc.formats.text_table import FormatError, number, read_text
+from sepmc.formats.ccsds_messages import Segment, parse_message, seconds_of
+from sepmc.formats.text_table import FormatError, read_text
 from sepmc.scene.brought_inertia import axes_matrix
 from sepmc.scene.messages import Problems, shorten
 
@@ -21,143 +19,9 @@ _RADIUS, _FLATTENING, _EARTH_RATE = 6378137.0, 1.0 / 298.257223563, 7.292115e-5
 _INERTIAL = ("EME2000", "J2000", "GCRF", "ICRF", "TOD", "TEME", "MOD")
 # frames whose axes agree to 0.1 arc seconds
 _SAME = {"J2000": "EME2000", "GCRF": "EME2000", "ICRF": "EME2000"}
-_EPOCH = re.compile(r"(\d{4})-(\d{2})-(\d{2})T(\d{2}):(\d{2}):(\d{2}(?:\.\d*)?)Z?")
-_DAY = re.compile(r"(\d{4})-(\d{3})T(\d{2}):(\d{2}):(\d{2}(?:\.\d*)?)Z?")
 _DISAGREEMENT = 0.1  # of positions and velocities, relative; 10 min of a low orbit have 0.04
 _LEVEL = 1e-3  # horizontal part of a velocity below which it has no azimuth
 _EULER = {"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"}
-
-
-@dataclass
-class Segment:
-    """A segment of a message.
-
-    Attributes
-    ----------
-    metadata : dict of str to str
-    line : int
-        At which it begins.
-    epochs : list of float
-        s since year 1.
-    rows : list of list of float
-    """
-
-    metadata: dict[str, str] = field(default_factory=dict)
-    line: int = 0
-    epochs: list[float] = field(default_factory=list)
-    rows: list[list[float]] = field(default_factory=list)
-
-
-def seconds_of(text: str) -> float | None:
-    """Time of an epoch, s since year 1 of its own time system; None if it is no epoch.
-
-    Parameters
-    ----------
-    text : str
-        ``2026-03-01T12:00:41.5``, or with the day of the year ``2026-060T12:00:41.5``.
-
-    Returns
-    -------
-    float or None
-    """
-    try:
-        if match := _EPOCH.fullmatch(text):
-            day = date(int(match[1]), int(match[2]), int(match[3])).toordinal()
-            clock = match.groups()[3:]
-        elif match := _DAY.fullmatch(text):
-            day = date(int(match[1]), 1, 1).toordinal() + int(match[2]) - 1
-            clock = match.groups()[2:]
-        else:
-            return None
-    except ValueError:
-        return None
-    hours, minutes, seconds = int(clock[0]), int(clock[1]), float(clock[2])
-    if hours > 24 or minutes > 59 or seconds >= 61.0:
-        return None
-    return day * 86400.0 + hours * 3600.0 + minutes * 60.0 + seconds
-
-
-def parse_message(text: str, kind: str) -> tuple[str, list[Segment]]:
-    """Read a message in keyword = value notation.
-
-    Parameters
-    ----------
-    text : str
-    kind : {"OEM", "AEM"}
-
-    Returns
-    -------
-    version : str
-    segments : list of Segment
-        Rows as they stand, of an OEM without accelerations; covariances are left out.
-
-    Raises
-    ------
-    FormatError
-    """
-    version, segments = "", list[Segment]()
-    where = "header"
-    for n, raw in enumerate(text.splitlines(), 1):
-        line = raw.strip("\ufeff \t")
-        if not line or line.startswith("COMMENT"):
-            continue
-        if not version and line.startswith("<"):
-            raise FormatError("is XML; write it in keyword = value notation (KVN)")
-        keyword, equal, value = (part.strip() for part in line.partition("="))
-        if not version:
-            if keyword != f"CCSDS_{kind}_VERS" or not value:
-                raise FormatError(f"line {n}: begins with {shorten(line)}, not CCSDS_{kind}_VERS =")
-            version = value
-        elif line == "META_START":
-            segments.append(Segment(line=n))
-            where = "metadata"
-        elif line == "META_STOP":
-            where = "data"
-        elif line in ("DATA_START", "DATA_STOP"):
-            where = "data" if segments else where
-        elif line.startswith("COVARIANCE_"):
-            where = "data" if line == "COVARIANCE_STOP" else "covariance"
-        elif equal and where == "metadata":
-            segments[-1].metadata[keyword] = value
-        elif where == "data" and segments and not equal:
-            _add_row(segments[-1], line, n, kind)
-        elif where not in ("covariance", "header"):
-            raise FormatError(f"line {n}: {shorten(line)} is no row of numbers")
-    if not version:
-        raise FormatError("has no rows")
-    if not any(segment.rows for segment in segments):
-        raise FormatError("has no segment with rows: META_START, META_STOP, epochs and numbers")
-    return version, [segment for segment in segments if segment.rows]
-
-
-def _add_row(segment: Segment, line: str, n: int, kind: str) -> None:
-    cells = line.split()
-    epoch = seconds_of(cells[0])
-    if epoch is None:
-        raise FormatError(
-            f"line {n}: {shorten(cells[0])} is no epoch, such as 2026-03-01T12:00:41.5"
-        )
-    try:
-        row = [number(cell) for cell in cells[1:]]
-    except ValueError:
-        raise FormatError(f"line {n}: {shorten(line)} is no row of numbers") from None
-    if not all(map(math.isfinite, row)):
-        raise FormatError(f"line {n}: {shorten(line)} has a number that is not finite")
-    if kind == "OEM":
-        if len(row) not in (6, 9):
-            raise FormatError(
-                f"line {n}: has {len(row)} numbers; must be position and velocity, and an "
-                "acceleration or none"
-            )
-        row = row[:6]
-    if segment.rows and len(row) != len(segment.rows[0]):
-        raise FormatError(f"line {n}: has {len(row)} numbers, the row above {len(segment.rows[0])}")
-    if segment.epochs and epoch == segment.epochs[-1] and row == segment.rows[-1]:
-        return  # a row twice
-    if segment.epochs and epoch <= segment.epochs[-1]:
-        raise FormatError(f"line {n}: the epoch {cells[0]} is not after that of the row above")
-    segment.epochs.append(epoch)
-    segment.rows.append(row)
 
 
 def _segment_at(segments: list[Segment], epoch: float, text: str) -> Segment:

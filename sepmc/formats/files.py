@@ -17,7 +17,7 @@ _ENDINGS = (".csv", ".txt", ".dat", ".tsv", ".parquet")
 _ENDINGS_OF = {
     "thrust": (".eng",),
     "deck": (".out", ".dml"),
-    "initial": (".oem",),
+    "initial": (".oem", ".xml"),
     "mass": (".urdf", ".xml", ".mjcf"),
 }
 _OPTIONS = ("columns", "engine", "case", "sideslip_deg")

@@ -1,4 +1,4 @@
-"""Channels of telemetry: tables in text and Parquet, MATLAB, MDF (ASAM) and TDMS (LabVIEW)."""
+"""Channels of telemetry: tables in text and Parquet, MATLAB, HDF5, MDF (ASAM), TDMS (LabVIEW)."""
 
 import math
 import re
@@ -24,7 +24,14 @@ _LONGEST_S = 300.0  # that a library may take
 _MAP = re.compile(r"([+-]?)\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*)?\s*(.+?)\s*")
 _UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 _TIMES = ("time", "t", "times", "timestamp", "timestamps", "timesec", "seconds")
-_PACKAGES = {".mf4": "asammdf", ".mdf": "asammdf", ".tdms": "nptdms"}  # of the extra `telemetry`
+# packages that read a kind of file, and their extras; MATLAB 7.3 is HDF5
+_PACKAGES = {
+    ".mf4": ("asammdf", "telemetry"), ".mdf": ("asammdf", "telemetry"),
+    ".tdms": ("nptdms", "telemetry"), ".h5": ("h5py", "export"), ".hdf5": ("h5py", "export"),
+}  # fmt: skip
+_HDF5 = (b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")  # first bytes
+_DEPTH = 4  # of structs within each other
+_MOST_VECTORS = 20_000  # of a file in HDF5
 
 
 @dataclass(frozen=True)
@@ -97,7 +104,8 @@ def read_telemetry(
     Parameters
     ----------
     path : Path
-        ``.mat``, ``.mf4``, ``.mdf``, ``.tdms``, ``.parquet``; any other ending is a text table.
+        ``.mat``, ``.h5``, ``.hdf5``, ``.mf4``, ``.mdf``, ``.tdms``, ``.parquet``; any other ending
+        is a text table.
     mapped : sequence of MappedChannel
         If empty, the channels that have the name of a column.
     columns : sequence of str
@@ -220,22 +228,23 @@ def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, st
 
 def _channels(path: Path, time: str | None) -> dict[str, _Raw]:
     """Channels of a file by title."""
-    suffix = path.suffix.lower()
-    if suffix not in (".mat", *_PACKAGES):
+    kind = path.suffix.lower()
+    if kind not in (".mat", *_PACKAGES):
         return _of_table(read_table(path, most=FILE_BYTES, gaps=True).columns, time)
-    read_bytes(path, FILE_BYTES)
-    if suffix in _PACKAGES:
+    if read_bytes(path, FILE_BYTES).startswith(_HDF5) and kind == ".mat":
+        kind = ".h5"
+    if kind in _PACKAGES:
+        package, extra = _PACKAGES[kind]
         try:
-            import_module(_PACKAGES[suffix])
+            import_module(package)
         except ImportError:
             raise InputError(
-                f"{path.name}: needs {_PACKAGES[suffix]}, of the extra telemetry "
-                f"({EXTRA.format('telemetry')})"
+                f"{path.name}: needs {package}, of the extra {extra} ({EXTRA.format(extra)})"
             ) from None
     # in a process of its own: damaged files can crash or stall these libraries
     with processes(1) as pool:
         try:
-            channels = pool.submit(_by_library, path, time).result(timeout=_LONGEST_S)
+            channels = pool.submit(_by_library, path, kind, time).result(timeout=_LONGEST_S)
         except BrokenExecutor:
             raise FormatError("is damaged: the library that reads it crashes") from None
         except TimeoutError:
@@ -245,12 +254,13 @@ def _channels(path: Path, time: str | None) -> dict[str, _Raw]:
     return channels
 
 
-def _by_library(path: Path, time: str | None) -> dict[str, _Raw]:
-    """Channels of a file that a library reads."""
+def _by_library(path: Path, kind: str, time: str | None) -> dict[str, _Raw]:
+    """Channels of a file that a library reads; ``kind`` is an ending."""
     readers: dict[str, Callable[[Path, str | None], dict[str, _Raw]]]
     readers = {".mat": _of_matlab, ".mf4": _of_mdf, ".mdf": _of_mdf, ".tdms": _of_tdms}
+    readers |= dict.fromkeys((".h5", ".hdf5"), _of_hdf5)
     try:
-        return readers[path.suffix.lower()](path, time)
+        return readers[kind](path, time)
     except FormatError:
         raise
     except Exception as error:  # what libraries raise on damaged files has no common type
@@ -284,21 +294,60 @@ def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
 
 
 def _of_matlab(path: Path, time: str | None) -> dict[str, _Raw]:
-    """Vectors of a MATLAB file, and of its structs, each with the time beside it."""
+    """Vectors of a MATLAB file up to version 7.2, and of its structs."""
     from scipy.io import loadmat  # noqa: PLC0415
 
-    try:
-        content = loadmat(path, simplify_cells=True)
-    except NotImplementedError:
-        raise FormatError("is of MATLAB 7.3; save it by save(..., '-v7')") from None
+    content = loadmat(path, simplify_cells=True)
+    return _of_structs({k: v for k, v in content.items() if not k.startswith("__")}, time)
+
+
+def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
+    """Vectors of an HDF5 file, such as MATLAB 7.3 writes, and of its groups, which are structs.
+
+    Links to other files are not followed, and data that lie in others are not read.
+    """
+    h5py = import_module("h5py")
+    count = size = 0
+
+    def read(group: Any, depth: int) -> dict[str, Any]:
+        nonlocal count, size
+        struct: dict[str, Any] = {}
+        for name in group:
+            count += 1
+            if count > _MOST_VECTORS:
+                raise FormatError(f"has more than {_MOST_VECTORS:,} names")
+            if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue  # references of MATLAB, links
+            item = group[name]
+            if isinstance(item, h5py.Group):
+                struct[name] = read(item, depth + 1) if depth < _DEPTH else {}
+            elif (
+                isinstance(item, h5py.Dataset)
+                and item.dtype.kind in "fiu"
+                and max(item.shape, default=0) == item.size > 0
+                and not (item.external or item.is_virtual or "MATLAB_empty" in item.attrs)
+                and item.attrs.get("MATLAB_class", b"") not in (b"char", b"cell")
+            ):
+                size += 8 * item.size  # what a small file unpacks to has no limit of its own
+                if size > FILE_BYTES:
+                    raise FormatError(f"has more than {FILE_BYTES // 8:,} numbers")
+                struct[name] = np.asarray(item[()]).reshape(-1)
+        return struct
+
+    with h5py.File(path, "r") as file:
+        return _of_structs(read(file, 0), time)
+
+
+def _of_structs(content: Mapping[str, Any], time: str | None) -> dict[str, _Raw]:
+    """Channels of vectors in structs, each with the time beside it."""
     channels: dict[str, _Raw] = {}
-    _add_matlab(channels, {k: v for k, v in content.items() if not k.startswith("__")}, "", time, 0)
+    _add_vectors(channels, content, "", time, 0)
     if not channels:
         raise FormatError("has no vectors with a vector of time beside them; name its channel")
     return channels
 
 
-def _add_matlab(
+def _add_vectors(
     channels: dict[str, _Raw], struct: Mapping[str, Any], stem: str, time: str | None, depth: int
 ) -> None:
     vectors = {
@@ -313,8 +362,8 @@ def _add_matlab(
         same = {name: vector for name, vector in vectors.items() if len(vector) == length}
         channels |= _of_table(same, title, stem)
     for name, value in struct.items():
-        if isinstance(value, dict) and depth < 4:
-            _add_matlab(channels, value, f"{stem}{name}.", time, depth + 1)
+        if isinstance(value, dict) and depth < _DEPTH:
+            _add_vectors(channels, value, f"{stem}{name}.", time, depth + 1)
 
 
 def _of_mdf(path: Path, time: str | None) -> dict[str, _Raw]:

@@ -3,6 +3,7 @@ reason."""
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,11 +36,14 @@ class TextTable:
         Texts of the comment lines.
     separator : str
         In words.
+    has_header : bool
+        Names of the columns are of the file, or were given.
     """
 
     columns: dict[str, np.ndarray]
     comments: tuple[str, ...] = ()
     separator: str = ""
+    has_header: bool = True
 
 
 def read_bytes(path: Path, most: int = FILE_BYTES) -> bytes:
@@ -66,7 +70,11 @@ def read_text(path: Path, most: int = FILE_BYTES) -> str:
 
 
 def read_table(
-    path: Path, names: list[str] | None = None, most: int = FILE_BYTES, gaps: bool = False
+    path: Path,
+    names: list[str] | None = None,
+    most: int = FILE_BYTES,
+    gaps: bool = False,
+    assumed: Sequence[str] = (),
 ) -> TextTable:
     """Read a table from a text or Parquet file.
 
@@ -80,6 +88,9 @@ def read_table(
         unpack to any number.
     gaps : bool
         Blank cells and those without a finite number are NaN; otherwise they are refused.
+    assumed : sequence of str
+        Names of the columns of a text file of as many columns without a header and comments, if
+        none are given.
 
     Returns
     -------
@@ -91,21 +102,28 @@ def read_table(
     """
     if path.suffix.lower() == ".parquet":
         return _read_parquet(path, most, gaps)
-    return parse_table(read_text(path, most), names, gaps)
+    return parse_table(read_text(path, most), names, gaps, assumed)
 
 
-def parse_table(text: str, names: list[str] | None = None, gaps: bool = False) -> TextTable:
+def parse_table(
+    text: str,
+    names: list[str] | None = None,
+    gaps: bool = False,
+    assumed: Sequence[str] = (),
+) -> TextTable:
     """Read a table from the lines of a text; see `read_table`.
 
     Lines that begin with ``#``, ``%``, ``!`` or ``//`` are comments, blank lines are skipped. The
     separator is a semicolon, tab, comma or blanks: the first that the first line of numbers has.
-    The last line of text before it is the header; a line of units may follow.
+    The last line of text before it is the header; a line of units may follow. Without one, the last
+    comment before it is the header if it has as many cells.
 
     Parameters
     ----------
     text : str
     names : list of str, optional
     gaps : bool
+    assumed : sequence of str
 
     Returns
     -------
@@ -115,11 +133,12 @@ def parse_table(text: str, names: list[str] | None = None, gaps: bool = False) -
     ------
     FormatError
     """
-    comments, lines = [], []
+    comments, lines, titles = list[str](), list[tuple[int, str]](), ""
     for number, line in enumerate(text.splitlines(), 1):
         stripped = line.strip(" \r\n\ufeff")
         if stripped.startswith(_COMMENTS):
             comments.append(stripped.lstrip("#%!/ "))
+            titles = titles if lines else comments[-1]
         elif stripped.strip("\t;,"):
             lines.append((number, stripped))
     if not lines:
@@ -127,12 +146,19 @@ def parse_table(text: str, names: list[str] | None = None, gaps: bool = False) -
     separator, first = _first_row(lines)
     rows = [(number, _cells(line, separator)) for number, line in lines[first:]]
     header = names or _header(lines[:first], separator)
+    if not header and len(_cells(titles, separator)) == len(rows[0][1]):
+        header = _cells(titles, separator)
+    # comments may name other units
+    is_assumed = not (header or comments) and len(rows[0][1]) == len(assumed)
+    if is_assumed:
+        header = list(assumed)
     if not header:
         raise FormatError(
             f"line {rows[0][0]}: has no header; give the names of its {len(rows[0][1])} columns as "
             'columns = ["time_s", "thrust_N"]'
         )
-    return TextTable(_numbers(header, rows, separator, gaps), tuple(comments), _NAMES[separator])
+    columns = _numbers(header, rows, separator, gaps)
+    return TextTable(columns, tuple(comments), _NAMES[separator], not is_assumed)
 
 
 def _first_row(lines: list[tuple[int, str]]) -> tuple[str, int]:

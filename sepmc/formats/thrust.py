@@ -15,6 +15,7 @@ from sepmc.scene.messages import nearest, shorten
 _TIME = Quantity("time", ("time", "t", "times", "burntime"))
 _THRUST = Quantity("force", ("thrust", "force", "f", "fx", "thrustforce"))
 _FRACTION = Quantity("", ("fraction", "level", "relative", "thrustfraction"))
+_ASSUMED = ("time_s", "thrust_N")  # columns of a file without a header
 _HEADER = 7  # fields of the first line of an engine
 
 
@@ -50,7 +51,8 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
     Parameters
     ----------
     path : Path
-        ``.eng``, or a table in text or Parquet.
+        ``.eng``, or a table in text or Parquet; two columns without a header are time in s and
+        thrust in N.
     options : dict
         ``columns`` of a table; ``engine``, the name or number of one of several in a ``.eng``.
 
@@ -66,7 +68,8 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
         return parse_eng(read_text(path), options.get("engine"))
     named = options.get("columns")
     names = [str(x) for x in named] if isinstance(named, list) else None
-    columns = Columns(read_table(path, names), named if isinstance(named, dict) else None)
+    table = read_table(path, names, assumed=_ASSUMED)
+    columns = Columns(table, named if isinstance(named, dict) else None)
     time = columns.find("time", _TIME, "")
     fraction, thrust = columns.find("fraction", _FRACTION), columns.find("thrust", _THRUST)
     if time is None or (fraction is None) == (thrust is None):
@@ -80,6 +83,12 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
     curve.is_fraction = thrust is None
     what = "fractions of thrust_N" if curve.is_fraction else "N"
     curve.understood.insert(0, f"{len(curve.time)} rows in {what}, linear between them")
+    if not table.has_header:
+        curve.understood.insert(
+            0,
+            "no header: taken as time in s and thrust in N, as RocketPy does; other units by "
+            'columns = ["time_s", "thrust_lbf"]',
+        )
     return curve
 
 

@@ -11,10 +11,11 @@ from small_scenes import PAIR
 import sepmc
 from sepmc.cli import app
 from sepmc.formats.decks import deck_of
+from sepmc.formats.files import read_files
 from sepmc.formats.text_table import FormatError, parse_table
 from sepmc.formats.thrust import parse_eng
 from sepmc.physics.atmosphere import us1976
-from sepmc.scene.messages import SceneError
+from sepmc.scene.messages import Problems, SceneError
 
 CURVE = "; a motor\n; of two lines\nC6 18 70 0-3-5 0.0108 0.0231 E\n" \
         "0.1 10.0\n0.3 14.0\n0.3 5.0\n1.0 4.0\n1.2 0.0\n;\n"  # fmt: skip
@@ -106,12 +107,23 @@ def test_a_thrust_that_is_given_keeps_the_newtons(tmp_path):
         ("time (s),thrust (lbf)\n0,1\n1,2\n", [4.4482216152605, 8.896443230521]),
         ("t_ms;F_N\n0;1\n1000;2\n", [1.0, 2.0]),
         ("# a stand\nTime\tThrust\ns\tkN\n0\t0.001\n1\t0.002\n", [1.0, 2.0]),
+        ("# a stand\n# time_s, thrust_kN\n0,0.001\n1,0.002\n", [1.0, 2.0]),  # numpy.savetxt
+        ("0,1\n1,2\n", [1.0, 2.0]),  # RocketPy
     ],
 )
 def test_tables_of_thrust(tmp_path, text, thrust):
     motor = campaign(tmp_path, MOTOR, "c.csv", text).scene.motor[0]
     assert motor.profile.time == (0.0, 1.0)
     assert_allclose(np.array(motor.profile.fraction) * motor.thrust, thrust, rtol=1e-15)
+
+
+def test_units_without_a_header_are_noted(tmp_path):
+    tree = {"motor": [{"name": "m", "profile": {"file": "c.csv"}}]}
+    (tmp_path / "c.csv").write_text("0,1\n1,2\n")
+    sentences = read_files(tree, tmp_path, Problems())
+    assert "no header: taken as time in s and thrust in N" in sentences[0]
+    for text in ("# stand 3, lbf, of May\n0,1\n1,2\n", "0,1,2\n1,2,3\n"):
+        assert "has no header; give the names" in problem(tmp_path, MOTOR, "c.csv", text)
 
 
 def test_fractions_need_a_thrust(tmp_path):

@@ -116,6 +116,47 @@ def test_matlab_vectors_and_structs_with_their_own_time(tmp_path):
     assert_allclose(channels["signal_gain"], [TIME[:3] + 7.0, RATE[:3]])
 
 
+def test_matlab_7_3_has_the_same_structs(tmp_path):
+    """HDF5 with a header of MATLAB; vectors are rows there, and texts are numbers."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "f.mat", "w", userblock_size=512) as file:
+        file["t"], file["gyro"], file["imu/time"] = TIME[None], RATE[:, None], TIME[None, :3] + 7.0
+        file["imu/acc"], file["name"] = RATE[None, :3], np.array([[70, 71, 72, 73, 74]], np.uint16)
+        file["name"].attrs["MATLAB_class"] = np.bytes_("char")
+        file["#refs#/t"] = TIME
+    data = (tmp_path / "f.mat").read_bytes()
+    (tmp_path / "f.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + data[512:])
+    channels, _ = read(tmp_path / "f.mat", "upper_omega_y_deg_s=gyro", "signal_gain=imu.acc")
+    assert_allclose(channels["upper_omega_y_deg_s"], [TIME, RATE])
+    assert_allclose(channels["signal_gain"], [TIME[:3] + 7.0, RATE[:3]])
+    with pytest.raises(FormatError, match="no channel 'name'"):
+        read(tmp_path / "f.mat", "signal_gain=name")
+
+
+def test_hdf5_reads_nothing_outside_of_the_file(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    RATE.tofile(tmp_path / "raw")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["gyro"] = RATE
+    with h5py.File(tmp_path / "f.h5", "w") as file:
+        file["t"], file["own"] = TIME, RATE
+        file["linked"] = h5py.ExternalLink("other.h5", "gyro")
+        raw = [(str(tmp_path / "raw"), 0, h5py.h5f.UNLIMITED)]
+        file.create_dataset("raw", (5,), float, external=raw)
+        layout = h5py.VirtualLayout((5,), float)
+        layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "gyro", (5,))
+        file.create_virtual_dataset("virtual", layout)
+        file.create_dataset("t2/t", (10**9,), "i1", chunks=True, compression="gzip")
+    with pytest.raises(FormatError, match="has more than 25,000,000 numbers"):
+        read(tmp_path / "f.h5", "signal_gain=own")
+    with h5py.File(tmp_path / "f.h5", "a") as file:
+        del file["t2"]
+    assert_allclose(read(tmp_path / "f.h5", "signal_gain=own")[0]["signal_gain"], [TIME, RATE])
+    for name in ("linked", "raw", "virtual"):
+        with pytest.raises(FormatError, match=f"no channel '{name}'"):
+            read(tmp_path / "f.h5", f"signal_gain={name}")
+
+
 def test_file_whose_library_ends_the_process_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(telemetry, "_by_library", ended_process.end)
     savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})
@@ -123,7 +164,7 @@ def test_file_whose_library_ends_the_process_is_refused(tmp_path, monkeypatch):
         read(tmp_path / "f.mat", "signal_gain=gyro")
 
 
-@pytest.mark.parametrize("ending", [".mat", ".mf4", ".tdms", ".parquet", ".csv"])
+@pytest.mark.parametrize("ending", [".mat", ".h5", ".mf4", ".tdms", ".parquet", ".csv"])
 def test_damaged_files_are_refused(tmp_path, ending):
     path = tmp_path / f"f{ending}"
     path.write_bytes(b"\x00\x01damaged" * 40)

@@ -95,6 +95,44 @@ SEEDS += (
     (".csv", "flight", "t,gyro_y (deg/s),x\n0,1,2\n0.5,2,1\n1,2,3\n"),
     (".parquet", "flight", ""),
 )
+_XML = (
+    '<?xml version="1.0"?><{0} id="CCSDS" version="2.0"><header/><body><segment><metadata>\n'
+    "<CENTER_NAME>EARTH</CENTER_NAME><REF_FRAME>EME2000</REF_FRAME>{1}</metadata><data>\n"
+    "{2}</data></segment></body></{0}>"
+)
+_STATE = (
+    "<stateVector><EPOCH>2026-03-01T00:00:0{}</EPOCH><X>6500.{}</X><Y>{}</Y>\n<Z>1</Z>"
+    '<X_DOT units="km/s">0.1</X_DOT><Y_DOT>2</Y_DOT><Z_DOT>.3</Z_DOT></stateVector>\n'
+)
+_TURNED = (
+    "<REF_FRAME_A>EME2000</REF_FRAME_A><REF_FRAME_B>SC_BODY</REF_FRAME_B><ATTITUDE_DIR>A2B"
+    "</ATTITUDE_DIR><EULER_ROT_SEQ>321</EULER_ROT_SEQ><ATTITUDE_TYPE>{}</ATTITUDE_TYPE>"
+)
+_TURN = "<attitudeState><s><EPOCH>2026-03-01T00:00:0{}</EPOCH>{}</s></attitudeState>\n"
+_QUATERNION = "<quaternion><QC>1</QC><Q1>0</Q1><Q2>0</Q2><Q3>0</Q3></quaternion>"
+_ROTATIONS = (
+    '<rotationAngles><rotation1 angle="Z_ANGLE">1</rotation1><rotation2>2</rotation2>'
+    '<rotation3 units="deg">3</rotation3></rotationAngles>'
+)
+SEEDS += (
+    (".xml", "initial", _XML.format("oem", "", _STATE.format(0, 0, 0) + _STATE.format(9, 9, 18))),
+    (
+        ".aem",
+        "initial",
+        _XML.format(
+            "aem",
+            _TURNED.format("QUATERNION"),
+            _TURN.format(0, _QUATERNION) + _TURN.format(9, _QUATERNION),
+        ),
+    ),
+    (
+        ".aem",
+        "initial",
+        _XML.format("aem", _TURNED.format("EULER_ANGLE"), _TURN.format(4, _ROTATIONS)),
+    ),
+    (".csv", "motor", "0,1\n0.5,2\n1,0\n"),
+    (".csv", "motor", "# time_s,thrust_lbf\n0,1\n0.5,2\n1,0\n"),
+)
 _AXES = ("forward-left-up", "aft-right-up", "up-up-up", 3, None)
 _TIMES = ("2026-03-01T00:00:04", "2026-03-01T00:00:00", "2027-060T00:00:04", "x", 7, None)
 _COLUMNS = ("upper_omega_y_deg_s", "upper_axial_acceleration_m_s2", "signal_x")

@@ -26,7 +26,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from sepmc.formats.ccsds import parse_message, read_initial
+from sepmc.formats.ccsds import read_initial
+from sepmc.formats.ccsds_messages import parse_message
 from sepmc.formats.datcom import is_datcom, parse_datcom
 from sepmc.formats.daveml import read_daveml
 from sepmc.formats.decks import read_deck
