@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -124,9 +125,22 @@ def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np
             raise FormatError(f"has two columns of {name}, {title} one of them")
         else:
             values[name] = numbers
+    _refuse_conditions(left, values)
     if left:
         columns.understood.append(f"not read: {', '.join(left)}")
     return values
+
+
+def _refuse_conditions(left: list[str], values: dict[str, np.ndarray]) -> None:
+    """Refuse columns of a coefficient at several conditions, "CA Power-Off" and "CA Power-On" of
+    RASAero, unless one of them is chosen."""
+    for meaning, short in (("axial", "CA"), ("normal", "CN")):
+        titles = [each for each in left if re.match(rf"{short}[ _]power", each, re.IGNORECASE)]
+        if titles and meaning not in values:
+            raise FormatError(
+                f"has {short} as {' and '.join(titles)}; choose by columns = "
+                f'{{ {meaning} = "{titles[0]}" }}'
+            )
 
 
 def _from_lift(

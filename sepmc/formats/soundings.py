@@ -10,6 +10,7 @@ import numpy as np
 from sepmc.formats.columns import Columns, Quantity
 from sepmc.formats.text_table import FormatError, TextTable, number, parse_table, read_table
 from sepmc.formats.text_table import read_text as text_of
+from sepmc.scene.messages import shorten
 
 _HEIGHT = ("altitude", "height", "alt", "z", "h", "geometricheight", "geometricaltitude")
 _GEOPOTENTIAL = ("geopotential", "hght", "hgt", "geopotentialheight", "geopotentialaltitude",
@@ -31,6 +32,8 @@ _QUANTITIES = {
 _DEFAULTS = {"from": "deg", "direction": "deg"}
 _WYOMING = re.compile(r"^\s*PRES\s+HGHT\s+TEMP\s+DWPT\s+RELH\s+MIXR\s+DRCT\s+SK?NT", re.MULTILINE)
 _WIDTH = 7  # of a column of a Wyoming sounding
+_SPC = re.compile(r"^[ \t]*LEVEL\s+HGHT\s+TEMP\s+DWPT\s+WDIR\s+WSPD[^%]*%RAW%", re.MULTILINE)
+_MISSING = -9998.0  # values below are none
 
 
 def read_air(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
@@ -52,7 +55,7 @@ def read_air(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[
     ------
     FormatError
     """
-    columns, understood = _columns(path, options)
+    columns, understood = _columns(path, options, ("PRES", "HGHT", "TEMP"))
     columns_read = _find(
         columns,
         ("altitude", "geopotential", "density", "pressure", "temperature", "speed_of_sound"),
@@ -95,7 +98,7 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     ------
     FormatError
     """
-    columns, understood = _columns(path, options)
+    columns, understood = _columns(path, options, ("HGHT", "DRCT", "SKNT"))
     columns_read = _find(
         columns, ("altitude", "geopotential", "speed", "from", "direction", "along", "across")
     )
@@ -119,16 +122,26 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     return _sorted(tree, understood)
 
 
-def _columns(path: Path, options: dict[str, Any]) -> tuple[Columns, list[str]]:
+def _columns(
+    path: Path, options: dict[str, Any], needed: tuple[str, ...]
+) -> tuple[Columns, list[str]]:
+    """Columns of a file, of a sounding those that are needed, and what was understood."""
     named = options.get("columns")
     if path.suffix.lower() != ".parquet":
         text = text_of(path)
-        if match := _WYOMING.search(text):
-            table, left = _wyoming(text[match.start() :])
-            understood = ["a sounding of fixed width: PRES HGHT TEMP ... DRCT SKNT"]
-            if left:
-                understood.append(f"{left} rows without all of the values are not read")
-            return Columns(table), understood
+        for pattern, rows_of, layout in (
+            (_WYOMING, _wyoming_rows, "a sounding of fixed width: PRES HGHT TEMP ... DRCT SKNT"),
+            (_SPC, _spc_rows, "a sounding of SPC: LEVEL (hPa) HGHT (m) TEMP (C) WDIR WSPD (kt)"),
+        ):
+            count = len(pattern.findall(text))
+            if count > 1:
+                raise FormatError(f"has {count} soundings; must be one in a file")
+            if match := pattern.search(text):
+                table, left = _sounding(rows_of(text[match.start() :]), needed)
+                understood = [layout]
+                if left:
+                    understood.append(f"{left} rows without {', '.join(needed)} are not read")
+                return Columns(table), understood
         names = [str(x) for x in named] if isinstance(named, list) else None
         table = parse_table(text, names)
     else:
@@ -136,34 +149,64 @@ def _columns(path: Path, options: dict[str, Any]) -> tuple[Columns, list[str]]:
     return Columns(table, named if isinstance(named, dict) else None), []
 
 
-def _wyoming(text: str) -> tuple[TextTable, int]:
-    """Sounding as the University of Wyoming gives it: columns of seven characters, blank where
-    nothing was measured. Rows with pressure, height, temperature, direction and speed are read."""
-    names = ("PRES", "HGHT", "TEMP", "DWPT", "RELH", "MIXR", "DRCT", "SKNT")
-    needed = (0, 1, 2, 6, 7)
+_TITLES = {
+    "PRES": "PRES (hPa)", "HGHT": "HGHT (m)", "TEMP": "TEMP (degC)", "DRCT": "DRCT (deg)",
+    "SKNT": "SKNT (kn)", "SPED": "SPED (m/s)",
+}  # fmt: skip
+
+
+def _sounding(rows: list[dict[str, float]], needed: tuple[str, ...]) -> tuple[TextTable, int]:
+    """Table of the rows of a sounding that have the needed values, and how many have not."""
+    if rows and "SPED" in rows[0]:
+        needed = tuple("SPED" if name == "SKNT" else name for name in needed)
+    whole = [row for row in rows if all(math.isfinite(row[name]) for name in needed)]
+    if len(whole) < 2:
+        raise FormatError(f"has fewer than two rows with {', '.join(needed)}")
+    columns = {_TITLES[name]: np.array([row[name] for row in whole]) for name in needed}
+    return TextTable(columns, (), "fixed width"), len(rows) - len(whole)
+
+
+def _wyoming_rows(text: str) -> list[dict[str, float]]:
+    """Rows of a sounding as the University of Wyoming gives it: columns of seven characters, blank
+    where nothing was measured."""
     lines = text.splitlines()
-    is_knots = "SKNT" in lines[0]
-    rows, left = list[list[float]](), 0
+    names = ("PRES", "HGHT", "TEMP", "DWPT", "RELH", "MIXR", "DRCT",
+             "SKNT" if "SKNT" in lines[0] else "SPED")  # fmt: skip
+    rows = list[dict[str, float]]()
     for line in lines[1:]:
         cells = [line[k * _WIDTH : (k + 1) * _WIDTH].strip() for k in range(len(names))]
         if not cells[0]:
             continue
-        try:
-            values = [number(cells[k]) for k in needed]
-            if not np.isfinite(values).all():
-                raise ValueError
-        except ValueError:
-            if rows and not re.fullmatch(r"[-+.\d\s]*", line):
+        if not re.fullmatch(r"[-+.\d\s]+", line):
+            if rows:
                 break
-            left += bool(re.fullmatch(r"[-+.\d\s]+", line))
             continue
-        rows.append(values)
-    if len(rows) < 2:
-        raise FormatError("has fewer than two rows with pressure, height, temperature and wind")
-    table = np.array(rows).T
-    titles = ("PRES (hPa)", "HGHT (m)", "TEMP (degC)", "DRCT (deg)",
-              "SKNT (kn)" if is_knots else "SPED (m/s)")  # fmt: skip
-    return TextTable(dict(zip(titles, table, strict=True)), (), "fixed width"), left
+        rows.append({name: _value(cell) for name, cell in zip(names, cells, strict=True)})
+    return rows
+
+
+def _spc_rows(text: str) -> list[dict[str, float]]:
+    """Rows of a sounding as the Storm Prediction Center and SHARPpy have it, between %RAW% and
+    %END%; -9999 where nothing was measured."""
+    names = ("PRES", "HGHT", "TEMP", "DWPT", "DRCT", "SKNT")
+    rows = list[dict[str, float]]()
+    for line in text.partition("%RAW%")[2].partition("%END%")[0].splitlines():
+        cells = [cell.strip() for cell in line.split(",")]
+        if len(cells) < len(names):
+            if line.strip():
+                raise FormatError(f"{shorten(line.strip())} is no row of {' '.join(names)}")
+            continue
+        rows.append({name: _value(cell) for name, cell in zip(names, cells, strict=False)})
+    return rows
+
+
+def _value(cell: str) -> float:
+    """Number of a cell; NaN if there is none."""
+    try:
+        value = number(cell)
+    except ValueError:
+        return math.nan
+    return value if _MISSING < value < math.inf else math.nan
 
 
 def _find(columns: Columns, names: tuple[str, ...]) -> dict[str, np.ndarray]:

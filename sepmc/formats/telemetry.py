@@ -148,7 +148,7 @@ def read_telemetry(
         kept = np.isfinite(values) & np.isfinite(raw.time)
         times, values = raw.time[kept], values[kept]
         if len(times) < 2:
-            raise FormatError(f"channel {own.channel}: has {len(times)} samples")
+            raise FormatError(f"channel {own.channel}: has {len(times)} samples that are numbers")
         falling = np.flatnonzero(np.diff(times) < 0.0)
         if len(falling):
             k = int(falling[0])
@@ -159,7 +159,8 @@ def read_telemetry(
         result[each.column] = times, values
         factor = "" if own.factor == 1.0 else f"{own.factor:g} * "
         assumed = ", which the file does not say" if is_assumed else ""
-        span = f"{times[0]:.14g} to {times[-1]:.14g} s"
+        gaps = f"; {len(kept) - len(times)} more have no number" if not kept.all() else ""
+        span = f"{times[0]:.14g} to {times[-1]:.14g} s{gaps}"
         understood.append(
             f"{each.column} = {factor}{own.channel}, in {unit_text(unit)}{assumed}: {len(times)} "
             f"samples, {span}"
@@ -278,6 +279,8 @@ def _of_table(
     if factor is None:
         raise FormatError(f"column {title}: {unit!r} is no unit of time")
     seconds = columns[title] * factor
+    if not np.isfinite(seconds).any():
+        raise FormatError(f"column {title}: has no number; times are numbers, in s unless said")
     return {stem + k: _Raw(seconds, v, "") for k, v in columns.items() if k != title}
 
 

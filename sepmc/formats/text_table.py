@@ -5,6 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ _COMMENTS = ("#", "%", "//", "!")
 _SEPARATORS = (";", "\t", ",", " ")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_INVISIBLE = dict.fromkeys((0x200B, 0x200C, 0x200D, 0x2060, 0xFEFF))  # OpenRocket has such units
 _NAMES = {",": "comma", ";": "semicolon", "\t": "tab", " ": "blank"}
 
 
@@ -87,7 +89,8 @@ def read_table(
         Bytes of the file that are allowed, and four times the numbers of a Parquet file, which may
         unpack to any number.
     gaps : bool
-        Blank cells and those without a finite number are NaN; otherwise they are refused.
+        Blank cells and those without a finite number, also whole columns, are NaN; otherwise they
+        are refused.
     assumed : sequence of str
         Names of the columns of a text file of as many columns without a header and comments, if
         none are given.
@@ -116,7 +119,7 @@ def parse_table(
     Lines that begin with ``#``, ``%``, ``!`` or ``//`` are comments, blank lines are skipped. The
     separator is a semicolon, tab, comma or blanks: the first that the first line of numbers has.
     The last line of text before it is the header; a line of units may follow. Without one, the last
-    comment before it is the header if it has as many cells.
+    comment before it that has as many cells is the header.
 
     Parameters
     ----------
@@ -133,36 +136,38 @@ def parse_table(
     ------
     FormatError
     """
-    comments, lines, titles = list[str](), list[tuple[int, str]](), ""
+    comments, lines, before = list[str](), list[tuple[int, str]](), 0
     for number, line in enumerate(text.splitlines(), 1):
         stripped = line.strip(" \r\n\ufeff")
         if stripped.startswith(_COMMENTS):
             comments.append(stripped.lstrip("#%!/ "))
-            titles = titles if lines else comments[-1]
+            before += not lines
         elif stripped.strip("\t;,"):
             lines.append((number, stripped))
     if not lines:
         raise FormatError("has no rows")
-    separator, first = _first_row(lines)
+    separator, first = _first_row(lines, gaps)
     rows = [(number, _cells(line, separator)) for number, line in lines[first:]]
     header = names or _header(lines[:first], separator)
-    if not header and len(_cells(titles, separator)) == len(rows[0][1]):
-        header = _cells(titles, separator)
+    if not header:
+        titles = [_cells(comment, separator) for comment in comments[:before]]
+        header = next((each for each in titles[::-1] if len(each) == len(rows[0][1])), [])
     # comments may name other units
     is_assumed = not (header or comments) and len(rows[0][1]) == len(assumed)
     if is_assumed:
         header = list(assumed)
     if not header:
         raise FormatError(
-            f"line {rows[0][0]}: has no header; give the names of its {len(rows[0][1])} columns as "
-            'columns = ["time_s", "thrust_N"]'
+            f"line {rows[0][0]}: has no header; give the names of its {len(rows[0][1])} columns, "
+            'with units: columns = ["NAME_UNIT", ...]'
         )
     columns = _numbers(header, rows, separator, gaps)
     return TextTable(columns, tuple(comments), _NAMES[separator], not is_assumed)
 
 
-def _first_row(lines: list[tuple[int, str]]) -> tuple[str, int]:
-    """Separator, and index of the first line of numbers."""
+def _first_row(lines: list[tuple[int, str]], gaps: bool) -> tuple[str, int]:
+    """Separator, and index of the first line of numbers; with gaps, of the first line with a number
+    below a header of as many cells."""
     for index, (line_number, line) in enumerate(lines):
         for separator in _SEPARATORS:
             cells = [cell for cell in _cells(line, separator) if cell]
@@ -175,6 +180,12 @@ def _first_row(lines: list[tuple[int, str]]) -> tuple[str, int]:
                     f"{comma.replace(',', '.')}"
                 )
             return separator, index
+    for index, ((_, above), (_, line)) in enumerate(pairwise(lines) if gaps else (), 1):
+        for separator in _SEPARATORS:
+            header, cells = _cells(above, separator), _cells(line, separator)
+            is_header = len(header) == len(cells) > 1 and not any(map(_is_number, header))
+            if is_header and any(map(_is_number, cells)):
+                return separator, index
     line_number, line = lines[min(1, len(lines) - 1)]
     raise FormatError(
         f"line {line_number}: is no line of numbers, such as 0.1, 25.0: {shorten(line)}"
@@ -225,6 +236,7 @@ def _numbers(
     header: list[str], rows: list[tuple[int, list[str]]], separator: str, gaps: bool
 ) -> dict[str, np.ndarray]:
     """Columns of numbers (n,) by name."""
+    header = [name.translate(_INVISIBLE) for name in header]
     while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
                                             for _, row in rows):  # fmt: skip
         header = header[:-1]  # a separator at the end of each line
@@ -248,7 +260,11 @@ def _numbers(
             if not cell:
                 raise FormatError(f"line {line}: column {header[i] or i + 1} is blank")
             if not _is_number(cell):
-                reason = "has a decimal comma" if _DECIMAL_COMMA.fullmatch(cell) else "is no number"
+                is_comma = _DECIMAL_COMMA.fullmatch(cell) is not None
+                if gaps and not is_comma:
+                    values[k, i] = np.nan
+                    continue
+                reason = "has a decimal comma" if is_comma else "is no number"
                 raise FormatError(f"line {line}: {shorten(cell)} {reason}")
             values[k, i] = number(cell)
             if not (gaps or np.isfinite(values[k, i])):

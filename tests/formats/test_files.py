@@ -12,6 +12,7 @@ import sepmc
 from sepmc.cli import app
 from sepmc.formats.decks import deck_of
 from sepmc.formats.files import read_files
+from sepmc.formats.soundings import read_air, read_wind
 from sepmc.formats.text_table import FormatError, parse_table
 from sepmc.formats.thrust import parse_eng
 from sepmc.physics.atmosphere import us1976
@@ -362,3 +363,62 @@ def test_a_sounding_with_a_wind_that_is_no_number(tmp_path):
     assert len(table["speed_m_s"]) == 2
     assert np.isfinite(table["speed_m_s"]).all()
     assert "rows" in said[0]
+
+
+SPC = """%TITLE%
+ OAX   140616/1900
+
+   LEVEL       HGHT       TEMP       DWPT       WDIR       WSPD
+-------------------------------------------------------------------
+%RAW%
+ 1000.00,    34.00,  -9999.00,  -9999.00,  -9999.00,  -9999.00
+ 965.00,    350.00,     27.00,     23.80,    150.00,     20.00
+ 962.00,    377.50,     26.00,     22.80,  -9999.00,  -9999.00
+ 850.00,   1500.00,     15.00,      9.00,    200.00,     30.00
+%END%
+"""
+
+
+def test_sounding_of_spc(tmp_path):
+    """Each quantity has the rows that have it; -9999 is none."""
+    (tmp_path / "s.oax").write_text(SPC)
+    air, understood = read_air(tmp_path / "s.oax", {})
+    assert air["geopotential_m"] == [350.0, 377.5, 1500.0]
+    assert_allclose(air["pressure_Pa"], [96500.0, 96200.0, 85000.0], rtol=1e-15)
+    assert_allclose(air["temperature_K"], [300.15, 299.15, 288.15], rtol=1e-15)
+    assert "1 rows without PRES, HGHT, TEMP are not read" in " ".join(understood)
+    wind, _ = read_wind(tmp_path / "s.oax", {})
+    assert (wind["geopotential_m"], wind["from_deg"]) == ([350.0, 1500.0], [150.0, 200.0])
+    assert_allclose(wind["speed_m_s"], np.array([20.0, 30.0]) * 1852.0 / 3600.0)
+
+
+def test_several_soundings_in_a_file_are_refused(tmp_path):
+    for text in (SPC, WYOMING):
+        (tmp_path / "s.txt").write_text(2 * text)
+        with pytest.raises(FormatError, match="has 2 soundings; must be one"):
+            read_air(tmp_path / "s.txt", {})
+
+
+RASAERO = """Mach,Alpha,CD,CD Power-Off,CA Power-Off,CA Power-On,CL,CN,CP
+0.5,0,0.5,0.5,0.5,0.4,0,0,90
+0.5,4,0.5,0.5,0.6,0.5,0.4,0.45,90
+"""
+
+
+def test_coefficient_of_two_conditions_is_chosen():
+    """RASAero has the axial force of the burning and of the coasting rocket."""
+    table = parse_table(RASAERO)
+    with pytest.raises(FormatError, match="has CA as CA Power-Off and CA Power-On; choose by"):
+        deck_of(table, {})
+    deck, _ = deck_of(table, {"axial": "CA Power-On"})
+    assert (deck["axial"], deck["normal"]) == ([[0.4, 0.5]], [[0.0, 0.45]])
+
+
+def test_titles_of_openrocket():
+    """The header is a comment among others, with a unit of no width."""
+    text = (
+        "# Simulation 7\n# Time (s),Margin (\u200b),Speed (m/s)\n# Event LAUNCH at t=0\n0,NaN,1\n"
+    )
+    table = parse_table(text + "# Event APOGEE, or so, at t=1\n1,2,3\n", gaps=True)
+    assert list(table.columns) == ["Time (s)", "Margin ()", "Speed (m/s)"]
+    assert_array_equal(table.columns["Speed (m/s)"], [1.0, 3.0])

@@ -102,6 +102,22 @@ def test_faults_are_named(tmp_path, header, times, reason):
         read(path, "signal_gain=gyro")
 
 
+def test_columns_of_text_are_gaps(tmp_path):
+    """As loggers write them; a comma is no gap."""
+    path = tmp_path / "f.csv"
+    path.write_text("ts,id,gyro,note\n0,IMU0,1.5,\n1,IMU0,N/A,x\n2,IMU0,2.5,\n")
+    channels, understood = read(path, "signal_gain=gyro", time="ts")
+    assert_allclose(channels["signal_gain"], [[0.0, 2.0], [1.5, 2.5]])
+    assert "2 samples, 0 to 2 s; 1 more have no number" in understood[0]
+    with pytest.raises(FormatError, match="channel id: has 0 samples that are numbers"):
+        read(path, "signal_gain=id", time="ts")
+    with pytest.raises(FormatError, match="column id: has no number"):
+        read(path, "signal_gain=gyro", time="id")
+    path.write_text("ts;gyro;id\n0;1,5;a\n1;2,5;b\n")
+    with pytest.raises(FormatError, match="line 2: '1,5' has a decimal comma"):
+        read(path, "signal_gain=gyro", time="ts")
+
+
 def test_parquet(tmp_path):
     pd.DataFrame({"time_s": TIME, "gyro": RATE}).to_parquet(tmp_path / "f.parquet")
     channels, _ = read(tmp_path / "f.parquet", "signal_gain=gyro")

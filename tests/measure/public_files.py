@@ -4,8 +4,10 @@
 
 Every file below the folder is read by its ending: ``.eng`` as thrust curves (each engine; its
 impulse against the trapezoid of the numbers of the file, from a parser of its own, to 1e-12),
-``.csv`` and ``.txt`` as decks, air or wind, ``for006.dat`` and ``.out`` as decks of DATCOM,
-messages of CCSDS by their first line (the state at every hundredth row; its height between those
+``.csv`` and ``.txt`` as decks, air, wind or, by their name or title, thrust (its impulse too),
+soundings of Wyoming and SPC by their titles (every level stands in a row of the file),
+``for006.dat`` and ``.out`` as decks of DATCOM (CN and CA of a cell stand in a row of its alpha),
+messages of CCSDS by their first lines (the state at every hundredth row; its height between those
 above a sphere of the polar and of the equatorial radius), ``.dml`` as decks, ``.urdf``, ``.xml``
 and ``.mjcf`` as masses (each link or body; mass, centre and the invariants of the tensor against
 numbers read by another parser). Prints the count of each outcome, and every reason; ends with code
@@ -14,7 +16,12 @@ repository.
 
 Read so: all models of JSBSim-Team/jsbsim (``aircraft/*/*.xml``), Daniella1/urdf_files_dataset
 (``*.urdf``) and Farama-Foundation/Gymnasium-Robotics (``*.xml``), messages of CS-SI/Orekit
-(``src/test/resources/ccsds``) and bradsease/oem, examples of bjax/DAVE-ML-Schema (``*.dml``).
+(``src/test/resources/ccsds``) and bradsease/oem, examples of bjax/DAVE-ML-Schema (``*.dml``);
+DATCOM outputs of arktools/pydatcom, arktools/aircraft-datcom, lkampoli/DATCOM,
+shohei/roll_analysis_6dof, AbiyyuMufti/ssm_gazebo, bartkiewiczjacob/OpenPost and
+bermejus/Codigo_TFG_MATLAB; soundings of tjlang/SkewT, sharppy/SHARPpy, cwebster2/pyMeteo and
+rnleach/sounding-analysis; tables of RocketPy-Team/RocketPy and RocketSerializer,
+cuspaceflight/CamPyRoS and ISSUIUC/TARS-Controls.
 """
 
 import re
@@ -34,7 +41,7 @@ from sepmc.formats.decks import read_deck
 from sepmc.formats.mass import read_mass
 from sepmc.formats.soundings import read_air, read_wind
 from sepmc.formats.text_table import FormatError, read_text
-from sepmc.formats.thrust import _engines, parse_eng
+from sepmc.formats.thrust import _engines, parse_eng, read_thrust
 
 
 def plain_impulses(text: str) -> list[float]:
@@ -85,15 +92,83 @@ def check_curves(file: Path) -> list[str]:
     return outcomes
 
 
+def check_thrust(file: Path) -> list[str]:
+    """Outcome of a table of thrust, by its impulse."""
+    try:
+        curve = read_thrust(file, {})
+    except FormatError as error:
+        return [f"refused: {error}"]
+    numbers = re.compile(r"^[\s\d.eE+;,-]+$")
+    lines = [line for line in read_text(file).splitlines() if numbers.match(line) and line.strip()]
+    t, f = np.array([re.split(r"[;,\s]+", line.strip())[:2] for line in lines], dtype=float).T
+    impulse = float((np.diff(t) * (f[1:] + f[:-1]) / 2.0).sum())
+    return ["read" if abs(curve.impulse - impulse) <= 1e-12 * abs(impulse) else
+            f"WRONG: impulse {curve.impulse!r}, trapezoid {impulse!r}"]  # fmt: skip
+
+
+def _number_rows(text: str) -> list[list[float]]:
+    """Numbers of every line that has only such, separated by blanks or commas."""
+    rows = []
+    for line in text.splitlines():
+        try:
+            rows.append([float(cell) for cell in line.replace(",", " ").split()])
+        except ValueError:
+            continue
+    return rows
+
+
+def check_datcom(file: Path) -> list[str]:
+    """Outcome of an output of DATCOM: CN and CA of each cell stand in a row of their alpha."""
+    text = read_text(file)
+    try:
+        tree, _ = parse_datcom(text, {"case": 1})
+    except FormatError as error:
+        return [f"refused: {error}"]
+    rows = {
+        (row[0], x) for row in _number_rows(re.sub(r"NDM|\bNA\b|\*+", "", text)) if row for x in row
+    }
+    for name in ("normal", "axial"):
+        values = np.array(tree[name])
+        for i, alpha in enumerate(tree["alpha_deg"]):
+            for x in values[:, i].reshape(len(values), -1)[:, tree["beta_deg"].index(0.0)]:
+                if (alpha, x) not in rows and (alpha, round(x, 12)) not in rows:
+                    return [f"WRONG: no row of alpha {alpha} has {name} {x}"]
+    return ["read as DATCOM"]
+
+
+def check_sounding(file: Path, text: str) -> list[str]:
+    """Outcome of a sounding: each level of the air and of the wind stands in a row of the file."""
+    try:
+        (air, _), (wind, _) = read_air(file, {}), read_wind(file, {})
+    except FormatError as error:
+        return [f"refused: {error}"]
+    rows = [set(row) for row in _number_rows(text.replace("<PRE>", ""))]
+    for levels, scales, offsets in (
+        (zip(air["geopotential_m"], air["pressure_Pa"], air["temperature_K"], strict=True),
+         (1.0, 0.01, 1.0), (0.0, 0.0, -273.15)),
+        (zip(wind["geopotential_m"], wind["from_deg"], wind["speed_m_s"], strict=True),
+         (1.0, 1.0, 3600.0 / 1852.0), (0.0, 0.0, 0.0)),
+    ):  # fmt: skip
+        for level in levels:
+            own = {round(x * k + d, 6) for x, k, d in zip(level, scales, offsets, strict=True)}
+            if not any(own <= row for row in rows):
+                return [f"WRONG: no row has {own}"]
+    return ["read as sounding"]
+
+
 def check_table(file: Path) -> list[str]:
     """Outcome of a table: the first kind that reads it."""
+    try:
+        if is_datcom(file):
+            return check_datcom(file)
+        text = read_text(file)
+    except FormatError as error:
+        return [f"refused: {error}"]
+    if re.search(r"HGHT\s+TEMP\s+DWPT", text):
+        return check_sounding(file, text)
+    if re.search("thrust|motor", file.name, re.IGNORECASE) or "Thrust" in text[:200]:
+        return check_thrust(file)
     reasons = []
-    if is_datcom(file):
-        try:
-            parse_datcom(read_text(file), {"case": 1})
-        except FormatError as error:
-            return [f"refused: {error}"]
-        return ["read as DATCOM"]
     for reader in (read_deck, read_air, read_wind):
         try:
             reader(file, {})
@@ -101,7 +176,7 @@ def check_table(file: Path) -> list[str]:
             reasons.append(str(error))
         else:
             return [f"read as {reader.__name__.removeprefix('read_')}"]
-    return [f"refused: {reasons[0]}"]
+    return [f"refused: {reasons[0]}" if len(set(reasons)) == 1 else f"refused: {reasons}"]
 
 
 def check_message(file: Path, kind: str) -> list[str]:
@@ -185,8 +260,11 @@ def check_masses(file: Path) -> list[str]:
 
 def check_of(file: Path):
     """The check of a file, by its ending and its first line."""
-    if match := re.match(rb"(?:\xef\xbb\xbf)?\s*CCSDS_(OEM|AEM)_VERS", file.read_bytes()[:200]):
-        return lambda path: check_message(path, match[1].decode())
+    first = file.read_bytes()[:4000]
+    if match := re.match(rb"(?:\xef\xbb\xbf)?\s*CCSDS_(OEM|AEM)_VERS", first) or re.search(
+        rb"<(oem|aem)[\s>]", first
+    ):
+        return lambda path: check_message(path, match[1].decode().upper())
     endings = {".eng": check_curves, ".dml": check_model}
     endings |= dict.fromkeys((".urdf", ".xml", ".mjcf"), check_masses)
     return endings.get(file.suffix.lower(), check_table)
