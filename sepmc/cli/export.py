@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from sepmc.cli.options import RUN, check_out_file, overwrite_option
+from sepmc.cli.options import RUN, check_out_file, load_run, overwrite_option
 
 _FORMATS = ("csv", "mat", "netcdf", "hdf5", "xlsx")
 
@@ -22,22 +22,32 @@ _FORMATS = ("csv", "mat", "netcdf", "hdf5", "xlsx")
 )
 @overwrite_option("the file in --out")
 def export(folder: Path, kind: str, histories: bool, out: Path | None, overwrite: bool) -> None:
-    """Write the case table of RUN: every column with its unit and meaning, the status as text.
-    MATLAB (struct cases), netCDF and CSV need nothing else; HDF5 and Excel need the extra export.
+    """Write the case table of RUN, or the history of the single case in RUN: every column with its
+    unit and meaning, the status as text. MATLAB (struct cases or history), netCDF and CSV need
+    nothing else; HDF5 and Excel need the extra export.
 
     \b
     Examples:
       sepmc export runs/windy --format mat
       sepmc export runs/windy --format csv --histories --out separations.csv
     """
-    from sepmc.campaign.store import folders, shards
+    from sepmc.campaign.store import folders, result_files, shards
     from sepmc.campaign.stored_result import open_run
     from sepmc.formats.write_table import ENDINGS, write_table
-    from sepmc.schema import Column
+    from sepmc.schema import Column, history_columns
 
-    result = open_run(folder)
     path = out or Path(f"{folder.name}{'_histories' if histories else ''}{ENDINGS[kind]}")
     check_out_file(path, (ENDINGS[kind],), overwrite)
+    history = result_files.read_history(folder)
+    if history is not None:
+        known = {c.name: c for c in history_columns(load_run(folder).layout.contents)}
+        known["time_s"] = Column("time_s", "s", "time since the start")
+        columns = [known.get(key, Column(key, "", "")) for key in map(str, history)]
+        values = {column.name: history[column.name].to_numpy() for column in columns}
+        write_table(path, kind, columns, values, "history")
+        click.echo(f"wrote {path}: {len(history)} rows, {len(columns)} columns")
+        return
+    result = open_run(folder)
     name, values = "cases", result.table
     if histories:
         table = result.histories()

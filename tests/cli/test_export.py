@@ -57,6 +57,33 @@ def test_matlab_has_the_bits_units_and_texts(run, tmp_path):
     assert max(map(len, content["cases"])) <= 63
 
 
+def test_single_case_gives_its_history(run, tmp_path):
+    """Every column of the history with its unit, to be played back by other programs."""
+    _, folder = run
+    with run_interpreted():
+        arguments = [
+            "run",
+            str(folder),
+            "--case",
+            "3",
+            "--out",
+            str(tmp_path / "one"),
+            "--no-plots",
+        ]
+        done = CliRunner().invoke(app.main, [*arguments, "--every-s", "0.1"])
+    assert done.exit_code == 0, done.output
+    done = export(tmp_path / "one", "--format", "mat", "--out", tmp_path / "a.mat")
+    assert done.exit_code == 0, done.output
+    history = pd.read_parquet(tmp_path / "one" / "history.parquet")
+    content = loadmat(tmp_path / "a.mat", simplify_cells=True)
+    assert set(content["history"]) == set(history)
+    for name in ("time_s", "separation_speed_m_s"):
+        assert_array_equal(content["history"][name], history[name], err_msg=name)
+    assert content["units"]["time_s"] == "s"
+    assert content["units"]["separation_distance_mm"] == "mm"
+    assert content["history"]["phase"][0] == history["phase"].iloc[0]
+
+
 def test_netcdf_has_the_bits(run, tmp_path):
     result, folder = run
     assert export(folder, "--format", "netcdf", "--out", tmp_path / "a.nc").exit_code == 0

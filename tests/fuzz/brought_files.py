@@ -13,6 +13,7 @@ from fuzz.watch import Wrong, turns
 from sepmc.formats.files import read_files
 from sepmc.formats.telemetry import parse_map, read_telemetry
 from sepmc.formats.text_table import FormatError
+from sepmc.physics.atmosphere import us1976
 from sepmc.scene.as_brought import convert_tree
 from sepmc.scene.messages import InputError, Problems
 
@@ -131,6 +132,15 @@ SEEDS += (
         _XML.format("aem", _TURNED.format("EULER_ANGLE"), _TURN.format(4, _ROTATIONS)),
     ),
     (".csv", "motor", "0,1\n0.5,2\n1,0\n"),
+    (
+        ".txt",
+        "wind",
+        "%TITLE%\n OAX   140616/1900\n\n   LEVEL  HGHT  TEMP  DWPT  WDIR  WSPD\n----\n%RAW%\n"
+        " 1000.00, 34.00, -9999, -9999, -9999, -9999\n 965.0, 350.0, 27.8, 23., 150., 2\n"
+        " 850.00, 1500.00, 15.00, 9.00, 200.00, 30.00\n%END%\n",
+    ),
+    (".csv", "aero", "Mach,Alpha,CA Power-Off,CA Power-On,CN\n0.5,0,1,2,3\n0.5,4,1,2,3\n"),
+    (".csv", "flight", "# a\n# t,gyro_y (deg/s),x (\u200b)\n# Event at t=0\n0,1,IMU\n1,2,x\n"),
     (".csv", "motor", "# time_s,thrust_lbf\n0,1\n0.5,2\n1,0\n"),
 )
 _AXES = ("forward-left-up", "aft-right-up", "up-up-up", 3, None)
@@ -159,6 +169,7 @@ _OPTIONS = (
 
 def files(rng, count, until, tried):
     """Damaged files, each in a tree that names it."""
+    us1976(0.0)  # compiled now: within an input it can take longer than an input may
     with scratch() as folder:
         for number in turns(count, until, tried):
             ending, kind, text = rng.choice(SEEDS)
