@@ -29,9 +29,9 @@ def _segment_at(segments: list[Segment], epoch: float, text: str) -> Segment:
     for segment in segments:
         if segment.epochs[0] <= epoch <= segment.epochs[-1]:
             return segment
-    first, last = segments[0].epochs[0], segments[-1].epochs[-1]
     raise FormatError(
-        f"has no rows about the epoch {text}: {first - epoch:+.6g} to {last - epoch:+.6g} s from it"
+        f"has no rows about the epoch {text}; rows are from {segments[0].first} to "
+        f"{segments[-1].last}"
     )
 
 
@@ -114,7 +114,8 @@ def read_initial(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], l
 def _epoch(given: Any, segments: list[Segment]) -> tuple[float, str]:
     if given is None:
         if sum(len(segment.rows) for segment in segments) > 1:
-            raise FormatError('has several rows; choose by epoch = "2026-03-01T12:00:41.5"')
+            first, last = segments[0].first, segments[-1].last
+            raise FormatError(f'has rows from {first} to {last}; choose by epoch = "{first}"')
         return segments[0].epochs[0], "its only epoch"
     given = given.isoformat() if isinstance(given, datetime) else given  # a date of TOML
     epoch = seconds_of(given) if isinstance(given, str) else None

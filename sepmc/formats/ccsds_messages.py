@@ -32,12 +32,16 @@ class Segment:
     epochs : list of float
         s since year 1.
     rows : list of list of float
+    first, last : str
+        Epochs as they stand.
     """
 
     metadata: dict[str, str] = field(default_factory=dict)
     line: int = 0
     epochs: list[float] = field(default_factory=list)
     rows: list[list[float]] = field(default_factory=list)
+    first: str = ""
+    last: str = ""
 
 
 def seconds_of(text: str) -> float | None:
@@ -220,5 +224,6 @@ def _add_row(segment: Segment, cells: list[str], n: int, kind: str) -> None:
         return  # a row twice
     if segment.epochs and epoch <= segment.epochs[-1]:
         raise FormatError(f"line {n}: the epoch {cells[0]} is not after that of the row above")
+    segment.first, segment.last = segment.first or cells[0], cells[0]
     segment.epochs.append(epoch)
     segment.rows.append(row)

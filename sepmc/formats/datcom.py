@@ -8,6 +8,7 @@ length, and derivatives by rates over q L / 2 V.
 import math
 import re
 from dataclasses import dataclass, field
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,10 @@ _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d{1,3})?(?![\d.])"
 _MACH = re.compile(rf"MACH NO\s*=\s*({_NUMBER})")
 _BETA = re.compile(rf"SIDESLIP\s*=\s*(-?{_NUMBER})")
 _REFERENCE = re.compile(
-    r"(REF AREA|LAT REF LENGTH|REF LENGTH|MOMENT CENTER)\s*=\s*(-?[\d.]+(?:E[+-]?\d+)?)\s*(\S+)?"
+    rf"(REF AREA|LAT REF LENGTH|REF LENGTH|MOMENT CENTER)\s*=\s*(-?{_NUMBER})\s*(\S+)?"
 )
+# of the last columns, below REFERENCE DIMENSIONS; pressures are per area before it
+_AREA_UNIT = re.compile(r"(?<!/)\b(FT|IN|CM|M)\*\*2\s+\1\b")
 _CASE = re.compile(r"CASE\s+(\d+)\s*$")
 _SIDESLIP = 30.0  # deg, to which slopes by beta are continued
 
@@ -95,7 +98,8 @@ def read_datcom(
     FormatError
     """
     text = read_text(path)
-    table, understood = parse_datcom(text, options)
+    output, sideslip = _chosen(text, options)
+    table, understood = _table(output, sideslip)
     if aero.get("per") == "deg":
         raise FormatError('says itself what is per degree: give no per = "deg" beside it')
     if aero.get("convention") != "datcom":  # else its sign is turned with the polynomials
@@ -103,12 +107,12 @@ def read_datcom(
             if key in table:
                 table[key] = (0.0 - np.array(table[key])).tolist()
         understood.append("C_Y taken as DATCOM's, sign turned")
-    references = _references(text)
+    references = _references(text, output)
     _compare(references, aero)
     if {"lref", "latref"} <= references.keys() and not any(
         key.startswith("lateral_length") for key in aero
     ):
-        ratio = references["latref"] / references["lref"]
+        ratio = _ratio(references["latref"], references["lref"])
         for key in (*COEFFICIENTS, *DERIVATIVES):
             coefficient, _, rate = key.partition("_")
             power = (coefficient in ("roll", "yaw")) + (rate in ("p", "r"))
@@ -128,22 +132,57 @@ _CARD_NAMES = {"SREF": "sref", "LREF": "lref", "CBARR": "lref", "LATREF": "latre
                "BLREF": "latref"}  # fmt: skip
 _DIM = re.compile(r"^\s*(?:\d+\s+)?DIM\s+(M|CM|FT|IN)\b", re.MULTILINE | re.IGNORECASE)
 _METRES = {"M": 1.0, "CM": 0.01, "FT": 0.3048, "IN": 0.0254}
+_PRINTED = {"REF AREA": "sref", "REF LENGTH": "lref", "LAT REF LENGTH": "latref"}
 _OTHER = 0.02  # relative difference of reference quantities that are not the same
 
 
-def _references(text: str) -> dict[str, float]:
-    """Reference area, m2, and lengths, m, of the input cards that an output repeats."""
+@dataclass(frozen=True)
+class _Reference:
+    """Reference quantity, m or m2, and half a unit in the last place that is printed."""
+
+    value: float
+    rounding: float = 0.0
+
+
+def _references(text: str, output: _Output) -> dict[str, _Reference]:
+    """Reference quantities that a case prints; exact where an input card has that number."""
     dim = _DIM.search(text)
     metre = _METRES[dim[1].upper() if dim else "FT"]
-    cards = {_CARD_NAMES[m[1].upper()]: number(m[2]) for m in _CARD.finditer(text)}
-    return {
-        name: value * metre ** (2 if name == "sref" else 1)
-        for name, value in cards.items()
-        if value > 0.0
-    }
+    cards: dict[str, list[float]] = {}
+    for match in _CARD.finditer(text):
+        name, value = _CARD_NAMES[match[1].upper()], number(match[2])
+        if value > 0.0:
+            cards.setdefault(name, []).append(value * metre ** (2 if name == "sref" else 1))
+    references = {name: _Reference(values[-1]) for name, values in cards.items()}
+    for title, name in _PRINTED.items():
+        digits, _, unit = output.references.get(title, "").partition(" ")
+        factor = _METRES.get(unit.partition("**")[0].upper(), metre) ** (2 if name == "sref" else 1)
+        try:
+            printed = Decimal(digits)
+        except InvalidOperation:
+            continue
+        if not printed.is_finite() or not 0.0 < float(printed) < 1e30:
+            continue
+        value = float(printed) * factor
+        rounding = 0.5000001 * factor * 10.0 ** int(printed.as_tuple().exponent)
+        exact = [each for each in cards.get(name, ()) if abs(each - value) <= rounding]
+        references[name] = _Reference(exact[-1]) if exact else _Reference(value, rounding)
+    return references
 
 
-def _compare(references: dict[str, float], aero: dict[str, Any]) -> None:
+def _ratio(lateral: _Reference, long: _Reference) -> float:
+    """Ratio of two lengths. Raises FormatError if they are printed with too few digits."""
+    if lateral == long:
+        return 1.0
+    if lateral.rounding / lateral.value + long.rounding / long.value > _OTHER / 4:
+        raise FormatError(
+            f"prints its reference lengths with too few digits, {lateral.value:.4g} and "
+            f"{long.value:.4g} m; give lateral_length_m beside the table"
+        )
+    return lateral.value / long.value
+
+
+def _compare(references: dict[str, _Reference], aero: dict[str, Any]) -> None:
     """Refuse a deck whose reference quantities are not those of the aerodynamics."""
     for name, stem, kind in (
         ("sref", "reference_area", "area"),
@@ -154,10 +193,11 @@ def _compare(references: dict[str, float], aero: dict[str, Any]) -> None:
         value = aero.get(key or "")
         if name not in references or unit is None or not isinstance(value, int | float):
             continue
-        if abs(value * unit - references[name]) > _OTHER * references[name]:
+        own, rounding = references[name].value, references[name].rounding
+        if abs(value * unit - own) > _OTHER * own + rounding:
             first = next(iter(UNITS[kind]))
             raise FormatError(
-                f"has the {stem.replace('_', ' ')} {references[name]:.6g} {first}, but {key} is "
+                f"has the {stem.replace('_', ' ')} {own:.6g} {first}, but {key} is "
                 f"{value:g}: its coefficients belong to its own"
             )
 
@@ -182,6 +222,12 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
     ------
     FormatError
     """
+    output, sideslip = _chosen(text, options)
+    return _table(output, sideslip)
+
+
+def _chosen(text: str, options: dict[str, Any]) -> tuple[_Output, float]:
+    """Output of the chosen case, and the sideslip to which slopes are continued, deg."""
     cases = _cases(text)
     if not cases:
         raise FormatError("has no table of coefficients over ALPHA that DATCOM prints")
@@ -193,11 +239,10 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
         )
     if wanted is not None and wanted not in cases:
         raise FormatError(f"has no case {shorten(wanted)}; known: {', '.join(map(str, cases))}")
-    output = cases[wanted if wanted is not None else next(iter(cases))]
     sideslip = options.get("sideslip_deg", _SIDESLIP)
     if not (isinstance(sideslip, int | float) and 0.0 < sideslip < 90.0):
         raise FormatError("sideslip_deg must be an angle above 0, below 90")
-    return _table(output, float(sideslip))
+    return cases[wanted if wanted is not None else next(iter(cases))], float(sideslip)
 
 
 def _cases(text: str) -> dict[int, _Output]:
@@ -205,7 +250,7 @@ def _cases(text: str) -> dict[int, _Output]:
     cases: dict[int, _Output] = {}
     case, mach, beta, per_degree = 1, math.nan, 0.0, False
     titles: list[tuple[str, float]] = []
-    wants_conditions = False
+    wants_conditions, length_unit = False, ""
     for line in text.splitlines():
         if (match := _CASE.search(line)) and ("DATCOM" in line or line.startswith("1")):
             case = int(match[1])
@@ -221,9 +266,11 @@ def _cases(text: str) -> dict[int, _Output]:
             output.references[match[1]] = f"{match[2]} {match[3] or ''}".strip()
         if "REFERENCE DIMENSIONS" in upper:  # of Digital DATCOM
             wants_conditions, beta, titles = True, 0.0, []
+        elif wants_conditions and (match := _AREA_UNIT.search(line)):
+            length_unit = match[1]
         elif wants_conditions and line.startswith("0") and (match := _DIGITAL.match(line[1:])):
             mach, wants_conditions = float(match[1]), False
-            _digital_references(output, line)
+            _digital_references(output, line, length_unit)
         cells = [(m[0], (m.start() + m.end()) / 2) for m in _TOKEN.finditer(line)]
         words = [cell for cell, _ in cells if cell != "0"]
         if words and words[0] == "ALPHA":
@@ -276,12 +323,15 @@ def _add_row(
             block.per_degree.add(title)
 
 
-def _digital_references(output: _Output, line: str) -> None:
-    """Reference quantities of a line of flight conditions: area, lengths, moment centre."""
+def _digital_references(output: _Output, line: str, unit: str) -> None:
+    """Reference quantities of a line of flight conditions: area, lengths, moment centre, in a unit
+    of length and its square."""
     numbers = line.split()[1:] if line.startswith("0 ") else line[1:].split()
     if len(numbers) >= 6:
         names = ("REF AREA", "REF LENGTH", "LAT REF LENGTH", "MOMENT CENTER")
-        output.references |= dict(zip(names, numbers[-5:-1], strict=True))
+        for name, value in zip(names, numbers[-5:-1], strict=True):
+            square = "**2" if name == "REF AREA" and unit else ""
+            output.references[name] = f"{value} {unit}{square}".strip()
 
 
 def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]:

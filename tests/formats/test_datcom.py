@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from small_scenes import PAIR
 
 import sepmc
-from sepmc.formats.datcom import parse_datcom
+from sepmc.formats.datcom import _chosen, _references, parse_datcom
 from sepmc.formats.text_table import FormatError
 from sepmc.scene.messages import SceneError
 
@@ -166,9 +166,50 @@ def test_other_reference_quantities_are_refused(tmp_path):
         loaded(tmp_path, missile(), 'per = "deg"')
 
 
+def test_printed_reference_quantities_count_where_no_card_gives_them(tmp_path):
+    """DATCOM takes the largest section without SREF; printed digits are half a unit off."""
+    text = missile(cards=False)
+    loaded(tmp_path, text, old="0.0127", new="0.01275")
+    with pytest.raises(SceneError, match=r"has the reference area 0.013 m2, but reference_area"):
+        loaded(tmp_path, text, old="0.0127", new="0.0141")
+    # a card of another case is not of this one
+    other = text + missile(case=2).replace("0.013 M**2", "0.050 M**2").replace("0.0127", "0.05")
+    loaded(tmp_path, other.replace("DIM M", "DIM M "), old='"for006.dat"',
+           new='"for006.dat", case = 1')  # fmt: skip
+
+
+@pytest.mark.parametrize(("unit", "metre"), [("FT", 0.3048), ("M", 1.0)])
+def test_printed_lengths_of_digital_datcom(tmp_path, unit, metre):
+    """Lateral over long length is 3.75, of lines without cards; lengths are of the unit above."""
+    units = f"             {unit}       {unit}/SEC     LB/FT**2       DEG R         1/{unit}     "
+    units += f"         {unit}**2        {unit}        {unit}        {unit}        {unit}\n0 0.500 "
+    text = DIGITAL.replace("0 0.500 ", units)
+    area, length = f"{2.25 * metre**2!r}", f"{0.8 * metre!r}"
+    more = AERO.replace("0.0127", area).replace("0.05", length).replace("MORE", "")
+    (tmp_path / "for006.dat").write_text(text)
+    (tmp_path / "c.toml").write_text(PAIR + more)
+    table = sepmc.load(tmp_path / "c.toml").scene.body["aft"].aerodynamics.table
+    roll = parse_datcom(text, {})[0]["roll"]
+    assert_allclose(np.squeeze(table.roll), 3.75 * np.squeeze(roll))
+    (tmp_path / "c.toml").write_text(PAIR + more.replace(length, "0.9"))
+    with pytest.raises(SceneError, match="has the reference length 0"):
+        sepmc.load(tmp_path / "c.toml")
+
+
+def test_lengths_of_too_few_digits_are_refused(tmp_path):
+    lines = "     REF LENGTH =     0.05 M           LAT REF LENGTH =      0.20 M\n     SIDESLIP"
+    text = missile(cards=False).replace("     SIDESLIP", lines)
+    with pytest.raises(
+        SceneError, match=r"with too few digits, 0\.2 and 0\.05 m; give lateral_len"
+    ):
+        loaded(tmp_path, text, old="0.0127", new="0.013")
+    loaded(tmp_path, text, "lateral_length_m = 0.2", old="0.0127", new="0.013")
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [
+        ("REF AREA =      0.013", "REF AREA =      0..13"),
         ("SIDESLIP =       0.00", "SIDESLIP =       0..0"),
         ("MACH NO  =       0.80", "MACH NO  =       0.8.0"),
         ("         -5.00 ", "           NDM "),
@@ -179,7 +220,9 @@ def test_other_reference_quantities_are_refused(tmp_path):
 def test_damaged_outputs(old, new):
     """Read without what is damaged, or refused; no traceback."""
     try:
-        table, _ = parse_datcom(missile().replace(old, new), {})
+        text = missile().replace(old, new)
+        table, _ = parse_datcom(text, {})
+        _references(text, _chosen(text, {})[0])
     except FormatError:
         return
     assert all(np.isfinite(values).all() for values in table.values())
