@@ -299,6 +299,15 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
         yield "environment.wind does nothing: environment.atmosphere is 'none'"
     elif all(body.aerodynamics is None for body in scene.body.values()):
         yield "environment.wind does nothing: no body has aerodynamics"
+    elif wind.profile is not None:
+        heights, start = wind.profile.altitude, scene.initial.altitude
+        k = 0 if start < heights[0] else -1
+        if not heights[0] <= start <= heights[-1] and wind.profile.speed[k]:
+            yield (
+                f"environment.wind.profile has rows from {heights[0]:.6g} to {heights[-1]:.6g} m, "
+                f"but the flight begins at {start:.6g} m: there the wind is that of its "
+                f"{'first' if k == 0 else 'last'} row, {wind.profile.speed[k]:.4g} m/s"
+            )
 
 
 def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:

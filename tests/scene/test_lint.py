@@ -1,6 +1,7 @@
 """Lint of scenes: mistakes planted in shipped campaigns are found, with place and value; shipped
 ones have none."""
 
+import re
 import warnings
 
 import numpy as np
@@ -117,6 +118,23 @@ def test_a_profile_that_begins_late(profile, burn, message):
     ]
     assert len(results) == (message is not None)
     assert message is None or (message in results[0] and "0.02 s after the ignition" in results[0])
+
+
+@pytest.mark.parametrize(
+    ("heights", "speeds", "message"),
+    [
+        ([0.0, 33000.0], [5.0, 20.0], "rows from 0 to 33000 m, but the flight begins at .* 20 m/s"),
+        ([0.0, 33000.0], [5.0, 0.0], None),
+        ([0.0, 90000.0], [5.0, 20.0], None),
+        ([80000.0, 90000.0], [5.0, 20.0], "that of its first row, 5 m/s"),
+    ],
+)
+def test_a_sounding_that_ends_below_the_flight(heights, speeds, message):
+    profile = {"altitude_m": heights, "speed_m_s": speeds, "direction_deg": [0.0, 0.0]}
+    settings = {"environment.wind.profile": profile, "initial.altitude_km": 60.0}
+    notes = [x for x in file_notes(loaded("table2", settings)) if "wind.profile" in x]
+    assert len(notes) == (message is not None)
+    assert message is None or re.search(message, notes[0])
 
 
 def test_there_are_thirty():
