@@ -39,6 +39,7 @@ def lint_aerodynamics(scene: Scene) -> Iterator[str]:
         if aero.table is not None:
             yield from _transposed(f"{key_path}.table", aero.table)
             yield from _axis_units(f"{key_path}.table", aero.table)
+            yield from _half_axes(f"{key_path}.table", aero.table)
 
 
 def _angles(scene: Scene) -> Iterator[str]:
@@ -76,6 +77,16 @@ def _axis_units(key_path: str, table: AeroTable) -> Iterator[str]:
             yield (
                 f"{key_path}.{key} reaches {math.degrees(largest):.3g} deg only: is it in the "
                 "other unit?"
+            )
+
+
+def _half_axes(key_path: str, table: AeroTable) -> Iterator[str]:
+    """Axes of angles that begin at zero: decks often have the half that symmetry leaves."""
+    for key, axis in (("alpha", table.alpha), ("beta", table.beta)):
+        if len(axis) > 1 and axis[0] == 0.0:
+            yield (
+                f"{key_path}: {key} begins at 0, so a case that turns below it ends with the "
+                f'status outside-table; mirror = "{key}" if the body is symmetric'
             )
 
 

@@ -358,6 +358,14 @@ CANNOT_BE_MEANT = {
         aerodynamics(table={"alpha_rad": [-10.0, 0.0, 10.0], "normal": [-9.0, 0.0, 9.0]}),
         "table.alpha reaches 573 deg (10 rad)",
     ),
+    "half a deck": (
+        aerodynamics(table={"alpha_deg": [0.0, 10.0], "normal": [0.0, 0.5]}),
+        "alpha begins at 0, so a case that turns below it ends with the status outside-table",
+    ),
+    "half a deck, mirrored": (
+        aerodynamics(table={"alpha_deg": [0.0, 10.0], "normal": [0.0, 0.5], "mirror": "alpha"}),
+        None,
+    ),
     "radians in an axis of degrees": (
         aerodynamics(table={"alpha_deg": [-0.2, 0.0, 0.2], "normal": [-0.5, 0.0, 0.5]}),
         "table.alpha reaches 0.2 deg only",
