@@ -15,6 +15,8 @@ OF_NOTES = {
     r"is it the other way round": "turn the axis of the spring, or the sign of its force",
     r"pulls with .* before its stroke": "shorten the stroke, or raise the force; a spring that "
     "fails has `factor = 0`",
+    r"but the flight begins at": "add rows of the wind up to the flight, or a last one of speed 0",
+    r"so a case that turns below it": "`mirror`, or a deck with rows on both sides",
     r"does nothing|there is no thrust before": "give the key that is missing, or remove the entry",
     r"has no stroke_m, so it pushes on": "give the stroke, or another condition",
     r"comes after the end of the run": "give a longer `run.end_time_s`, or an earlier time",

@@ -300,13 +300,16 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
     elif all(body.aerodynamics is None for body in scene.body.values()):
         yield "environment.wind does nothing: no body has aerodynamics"
     elif wind.profile is not None:
-        heights, start = wind.profile.altitude, scene.initial.altitude
-        k = 0 if start < heights[0] else -1
-        if not heights[0] <= start <= heights[-1] and wind.profile.speed[k]:
+        first, last = wind.profile.altitude[0], wind.profile.altitude[-1]
+        height, is_below = scene.initial.altitude, scene.initial.altitude < first
+        row, speed = (
+            ("first", wind.profile.speed[0]) if is_below else ("last", wind.profile.speed[-1])
+        )
+        if not first <= height <= last and speed:
             yield (
-                f"environment.wind.profile has rows from {heights[0]:.6g} to {heights[-1]:.6g} m, "
-                f"but the flight begins at {start:.6g} m: there the wind is that of its "
-                f"{'first' if k == 0 else 'last'} row, {wind.profile.speed[k]:.4g} m/s"
+                f"environment.wind.profile has rows from {first:.6g} to {last:.6g} m, but the "
+                f"flight begins at {height:.6g} m: there the wind is that of its {row} row, "
+                f"{speed:.4g} m/s"
             )
 
 
