@@ -236,7 +236,7 @@ class Context:
     @property
     def load_indicators(self) -> list[str]:
         """Names of the indicators of each output joint: change of direction of its force and moment
-        within a step (`peaks.update_size`)."""
+        within a step (`peaks.update_between`)."""
         return [
             f"load_{what}_{joint}" for joint in self.output_joints for what in ("force", "moment")
         ]
