@@ -29,7 +29,8 @@ _calls = itertools.count()
 
 
 def _enter_intrinsic(typing_context, kernel, workspace, first, arguments):
-    """Call a kernel: void (double* workspace, int64 first, int64* arguments)."""
+    """Typer of a Numba intrinsic that calls a kernel at an address: void (double* workspace, int64
+    first, int64* arguments)."""
 
     def generate(context, builder, signature, values):
         from llvmlite import ir  # noqa: PLC0415
@@ -51,8 +52,9 @@ _enter: Any = intrinsic(_enter_intrinsic)
 
 
 def _run_blocks(kernel, blocks, workspaces, size, arguments):
-    """Integrate ``blocks`` blocks of LANES cases each with the kernel at an address. The workspaces
-    of the threads are ``size`` bytes apart."""
+    """Integrate ``blocks`` blocks of LANES cases each, in parallel, with the kernel at the address
+    ``kernel``. The first workspace is at the address ``workspaces``, those of the other threads are
+    ``size`` bytes apart; ``arguments`` is the address of the sizes of all arrays."""
     for number in prange(blocks):
         _enter(kernel, workspaces + get_thread_id() * size, number * LANES, arguments)
 
@@ -90,7 +92,7 @@ def integrate(
         Interval between rows of a separation history, s, or time and segment of every row of a full
         history.
     outcomes : ndarray, shape (o, n)
-        Output.
+        Output: outcomes, audit columns and error indicators, SI units.
     ends : ndarray, shape (segments, n)
         Output: times at which segments end, s.
     history : ndarray, shape (n, rows, columns)
@@ -160,14 +162,15 @@ def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
 
 
 def compile_blocks() -> None:
-    """Compile the loop over blocks into the cache folder."""
+    """Compile the parallel loop over blocks and store its object file in the cache folder."""
     signature = types.void(*5 * (types.int64,))
     cache_files.store(NAME, *machine_code(compiled(_run_blocks, signature, parallel=True)))
 
 
 @cache
 def _loop() -> Any:
-    """Load the loop over blocks, after compiling it if it is not in the cache folder."""
+    """The loop over blocks, `_run_blocks`, as a callable: loaded from the cache folder, after
+    compiling it if it is missing there."""
     threads.in_use()  # starts the threads that the machine code uses
     return PYFUNCTYPE(None, *5 * (c_int64,))(cache_files.link_or_make(NAME, compile_blocks))
 
