@@ -88,19 +88,20 @@ def integrate(
         Numbers of steps of an interval are multiples of this.
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s.
-    history_times : float or ndarray, shape (rows, 2)
-        Interval between rows of a separation history, s, or time and segment of every row of a full
-        history.
+    history_times : float or ndarray, shape (rows, 3)
+        Interval between rows of a separation history, s; of a full history the instants of its rows
+        (`sepmc.engine.dispatch.integrate_nominal`).
     outcomes : ndarray, shape (o, n)
         Output: outcomes, audit columns and error indicators, SI units.
     ends : ndarray, shape (segments, n)
-        Output: times at which segments end, s.
+        Output: times at which segments end, s. With a full history, rows for the times of changes
+        within segments follow.
     history : ndarray, shape (n, rows, columns)
         Output: for separation histories speed and distance of every joint.
     status : ndarray of int, shape (n,)
         Output: status of each case; below 0 if the kernel rejects it.
     methods : ndarray of int, shape (segments,)
-        Number of the integration method of each segment.
+        Number of the integration method among those of each segment; 0: the most accurate one.
 
     Raises
     ------

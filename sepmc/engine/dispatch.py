@@ -128,8 +128,8 @@ class Block:
 
     @property
     def has_indicators(self) -> np.ndarray:
-        """Mask (n,) of the cases with all error indicators known; a case without has to be
-        integrated again to know its error."""
+        """Mask (n,) of the cases with all error indicators known; the error of another case is only
+        known once it has been integrated again."""
         assert self.indicators is not None
         return np.asarray((self.indicators >= 0.0).all(axis=1))
 
@@ -164,8 +164,8 @@ def integrate_cases(
     kernel : Kernel
     layout : ParameterLayout
     steps : ndarray of int, shape (segments,)
-        Steps of each segment. With a ``solver.step`` in the scene that is the length of the
-        segments' steps, and ``steps`` divide it.
+        Number of steps of each segment. If the scene gives ``solver.step``, steps are at most that
+        length divided by the largest of these numbers.
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s (`sepmc.engine.blocks.integrate`).
     slots : ndarray of int, shape (d,)
@@ -222,10 +222,12 @@ def integrate_nominal(
     kernel : Kernel
     layout : ParameterLayout
     steps : ndarray of int, shape (segments,)
+        As in `integrate_cases`.
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s.
     instants : ndarray, shape (m, 3)
-        Time of a row, s; number of its segment; 1 for the state just after that time, -1 before.
+        Time of a row, s; number of its segment; -1 for the state just before that time, 1 for that
+        just after it, 0 where they do not differ.
 
     Returns
     -------
@@ -236,7 +238,8 @@ def integrate_nominal(
     turns_unclear : bool
         The steps were too long to count the full turns of pitch and roll.
     ends : ndarray, shape (segments + changes,)
-        Times at which segments end, then times of the releases within segments, s.
+        Times at which segments end, then times of the changes of joints and the ends of strokes
+        within segments, s.
     rows : ndarray, shape (m, columns)
         History rows in SI units; NaN if the case ended before.
     """

@@ -61,10 +61,11 @@ def search_clearance(w, job):
     job : int
         Position of the job (`layout.JOB_TIME`, ...):
 
+        JOB_TIME, JOB_LENGTH : start and length of the step, s
         JOB_PARTS : position and number of the parts of both outlines (`layout.PART_SIZE`)
-        JOB_CENTRES : layout points of the centres of mass
-        JOB_PATH : (order + 1, PATH), powers of the fraction of the step: vector from a to b (3),
-        attitudes of a and b (4, 4)
+        JOB_CENTRES : layout points of the centres of mass of bodies a and b
+        JOB_PATH : coefficients (JOB_POWERS, PATH) of the powers of the fraction of the step: of the
+        vector from a to b (3), and of the attitude quaternions of a and b (4, 4)
         JOB_RESULT : smallest distance, its time, nearest point of the first body (3, layout), 1 on
         contact; NaN at first; updated here
         JOB_DONE : set to 1 if the search was complete, else 0
@@ -367,9 +368,8 @@ def _search(pair, motion, w, job):
     earlier contact, and store it there. Returns True if the search was complete.
 
     ``motion`` has the bounds of `_motion`. The interval is halved from left to right, depth first:
-    the first of the job's nodes is the left end of an interval,
-    node ``top`` its right end, and the nodes below that are the right ends of the following
-    intervals.
+    the first of the job's nodes is the left end of an interval, node ``top`` its right end, and the
+    nodes below that are the right ends of the following intervals.
     """
     noinline()
     kind, _, part_a, part_b = pair

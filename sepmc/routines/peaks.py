@@ -461,8 +461,9 @@ def first_crossed(w, nodes, stride, scratch, threshold, side, rising, falling):
 
 @routine
 def _crossing(low, high, w, scratch, threshold, side):
-    """Fraction of the step between two at which the magnitude crosses a threshold from a ``side``,
-    by bisection, and the rate there."""
+    """Fraction of the step, between ``low`` and ``high``, at which the magnitude crosses a
+    threshold from a ``side`` (1 from below, -1 from above), by bisection; and the size of its rate
+    there, per step."""
     start = low
     while high - low > 1e-16 + 2e-16 * high:
         middle = 0.5 * (low + high)
@@ -513,7 +514,8 @@ def _turns(sizes, w, i, side):
 
 @routine
 def _lowest(low, high, w, scratch):
-    """Fraction of the step between two with the smallest magnitude, by golden section."""
+    """Fraction of the step, between ``low`` and ``high``, with the smallest magnitude, by golden
+    section."""
     golden = 0.5 * (3.0 - math.sqrt(5.0))
     for _ in range(_ROUNDS):
         one, other = low + golden * (high - low), high - golden * (high - low)

@@ -34,7 +34,7 @@ def _size(segment: Segment, bodies: list[str]) -> int:
 
 
 def _constraining_joints(segment: Segment) -> list[str]:
-    """Joints with constraint rows."""
+    """Joints that have constraint rows in a segment."""
     return list(dict.fromkeys(row.joint for row in segment.rows))
 
 

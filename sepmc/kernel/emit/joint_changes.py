@@ -16,8 +16,9 @@ from sepmc.scene.model import GROUND
 
 
 def flag_unreleased(text: Text, c: Context) -> None:
-    """Set UNRELEASED (status never-released) where a joint has not made one of its changes at the
-    end. A change must be made, an optional one only if its trigger occurred."""
+    """Append lines that set UNRELEASED (status never-released) where a joint has not made one of
+    its changes at the end of the run. A change must be made, an optional one only if its trigger
+    occurred."""
     scope = c.scope()
     for joint in c.spec.initial_kinds:
         for change in c.spec.changes_of(joint):

@@ -29,7 +29,8 @@ _SAME_TIME = 2.0 * at.GRAIN
 
 
 def time_field(kink: str) -> str:
-    """Field of the time at which the mode of a kink last changed."""
+    """Workspace field of the time at which the mode of a kink (the sign of its switching function)
+    last changed."""
     return f"SWITCHED_{kink}"
 
 

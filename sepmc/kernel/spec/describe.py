@@ -136,7 +136,7 @@ def condition(until: Condition) -> str:
     Returns
     -------
     str
-        such as ``lower at 20 mm or 1.5 s``, in the units of messages
+        such as ``1.5 s or bolt at 20 mm``
     """
     terms = [f"{until.time:g} s"] if until.time is not None else []
     terms += [f"burn-out of {until.burn_out}"] if until.burn_out is not None else []

@@ -82,7 +82,8 @@ class Event:
         return self.quantity in (at.AT_CELL_TOP, at.AT_CELL_BASE)
 
     def flag(self, segment: str) -> str:
-        """Workspace field that is 1 once the event has occurred."""
+        """Workspace field that is 1 once the event has occurred; of a kink, the field of the mode
+        that it has from then on."""
         if self.is_border:
             return f"ENTERS_{self.item}"
         if self.quantity == at.AT_KINK:

@@ -66,7 +66,7 @@ class Method:
 
     @property
     def curve(self) -> np.ndarray:
-        """Matrix that fits a polynomial to a step.
+        """Matrix that fits a polynomial to a step, shape (k + 4, k + 4) for k stages `within`.
 
         It maps the second derivatives at the start of a step, at the stages `within` and at the
         end, then the change of the first derivative over a step of unit length and of the function
