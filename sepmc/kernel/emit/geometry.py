@@ -224,8 +224,8 @@ class State:
         )
 
     def displacement(self, joint: str, k: int) -> Any:
-        """Displacement of the second body's point of a joint along axis k, m, from where it is at
-        the start."""
+        """Displacement of the second body's point of a joint along axis k of the joint, m, relative
+        to the first body and from the start."""
         start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, k))
         line = self.sliding_line(joint, k)
         if line is not None:

@@ -388,8 +388,7 @@ def _weight(s: State, body: str) -> Any:
 
 
 def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> None:
-    """Add the force of spring ``i`` along its line to the load terms of both of its bodies; zero
-    after the end of its stroke."""
+    """Force along the line of a spring on both of its bodies; none after its stroke."""
     p = int(s.c.model.springs_p) + at.SPRING_SIZE * i
     line = s.spring(spring)
     path = f"spring.{spring.name}"

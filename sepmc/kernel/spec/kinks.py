@@ -97,7 +97,8 @@ class Formulas:
     @cached_property
     def used(self) -> tuple[str, ...]:
         """Signals that drive numbers or aerodynamic terms of the scene or have states, and all that
-        these depend on; each follows the signals without states in its formula."""
+        these depend on; ordered so that each comes after those that its formula names, except
+        signals with states or samples."""
         ordered: dict[str, None] = {}
 
         def add(signal: str) -> None:

@@ -24,7 +24,14 @@ _WORDS = {
 
 
 class Names:
-    """Generated names of the items of a scene, numbered in the order of the file."""
+    """Generated names of the items of a scene, numbered in the order of the file.
+
+    Attributes
+    ----------
+    of : dict of str to dict of str to str
+        For each table of the file (``body``, ``joint``, ...) the generated name by name in the
+        file.
+    """
 
     def __init__(self, scene: Scene):
         tables: dict[str, Iterable[str]] = {

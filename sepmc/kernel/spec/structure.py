@@ -459,7 +459,8 @@ def _is_fixed(scene: Scene, segment: Segment, bodies: tuple[str, str]) -> bool:
 
 
 def brief_transient(scene: Scene) -> float:
-    """Time constant below which a transient is an integration interval of its own.
+    """Time constant below which a transient of a motor (build-up or tail-off of its thrust) is an
+    integration interval of its own.
 
     Parameters
     ----------
