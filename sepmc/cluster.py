@@ -99,8 +99,9 @@ class DaskExecutor:
         return self.client.submit(_run, function, job, first, end, self.threads, pure=False)
 
     def _completed(self, futures: dict[Any, int]) -> list[Any]:
-        """Wait until any of the futures has completed; return those that have (none of none).
-        Raises ClusterError if there are no workers for a minute."""
+        """Wait until at least one of the futures has completed; return those that have. Without
+        futures it returns an empty list at once. Raises ClusterError if there are no workers for a
+        minute."""
         if not futures:
             return []
         last_seen = time.monotonic()  # time with workers

@@ -94,7 +94,7 @@ def structure_of(spec: KernelSpec) -> bytes:
     Returns
     -------
     bytes
-        Equal for scenes that have the same text; to be hashed.
+        To be hashed: kernels with equal structures have the same text.
     """
     tree, layout = msgspec.to_builtins(spec.scene), spec.layout
     values = sorted({*_values(tree), *_COMPARED})

@@ -59,7 +59,8 @@ def fork_notes(threads: int | None) -> list[str]:
     Returns
     -------
     list of str
-        The note; empty if it was returned before, or if one thread is all that is requested.
+        The note; empty if this process has all its threads, if one thread is all that is requested,
+        or if the note was returned before.
     """
     global _noted  # noqa: PLW0603
     if _noted or not _forked or (threads or max_threads()) == 1:
