@@ -140,8 +140,9 @@ def integrate(
 
 
 def _run_serial(kernel: int, blocks: int, workspace: int, arguments: int) -> None:
-    """Run the blocks on the thread of the caller, outside of Numba's threads: the same machine code
-    of the kernel, so the same bits."""
+    """Integrate all blocks on the thread of the caller, outside of Numba's threads, by the same
+    machine code, so with the same bits. ``kernel``, ``workspace`` and ``arguments`` are addresses,
+    as in `_run_blocks`."""
     enter = CFUNCTYPE(None, *3 * (c_int64,))(kernel)
     for number in range(blocks):
         enter(workspace, number * LANES, arguments)

@@ -303,7 +303,8 @@ def _eliminate(
     routine: Any, dependent: float, w: list[float], start: int, n: int, scratch: int, out: int
 ) -> float:
     """`linear.eliminate` for one lane by LAPACK, with the same pivoting: ten times as fast. Systems
-    with NaN or infinity go to the routine itself."""
+    with NaN or infinity go to the ``routine`` itself; a pivot of at most ``dependent`` means a
+    singular system."""
     from scipy.linalg import lapack  # noqa: PLC0415  (few scenes need it)
 
     numbers = np.array(w[start : start + n * n + n])

@@ -137,9 +137,9 @@ def _part(p, cg, w):
 
 @routine
 def _pose(theta, w, job, pose):
-    """Pose of body b relative to body a at the fraction ``theta`` of the step, to w[pose]: matrix
-    from the axes of b to those of a (9), and vector from the centre of mass of a to that of b, axes
-    of a (3)."""
+    """Store in w[pose] the pose of body b relative to body a at the fraction ``theta`` of the step
+    of a job: matrix from the axes of b to those of a (9), and vector from the centre of mass of a
+    to that of b, axes of a (3)."""
     noinline()
     for n in range(at.PATH):
         w[pose + n] = 0.0

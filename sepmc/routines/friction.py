@@ -58,8 +58,9 @@ def balance(w, system, ends, out):
 
 @routine
 def _solve_guide(w, guide, ends, j, count, out):
-    """Solve for the friction of guide ``j``, whose data begin at ``guide``, with that of the others
-    fixed, and store it at ``out``. Returns the sum of its pin loads, N; -1 if it jams."""
+    """Solve for the friction of guide ``j`` of ``count``, whose data begin at ``guide``, with that
+    of the others fixed, and store it at ``out``. Returns the sum of the loads of its ``ends`` pin
+    ends, N; -1 if it jams."""
     noinline()
     coefficient, friction = w[guide], out + j * LANES
     for _ in range(_ROUNDS):

@@ -132,8 +132,11 @@ def _factor_pivoted(w, a, n, used, rest):
 
 @routine
 def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
-    """Add A^+ b to w[out], for A = L L^T: L G^-1 G^-1 L^T b, given G = L^T L as L D L^T. ``t``: n
-    scratch numbers."""
+    """Add A^+ b to w[out], for a matrix A = L L^T of some rank: A^+ b = L G^-1 G^-1 L^T b.
+
+    ``factor`` is the position of L (n entries a row), ``gram`` that of the factors of G = L^T L, as
+    of `_factor_ldlt`, ``b`` that of b, ``t`` that of n scratch numbers.
+    """
     noinline()
     for r in range(rank):
         w[t + r] = 0.0

@@ -79,9 +79,9 @@ def _size(theta, w, scratch):
 
 @routine
 def _height(theta, w, scratch, ends):
-    """Quantity to maximise at the fraction ``theta`` of a step. If ``ends`` is 0, it is the
-    magnitude of the vector. Otherwise it is -max(F, 0) / P: F separates the guide, P is the load of
-    its ``ends`` pins."""
+    """Quantity to maximise at the fraction ``theta`` of a step, from the coefficients at
+    w[scratch]. If ``ends`` is 0, it is the magnitude of the vector. Otherwise it is -max(F, 0) / P:
+    the force F separates the guide, P is the sum of the loads of its ``ends`` pin ends."""
     if ends == 0:
         return _size(theta, w, scratch)
     load = 0.0

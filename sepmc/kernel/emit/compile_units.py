@@ -196,5 +196,5 @@ def _used(function: ast.FunctionDef, as_unit: bool) -> list[str]:
 
 
 def _names(node: ast.AST, use: type[ast.expr_context]) -> list[str]:
-    """Names in a statement that are read, or assigned."""
+    """Names in a syntax tree in one use: `ast.Load`, read, or `ast.Store`, assigned."""
     return [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, use)]

@@ -344,8 +344,8 @@ def _add_late(
 
 
 def _has_equal_rows(segment: Segment, late: Segment) -> bool:
-    """True if a segment without releases has the rows that the next one has before its delayed
-    releases."""
+    """True if a segment has no releases and the same rows as the next one, ``late``, has before its
+    delayed releases."""
     return not (
         segment.variable_joints or segment.dropped or segment.redundant or late.redundant
     ) and (
@@ -509,7 +509,8 @@ def _make_segment(
     releases: list[Release],
     variant: Variant,
 ) -> Segment:
-    """Build a segment: rigid groups and constraint rows.
+    """Build a segment of a phase, or before it: its rigid groups, its constraint rows, and those of
+    the ``releases`` that may occur in it. How it ends is set afterwards.
 
     Rotation rows within a group are left out, since its bodies share one attitude. If rows are
     redundant while joints may change in any order, or may become redundant, all bodies rotate by
