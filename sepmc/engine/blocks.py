@@ -89,8 +89,9 @@ def integrate(
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s.
     history_times : float or ndarray, shape (rows, 3)
-        Interval between rows of a separation history, s; of a full history the instants of its rows
-        (`sepmc.engine.dispatch.integrate_nominal`).
+        Interval between rows of a separation history, s. For a full history the instants of its
+        rows: time, s; number of the segment; -1 for the state just before that time, 1 for that
+        just after it, 0 where they do not differ.
     outcomes : ndarray, shape (o, n)
         Output: outcomes, audit columns and error indicators, SI units.
     ends : ndarray, shape (segments, n)

@@ -226,8 +226,7 @@ def integrate_nominal(
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s.
     instants : ndarray, shape (m, 3)
-        Time of a row, s; number of its segment; -1 for the state just before that time, 1 for that
-        just after it, 0 where they do not differ.
+        Time of a row, s; number of its segment; 1 for the state just after that time, -1 before.
 
     Returns
     -------
