@@ -143,7 +143,7 @@ class Block:
 
     @property
     def has_outcomes(self) -> np.ndarray:
-        """Mask (n,) of the cases that have outcomes."""
+        """Mask (n,) of the cases that have outcomes: their status is ok or never-released."""
         return status_in(self.status, (Status.OK, Status.NEVER_RELEASED))
 
 

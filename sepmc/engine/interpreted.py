@@ -108,8 +108,8 @@ _NUMPY = SimpleNamespace(**vars(np) | {"floor": _rounded(math.floor), "ceil": _r
 
 
 class _Divisions(ast.NodeTransformer):
-    """Replace ``a / b`` by ``a / d if (d := b) else _over(a, d)``, ``a ** 2`` by ``(c := a) * c``,
-    as it is compiled, and other powers by ``_power(a, b)``."""
+    """Replace ``a / b`` by ``a / d if (d := b) else _over(a, d)``, unless b is a constant, ``a **
+    2`` by ``(c := a) * c``, as it is compiled, and other powers by ``_power(a, b)``."""
 
     def __init__(self) -> None:
         self.count = 0
