@@ -22,13 +22,13 @@ def _one(x, a, b):
 
 @formula
 def _four(x, a, b):
-    """Four rounds of `_one`."""
+    """Four multiply-adds x a + b in succession on each of the eight numbers in ``x``."""
     return _one(_one(_one(_one(x, a, b), a, b), a, b), a, b)
 
 
 @formula
 def _sixteen(x, a, b):
-    """Sixteen rounds of `_one`."""
+    """Sixteen multiply-adds x a + b in succession on each of the eight numbers in ``x``."""
     return _four(_four(_four(_four(x, a, b), a, b), a, b), a, b)
 
 

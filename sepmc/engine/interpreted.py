@@ -197,7 +197,7 @@ class _Loader(importlib.machinery.SourceFileLoader):
     """Import a module of formulas with safe divisions, without a cache file."""
 
     def get_code(self, fullname: str) -> Any:
-        """Compile the module from its text."""
+        """Code of the module, compiled from its text with safe divisions."""
         path = self.get_filename(fullname)
         return _compiled(self.get_data(path).decode(), path)
 

@@ -129,7 +129,8 @@ def _begin(out: Text, c: Context) -> None:
 
 
 def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
-    """Write the function that begins a segment."""
+    """Write the function that begins segment ``number``: checks the start of a case, sets end times
+    and flags, loads the first cells of tables with kinks."""
     text = out.function(
         f"enter_{segment.name}(w)", "Begin a phase: check the start, set end times and flags."
     )
@@ -176,7 +177,8 @@ def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
-    """Write the function that ends a segment."""
+    """Write the function that ends segment ``number``: projects the state onto its constraints,
+    records its end and hands over to the next segment."""
     text = out.function(
         f"leave_{segment.name}(w)",
         "End a phase: project onto the constraints, record its end, hand over to the next.",

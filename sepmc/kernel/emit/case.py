@@ -126,7 +126,8 @@ class Case:
         return int(self.model.joints_p) + at.JOINT_SIZE * number
 
     def joint_ends(self, name: str) -> tuple[Any, Any, Any]:
-        """`ends` of a joint."""
+        """Arms from the mass centres of a joint's two bodies to its points, and the vector from the
+        first point to the second, body axes, m (`ends`)."""
         joint = self.spec.scene.joint[name]
         return self.ends(self.joint(name), joint.bodies, joint.second_point is not None)
 

@@ -41,7 +41,7 @@ class Context:
 
     @property
     def used(self) -> dict[str, Method]:
-        """All methods of the kernel by name."""
+        """Integration methods of all segments of the kernel, by name."""
         return {rk.name: rk for segment in self.spec.segments for rk in self.methods(segment)}
 
     @property

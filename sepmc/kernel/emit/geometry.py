@@ -333,7 +333,7 @@ class State:
         )
 
     def spring(self, spring: Spring) -> Line:
-        """Line of action of a spring."""
+        """Line of action of a spring: along its axis, if it has one, else between its points."""
         end_a, end_b, _ = self._spring_ends(spring)
         pair = self.pair(spring.bodies, end_a, end_b)
         if spring.axis is None:

@@ -296,7 +296,8 @@ class LeastSquares:
         self.smallest: Any = None  # smallest pivot relative to its diagonal element
 
     def solve(self, side: list[Any]) -> list[Any]:
-        """Solution for a right-hand side."""
+        """Solution of minimum norm for a right-hand side; a case in which a diagonal element is not
+        positive is rejected."""
         scope, workspace, n = self.s.scope, self.s.c.workspace, len(side)
         self.solutions += 1
         system, solution, rank = (
@@ -340,7 +341,7 @@ class Factors:
                     a[i][k] = called(a[i][k] - self.lower[i][j] * a[k][j], "s")
 
     def solve(self, side: list[Any]) -> list[Any]:
-        """Solution for a right-hand side."""
+        """Solution for a right-hand side, an expression for each row."""
         x, n = list(side), len(side)
         for i in range(1, n):
             x[i] = called(x[i] - total([self.lower[i][j] * x[j] for j in range(i)]), "m")

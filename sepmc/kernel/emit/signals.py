@@ -206,7 +206,7 @@ class Signals:
         return self._tied(result, switching)
 
     def _kinked(self, signal: str, node: Call, arguments: list[Jet]) -> Jet:
-        """Jet of abs, sign, min or max."""
+        """Jet of a call of abs, sign, min or max, given the jets of its arguments."""
         first, last = arguments[0], arguments[-1]
         # only sign jumps: the others may pass a kink by the little that a step passes its end
         low, high = self._sides(signal, node, by_mode=node.function == "sign")
@@ -317,11 +317,11 @@ class Quantities:
         return of_axis[key[:-1]](body, "xyz".index(key[-1]))
 
     def _time(self, _: Quantity) -> Jet:
-        """Time since the start."""
+        """Jet of the time since the start of the case, s."""
         return Jet(self.s.time, 1.0 if self.moving else 0.0)
 
     def _event(self, quantity: Quantity) -> Jet:
-        """Time since an event; 0 before it."""
+        """Jet of the time since an event, s; 0 before it."""
         return self._since(f"EVENT_TIME_{quantity.item}", math.inf)
 
     def _since(self, field: str, never: float) -> Jet:

@@ -73,7 +73,7 @@ class Formulas:
 
     @cached_property
     def signals(self) -> dict[str, Signal]:
-        """Signals by the name of the kernel."""
+        """Signals of the scene, by their names in the kernel."""
         return {signal.name: signal for signal in self.scene.signal}
 
     @cached_property

@@ -457,7 +457,8 @@ class _Writer:
         return name
 
     def _code(self, op: str, args: tuple[Any, ...], shape: Shape) -> tuple[str, int]:
-        """Code of a call and its precedence."""
+        """Code of a node, given its operator or formula, arguments and shape; and its
+        precedence."""
         rank = PRECEDENCE.get(op, ATOM)
         if op in READS:
             return READS[op](args[0], shape)
