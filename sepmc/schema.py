@@ -80,7 +80,7 @@ _MEANINGS = {
     Status.INVALID_INPUT: (
         "an input is outside the range that its key allows, a mass is not positive, or an inertia "
         "tensor not positive definite",
-        "narrow the dispersion, or truncate its normal distribution (truncate_sigma)",
+        "narrow the distribution of that input, or truncate it if it is normal (truncate_sigma)",
     ),
     Status.OUTSIDE_ATMOSPHERE: (
         "a body left the heights where the atmosphere is defined (0 to 86 km for us1976)",
@@ -94,19 +94,13 @@ _MEANINGS = {
         "the motion became NaN or infinite",
         "check the size of the loads; if solver.step_s is given, make it shorter or remove it",
     ),
-    Status.NO_ROOT: (
-        "an event could not be located in its step",
-        "shorten solver.step_s",
-    ),
+    Status.NO_ROOT: ("an event could not be located in its step", "shorten solver.step_s"),
     Status.UNRESOLVED: (
         "the steps were too long: attitude or energy drifted by more than 1e-6, a body turned by "
         "more than 2 rad in a step, or an event was missed",
         "make solver.step_s shorter, or remove it, so that the steps follow from solver.accuracy",
     ),
-    Status.NOT_FLOWN: (
-        "the run ended before this case was integrated",
-        "run the case again",
-    ),
+    Status.NOT_FLOWN: ("the run ended before this case was integrated", "run the case again"),
     Status.INCONSISTENT_START: (
         "the initial state violates a joint of the first phase",
         "compare the initial attitude and rates with the joints: rods, joints to the ground, and "
@@ -114,7 +108,7 @@ _MEANINGS = {
     ),
     Status.OUTSIDE_TABLE: (
         "Mach number, alpha or beta left an aerodynamic table, which is not extrapolated",
-        "give the table rows that cover the values that the case reaches",
+        "add rows to the table that cover the Mach numbers and angles that the case reaches",
     ),
     Status.JAMMED: (
         "the pins of a guide jam: their friction grows faster than the force that drives the slide",
@@ -122,8 +116,8 @@ _MEANINGS = {
     ),
     Status.TOO_MANY_EVENTS: (
         "a formula switched to and fro at one instant without end",
-        "let it pass smoothly: a formula that switches a load by the motion that the load causes "
-        "can use x / sqrt(x**2 + 0.01**2) instead of sign(x)",
+        "make the formula smooth there: if it switches a load by the motion that the load causes, "
+        "use x / sqrt(x**2 + 0.01**2) instead of sign(x)",
     ),
     Status.NO_CLEARANCE: (
         "the minimum distance of two outlines was not found in a step",
@@ -132,7 +126,8 @@ _MEANINGS = {
     Status.UNDEFINED_FORMULA: (
         "the formula of a signal or outcome divided by zero, overflowed, or left the domain of a "
         "function",
-        "limit the argument, as in sqrt(max(x, 0)), or narrow the dispersion of its constants",
+        "limit the argument of the function, as in sqrt(max(x, 0)), or narrow the distributions of "
+        "the constants in the formula",
     ),
 }
 
@@ -333,15 +328,8 @@ def _columns(rows, prefix: str, name: str) -> list[Column]:
 
 
 class Formula(NamedTuple):
-    """Outcome that the file defines by a formula of the outcomes before it.
-
-    Attributes
-    ----------
-    name, text : str
-        Name, and the formula.
-    unit : str
-        Key of `FORMULA_UNITS`.
-    """
+    """Outcome of the file: its name, formula (``text``) of the outcomes before it, and unit, a key
+    of `FORMULA_UNITS`."""
 
     name: str
     text: str
@@ -363,20 +351,14 @@ class Contents:
         rates: the names.
     guides, pins : dict of str to int
         Number of pins by joint: ``guides`` has the guides with outputs, ``pins`` all guides.
-    ignitions : tuple of str
-        Motors with an ignition event.
-    springs : tuple of str
-        Springs with a stroke.
-    partial_releases : tuple of (str, str)
-        Joint and kind of each ``[[release]]`` to another kind than free.
+    ignitions, springs, signals, hinges : tuple of str
+        Motors with an ignition event, springs with a stroke, signals (in histories), joints with a
+        hinge angle: the names.
+    partial_releases, relative : tuple of (str, str)
+        Joint and kind of each ``[[release]]`` to another kind than free; pairs of bodies with their
+        relative attitude and distance.
     formulas : tuple of Formula
         Outcomes by formulas.
-    signals : tuple of str
-        Signals, which histories have.
-    hinges : tuple of str
-        Joints with a hinge angle.
-    relative : tuple of (str, str)
-        Pairs of bodies with their relative attitude and distance.
     """
 
     bodies: list[str]
@@ -468,8 +450,8 @@ def outcome_columns(contents: Contents) -> list[Column]:
 
 
 def relative_columns(contents: Contents, event: str = "") -> list[Column]:
-    """Columns of the angles of hinges, and of the distance and relative attitude of pairs of
-    bodies, at the end of a case or, with its name, at an ``event``."""
+    """Columns of angles of hinges, and of distances and relative attitudes of pairs of bodies, at
+    the end of a case or, with its name, at an ``event``."""
     start, when = (f"{event}_", f", at {event}") if event else ("", "")
     columns = [x for joint in contents.hinges for x in _columns(_HINGE, f"{joint}_", joint)]
     for first, body in contents.relative:
@@ -505,8 +487,7 @@ def stroke_columns(contents: Contents) -> dict[str, str]:
 
 
 def partial_release_columns(contents: Contents) -> dict[tuple[str, str], str]:
-    """Name of the column of the time of a partial release, by joint and kind that it is released
-    to."""
+    """Name of the column of the time of a partial release, by joint and kind after it."""
     return {
         (joint, kind): f"{_joint_prefix(contents, joint)}release_to_{kind.replace('-', '_')}_time_s"
         for joint, kind in contents.partial_releases
@@ -514,9 +495,8 @@ def partial_release_columns(contents: Contents) -> dict[tuple[str, str], str]:
 
 
 def _transverse_rates(contents: Contents) -> Iterator[tuple[str, str, str, str]]:
-    """For each transverse rate (of yaw and pitch together): the prefix of its column, the prefix of
-    the columns of its components, the body, and the phrase for its time (empty: the end of the
-    case)."""
+    """For each transverse rate (of yaw and pitch together): prefix of its column, prefix of the
+    columns of its components, body, and phrase for its time (empty: the end of the case)."""
     for body in contents.transverse:
         yield f"{body}_", f"{body}_omega_", body, ""
         for joint in contents.tip_off:
@@ -529,8 +509,8 @@ def _transverse_rates(contents: Contents) -> Iterator[tuple[str, str, str, str]]
 
 
 def transverse_components(contents: Contents) -> list[tuple[int, int]]:
-    """Indices, in `outcome_columns`, of the yaw and the pitch rate of each transverse rate; in the
-    order of the columns of the transverse rates."""
+    """Indices, in `outcome_columns`, of the yaw and the pitch rate of each transverse rate, in
+    their order there."""
     names = {column.name: k for k, column in enumerate(outcome_columns(contents))}
     return [
         (names[f"{start}y_deg_s"], names[f"{start}z_deg_s"])
@@ -539,8 +519,7 @@ def transverse_components(contents: Contents) -> list[tuple[int, int]]:
 
 
 def _event_columns(contents: Contents, event: str) -> list[Column]:
-    """Columns of the time of an event, and of rates, attitudes, separations and clearances at that
-    time."""
+    """Columns of the time of an event, and of rates, attitudes, separations, clearances then."""
     columns = [Column(f"{event}_time_s", "s", f"time of {event}")]
     for body in contents.bodies:
         for column in _columns(_BODY[3:], f"{event}_{body}_", body):
@@ -565,8 +544,7 @@ def _distance_columns(contents: Contents) -> list[Column]:
 
 
 def audit_columns() -> list[Column]:
-    """Audit columns of a case, which follow its outcomes; the kernel writes all but the last,
-    ``error``."""
+    """Audit columns of a case, after its outcomes; kernels write all but the last, ``error``."""
     return [Column(name, unit, meaning) for name, unit, meaning, _ in _AUDIT]
 
 
