@@ -84,7 +84,8 @@ _CLOSE = 1e-9  # of a step: tolerance of a peak's time; its value is then accura
 
 @routine
 def _at(x, w, scratch):
-    """Vector at x in -1 to 1, by Clenshaw's recurrence."""
+    """Vector (3) at x in -1 to 1 over the step, from the coefficients of its components at
+    w[scratch], by Clenshaw's recurrence."""
     a, a_previous, b, b_previous, c, c_previous = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(COUNT - 1):
         j = scratch + COUNT - 1 - k
@@ -100,16 +101,17 @@ def _at(x, w, scratch):
 
 @routine
 def _size(theta, w, scratch):
-    """Magnitude of the vector at a fraction of the step."""
+    """Magnitude of the vector with the coefficients at w[scratch], at the fraction ``theta`` of the
+    step."""
     a, b, c = _at(2.0 * theta - 1.0, w, scratch)
     return math.sqrt(a * a + b * b + c * c)
 
 
 @routine
 def _height(theta, w, scratch, ends):
-    """Quantity to maximise at the fraction ``theta`` of a step. If ``ends`` is 0, it is the
-    magnitude of the vector. Otherwise it is -max(F, 0) / P: F separates the guide, P is the load of
-    its ``ends`` pins."""
+    """Quantity to maximise at the fraction ``theta`` of a step, from the coefficients at
+    w[scratch]. If ``ends`` is 0, it is the magnitude of the vector. Otherwise it is -max(F, 0) / P:
+    the force F separates the guide, P is the sum of the loads of its ``ends`` pin ends."""
     if ends == 0:
         return _size(theta, w, scratch)
     load = 0.0
@@ -121,8 +123,8 @@ def _height(theta, w, scratch, ends):
 
 @routine
 def _highest(low, high, w, scratch, ends):
-    """Fraction of the step between two with the largest `_height`: Brent's method, parabolas with
-    golden section as a fallback (1973, ch. 5)."""
+    """Fraction of the step, between ``low`` and ``high``, with the largest `_height`: Brent's
+    method, parabolas with golden section as a fallback (1973, ch. 5)."""
     golden = 0.5 * (3.0 - math.sqrt(5.0))
     best = low + golden * (high - low)
     second = third = best
@@ -162,7 +164,8 @@ def _highest(low, high, w, scratch, ends):
 
 @routine
 def _mean(low, high, w, scratch):
-    """Mean magnitude between two fractions of the step."""
+    """Mean magnitude of the vector with the coefficients at w[scratch] between two fractions of the
+    step, by the Gauss-Lobatto rule of five nodes."""
     total = 0.0
     for i in range(5):
         total += _WEIGHT[i] * _size(low + _NODE[i] * (high - low), w, scratch)
@@ -171,8 +174,9 @@ def _mean(low, high, w, scratch):
 
 @routine
 def _halved(tolerance, w, scratch):
-    """Mean magnitude over the step, by halving each interval until its halves agree with it to
-    ``tolerance``. A corner takes about twenty halvings; the limit is _HALVINGS."""
+    """Mean magnitude (`_mean`) over the step, by halving each interval until the means of its
+    halves agree with its own to ``tolerance``. A corner takes about twenty halvings; the limit is
+    _HALVINGS."""
     noinline()
     total, low, width, budget = 0.0, 0.0, 1.0, _HALVINGS
     estimate = _mean(0.0, 1.0, w, scratch)
@@ -197,7 +201,8 @@ def _halved(tolerance, w, scratch):
 
 @routine
 def _put_sizes(nodes, stride, w, sizes):
-    """Store the magnitudes of a vector at the nodes. Returns the largest, and its node."""
+    """Store the magnitudes of a vector at the nodes from w[sizes] on. Returns the largest, and the
+    number of the first node that has it."""
     largest, node = 0.0, 0
     for i in range(COUNT):
         k = nodes + i * stride
@@ -376,10 +381,15 @@ def update_between(w, nodes, stride, scratch, out, tolerance, has_summit, t, h):
 
     Parameters
     ----------
-    w, nodes, stride, scratch
-        See the module.
+    w : array
+        Workspace.
+    nodes, stride : int
+        Position of the first component at the first node (the other components LANES apart), and
+        distance from one node to the next.
+    scratch : int
+        Position of PEAK_SCRATCH scratch numbers.
     out : int
-        Position of the peak, then of its time, s, and of the integral, LANES apart.
+        Position of the peak, then of its time, s, and of the integral over time, LANES apart.
     tolerance, has_summit : float
         See `update_by_nodes`.
     t, h : float
@@ -396,7 +406,8 @@ def update_between(w, nodes, stride, scratch, out, tolerance, has_summit, t, h):
 
 @routine
 def update_peak(w, nodes, stride, scratch, out, t, h):
-    """Update the peak and its time alone, of one lane; see `update_between`."""
+    """Update the peak of the magnitude of a vector and its time with a step, in one lane, without
+    the integral; arguments as in `update_between`."""
     noinline()
     sizes = scratch + 3 * COUNT
     largest, node = _put_sizes(nodes, stride, w, sizes)
@@ -409,15 +420,18 @@ def update_peak(w, nodes, stride, scratch, out, t, h):
 
 @routine
 def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
-    """Update the minimum ratio of the separating force of a guide to the sum of the pin loads that
-    it would cause, in equilibrium with friction.
+    """Update, with a step, the minimum ratio of the force that drives a guide apart to the sum of
+    its pin loads if friction balanced that force.
 
     Parameters
     ----------
-    w, nodes, stride
-        See the module. A node has the separating force and two zeros, then a force for each end.
+    w : array
+        Workspace.
+    nodes, stride : int
+        As in `update_size`. A node has the separating force and two zeros, then the vector (0, y,
+        z) of the load of each pin end.
     ends : int
-        Pin ends.
+        Number of pin ends: two for each pin.
     scratch : int
         Position of scratch numbers: coefficients of all vectors, and a number at each node.
     out : int
@@ -446,7 +460,8 @@ def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
 
 @routine
 def _set_coefficients(nodes, stride, w, scratch):
-    """Compute the coefficients of the components from their values at the nodes."""
+    """Compute the Chebyshev coefficients of the three components of a vector from their values at
+    the nodes, to w[scratch]."""
     noinline()
     for component in range(3):
         for j in range(COUNT):
@@ -458,8 +473,8 @@ def _set_coefficients(nodes, stride, w, scratch):
 
 @routine
 def _rises(sizes, w, i):
-    """Return True if a peak is next to node ``i``: higher than its neighbours, or at an end with a
-    slope into the step."""
+    """Return True if a peak is next to node ``i``: its magnitude is higher than those of its
+    neighbours or, for the first and last node, rises from the end into the step."""
     if 0 < i < COUNT - 1:
         previous, current, following = w[sizes + i - 1], w[sizes + i], w[sizes + i + 1]
         return (
@@ -477,7 +492,7 @@ def _rises(sizes, w, i):
 
 @routine
 def _any_rises(sizes, w):
-    """Return True if a peak is next to any node."""
+    """Return True if a peak is next to any node (`_rises`)."""
     for i in range(COUNT):
         if _rises(sizes, w, i):
             return True
@@ -486,7 +501,8 @@ def _any_rises(sizes, w):
 
 @routine
 def _note_summits(sizes, w, scratch, out, t, h):
-    """Update a peak and its time with the peaks between nodes."""
+    """Update the peak and its time at w[out] with the peaks between nodes of a step that starts at
+    t and lasts h, s."""
     noinline()
     for i in range(COUNT):
         if _rises(sizes, w, i):
@@ -498,20 +514,21 @@ def _note_summits(sizes, w, scratch, out, t, h):
 
 @routine
 def first_reached(w, nodes, stride, scratch, threshold):
-    """Find where in a step a magnitude first reaches a threshold.
+    """Find where in a step the magnitude of a vector first reaches a threshold from below.
 
     Parameters
     ----------
     w, nodes, stride, scratch
-        See the module.
+        As in `update_size`.
     threshold : float
+        In the unit of the vector.
 
     Returns
     -------
     theta : float
         Fraction of the step; 0 if reached at the start, to round-off; 2 if not reached.
     rate : float
-        Rate there, per step.
+        Rate of the magnitude there, per step.
     """
     noinline()
     sizes, lower = scratch + 3 * COUNT, threshold - _TOUCH * max(1.0, abs(threshold))
@@ -556,13 +573,15 @@ def first_reached(w, nodes, stride, scratch, threshold):
 
 @routine
 def first_crossed(w, nodes, stride, scratch, threshold, side, rising, falling):
-    """Find where in a step a magnitude first crosses a threshold in a direction that counts.
+    """Find where in a step the magnitude of a vector first crosses a threshold in a direction that
+    counts.
 
     Parameters
     ----------
     w, nodes, stride, scratch
-        See the module.
+        As in `update_size`.
     threshold : float
+        In the unit of the vector.
     side : float
         1 below the threshold before the step, -1 above, 0 at it or without a step before. A jump to
         the other side at the start of the step is a crossing.
@@ -608,8 +627,9 @@ def first_crossed(w, nodes, stride, scratch, threshold, side, rising, falling):
 
 @routine
 def _crossing(low, high, w, scratch, threshold, side):
-    """Fraction of the step between two at which the magnitude crosses a threshold from a ``side``,
-    by bisection, and the rate there."""
+    """Fraction of the step, between ``low`` and ``high``, at which the magnitude crosses a
+    threshold from a ``side`` (1 from below, -1 from above), by bisection; and the size of its rate
+    there, per step."""
     start = low
     while high - low > 1e-16 + 2e-16 * high:
         middle = 0.5 * (low + high)
@@ -624,8 +644,9 @@ def _crossing(low, high, w, scratch, threshold, side):
 
 @routine
 def side_at(w, nodes, stride, scratch, threshold, theta, side):
-    """Side of a threshold at a fraction of the step: 1 below, -1 above; at the threshold the last
-    side, or ``side`` before the step."""
+    """Side of a threshold on which the magnitude of a vector is at the fraction ``theta`` of a
+    step: 1 below, -1 above; at the threshold the last side before, ``side`` before the step. Other
+    arguments as in `update_size`."""
     noinline()
     _set_coefficients(nodes, stride, w, scratch)
     for i in range(COUNT):
@@ -636,7 +657,8 @@ def side_at(w, nodes, stride, scratch, threshold, theta, side):
 
 @routine
 def _side(size, threshold, last_side):
-    """Side of a threshold: 1 below, -1 above, ``last_side`` at it."""
+    """Side of a threshold on which a magnitude is: 1 below, -1 above, ``last_side`` if at it, to
+    round-off."""
     tolerance = _TOUCH * max(1.0, threshold)
     return (
         1.0 if size < threshold - tolerance else -1.0 if size > threshold + tolerance else last_side
@@ -658,7 +680,8 @@ def _turns(sizes, w, i, side):
 
 @routine
 def _lowest(low, high, w, scratch):
-    """Fraction of the step between two with the smallest magnitude, by golden section."""
+    """Fraction of the step, between ``low`` and ``high``, with the smallest magnitude, by golden
+    section."""
     golden = 0.5 * (3.0 - math.sqrt(5.0))
     for _ in range(_ROUNDS):
         one, other = low + golden * (high - low), high - golden * (high - low)
@@ -669,7 +692,8 @@ def _lowest(low, high, w, scratch):
 
 @routine
 def _rate_at(sizes, w):
-    """Rate of the magnitude at the start of a step, per step."""
+    """Rate of the magnitude at the start of a step, per step, from its values at the nodes, stored
+    from w[sizes] on."""
     slope = 0.0
     for n in range(COUNT):
         slope += _SLOPE[n] * w[sizes + n]

@@ -62,14 +62,15 @@ def emit_monitor(out: Text, c: Context) -> None:
 
 
 def _scratch(c: Context) -> int:
-    """Scratch components per lane that monitoring needs."""
+    """Number of scratch components that the functions of `sepmc.routines.peaks` need."""
     return max(
         [at.PEAK_SCRATCH, *(at.PEAK_NODES * (4 + 6 * c.pins(joint)) for joint in c.output_guides)]
     )
 
 
 def _emit_peaks(out: Text, c: Context, segments: dict[int, Segment]) -> None:
-    """Write the function for peaks and impulses."""
+    """Write the function that updates, after a step, the peaks and impulses of joint loads and the
+    guide outcomes in these segments, given by number."""
     text = out.function(
         "monitor_loads(w, phase: int)",
         "Update peaks and impulses of joint loads by the step just made, in PEAKS.",
@@ -142,7 +143,8 @@ def _emit_peak(text: Text, c: Context, k: int) -> None:
 
 
 def _other_peak(k: int) -> int:
-    """Index of the peak of a moment, given that of the force, and vice versa."""
+    """Index, among the components of PEAKS, of the peak moment of a joint, given that of its peak
+    force, and vice versa."""
     return k + 3 if k % at.LOADS_OUTCOMES == 0 else k - 3
 
 
@@ -213,7 +215,8 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
 
 
 def load_side(segment: Segment, load: Event) -> str:
-    """Field of the side of the threshold on which a load was at the end of the last step."""
+    """Workspace field of the side of its threshold on which a joint load was at the end of the last
+    step: 1 below, -1 above, 0 not known."""
     return (
         f"SIDE_{ANY_PHASE}_{load.number}" if load.any_phase else f"SIDE_{segment.name}_{load.name}"
     )
