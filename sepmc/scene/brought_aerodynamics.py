@@ -19,8 +19,8 @@ _ZERO = 1e-9  # of the largest value: an odd coefficient at zero
 
 
 def convert_aerodynamics(key_path: str, aero: dict[str, Any], problems: Problems) -> list[str]:
-    """Write ``convention``, ``per``, ``mirror`` and a lateral length of the aerodynamics of a body
-    in the conventions of this project.
+    """Convert the aerodynamics of a body to the conventions of this project, and remove the keys
+    that describe others: ``convention``, ``per``, ``table.mirror`` and ``lateral_length_*``.
 
     Parameters
     ----------
@@ -29,10 +29,12 @@ def convert_aerodynamics(key_path: str, aero: dict[str, Any], problems: Problems
     aero : dict
         Changed in place.
     problems : Problems
+        Receives every problem.
 
     Returns
     -------
     list of str
+        A sentence for each conversion, and for each axis of a table that has one row.
     """
     understood: list[str] = []
     table = aero.get("table") if isinstance(aero.get("table"), dict) else None
@@ -68,7 +70,8 @@ def convert_aerodynamics(key_path: str, aero: dict[str, Any], problems: Problems
 def _option(
     key_path: str, tree: dict[str, Any], key: str, allowed: tuple[str, ...], problems: Problems
 ) -> Any:
-    """Remove an option and return its value, the first of ``allowed`` without one."""
+    """Remove an option and return its value: the first of ``allowed`` if it is not set; another
+    value than those allowed is noted as a problem."""
     value = tree.pop(key, allowed[0])
     if value not in allowed:
         problems.add(f"{key_path}.{key}", f"must be one of {', '.join(allowed)}", value)
@@ -79,7 +82,7 @@ def _lateral_length(
     key_path: str, aero: dict[str, Any], table: dict[str, Any] | None, problems: Problems
 ) -> list[str]:
     """Refer rolling and yawing moments, and p and r, to the reference length instead of a lateral
-    length (the span)."""
+    length (the span), which is removed. Return a sentence; empty without a valid lateral length."""
     key = next((k for k in aero if split_unit(k)[0] == "lateral_length"), None)
     if key is None:
         return []
@@ -112,7 +115,8 @@ def _lateral_length(
 
 
 def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problems) -> list[str]:
-    """Add the mirror image of a table whose rows of an angle begin at zero."""
+    """Add the mirror image of a table whose axis ``mirror`` (alpha or beta) begins at zero, in
+    place. Return a sentence; empty, with the problem noted, if it cannot be mirrored."""
     if mirror not in _ODD:
         problems.add(f"{key_path}.mirror", 'must be "alpha" or "beta"', mirror)
         return []
@@ -143,7 +147,7 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
         if odd and np.abs(grid[0]).max() > _ZERO * np.abs(grid).max():
             problems.add(
                 f"{key_path}.{name}",
-                f"is not 0 at {mirror} = 0, so the table is not that of a mirrored body",
+                f"is not 0 at {mirror} = 0, but its mirror image has the other sign there",
             )
             continue
         image = (-1.0 if odd else 1.0) * grid[:0:-1]
@@ -155,7 +159,8 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
 
 
 def _single_rows(key_path: str, table: dict[str, Any]) -> list[str]:
-    """Sentences on axes of a single row."""
+    """Sentence for each of the axes mach, alpha, beta with one row: the table does not depend on
+    it."""
     understood = []
     for key, rows in table.items():
         name = split_unit(key)[0]

@@ -25,10 +25,12 @@ def convert_air(key_path: str, environment: dict[str, Any], problems: Problems) 
     environment : dict
         With the table ``air``, changed in place.
     problems : Problems
+        Receives every problem.
 
     Returns
     -------
     list of str
+        A sentence for each conversion; empty without a table ``air``.
     """
     air = environment.get("air")
     if not isinstance(air, dict):
@@ -80,7 +82,8 @@ def _state(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
         return []
     temperatures, pressures = _numbers(air[key]), _numbers(air[keys["pressure"]])
     if temperatures is None or pressures is None or len(temperatures) != len(pressures):
-        problems.add(f"{key_path}.{key}", "must be as many numbers as there are of the pressure")
+        reason = "must be as many numbers as there are of the pressure, and both must be lists"
+        problems.add(f"{key_path}.{key}", reason)
         return []
     kelvin = [t + _CELSIUS for t in temperatures] if is_celsius else temperatures
     if not all(_COLD < t < _HOT for t in kelvin):
@@ -145,7 +148,8 @@ def _rising(top: float) -> list[float]:
 
 
 def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> list[str]:
-    """Write the compass direction from which the wind comes as the direction to which it blows.
+    """Write ``from_deg``, the compass direction from which the wind comes, as the direction to
+    which it blows, from ground x; geopotential heights of its profile as heights.
 
     Parameters
     ----------
@@ -154,10 +158,12 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
     wind : dict
         Changed in place.
     problems : Problems
+        Receives every problem.
 
     Returns
     -------
     list of str
+        A sentence for each conversion.
     """
     tables = [(key_path, wind)]
     if isinstance(profile := wind.get("profile"), dict):
@@ -166,7 +172,8 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
     azimuth = wind.pop("azimuth_deg", None)
     used = [(where, table) for where, table in tables if "from_deg" in table]
     if azimuth is not None and not used:
-        problems.add(f"{key_path}.azimuth_deg", "belongs to from_deg", azimuth)
+        reason = "belongs to from_deg: give it, or leave azimuth_deg out"
+        problems.add(f"{key_path}.azimuth_deg", reason, azimuth)
     for where, table in used:
         if not _is_number(azimuth):
             problems.add(

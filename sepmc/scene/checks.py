@@ -34,7 +34,7 @@ MOST_STEPS = 100_000_000  # steps of a case
 
 
 def check_scene(scene: Scene, problems: Problems) -> None:
-    """Note every problem of a scene whose tables are valid by themselves."""
+    """Note problems across the tables of a scene, each of which is valid by itself."""
     if not scene.body:
         problems.add("body", "at least one body is needed: [body.NAME]")
     for name, body in scene.body.items():
@@ -99,7 +99,7 @@ def _check_columns(scene: Scene, problems: Problems) -> None:
 
 
 def _check_body(name: str, body: Body, problems: Problems) -> None:
-    """Check the inertia of a body."""
+    """Note an inertia tensor that no solid body has."""
     fault = inertia_fault(inertia_tensor(body))
     if fault:
         problems.add(f"body.{name}.inertia_kg_m2", fault, list(body.inertia))
@@ -150,7 +150,7 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
 
 
 def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
-    """Note guide pins that do not slide in any phase or after any release: they have no effect."""
+    """Note guide pins that slide in no phase and after no release: they have no effect."""
     kinds = [phase.joints.get(name, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == name]
     known = [kind for kind in kinds if kind in KINDS or kind in joint.kind]

@@ -82,7 +82,7 @@ def read_limited(path: Path, most: int) -> bytes:
     file or has more than ``most`` bytes."""
     state = path.stat()
     if not stat.S_ISREG(state.st_mode):
-        raise ValueError("is no file")
+        raise ValueError("is no regular file")
     if state.st_size <= most:
         with path.open("rb") as file:
             read = file.read(most + 1)
@@ -92,7 +92,8 @@ def read_limited(path: Path, most: int) -> bytes:
 
 
 def check_keys(text: str) -> str:
-    """Reason why a TOML text is rejected before it is parsed: too long keys; empty if it is not."""
+    """Reason why a TOML text is rejected before it is parsed, a dotted key of too many parts; empty
+    if it is not."""
     for piece in _BETWEEN_KEYS.split(text):
         if piece.count(".") > KEY_PARTS and not piece.lstrip().startswith("#"):
             return f"{shorten(piece.strip())}: a key must have at most {KEY_PARTS} parts"

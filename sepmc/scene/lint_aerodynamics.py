@@ -86,13 +86,13 @@ def _slopes(key_path: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
         if _FLAT < abs(slope) < _WEAK_SLOPE and (key == "normal" or abs(slope) < 0.1 * abs(normal)):
             yield (
                 f"{key_path}.{key} changes by {slope:.3g} per rad of {angle}: is it per degree "
-                f'({math.degrees(1.0) * slope:.3g} per rad)? per = "deg" says so'
+                f'({math.degrees(1.0) * slope:.3g} per rad)? Then give per = "deg"'
             )
     if normal > _FLAT and side < -_FLAT:
         yield (
             f"{key_path}.side has the slope {side:.3g} per rad of beta: a positive C_Y points left "
             "here, so this force drives the body further aside; DATCOM's C_Y points right: "
-            'convention = "datcom" says so'
+            'if it is that, give convention = "datcom"'
         )
     # moments about the mass centre, with the forces at the moment point ahead of it by ``ahead``
     point = aero.moment_point or body.cg
@@ -108,8 +108,8 @@ def _slopes(key_path: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
 
 
 def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
-    """Slope of a coefficient over an angle at zero, 1/rad: of its polynomial, and the largest of
-    its table in the rows next to zero."""
+    """Slope of a coefficient over an angle at zero, 1/rad: that of its polynomial plus the largest
+    in size of its table between the two rows next to zero."""
     slope = getattr(aero, coefficient).get(angle, 0.0)
     table = aero.table
     grid = getattr(table, coefficient) if table is not None else []

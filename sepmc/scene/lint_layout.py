@@ -10,7 +10,7 @@ _SAME = 1e-9  # relative difference of numbers that are the same
 
 
 def lint_layout(scene: Scene) -> Iterator[str]:
-    """Findings on places, mirrored bodies and burn times of a scene.
+    """Findings on stations, mirrored bodies and burn times of a scene.
 
     Parameters
     ----------

@@ -141,7 +141,7 @@ def test_a_matrix_of_correlations(pair):
          "alike at [1][0] and [0][1]"),
         ([{"parameters": TOGETHER["parameters"], "matrix": [[1.0, 0.5], [0.5, 0.9]]}],
          "matrix = 0.9: must have 1 at [1][1]"),
-        ([TOGETHER, TOGETHER], "correlated already, in 0"),
+        ([TOGETHER, TOGETHER], "correlated already, in correlation.0"),
         ([{"parameters": list(VARIED["dispersion"]), "coefficient": -0.9}],
          "no negative eigenvalue"),
         ([{"parameters": ["body.fore.mass_kg"] * 2, "coefficient": 0.5}], "correlated already"),
