@@ -178,8 +178,8 @@ def _partition(
 
 
 class _Partition:
-    """Partition of an input into parts of equally many cases; ``index`` (n,) is the part of each
-    case."""
+    """Partition of an input with ``values`` (n,) into ``number`` parts of about equally many cases;
+    ``index`` (n,) is the part of each case."""
 
     def __init__(self, values: np.ndarray, max_parts: int):
         edges = np.unique(values)

@@ -272,8 +272,8 @@ class _Grid:
         return result
 
     def counts_below(self, edges: np.ndarray) -> np.ndarray:
-        """Return the number of finite values below each edge, spread evenly over their bins; all of
-        them at the last edge."""
+        """Return the number of finite values below each of increasing edges, spread evenly over
+        their bins; a last edge at the largest value counts all."""
         left, right, counts = self.bins()
         # a value at an edge is not below it
         right = np.where(left == right, np.nextafter(right, np.inf), right)

@@ -39,9 +39,9 @@ NamedGenerator = Callable[[str], np.random.Generator]  # random generators by na
 
 @dataclass(frozen=True)
 class ChainStates:
-    """States of chains: ``scores`` (n, d), ``margin`` (n,), ``records`` (n, k), ``number`` (n,) of
-    the case, ``level`` (n,) it was run for, and ``origin`` (n,), the index of the first
-    ancestor."""
+    """States of chains: ``scores`` (n, d), ``margin`` (n,) and ``records`` (n, k) of the cases run
+    there, ``number`` (n,) of the case in the order run, ``level`` (n,) it was run for, and
+    ``origin`` (n,), the index of its first ancestor."""
 
     scores: np.ndarray
     margin: np.ndarray
@@ -232,6 +232,7 @@ def estimate(
     random : NamedGenerator
         A name that was used before starts anew.
     max_cases : int
+        Largest number of cases to run.
 
     Returns
     -------
@@ -258,7 +259,8 @@ def estimate(
 
 
 def _depth(n_cases: int, trial_cases: int) -> int:
-    """Return the number of levels that ``n_cases`` allow."""
+    """Return the number of levels that ``n_cases`` allow, with ``trial_cases`` a level of the trial
+    chains and the smallest replicas."""
     levels = (n_cases / (trial_cases + _MIN_CASES * REPLICAS) - 1.0) / (1.0 - 1.0 / LENGTH)
     return max(0, min(_MAX_LEVELS, int(levels)))
 

@@ -188,7 +188,7 @@ def _parts(
 
 
 def _headlines(study: Study, frames: dict[str, pd.DataFrame]) -> dict[str, Any]:
-    """Return the most important numbers."""
+    """Return the most important numbers and names of a benchmark, by label with unit."""
     table = frames["work_precision"]
     default = table[table["default"]].iloc[0]
     headlines: dict[str, Any] = {

@@ -48,8 +48,9 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
     Returns
     -------
-    DataFrame, a row per feature
-        With ratios to the whole scene.
+    DataFrame, a row for the whole scene, then one without each feature
+        Time ``ms`` of 10,000 cases, flops (NaN if not counted), and ``time_ratio`` and
+        ``flop_ratio``, over those of the whole scene.
     """
     variants = _variants(study, history_step)
     counts = _counts(study, variants)

@@ -253,7 +253,6 @@ _WORDS = {
     "`int` >= 0": "must be >= 0",
     "`int` >= 1": "must be >= 1",
     "`float` <= 3.14": "must be at most 180 deg (an angle between two attitudes is no larger)",
-    "`int` <= ": "must be at most 1000000000",
     "`str` of length <= ": "a name has at most 64 letters",
     "`str` matching regex": "a name is a letter followed by letters, digits or _",
 }
@@ -274,6 +273,7 @@ def _plain(message: str) -> str:
         if text.startswith(ours):
             return plain
     text = text.replace(" | null", "").replace("`", "")
+    text = re.sub(r"^int <= ", "at most ", text).replace("int, got float", "int")
     for ours, plain in _TYPES.items():
         text = re.sub(rf"\b{ours}\b", plain, text)
     return text if text.startswith("Invalid") else f"must be {text.replace(' | ', ' or ')}"

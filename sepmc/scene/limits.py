@@ -126,7 +126,8 @@ def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
             if fault := text_fault(value.replace("\n", " ").replace("\t", " "), text):
                 problems.add(key_path, fault, value)
         elif isinstance(value, int) and not -_WHOLE <= value < _WHOLE:
-            reason = f"is a whole number of {value.bit_length()} bits: must have at most 64"
+            bits = value.bit_length() + 1  # with the sign
+            reason = f"is a whole number of {bits} bits with its sign: must have at most 64"
             problems.add(key_path, f"{reason}; write a larger one with a point")
 
 

@@ -171,8 +171,8 @@ class Part(_Table, frozen=True, kw_only=True):
 
 
 class Body(_Table, frozen=True, kw_only=True):
-    """A rigid body: mass (kg), moments and products (positive integrals) of inertia about its centre
-    of mass (kg m2), layout point of that centre (m), aerodynamics and outline."""
+    """A rigid body: mass (kg), moments and products (positive integrals) of inertia about the mass
+    centre (kg m2), layout point of the mass centre (m), aerodynamics and outline."""
 
     mass: Annotated[float, Positive, Quantity("mass")]
     inertia: Annotated[Vector, Quantity("inertia", ("xx", "yy", "zz"))]

@@ -283,7 +283,7 @@ OTHERS = [  # the same for everything.toml
     (
         'joint = "tie", force_kN = 50.0',
         'joint = "tie"',
-        ["phase.locked.until.any.1", "is never met", "with joint a stroke_m, distance_m, angle_deg"],
+        ["phase.locked.until.any.1", "is never met", "with joint a stroke_m, distance_m, angle"],
     ),
     (
         'joint = "tie", force_kN = 50.0',
