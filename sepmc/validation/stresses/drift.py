@@ -90,7 +90,7 @@ def invariants(run: NominalRun) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def hours() -> tuple[Hour, ...]:
-    """Every motion with every method of drift control."""
+    """Runs of every motion with every method of drift control, cached."""
     runs = []
     for motion, tree in motions().items():
         trees = {method: tree | {"solver": {"step_s": STEP, "drift": method}} for method in METHODS}

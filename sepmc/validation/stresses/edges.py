@@ -19,7 +19,8 @@ AIR = {
 def _probe(
     aero: Tree, environment: Tree | None = None, initial: Tree | None = None, end: float = 1.0
 ) -> Tree:
-    """A body in uniform air, without gravity, at 5 km and 300 m/s."""
+    """Scene of a body in uniform air, without gravity, at 5 km and 300 m/s; tables of the file by
+    the names of the arguments, end in s."""
     data = {"reference_area_m2": AREA, "reference_length_m": 1.0, **aero}
     tree = scene(
         {"probe": body(MASS, [10.0, 50.0, 50.0], [1.0, 0.0, 0.0], aerodynamics=data)},
@@ -36,7 +37,8 @@ def _probe(
 
 
 def _drag(t: np.ndarray, axial: float, speed: float = SPEED) -> np.ndarray:
-    """Speed with drag of a constant coefficient, m/s: v' = -k v^2."""
+    """Speed at times t, s, with drag of a constant coefficient, from ``speed`` at 0, m/s:
+    v' = -k v^2."""
     return speed / (1.0 + 0.5 * DENSITY * AREA * axial / MASS * speed * t)
 
 
@@ -167,8 +169,8 @@ def wind() -> list[Stress]:
 
 
 def _near(distance: list[float], axial: list[float], step: float, push: float) -> Tree:
-    """Two bodies whose drag depends on the distance between them; a pusher separates them, or
-    drives them together."""
+    """Scene of two bodies, the first with increments of its axial coefficient over their distance,
+    m; a force ``push``, N, separates them, or drives them together. Steps in s."""
     tree = _probe({}, end=1.0)
     data = tree["body"]["probe"]["aerodynamics"]
     tree["body"]["other"] = body(MASS, [10.0, 50.0, 50.0], [3.0, 0.0, 0.0], aerodynamics=dict(data))

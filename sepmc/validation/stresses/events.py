@@ -109,7 +109,8 @@ def angle_limits() -> list[Stress]:
 
 
 def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
-    """A core with two boosters beside it on sliders, pushed back equally."""
+    """Run of a core with two boosters beside it, left and right, on sliders, pushed back equally;
+    releases and phases as in a file."""
     bodies = {"core": body(4.0, [2.0, 5.0, 5.0], [2.0, 0.0, 0.0])}
     joints, springs = {}, []
     for name, side in (("left", 1.0), ("right", -1.0)):
@@ -172,7 +173,8 @@ def simultaneous() -> list[Stress]:
 
 
 def _line(label: str, until: dict[str, Any], stroke: float, time: float) -> Stress:
-    """Line on the release time of a pushed pair."""
+    """Line on the release time of a pushed pair, which ends its slider at a stroke, m, or as
+    ``until`` gives; expected at ``time``, s."""
     run = simulate(pushed(stroke, **until))
     return judge(
         label,

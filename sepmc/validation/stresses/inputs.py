@@ -51,7 +51,7 @@ class _Varied:
         )
 
     def simulate(self, changed: list[dict[str, float]]) -> Block:
-        """Rows of cases that differ from the scene in some numbers, SI, by path."""
+        """Result block of cases, each with some numbers of the scene ``changed``, SI, by path."""
         return step_selection.integrate(
             self.campaign,
             self.integration,
@@ -59,7 +59,7 @@ class _Varied:
         )
 
     def row(self, block: Block, i: int) -> dict[str, float]:
-        """Outcomes and audit of a case."""
+        """Outcomes and audit of case ``i`` of a block, by column name."""
         return {
             c.name: x for c, x in zip(self.campaign.result_columns, block.outcomes[i], strict=True)
         }
@@ -74,7 +74,7 @@ class _Varied:
         i: int,
         resolved: bool = False,
     ) -> Stress:
-        """Line of a case."""
+        """Line of case ``i`` of a block, with its status and its audit."""
         status = Status(int(block.status[i])).label
         return Stress(
             label,
@@ -157,8 +157,8 @@ def not_physical() -> list[Stress]:
 
 
 def absurd() -> list[Stress]:
-    """Every parameter in turn at +-1e300 and 1e-300: rows with status ok have finite outcomes, but
-    for times of what need not occur."""
+    """Every parameter in turn at +-1e300 and 1e-300: rows with status ok have finite outcomes,
+    except times of releases and ends of strokes, which need not occur."""
     varied, lines = _varied(), []
     # without calibration cases there is no error estimate
     needed = [
@@ -204,7 +204,7 @@ def rods_without_length() -> list[Stress]:
 
 
 def _refusal(label: str, tree: Tree) -> Stress:
-    """Line of a scene that must be refused."""
+    """Line that passes if a scene is refused when it is read."""
     try:
         make(tree)
     except SceneError:

@@ -23,13 +23,13 @@ from sepmc.validation.stresses.scenes import (
 RATIOS = (1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
 
 
-def _scaled(label: dict, mass: float, inertia: float) -> dict:
-    """Body with another mass and inertia."""
+def _scaled(table: dict, mass: float, inertia: float) -> dict:
+    """Table of a body with its mass and inertia multiplied by factors."""
     scaled = {
-        key: [inertia * x for x in label[key]]
+        key: [inertia * x for x in table[key]]
         for key in ("inertia_kg_m2", "inertia_products_kg_m2")
     }
-    return label | scaled | {"mass_kg": mass * label["mass_kg"]}
+    return table | scaled | {"mass_kg": mass * table["mass_kg"]}
 
 
 def masses() -> list[Stress]:

@@ -14,8 +14,8 @@ MASS, FORCE = ref.reduced_mass(3.0, 1.0), 1e3  # kg, N
 def _sprung(
     stiffness: float, turn: float, damping: float = 0.0, roll: float = 0.0, steps: int = 100
 ) -> Tree:
-    """Two bodies on a slider pushed apart with 1000 N by a spring, with steps of ``turn``, rad, of
-    its phase."""
+    """Scene of two bodies on a slider pushed apart with 1000 N by a spring (N/m, N s/m), rolling at
+    ``roll``, rad/s; ``steps`` steps, in each of which the spring oscillates by ``turn``, rad."""
     step = turn / math.sqrt(stiffness / MASS)
     tree = pushed(
         1.0,
@@ -87,10 +87,10 @@ def unresolved() -> list[Stress]:
 
 
 def hidden() -> list[Stress]:
-    """The same in bodies that roll with 1e6 times the energy of the spring, which hides an error of
-    the spring.
+    """1e9 N/m between bodies that roll with 1e3 and 1e6 times the energy of the spring, which hides
+    an error of the spring.
 
-    Status ok promises the energy to 1e-6 of the whole, which is all the energy of the spring.
+    Status ok promises the energy to 1e-6 of the whole, which can be all the energy of the spring.
     """
     lines = []
     for turn in (0.3, 1.0, 1.5, 2.0, 3.0, 6.0):

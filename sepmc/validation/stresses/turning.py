@@ -32,7 +32,8 @@ STONE = body(1.0, [1.0, 2.0, 2.2], [1.0, 0.0, 0.0], [0.2, -0.1, 0.15])
 
 
 def _tumbling(deg_s: float, step: float, steps: int) -> NominalRun:
-    """A weld of two bodies without symmetry that tumbles at a rate, deg/s."""
+    """Run of a weld of two bodies without symmetry that tumbles at a rate, deg/s, for ``steps``
+    steps of ``step``, s."""
     rate = np.array(OMEGA) / np.linalg.norm(OMEGA) * math.radians(deg_s)
     return simulate(pair("fixed", end=steps * step, step=step, omega=rate.tolist()), 10)
 
