@@ -155,7 +155,10 @@ def _write_xlsx(path: Path, columns: Sequence[Column], table: dict[str, Array], 
 
     rows = len(next(iter(table.values())))
     if rows > _EXCEL_ROWS:
-        raise InputError(f"format = 'xlsx': has room for {_EXCEL_ROWS:,} rows, the run {rows:,}")
+        raise InputError(
+            f"format = 'xlsx': has room for {_EXCEL_ROWS:,} rows, the run has {rows:,}; choose "
+            "another format, such as 'csv'"
+        )
     listed = pd.DataFrame([(c.name, c.unit, c.meaning) for c in columns],
                           columns=["column", "unit", "meaning"])  # fmt: skip
     with pd.ExcelWriter(path, engine="openpyxl") as writer:

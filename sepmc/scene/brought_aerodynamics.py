@@ -90,7 +90,8 @@ def _lateral_length(
     known = next((k for k in aero if split_unit(k)[0] == "reference_length"), None)
     lengths = UNITS["length"]
     if not _positive(value) or unit not in lengths or known is None:
-        problems.add(f"{key_path}.{key}", "must be a length > 0 beside reference_length_m", value)
+        reason = "must be a length > 0 with a unit, as lateral_length_m, beside reference_length_m"
+        problems.add(f"{key_path}.{key}", reason, value)
         return []
     length = aero[known]
     if not _positive(length) or split_unit(known)[1] not in lengths:
@@ -125,10 +126,11 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
     key = next((each for each in order if split_unit(each)[0] == mirror), None)
     rows = table.get(key or "")
     if not (isinstance(rows, list) and rows and all(isinstance(x, int | float) for x in rows)):
-        problems.add(f"{key_path}.mirror", f"needs the axis {mirror}_deg", mirror)
+        reason = f"needs the axis {mirror}_deg in this table, a list of numbers"
+        problems.add(f"{key_path}.mirror", reason, mirror)
         return []
     if rows[0] != 0.0:
-        problems.add(f"{key_path}.{key}", "must begin at 0 where it is mirrored", rows)
+        problems.add(f"{key_path}.{key}", "must begin at 0, as mirror adds its negatives", rows)
         return []
     assert key is not None
     number = order.index(key)

@@ -50,7 +50,8 @@ def _heights(key_path: str, air: dict[str, Any], problems: Problems) -> list[str
     unit = split_unit(key)[1]
     heights = _numbers(air[key])
     if heights is None or unit not in UNITS["length"]:
-        problems.add(f"{key_path}.{key}", "must be a list of heights, such as geopotential_m")
+        reason = "must be a list of heights with a unit, such as geopotential_m = [0.0, 1000.0]"
+        problems.add(f"{key_path}.{key}", reason)
         return []
     if any(split_unit(k)[0] == "altitude" for k in air):
         problems.add(f"{key_path}.{key}", "stands beside altitude_m: give one of them")
@@ -114,7 +115,8 @@ def _above(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
     columns = [keys.get(name) for name in ("altitude", "density")]
     values = [_numbers(air.get(key or "")) for key in columns]
     if values[0] is None or values[1] is None or len(values[0]) != len(values[1]):
-        problems.add(f"{key_path}.above", "needs the rows of altitude_m and density_kg_per_m3")
+        reason = "needs altitude_m and density_kg_per_m3, lists of equally many numbers"
+        problems.add(f"{key_path}.above", reason)
         return []
     (height_key, density_key), (heights, densities) = columns, values
     assert height_key is not None and heights is not None  # noqa: PT018

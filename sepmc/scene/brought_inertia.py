@@ -48,12 +48,13 @@ def convert_inertia(key_path: str, body: dict[str, Any], problems: Problems) -> 
     if key is not None:
         if unit not in UNITS["inertia"]:
             allowed = ", ".join(f"inertia_tensor_{each}" for each in UNITS["inertia"])
-            problems.add(f"{key_path}.{key}", f"the unit is missing or none of inertia: {allowed}")
+            reason = f"the unit is missing or is no unit of inertia; allowed: {allowed}"
+            problems.add(f"{key_path}.{key}", reason)
             return understood
         tensor = _tensor(f"{key_path}.{key}", body[key], problems)
         others = [other for other in body if split_unit(other)[0] in _MOMENTS]
         if others:
-            problems.add(f"{key_path}.{others[0]}", f"is given by {key} too")
+            problems.add(f"{key_path}.{others[0]}", f"is given by {key} too: give one of them")
         if tensor is None or others:
             return understood
         del body[key]

@@ -107,7 +107,7 @@ def _matrix(item: Correlation, where: str, problems: Problems) -> list[list[floa
     if n < 2:
         problems.add(f"{where}.parameters", "name at least two parameters", list(item.parameters))
     if (item.coefficient is None) == (item.matrix is None):
-        problems.add(where, "give one of coefficient and matrix")
+        problems.add(where, "give either coefficient or matrix")
         return []
     if item.matrix is None:
         return [[1.0 if i == j else item.coefficient or 0.0 for j in range(n)] for i in range(n)]
@@ -122,7 +122,7 @@ def _matrix(item: Correlation, where: str, problems: Problems) -> list[list[floa
             elif rows[i][j] != rows[j][i] or abs(rows[i][j]) > 1.0:
                 problems.add(
                     f"{where}.matrix",
-                    f"must be alike at [{i}][{j}] and [{j}][{i}], between -1 and 1",
+                    f"must be equal at [{i}][{j}] and [{j}][{i}], and between -1 and 1",
                     [rows[i][j], rows[j][i]],
                 )
     return rows

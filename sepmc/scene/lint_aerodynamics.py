@@ -42,7 +42,8 @@ def lint_aerodynamics(scene: Scene) -> Iterator[str]:
 
 
 def _angles(scene: Scene) -> Iterator[str]:
-    """Angles beyond a full turn, as with degrees given as radians."""
+    """Yield a sentence on each initial or motor angle beyond a full turn, as with degrees given as
+    radians."""
     start = scene.initial
     angles = {
         f"initial.{key}": getattr(start, key)
@@ -62,7 +63,8 @@ def _angles(scene: Scene) -> Iterator[str]:
 
 
 def _axis_units(key_path: str, table: AeroTable) -> Iterator[str]:
-    """Axes of angles that look like radians in a key of degrees, or the other way round."""
+    """Yield a sentence on each axis of angles that looks like radians in a key of degrees, or the
+    other way round."""
     for key, axis in (("alpha", table.alpha), ("beta", table.beta)):
         if not axis:
             continue
@@ -80,7 +82,8 @@ def _axis_units(key_path: str, table: AeroTable) -> Iterator[str]:
 
 
 def _slopes(key_path: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
-    """Slopes over alpha and beta that are weak as if per degree, or of the other sign."""
+    """Yield sentences on slopes over alpha and beta that are weak as if per degree, or have the
+    opposite sign."""
     normal, side = _slope(aero, "normal", "alpha"), _slope(aero, "side", "beta")
     for key, angle, slope in (("normal", "alpha", normal), ("side", "beta", side)):
         if _FLAT < abs(slope) < _WEAK_SLOPE and (key == "normal" or abs(slope) < 0.1 * abs(normal)):
@@ -126,7 +129,8 @@ def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
 
 
 def _transposed(key_path: str, table: AeroTable) -> Iterator[str]:
-    """Square grids in which a coefficient depends on another axis, hardly on its own angle."""
+    """Yield a sentence on a square grid in which a coefficient hardly depends on its own angle but
+    on the other axis: it may be transposed."""
     axes = {key: axis for key in ("mach", "alpha", "beta") if (axis := getattr(table, key))}
     shape = [len(axis) for axis in axes.values()]
     if len(shape) != 2 or shape[0] != shape[1] or shape[0] < 3:

@@ -107,7 +107,8 @@ def check_loads(scene: Scene, problems: Problems) -> None:
         check_known(f"{key_path}.joint", entry.joint, scene.joint, "joint", problems)
         _check_increments(key_path, entry, problems)
         if entry.body in scene.body and scene.body[entry.body].aerodynamics is None:
-            problems.add(f"{key_path}.body", "has no aerodynamics to add to", entry.body)
+            reason = f"has no aerodynamics to add to: give [body.{entry.body}.aerodynamics]"
+            problems.add(f"{key_path}.body", reason, entry.body)
 
 
 def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> None:
@@ -273,7 +274,8 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
     for pair in scene.output.relative:
         check_pair("output.relative", pair, scene, problems)
         if GROUND in pair:
-            problems.add("output.relative", "the ground has no centre of mass", list(pair))
+            reason = "the ground has no centre of mass: name two bodies"
+            problems.add("output.relative", reason, list(pair))
     if len(set(scene.output.relative)) < len(scene.output.relative):
         pairs = list(map(list, scene.output.relative))
         problems.add("output.relative", "names a pair twice", pairs)
@@ -297,7 +299,7 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
                     f"body {body!r} has no outline: give [[body.{body}.outline]]",
                 )
             if body == GROUND:
-                problems.add(f"{key_path}.bodies", "the ground has no outline")
+                problems.add(f"{key_path}.bodies", "the ground has no outline: name two bodies")
         for number, (body, names) in enumerate(
             zip(clearance.bodies, clearance.outlines, strict=True)
         ):

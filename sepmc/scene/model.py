@@ -302,7 +302,7 @@ class Signal(_Table, frozen=True, kw_only=True):
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Fields with numbers that do nothing: those of samples and of states."""
+        """Fields that do nothing: ``delay`` without samples, ``initial`` without states too."""
         if self.sample is not None:
             return ()
         return ("delay",) if self.states else ("delay", "initial")

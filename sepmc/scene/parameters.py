@@ -177,7 +177,8 @@ def replace(scene: Scene, values: dict[str, float]) -> Scene:
 
 
 def _replace(node: Any, parts: list[str], number: float, field: Field | None) -> Any:
-    """Copy of a node with the number at the end of a path replaced."""
+    """Copy of a node of the scene with the number at the end of a path, ``parts``, replaced;
+    ``field`` is that of the node."""
     if not parts:
         return number
     part, rest = parts[0], parts[1:]

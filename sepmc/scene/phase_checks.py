@@ -91,9 +91,8 @@ def _check_can_move(
         }
         for key, constrained in is_constrained.items():
             if getattr(until, key) is not None and constrained:
-                problems.add(
-                    f"{key_path}.joint", f"is {kind!r} in this phase, which has no {key}", joint
-                )
+                reason = f"is {kind!r} in this phase, which has no {key}, so this is never met"
+                problems.add(f"{key_path}.joint", reason, joint)
     for key, items in (("any", until.any), ("all", until.all)):
         for number, item in enumerate(items):
             _check_can_move(f"{key_path}.{key}.{number}", item, kinds, scene, problems)

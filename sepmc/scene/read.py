@@ -343,7 +343,8 @@ def _with_strokes(scene: Scene) -> Scene:
 def _check_input_table(
     table: InputTable, dispersions: Sequence[Dispersion], problems: Problems
 ) -> None:
-    """Note columns of the samples that look like an input but are no dispersed parameter."""
+    """Note columns of the samples that look like an input but are no dispersed parameter, and
+    samples without any dispersed parameter."""
     used = {dispersion.column for dispersion in dispersions}
     known = [dispersion.parameter.column for dispersion in dispersions]
     spellings = {_letters(name): name for name in (CASE, *known)}
@@ -380,8 +381,8 @@ def _check_requirement(
     outcomes: list[str],
     problems: Problems,
 ) -> None:
-    """Check that a requirement bounds an outcome of the campaign, or names a status or the
-    violation of the others in ``all_of``."""
+    """Check that a requirement bounds an outcome of the campaign, or names a status, or the
+    violation of any other requirement, without bounds."""
     key_path, low, high = (
         f"requirement.{requirement.name}",
         requirement.at_least,
@@ -390,12 +391,14 @@ def _check_requirement(
     metrics = [*NOT_OK_LABELS, VIOLATION, *outcomes]
     if requirement.metric == VIOLATION:
         if low is not None or high is not None:
-            problems.add(key_path, f"{VIOLATION!r} of the other requirements has no bound")
+            reason = f"{VIOLATION!r} of the other requirements has no bound: leave it out"
+            problems.add(key_path, reason)
         if all(other.metric == VIOLATION for other in requirements):
             problems.add(key_path, f"{VIOLATION!r} needs other requirements that may be violated")
     elif requirement.metric in NOT_OK_LABELS:
         if low is not None or high is not None:
-            problems.add(key_path, f"{requirement.metric!r} is a status, which has no bound")
+            reason = f"{requirement.metric!r} is a status, which has no bound: leave it out"
+            problems.add(key_path, reason)
     elif requirement.metric not in outcomes:
         problems.add(
             f"{key_path}.metric",

@@ -40,10 +40,10 @@ def expand(settings: dict[str, Any], tree: dict[str, Any], problems: Problems) -
             continue
         names = matching_keys(tree, key)
         if not names:
-            problems.add(key, "no table has such a name", value)
+            problems.add(key, "no table has such a name (* stands for any characters)", value)
         for name in names:
             if name in expanded:
-                problems.add(key, f"sets {name!r}, which is set before it", value)
+                problems.add(key, f"sets {name!r}, which is set before it: remove one", value)
             expanded[name] = value
     return expanded
 

@@ -128,7 +128,8 @@ def _without_names(value: Any, components: tuple[str, ...]) -> tuple[Any, list[t
 
 
 def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
-    """Convert ``[[signal]]``: keys that are none of the model's are constants."""
+    """Signals of the array ``[[signal]]`` of a file: keys that are no field of `Signal` are
+    constants of its formula. Problems are noted; entries that cannot be read are left out."""
     if not isinstance(tree, list):
         problems.add("signal", "must be an array of tables: [[signal]]", tree)
         return ()
@@ -330,7 +331,7 @@ def _spellings(stem: str, key: str, kind: str) -> str:
 
 
 def idle_signals(scene: Scene) -> list[str]:
-    """Signals that give no number and that no other signal names."""
+    """Names of the signals that give no number of the scene and that no other signal names."""
     named = {drive.signal for drive in scene.driven.values()} | {*signal_terms(scene).values()}
     for signal in scene.signal:
         named |= set(names(parse(signal.formula))) - {signal.name, *signal.constants}
@@ -338,8 +339,8 @@ def idle_signals(scene: Scene) -> list[str]:
 
 
 def with_sizes(scene: Scene) -> Scene:
-    """Copy of a scene with a size of every number that a signal gives: its largest value over time
-    with all other quantities at 0. For estimates only: of scales, speeds and heights."""
+    """Copy of a scene with a size in place of every number that a signal gives: its largest
+    magnitude over time with all other quantities at 0. For estimates of scales, speeds, heights."""
     times = np.linspace(0.0, scene.run.end_time, _TIMES)
     sizes = {}
     for path, drive in scene.driven.items():

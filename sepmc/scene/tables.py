@@ -121,7 +121,8 @@ def _read_items(
 def _components(
     field: Field, value: dict[str, Any], factor: float, key_path: str, problems: Problems
 ) -> list[Any]:
-    """Convert a vector written as ``{ y = 1.0 }``; omitted components keep their default."""
+    """Components, in order and in the unit of the key, of a vector written as ``{ y = 1.0 }``;
+    omitted ones have their default. ``factor`` is that of the unit to SI."""
     names = field.quantity.components
     for key in value:
         if key not in names:

@@ -138,7 +138,7 @@ def test_a_matrix_of_correlations(pair):
         ([{"parameters": TOGETHER["parameters"]}], "one of coefficient and matrix"),
         ([{"parameters": TOGETHER["parameters"], "matrix": [[1.0, 0.5]]}], "2 rows of 2"),
         ([{"parameters": TOGETHER["parameters"], "matrix": [[1.0, 0.5], [0.4, 1.0]]}],
-         "alike at [1][0] and [0][1]"),
+         "equal at [1][0] and [0][1]"),
         ([{"parameters": TOGETHER["parameters"], "matrix": [[1.0, 0.5], [0.5, 0.9]]}],
          "matrix = 0.9: must have 1 at [1][1]"),
         ([TOGETHER, TOGETHER], "correlated already, in correlation.0"),
