@@ -388,7 +388,7 @@ OTHERS = [  # the same for everything.toml
     (
         "[joint.hinge.kind.loose]",
         "[joint.hinge.kind.slider]",
-        ["joint.hinge.kind.slider", "is the name of a common kind"],
+        ["joint.hinge.kind.slider", "is the name of a common joint kind"],
     ),
     ('rotations = ["y"]', 'rotations = ["q"]', ["joint.hinge.kind.loose.rotations"]),
     (

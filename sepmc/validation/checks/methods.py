@@ -42,8 +42,8 @@ def _order(case: str, method: str, steps: np.ndarray, error: Callable[[dict], fl
 
 
 def orders() -> list[Line]:
-    """Rates and attitude of a free body against the closed form; after a release, against Newton
-    and Euler."""
+    """Check: rates and attitude of a free body against the closed form; after a release, against
+    Newton and Euler."""
     smooth, event = campaign("free_body", SMOOTH), campaign("two_bodies", RELEASE)
     w, r = ref.asymmetric_top(
         smooth.scene.run.end_time, tensor(smooth.scene, "stone"), smooth.scene.initial.omega

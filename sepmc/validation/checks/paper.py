@@ -42,8 +42,8 @@ def _deviations() -> dict[str, float]:
 
 
 def phases() -> list[Line]:
-    """Nominal case, ended within each phase: every outcome, and the reaction of the joint relative
-    to its magnitude."""
+    """Check: nominal case, ended within each phase: every outcome, and the reaction of the joint
+    relative to its magnitude."""
     lines = []
     for phase, formulation, settings in PHASES:
         base = load("table2.toml", FINE | settings)
@@ -67,8 +67,8 @@ def phases() -> list[Line]:
 
 
 def cases() -> list[Line]:
-    """Dispersed cases, every outcome at the end: compiled in steps of 10 ms, and interpreted in
-    selected steps."""
+    """Check: dispersed cases, every outcome at the end: compiled in steps of 10 ms, and interpreted
+    in selected steps."""
     base, lines = load("table2.toml", FINE), []
     tables = {
         "steps of 10 ms": _table(),

@@ -155,8 +155,8 @@ def _bounds() -> dict[str, Bound]:
 
 
 def hour() -> list[Stress]:
-    """One hour of 72,000 steps: energy and angular momentum are constant, and a weld follows its
-    closed form."""
+    """Stress: one hour of 72,000 steps: energy and angular momentum are constant, and a weld
+    follows its closed form."""
     lines = []
     turned = float(np.linalg.norm(OMEGA)) * HOUR
     for x in hours():

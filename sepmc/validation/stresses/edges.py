@@ -48,8 +48,8 @@ def _speed_error(run: NominalRun, expected: np.ndarray) -> float:
 
 
 def aero_tables() -> list[Stress]:
-    """Tables of one coefficient over Mach, alpha or beta, entered on the edge, just inside and just
-    outside.
+    """Stress: tables of one coefficient over Mach, alpha or beta, entered on the edge, just inside
+    and just outside.
 
     On an edge the round-off of speed or angle decides: inside and accurate, or outside and flagged,
     are both right.
@@ -110,7 +110,8 @@ def aero_tables() -> list[Stress]:
 
 
 def air() -> list[Stress]:
-    """Air tabulated up to a height, and the 1976 atmosphere: on the edges, and through them."""
+    """Stress: air tabulated up to a height, and the 1976 atmosphere: on the edges, and through
+    them."""
     lines = []
     drag = {"axial": {"const": 0.4}}
     for label, altitude, pitch, inside in (
@@ -150,7 +151,7 @@ def air() -> list[Stress]:
 
 
 def wind() -> list[Stress]:
-    """Wind profile below, within and above its rows: constant beyond them."""
+    """Stress: wind profile below, within and above its rows: constant beyond them."""
     lines = []
     profile = {
         "altitude_m": [1000.0, 5000.0, 6000.0],
@@ -184,8 +185,8 @@ def _near(distance: list[float], axial: list[float], step: float, push: float) -
 
 
 def proximity() -> list[Stress]:
-    """Increments far beyond both ends of their distances: constant there. A corner at the end of a
-    table within a step."""
+    """Stress: increments far beyond both ends of their distances: constant there. A corner at the
+    end of a table within a step."""
     lines: list[Stress] = []
     for label, distance, push in (
         ("proximity, beyond its last row", [0.0, 0.05, 0.1], 100.0),
