@@ -29,7 +29,8 @@ _NO_GRID = np.empty(0)
 
 
 class QuantileSketch:
-    """Sketch of the values of one outcome, without NaN."""
+    """Streamed values of one outcome, without NaN: stored up to `EXACT_VALUES`, from then on
+    counted in bins."""
 
     def __init__(self) -> None:
         self._buffer = np.empty(EXACT_VALUES)
@@ -125,7 +126,7 @@ class QuantileSketch:
 
 
 class ValueList(list[np.ndarray]):
-    """Values stored as they come."""
+    """Values of cases to `QuantileSketch.merge`, as arrays in the order they were added."""
 
     def add(self, values: np.ndarray) -> None:
         """Add values, as `QuantileSketch.add`."""

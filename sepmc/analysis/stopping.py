@@ -82,7 +82,7 @@ class StoppingRule:
 
     @property
     def is_moment(self) -> bool:
-        """True for a mean or a sigma, which depend on values that did not occur."""
+        """True for a mean or a sigma, which depend on rare values that may not have occurred."""
         return self.statistic in ("mean", "sigma")
 
     def first(self, values: Sequence[RareValue]) -> int:

@@ -256,7 +256,8 @@ def _at(values: np.ndarray, step: float, times: np.ndarray) -> np.ndarray:
 
 
 def _sum_squares(differences: np.ndarray) -> np.ndarray:
-    """Sums (n,) of squares (n, m); where a case has no value, the mean of its others counts."""
+    """Sums (n,) of the squares of differences (n, m); where a case has none, the mean of its other
+    squares counts; infinite for a case without any."""
     squares = differences**2
     known = np.isfinite(squares)
     total, count = np.where(known, squares, 0.0).sum(axis=1), known.sum(axis=1)

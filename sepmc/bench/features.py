@@ -27,7 +27,8 @@ _HISTORY_ROWS = 50  # if the scene has no histories
 
 @dataclass(frozen=True)
 class Variant:
-    """A campaign without a feature, or with histories; ``change`` describes the difference."""
+    """A campaign without the ``feature`` of that name, or with histories; ``change`` is a text on
+    the difference from the scene."""
 
     feature: str
     change: str

@@ -148,7 +148,8 @@ class Study:
 
 @dataclass(frozen=True)
 class SolverVariant:
-    """Method, formulation and steps, and the number of cases to run."""
+    """Campaign with a method and formulation, selected or given steps, and number of cases to run;
+    ``default`` if the steps are those that a run of the campaign would take."""
 
     integration: Integration
     campaign: Campaign

@@ -161,7 +161,8 @@ def _add_row(segment: Segment, line: str, n: int, kind: str) -> None:
 
 
 def _segment_at(segments: list[Segment], epoch: float, text: str) -> Segment:
-    """The segment that contains an epoch; raises FormatError."""
+    """The segment that contains an epoch; raises FormatError, with ``text`` as the epoch, if none
+    does."""
     for segment in segments:
         if segment.epochs[0] <= epoch <= segment.epochs[-1]:
             return segment

@@ -143,7 +143,8 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
 
 
 def _located(options: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Options with the file of an attitude in the folder of the campaign."""
+    """Options in which the path of the attitude file, if there is one, begins at the folder of the
+    campaign."""
     attitude = options.get("attitude")
     if isinstance(attitude, dict) and isinstance(attitude.get("file"), str):
         return options | {"attitude": attitude | {"file": str(folder / attitude["file"])}}

@@ -68,8 +68,8 @@ def _integral(run: NominalRun, rate: Array) -> Array:
 
 
 def _thrust(run: NominalRun) -> tuple[Array, Array, Array]:
-    """Force (n, 3), N, moment about the origin (n, 3), N m, and power (n,), W, of all motors, ground
-    axes. The thrust is constant."""
+    """Force (n, 3), N, moment about the origin (n, 3), N m, and power (n,), W, of all motors over
+    time, ground axes. The thrust is constant."""
     force, moment, power = (
         np.zeros((len(run.t), 3)),
         np.zeros((len(run.t), 3)),
