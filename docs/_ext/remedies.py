@@ -7,8 +7,7 @@ OF_NOTES = {
     r"with relative = true": "a width in the unit of the key was probably meant as a fraction: add "
     "`relative = true`, or change the width",
     r"can hold its bodies still": "`return_factor = 1`, or forces of at least 0",
-    r"the weights add up to": "weights are normalised to probabilities; change the weights if that "
-    "is not meant",
+    r"the weights add up to": "they are normalised; change them if that is not meant",
     r"may not have, and are not run": "bound the distribution with `truncate_sigma`",
     r"overlap at the start": "move a station, or give the clearance `after`",
     r"nearly level along its x axis": "give `apart = 1` or `-1`: the sign of the separation is "
@@ -98,8 +97,8 @@ OF_FOLDERS = {
     r"cannot be repaired": "run it again, into another folder",
     r"hard link|is a link|neither a file nor a folder": "copy the file there: a run folder "
     "contains its own files only",
-    r"another version of sepmc|counted less": "read the run with the version of sepmc that wrote "
-    "it (named in its manifest), or run it again",
+    r"another version of sepmc|counted less": "read it with the version that wrote it (its "
+    "manifest names it), or run it again",
     r"with another campaign|with another seed|Latin hypercube|Saltelli design|"
     r"is to be continued|leave some out": "`--resume` needs the same campaign, seed and mode; for "
     "another run choose another `--out`",

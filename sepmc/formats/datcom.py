@@ -143,8 +143,7 @@ def _references(text: str) -> dict[str, float]:
 
 
 def _compare(references: dict[str, float], aero: dict[str, Any]) -> None:
-    """Raise FormatError if the reference area or length of an output differs from that of the
-    aerodynamics by more than 2 %."""
+    """Refuse a deck whose reference quantities are not those of the aerodynamics."""
     for name, stem, kind in (
         ("sref", "reference_area", "area"),
         ("lref", "reference_length", "length"),
@@ -158,7 +157,7 @@ def _compare(references: dict[str, float], aero: dict[str, Any]) -> None:
             first = next(iter(UNITS[kind]))
             raise FormatError(
                 f"has the {stem.replace('_', ' ')} {references[name]:.6g} {first}, but {key} is "
-                f"{value:g}: give the one of the file, to which its coefficients refer"
+                f"{value:g}: its coefficients belong to its own"
             )
 
 
@@ -280,8 +279,7 @@ def _add_row(
 
 
 def _digital_references(output: _Output, line: str) -> None:
-    """Put the reference quantities of a line of flight conditions into an output: area, lengths,
-    moment centre."""
+    """Reference quantities of a line of flight conditions: area, lengths, moment centre."""
     numbers = line.split()[1:] if line.startswith("0 ") else line[1:].split()
     if len(numbers) >= 6:
         names = ("REF AREA", "REF LENGTH", "LAT REF LENGTH", "MOMENT CENTER")

@@ -141,8 +141,8 @@ def _columns(path: Path, options: dict[str, Any]) -> tuple[Columns, list[str]]:
 
 
 def _wyoming(text: str) -> tuple[TextTable, int]:
-    """Sounding as the University of Wyoming prints it, in columns of seven characters: the rows
-    with pressure, height, temperature, direction and speed, and the number of other rows."""
+    """Sounding as the University of Wyoming gives it: columns of seven characters, blank where
+    nothing was measured. Rows with pressure, height, temperature, direction and speed are read."""
     names = ("PRES", "HGHT", "TEMP", "DWPT", "RELH", "MIXR", "DRCT", "SKNT")
     needed = (0, 1, 2, 6, 7)
     lines = text.splitlines()

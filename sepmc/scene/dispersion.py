@@ -205,8 +205,8 @@ def _given(distribution: Distribution) -> list[str]:
 
 
 def _is_structure(parts: list[str]) -> bool:
-    """True if the parts of a path name a number that all cases share: run and solver settings,
-    outputs, signs of separation, numbers of pins, the zero of alpha_ref."""
+    """True for a number that all cases share: run and solver settings, signs, the zero of
+    alpha_ref."""
     return (
         parts[0] in ("run", "solver", "clearance", "output")
         or (parts[0] == "joint" and parts[2] in ("apart", "kind"))
