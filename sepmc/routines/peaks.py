@@ -428,7 +428,7 @@ def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
     w : array
         Workspace.
     nodes, stride : int
-        As in `update_size`. A node has the separating force and two zeros, then the vector (0, y,
+        As in `update_between`. A node has the separating force and two zeros, then the vector (0, y,
         z) of the load of each pin end.
     ends : int
         Number of pin ends: two for each pin.
@@ -519,7 +519,7 @@ def first_reached(w, nodes, stride, scratch, threshold):
     Parameters
     ----------
     w, nodes, stride, scratch
-        As in `update_size`.
+        As in `update_between`.
     threshold : float
         In the unit of the vector.
 
@@ -579,7 +579,7 @@ def first_crossed(w, nodes, stride, scratch, threshold, side, rising, falling):
     Parameters
     ----------
     w, nodes, stride, scratch
-        As in `update_size`.
+        As in `update_between`.
     threshold : float
         In the unit of the vector.
     side : float
@@ -646,7 +646,7 @@ def _crossing(low, high, w, scratch, threshold, side):
 def side_at(w, nodes, stride, scratch, threshold, theta, side):
     """Side of a threshold on which the magnitude of a vector is at the fraction ``theta`` of a
     step: 1 below, -1 above; at the threshold the last side before, ``side`` before the step. Other
-    arguments as in `update_size`."""
+    arguments as in `update_between`."""
     noinline()
     _set_coefficients(nodes, stride, w, scratch)
     for i in range(COUNT):
