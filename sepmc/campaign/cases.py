@@ -32,7 +32,17 @@ _MIN_PROBABILITY = 1e-300  # of a probability
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sampler of ``cases`` cases and correlations of parameters."""
+    """Sampler of a case table, and the correlations of its parameters.
+
+    Attributes
+    ----------
+    sampler : str
+        "random", "lhs", "sobol" or "saltelli".
+    cases : int
+        Number of cases of the whole sample, which the samplers of `SIZE_DEPENDENT` need.
+    copulas : tuple of Copula
+        Gaussian copulas of correlated parameters.
+    """
 
     sampler: str = "random"
     cases: int = 0
@@ -52,6 +62,7 @@ def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
     path : str
         TOML path of the parameter, without unit.
     first, count : int
+        Number of the first case, and number of cases.
 
     Returns
     -------
@@ -87,8 +98,8 @@ def _strata(seed: int, path: str, cases: int) -> np.ndarray:
 
 
 def _sobol(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
-    """Points of a scrambled Sobol sequence (dimensions, count), at the centres of their cells:
-    never 0 or 1."""
+    """Points ``first`` to ``first + count`` - 1 of a scrambled Sobol sequence (dimensions, count),
+    at the centres of their cells: never 0 or 1."""
     from scipy.stats import qmc  # noqa: PLC0415  (1 s that other samplers do not need)
 
     points = qmc.Sobol(dimensions, bits=_SOBOL_BITS, rng=np.random.default_rng(seed))
@@ -100,7 +111,8 @@ def _sobol(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
 
 
 def _saltelli(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
-    """Cases of a Saltelli design (dimensions, count).
+    """Probabilities (dimensions, count) of cases ``first`` to ``first + count`` - 1 of a Saltelli
+    design.
 
     Group g uses both halves of point g // `REPLICATES` of Sobol sequence g % `REPLICATES`.
     """
@@ -122,7 +134,8 @@ def _saltelli(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
 
 
 def size_fault(sampling: Sampling, dimensions: int) -> str:
-    """Reason why a sampler cannot have this number of cases; empty if it can."""
+    """Reason why a sampler cannot sample its number of cases with this number of dispersed
+    parameters (``dimensions``); empty if it can."""
     size = dimensions + 2
     if sampling.sampler in SIZE_DEPENDENT and sampling.cases * dimensions > DESIGN_NUMBERS:
         max_cases = DESIGN_NUMBERS // dimensions
@@ -186,7 +199,8 @@ def _correlate(u: np.ndarray, copula: Copula) -> None:
 def _mix_scores(
     rows: np.ndarray, copula: Copula, scores: Sequence[np.ndarray] | np.ndarray
 ) -> list[int]:
-    """Write correlated scores into rows (d, n), made of independent ``scores``.
+    """Write correlated scores into ``rows`` (d, n), made of the independent ``scores`` (k, n) of
+    the k parameters of a copula.
 
     Returns the indices of the rows written; other rows keep their bits.
     """
@@ -254,6 +268,7 @@ def sample(
     ----------
     dispersions : tuple of Dispersion
     seed, first, count : int
+        Seed, number of the first case, and number of cases.
     sampling : Sampling
 
     Returns
@@ -310,7 +325,7 @@ def correlated_scores(scores: np.ndarray, copulas: Sequence[Copula]) -> np.ndarr
 
 def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ...]:
     """The scene with all dispersed parameters at their minimum, and at their maximum; empty without
-    dispersions."""
+    dispersions. Extremes of a continuous distribution are its quantiles at 1e-6 and 1 - 1e-6."""
     if not dispersions:
         return ()
     ends = [_range(d) * d.parameter.factor for d in dispersions]
@@ -322,7 +337,8 @@ def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ..
 
 
 def _range(dispersion: Dispersion) -> np.ndarray:
-    """Minimum and maximum (2,) of a distribution, in the unit of the parameter's key."""
+    """Minimum and maximum (2,) of a distribution, of a continuous one the quantiles at 1e-6 and 1 -
+    1e-6, in the unit of the parameter's key."""
     if dispersion.distribution == "discrete":
         return np.array([min(dispersion.numbers), max(dispersion.numbers)])
     return quantile(dispersion, np.array([_TAIL_PROBABILITY, 1.0 - _TAIL_PROBABILITY]))

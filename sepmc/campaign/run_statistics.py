@@ -48,7 +48,8 @@ class RunStatistics:
         return self.manifest.get("accuracy") or {}
 
     def as_json(self, units: dict[str, str], table: pd.DataFrame | None = None) -> dict[str, Any]:
-        """Content of ``statistics.json``, or the same for some rows of the ``table`` only."""
+        """Content of ``statistics.json``. ``units`` are those of the outcomes, by name; ``table``
+        has some rows of the statistics, if not all are wanted."""
         return result_files.statistics_as_json(
             self.table if table is None else table,
             self.summary.counts,
@@ -61,7 +62,8 @@ class RunStatistics:
 
 
 def numerical_errors(accuracy: Mapping[str, Any]) -> dict[str, float]:
-    """Numerical error of each outcome by the accuracy record of a manifest; null is infinite."""
+    """Relative numerical error by outcome, from the accuracy record of a manifest, in which null
+    stands for an infinite error."""
     errors = accuracy.get("errors", {})
     return {name: math.inf if error is None else error for name, error in errors.items()}
 
@@ -83,6 +85,10 @@ def evaluate(
         Manifest of the run.
     with_reference : bool
         Put the reference values of the campaign beside the statistics.
+
+    Returns
+    -------
+    RunStatistics
     """
     errors = numerical_errors(manifest.get("accuracy") or {})
     table = summary.statistics(campaign.reference if with_reference else None)
@@ -111,7 +117,8 @@ def read_summary(folder: Path, campaign: Definition) -> TableStatistics | Stream
 
 
 def read_run(folder: Path, campaign: Definition) -> RunStatistics:
-    """Evaluate the case rows of a run folder."""
+    """Statistics, audit and verdicts of a run folder, computed from its case rows. Raises
+    StoreError."""
     manifest = manifests.read_manifest(folder)
     return evaluate(campaign, read_summary(folder, campaign), manifest)
 
