@@ -40,7 +40,7 @@ def scene_scales(scene: Scene, units: Iterable[str]) -> np.ndarray:
     Returns
     -------
     ndarray, shape (len(units),)
-        SI.
+        A size for each unit, SI.
     """
     mass = sum(body.mass for body in scene.body.values())
     gyration = max(float(np.sqrt(max(body.inertia) / body.mass)) for body in scene.body.values())
@@ -141,6 +141,7 @@ def errors(outcomes: np.ndarray, reference: np.ndarray, scale: np.ndarray) -> np
     Returns
     -------
     ndarray, shape (n, o)
+        Relative errors, >= 0.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         same = (outcomes == reference) | (np.isnan(outcomes) & np.isnan(reference))
@@ -234,10 +235,11 @@ def _by_name(
 def with_errors(
     campaign: Definition, errors_by_name: Mapping[str, float], table: pd.DataFrame
 ) -> pd.DataFrame:
-    """Add the column ``error``, the error in the unit of each outcome, and marks of constant
-    outcomes.
+    """Add to a table of statistics, a row per outcome, the columns ``error``, ``error_size`` and
+    ``constant``.
 
-    See `sepmc.analysis.constant_outcomes.with_constants`.
+    ``error`` is the relative error (NaN if unknown); it is left out if ``errors_by_name`` is empty.
+    For the others see `sepmc.analysis.constant_outcomes.with_constants`.
     """
     if errors_by_name:
         table = table.assign(error=[errors_by_name.get(str(name), np.nan) for name in table.index])
@@ -264,8 +266,8 @@ def zero_below_error(
 
 
 def decisive(columns: list[Column]) -> np.ndarray:
-    """Mask (o,) of the outcomes that must converge: all but times and positions of extremes and
-    contact."""
+    """Mask (o,) of the outcomes, given by their ``columns``, that must converge: all but contact
+    and the times and positions of extremes."""
     return np.array(
         [not column.name.endswith(_EXTREME_POSITIONS) for column in columns], dtype=bool
     )
@@ -278,9 +280,10 @@ class AchievedAccuracy:
     Attributes
     ----------
     asked : float
-        ``solver.accuracy``.
+        Requested accuracy, ``solver.accuracy``.
     errors : dict of str to float
-        By outcome: `SAFETY` times the largest error of the calibration cases.
+        Relative error (see `errors`) by outcome: `SAFETY` times the largest of the calibration
+        cases.
     cases : int
         Number of calibration cases.
     positions : frozenset of str
@@ -306,8 +309,7 @@ class AchievedAccuracy:
 
     @property
     def worst_position(self) -> tuple[str, float] | None:
-        """Time or position of an extreme with the largest error, and the error; None if there are
-        none."""
+        """Outcome of `positions` with the largest error, and the error; None if there are none."""
         errors = {name: error for name, error in self.errors.items() if name in self.positions}
         return _largest(errors) if errors else None
 
@@ -337,7 +339,7 @@ def achieved(campaign: Definition, largest_errors: np.ndarray, cases: int) -> Ac
     ----------
     campaign : Definition
     largest_errors : ndarray, shape (o,)
-        Largest error of each outcome.
+        Largest relative error of each outcome.
     cases : int
         Number of calibration cases; errors are infinite if 0.
 

@@ -77,9 +77,9 @@ def kernel_text(
     ----------
     campaign : Definition
     solver : str, optional
-        Name of other integration methods.
+        Name of the integration method; that of the campaign if None.
     history : bool
-        Write stored histories.
+        Write the code that stores histories, too.
     variant : int
         A `Variant` of the kernel.
 
@@ -99,7 +99,8 @@ def stage_names(spec: KernelSpec) -> list[str]:
 
 
 def fallbacks(campaign: Definition, spec: KernelSpec, history: bool) -> tuple[FallbackKernel, ...]:
-    """Fallback kernels for cases that the kernel of a specification rejects."""
+    """Fallback kernels for cases that the kernel of a specification rejects, in the order in which
+    they are tried; each is loaded when it is first needed."""
     phases = [phase.name for phase in spec.scene.phase]
     numbers = np.array([phases.index(segment.phase) for segment in spec.segments])
 
@@ -127,14 +128,15 @@ def select_steps(
     ----------
     campaign : Definition
     history : bool
-        Store histories.
+        Histories are to be stored.
     announce : Log, optional
+        Called with messages about compiling and calibration.
     size : CalibrationSize, optional
         Number of calibration cases; (`CORNERS`, `SAMPLE`) if None.
     timing : dict of str to float, optional
         Seconds are added to the keys text, compile and steps.
     again : bool
-        Select them although they are kept, and keep none.
+        Select steps anew, even if there are stored ones, and store none.
 
     Returns
     -------
@@ -178,7 +180,8 @@ def _load(
     announce: Log | None,
     timing: dict[str, float] | None,
 ) -> Kernel:
-    """Write and load the kernel of a specification."""
+    """Write the kernel of a specification, and compile or load it; adds seconds to the keys compile
+    and text of ``timing``."""
     start, waited = time.perf_counter(), compile_wait_s()
     kernel = load_kernel(written(spec, campaign.scene.solver.method, history), announce)
     waited = compile_wait_s() - waited
@@ -195,7 +198,7 @@ def _select(
     size: CalibrationSize,
     timing: dict[str, float],
 ) -> Integration:
-    """Select steps by calibration cases."""
+    """Select kernel variant and steps by calibration cases, without the step store."""
     variant: int = Variant.STANDARD
     history_size = history_rows(campaign.scene) if history and campaign.scene.joint else 0
     while True:
