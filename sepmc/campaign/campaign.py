@@ -77,7 +77,7 @@ def load(
     Raises
     ------
     SceneError
-        If the file has errors, with the place of each.
+        If the file has errors; the message lists each with the path of its key.
     StoreError
         If the campaign of a run folder was changed.
     """

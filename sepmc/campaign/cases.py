@@ -80,19 +80,20 @@ def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:
-    """Random generator for a purpose that is no parameter path."""
+    """Random generator that follows from a seed and a purpose, independent of all streams of
+    parameters."""
     return np.random.Generator(np.random.Philox(key=_key(seed, f"{purpose}:")))
 
 
 def _key(seed: int, path: str) -> int:
-    """Key of a random stream."""
+    """Key, 128 bits, of the random stream of a seed and a parameter path or purpose."""
     text = f"{seed}:{path}".encode()
     return int.from_bytes(hashlib.blake2b(text, digest_size=16).digest(), "little")
 
 
 @lru_cache(maxsize=64)
 def _strata(seed: int, path: str, cases: int) -> np.ndarray:
-    """Stratum (cases,) of each case of a Latin hypercube in one parameter."""
+    """Stratum (cases,), 0 to ``cases`` - 1, of each case of a Latin hypercube in one parameter."""
     generator = np.random.Generator(np.random.Philox(key=_key(seed, f"{path}:strata")))
     return generator.permutation(cases)
 
@@ -164,6 +165,7 @@ def probabilities(
     paths : sequence of str
         Of the parameters.
     seed, first, count : int
+        Seed, number of the first case, and number of cases.
     sampling : Sampling
 
     Returns

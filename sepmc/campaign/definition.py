@@ -94,7 +94,7 @@ def _without_none(node: Any) -> Any:
 
 
 class Definition:
-    """Definition of a campaign.
+    """Scene and dispersions of a campaign, and the columns and samples that follow from them.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ class Definition:
 
     @cached_property
     def columns(self) -> list[Column]:
-        """Columns of the case table."""
+        """Columns of the case table: case number, status, inputs and results."""
         head = [
             Column("case", "1", "number of the case"),
             Column("status", "", "ok, or why the case failed"),
@@ -250,7 +250,7 @@ class Definition:
         return inputs_si
 
     def ends_before_start(self, inputs_si: np.ndarray) -> np.ndarray:
-        """Find cases with a load that ends before it starts.
+        """Find cases with a load that ends before it starts, or at its start.
 
         Parameters
         ----------
@@ -260,6 +260,7 @@ class Definition:
         Returns
         -------
         ndarray of bool, shape (n,)
+            True for these cases.
         """
         index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         is_early = np.zeros(len(inputs_si), dtype=bool)
@@ -386,7 +387,7 @@ class Definition:
         return selection, total
 
     def sampling_of(self, total: int | None = None) -> cases.Sampling:
-        """Sampling of cases.
+        """Sampler, number of cases and correlations of a sample.
 
         Parameters
         ----------

@@ -44,7 +44,8 @@ class RunStatistics:
 
     @property
     def accuracy(self) -> Mapping[str, Any]:
-        """Accuracy record of the manifest."""
+        """Entry ``accuracy`` of the manifest, on steps and numerical error; empty if there is
+        none."""
         return self.manifest.get("accuracy") or {}
 
     def as_json(self, units: dict[str, str], table: pd.DataFrame | None = None) -> dict[str, Any]:
@@ -126,8 +127,8 @@ def read_run(folder: Path, campaign: Definition) -> RunStatistics:
 def write(
     folder: Path, campaign: Definition, summary: TableStatistics | StreamingStatistics
 ) -> RunStatistics:
-    """Write ``statistics.csv`` and ``statistics.json`` of a run into its folder, and
-    ``histograms.csv`` if the folder has no case rows.
+    """Evaluate a run, and write ``statistics.csv`` and ``statistics.json`` into its folder, and
+    ``histograms.csv`` if it stores statistics instead of the rows of all cases.
 
     Raises
     ------

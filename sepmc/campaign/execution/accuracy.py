@@ -193,7 +193,7 @@ def column_scales(
 def with_scales(
     campaign: Definition, errors_by_name: Mapping[str, float], statistics: pd.DataFrame
 ) -> dict[str, tuple[float, float]]:
-    """Error and scale of each outcome, in the unit of its column.
+    """Relative error of each outcome, and its scale in the unit of its column (`scales`).
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def with_scales(
     Returns
     -------
     dict of str to (float, float)
-        Error (NaN if unknown) and scale, by outcome.
+        Relative error (NaN if unknown) and scale, by outcome.
     """
     names = [column.name for column in campaign.outcome_columns]
     extremes = statistics.loc[names, ["min", "max"]].to_numpy()
@@ -217,15 +217,16 @@ def with_scales(
 def with_scales_of(
     campaign: Definition, errors_by_name: Mapping[str, float], outcomes: np.ndarray
 ) -> dict[str, tuple[float, float]]:
-    """Error and scale of each outcome of cases, as `with_scales`; ``outcomes`` (n, o) in the units
-    of their columns."""
+    """Relative error and scale of each outcome, as `with_scales`, from the ``outcomes`` (n, o) of
+    cases, in the units of their columns."""
     return _by_name(campaign, errors_by_name, column_scales(campaign, outcomes))
 
 
 def _by_name(
     campaign: Definition, errors_by_name: Mapping[str, float], outcome_scales: np.ndarray
 ) -> dict[str, tuple[float, float]]:
-    """Error (NaN if unknown) and scale by outcome."""
+    """Relative error (NaN if unknown) and scale by outcome; ``outcome_scales`` (o,) are in the
+    order of the outcomes."""
     return {
         column.name: (errors_by_name.get(column.name, np.nan), float(scale))
         for column, scale in zip(campaign.outcome_columns, outcome_scales, strict=True)

@@ -28,8 +28,9 @@ def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray
     """Inputs at corners of the dispersions, SI.
 
     The first row is the median of every parameter; in the others each parameter is at one of its
-    ends, chosen by a fixed random sequence. Angles that vary over more than a quarter turn are
-    spaced over their range instead, and discrete distributions take every value.
+    ends (quantiles at 0.001 and 0.999), chosen by a fixed random sequence. Angles that vary over
+    more than a quarter turn are spaced over their range instead, discrete distributions take every
+    value, and whether something ``fails`` stays at its median.
 
     Parameters
     ----------

@@ -92,8 +92,8 @@ def worker_notes(worker_kinds: Mapping[str, int]) -> list[str]:
 def sampling_notes(
     campaign: Definition, numbers: CaseSelection, total: int | None = None
 ) -> Iterator[str]:
-    """Notes on cases that are not sampled independently, or that the user chose; ``total`` cases
-    are sampled."""
+    """Notes on the cases ``numbers`` of a run if they are not sampled independently, or the user
+    chose them; ``total`` is the number of cases of the sample that they belong to."""
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:
         yield (

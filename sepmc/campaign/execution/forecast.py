@@ -22,7 +22,7 @@ _LONG_S, _LARGE = 20.0, 5e9  # shorter and smaller runs are not announced
 
 @dataclass(frozen=True)
 class Forecast:
-    """Size of a run.
+    """Forecast size of a run.
 
     Attributes
     ----------

@@ -207,7 +207,8 @@ def _stored_rows(
 def _stored_accumulators(
     campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
-    """State of the accumulators when they were last written; later selected rows are removed."""
+    """State of a run that stores statistics, as its accumulators were last written, and the
+    remaining cases; selected rows of later cases are removed."""
     entry = shards.accumulator_entry(folder)
     if not entry:
         shards.drop_damaged(folder, with_histories=False)

@@ -504,10 +504,10 @@ class Runner:
 
     def statistic_is_known(self, until: StoppingRule, end: int, n_looks: int) -> bool:
         """Return True if the cases up to ``end`` - 1 give a statistic as precisely as ``until``
-        asks.
+        asks; the run then ends with these cases.
 
-        ``n_looks`` is the maximum number of such checks. The run is then reduced to these cases. A
-        resumed run can hold more cases than ``end``: fewer were not enough, so the result is False.
+        ``n_looks`` is the maximum number of such checks in a run. A resumed run can have more cases
+        than ``end``: fewer were not enough, so the result is False.
         """
         summary = self.output().summary
         if self.n_complete > end:

@@ -429,8 +429,8 @@ class _SingleRun:
         return round(min_steps / ratio) * ones, error, notes
 
     def _last_completed(self) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """As `_converged_steps`, for a case whose work is used up: the last integration that
-        reached its end."""
+        """Steps (segments,), relative errors (o,) and a note, for a case whose work is used up: of
+        the last integration that reached its end. Raises _RejectedError if none did."""
         advice = "; to continue, give solver.step_s or a larger solver.accuracy"
         if not self.completed:
             self.spent_note = (

@@ -335,7 +335,8 @@ def _announce_calibration(announce: Log | None) -> None:
 
 
 def _progress_counter(announce: Log | None) -> Callable[[int], None]:
-    """Function that adds to a count of cases and announces it from time to time."""
+    """Return a function (n_cases) that adds to a count of calibration cases, and announces the
+    count every ten seconds."""
     report, total = progress_reporter(announce, REPORT_EVERY_S), 0
 
     def count(n_cases: int) -> None:

@@ -37,7 +37,8 @@ def check_entries(folder: Path) -> None:
     Raises
     ------
     StoreError
-        If an entry is a link, a pipe or a hard link, or a folder cannot be read.
+        If an entry is a link, a pipe or another special file, if a file of the run folder itself
+        has a second name (hard link), or if a folder cannot be read.
     """
     if not is_local(folder):  # object storage has no links
         return
@@ -54,7 +55,8 @@ def check_entries(folder: Path) -> None:
 
 
 def _check_entry(entry: "os.DirEntry[str]", is_rewritten: bool) -> None:
-    """Check one entry. ``is_rewritten``: files here are written in place, as figures are."""
+    """Check one entry of a folder; raises StoreError. With ``is_rewritten`` its files may be
+    written in place, so that hard links are refused, too."""
     if entry.is_symlink():
         raise StoreError(
             f"{entry.path}: is a link; a run folder contains its own files only: put the file there"
