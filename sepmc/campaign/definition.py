@@ -377,11 +377,13 @@ class Definition:
                 self.sampling_of(selection)
                 return CaseSelection.first(selection), selection
             if selection > of_file.count:
-                raise InputError(f"cases = {selection}: {inputs.path.name} has {of_file.count}")
+                table = inputs.path.name
+                raise InputError(f"cases = {selection}: {table} has only {of_file.count} cases")
             selection = CaseSelection.of(inputs.numbers[:selection])
         fixed = inputs is not None or self.scene.run.sampler in SIZE_DEPENDENT
         if fixed and (missing := selection.count - selection.count_common(of_file)):
-            raise InputError(f"cases = {selection}: {missing} of them are not among {of_file}")
+            message = f"{missing} of them are not among {of_file}, the cases of the file"
+            raise InputError(f"cases = {selection}: {message}")
         total = max(of_file.end, selection.end)
         self.sampling_of(total)
         return selection, total

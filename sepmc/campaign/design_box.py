@@ -96,7 +96,7 @@ def _range(key: str, ends: Any) -> tuple[float, float]:
         reason = f"must be the lowest and the highest value, as in {_EXAMPLE}"
         raise InputError(f"vary, {key} = {shorten(ends)}: {reason}") from None
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise InputError(f"vary, {key} = ({low:g}, {high:g}): must be finite, and rise")
+        raise InputError(f"vary, {key} = ({low:g}, {high:g}): must be finite, lowest value first")
     return low, high
 
 
@@ -242,7 +242,10 @@ def _check_signs(box: DesignBox) -> None:
         if any(p.path.startswith("joint.") or ".cg." in p.path for p in v.parameters)
     ]
     if len(variables) > _MAX_GEOMETRIC:
-        raise InputError(f"vary: at most {_MAX_GEOMETRIC} variables of mass centres and joints")
+        raise InputError(
+            f"vary: {len(variables)} variables of mass centres and joints: must be at most "
+            f"{_MAX_GEOMETRIC}"
+        )
     signs = {joint: separation_sign(box.scene, joint) for joint in box.scene.joint}
     for corner in itertools.product((0.0, 1.0), repeat=len(variables)):
         values = {

@@ -102,8 +102,8 @@ def sampling_notes(
         )
     if not numbers.are_first and numbers != campaign.numbers:
         yield (
-            f"only cases {numbers} are run: intervals and verdicts are valid unless they were "
-            "chosen by their outcomes"
+            f"only cases {numbers} are run: if these were chosen by their outcomes, intervals and "
+            "verdicts are not valid"
         )
     if sampler == "random":
         return
@@ -200,7 +200,10 @@ def nominal_notes(
         if value is None:  # a status or a violation
             continue
         if math.isnan(value):
-            yield f"requirement.{item.name}: the nominal case has no {item.metric}"
+            yield (
+                f"requirement.{item.name}: the nominal case has no {item.metric}: its event does "
+                "not occur, or it is not defined"
+            )
         unit = "" if units[item.metric] == "1" else units[item.metric]
         for key, bound, sign in (("at_least", item.at_least, 1), ("at_most", item.at_most, -1)):
             if bound is not None and sign * (value - bound) < 0.0:

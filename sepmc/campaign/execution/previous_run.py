@@ -53,8 +53,8 @@ def original_mode(
     if (stats_only or keep) and (stats_only_before, text) != (True, keep.text if keep else ""):
         raise folders.StoreError(
             f"{folder}: was run {_mode_text(stats_only_before, text)}, and is to be continued "
-            f"{_mode_text(True, keep.text if keep else '')}; leave that out, or choose another "
-            f"{option('out')}"
+            f"{_mode_text(True, keep.text if keep else '')}; leave that option out, or choose "
+            f"another {option('out')}"
         )
     if until is None and not manifest.get("complete"):
         until = manifest.get("stopping_rule")
@@ -217,7 +217,8 @@ def _stored_accumulators(
     if about.get(b"numbers") != spec.text.encode() or entry.first > spec.numbers.count:
         numbers = about.get(b"numbers", b"").decode(errors="replace")
         raise folders.StoreError(
-            f"{folder}: counted {entry.first} cases{f' of {numbers}' if numbers else ''}; "
+            f"{folder}: contains statistics of {entry.first} cases"
+            f"{f' of {numbers}' if numbers else ''}; "
             f"{_cases_option(spec.numbers)} would leave some out; give a selection with all of "
             f"them, or another {option('out')}"
         )

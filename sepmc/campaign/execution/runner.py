@@ -406,7 +406,7 @@ class Runner:
                     self.rows.selection.restore(remaining)
         except (ValueError, ArithmeticError, StopIteration) as error:
             raise folders.StoreError(
-                f"{self.folder}: {error}; run it with {switch('overwrite')}"
+                f"{self.folder}: {error}; run it again with {switch('overwrite')}"
             ) from None
 
     def finish(self) -> None:

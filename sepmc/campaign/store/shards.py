@@ -408,8 +408,8 @@ def read_summaries(folder: Path) -> Iterator[str]:
         _, reason = read_metadata(_verified_path(folder, entry))
         if b"summary" not in reason:
             raise StoreError(
-                f"{folder}: was run by a version of sepmc that counted less, so its cases cannot "
-                f"be continued; {another_place()}"
+                f"{folder}: was run by another version of sepmc, whose shards have no summary, so "
+                f"its cases cannot be continued; {another_place()}"
             )
         yield reason[b"summary"].decode(errors="replace")
 
@@ -461,7 +461,7 @@ class CaseColumns(Mapping[str, np.ndarray]):
             return pa.concat_tables(read)
         except pa.ArrowException as error:
             reason = printable(str(error))
-            raise StoreError(f"{self.folder}: its parts differ in columns: {reason}") from None
+            raise StoreError(f"{self.folder}: its shards differ in columns: {reason}") from None
 
     def batches(
         self, names: Sequence[str]

@@ -59,12 +59,18 @@ def _check_entry(entry: "os.DirEntry[str]", is_rewritten: bool) -> None:
     written in place, so that hard links are refused, too."""
     if entry.is_symlink():
         raise StoreError(
-            f"{entry.path}: is a link; a run folder contains its own files only: put the file there"
+            f"{entry.path}: is a link, but a run folder contains its own files only: replace it by "
+            "a copy of the file"
         )
     if not entry.is_file(follow_symlinks=False) and not entry.is_dir(follow_symlinks=False):
-        raise StoreError(f"{entry.path}: is neither a file nor a folder; take it out of the run")
+        raise StoreError(
+            f"{entry.path}: is neither a file nor a folder; remove it from the run folder"
+        )
     if is_rewritten and entry.is_file() and entry.stat().st_nlink > 1:
-        reason = "has another name elsewhere (a hard link), where it would be written too: copy it"
+        reason = (
+            "has another name elsewhere (a hard link), where it would be written too: replace it "
+            "by a copy"
+        )
         raise StoreError(f"{entry.path}: {reason}")
 
 
