@@ -63,7 +63,7 @@ def original_mode(
 
 def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
     """Cases of the run in ``folder``, if ``campaign`` was loaded from that folder and they are not
-    simply its first cases; else None."""
+    all cases of its sample; else None."""
     if campaign.file.folder.resolve() != folder.resolve():
         return None
     numbers = manifests.read_provenance(folder).get("numbers")

@@ -314,8 +314,8 @@ def read_shard(folder: Path, entry: ledger.Entry) -> dict[str, np.ndarray]:
 
 
 def drop_damaged(folder: Path, with_histories: bool) -> int:
-    """Remove damaged shards of cases from a folder and its ledger and, ``with_histories``, those
-    whose shard of histories is not intact; remove all shards that are not in the ledger, too.
+    """Keep, in a folder and its ledger, only intact shards of cases, ``with_histories`` only if
+    their shard of histories is intact too; remove all other shards, selected rows included.
 
     Returns
     -------
