@@ -142,7 +142,7 @@ def draw_figures(
 
 
 def required_bounds(campaign: "Campaign") -> dict[str, list[float]]:
-    """Return the bounds, at_least and at_most, that requirements set on each outcome."""
+    """Return the required bounds of each outcome."""
     bounds: dict[str, list[float]] = {}
     for item in campaign.file.requirements:
         own = [bound for bound in (item.at_least, item.at_most) if bound is not None]

@@ -77,9 +77,9 @@ def kernel_text(
     ----------
     campaign : Definition
     solver : str, optional
-        Name of the integration method; that of the campaign if None.
+        Name of other integration methods.
     history : bool
-        Write the code that stores histories, too.
+        Write stored histories.
     variant : int
         A `Variant` of the kernel.
 
@@ -99,8 +99,7 @@ def stage_names(spec: KernelSpec) -> list[str]:
 
 
 def fallbacks(campaign: Definition, spec: KernelSpec, history: bool) -> tuple[FallbackKernel, ...]:
-    """Fallback kernels for cases that the kernel of a specification rejects, in the order in which
-    they are tried; each is loaded when it is first needed."""
+    """Fallback kernels for cases that the kernel of a specification rejects."""
     phases = [phase.name for phase in spec.scene.phase]
     numbers = np.array([phases.index(segment.phase) for segment in spec.segments])
 

@@ -367,8 +367,7 @@ def _remove_unrecorded(folder: Path) -> None:
 
 
 def campaign_text(file: CampaignFile, **run: Any) -> str:
-    """TOML text of a resolved campaign for a run folder; ``run`` gives values that replace those of
-    its ``run`` table."""
+    """TOML of the resolved campaign of a folder, with other values of its ``run`` table."""
     settings = run | ({"samples": folders.SAMPLES} if file.input_table else {})
     tree = {**file.tree, "run": {**file.tree.get("run", {}), **settings}} if settings else file.tree
     return replace(file, tree=tree).toml
