@@ -41,6 +41,8 @@ _NO_OUTCOME = (
     "requirement",
     "reference",
     "scenario",
+    "map",
+    "size",
 )  # keys of a file that change no row
 _NOT_IN_DIGEST = ("cases", "seed", "chunk", "samples")
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))

@@ -1,7 +1,6 @@
 """Map of designs: the verdict on each requirement at every point of a grid of one or two design
 variables."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,52 +9,8 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.proportions import binomial_interval
+from sepmc.scene.design_tables import MapAxis, parse_axis
 from sepmc.scene.messages import InputError, Log
-
-_MAX_POINTS = 1000  # of an axis
-_EXAMPLE = "spring.*.force_N=600:1200:41"
-
-
-@dataclass(frozen=True)
-class MapAxis:
-    """Design variable of a map, and its values.
-
-    Attributes
-    ----------
-    key : str
-        TOML path with its unit; ``*`` stands for any name.
-    low, high : float
-        Ends, in that unit.
-    count : int
-        Number of values, evenly spaced, ends included.
-    """
-
-    key: str
-    low: float
-    high: float
-    count: int
-
-    @property
-    def values(self) -> np.ndarray:
-        """Values (count,), rising."""
-        return np.linspace(self.low, self.high, self.count)
-
-
-def parse_axis(text: str, name: str) -> MapAxis:
-    """Parse ``KEY=LOW:HIGH:COUNT``; ``name`` is that of the option. Raises InputError."""
-    key, separator, ends = text.partition("=")
-    numbers = ends.split(":")
-    try:
-        low, high, count = float(numbers[0]), float(numbers[1]), int(numbers[2])
-        if not separator or len(numbers) != 3:
-            raise ValueError
-    except (ValueError, IndexError):
-        raise InputError(f"{name} = {text}: must be KEY=LOW:HIGH:COUNT, as {_EXAMPLE}") from None
-    if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise InputError(f"{name} = {text}: LOW and HIGH must be finite, and rise")
-    if not 2 <= count <= _MAX_POINTS:
-        raise InputError(f"{name} = {text}: COUNT must lie in 2 to {_MAX_POINTS}")
-    return MapAxis(key.strip(), low, high, count)
 
 
 @dataclass
@@ -142,3 +97,6 @@ def map_designs(
         ]
         table[[f"{item.name}_low", f"{item.name}_high"]] = intervals
     return DesignMap(tuple(axes), table, cases, campaign.checked_seed(seed), result.timing)
+
+
+__all__ = ["DesignMap", "MapAxis", "map_designs", "parse_axis"]

@@ -18,8 +18,15 @@ import pandas as pd
 from sepmc.analysis.proportions import allowed_violations, binomial_cdf, required_cases
 from sepmc.analysis.requirements import PASS, margins
 from sepmc.campaign.session import Session
-from sepmc.scene.formula import CONSTANTS, FormulaError, Node, evaluate, names, parse
-from sepmc.scene.messages import InputError, Log, nearest
+from sepmc.scene.design_tables import (
+    Variable,
+    check_subject_to,
+    check_variables,
+    cost_tree,
+    parse_variable,
+)
+from sepmc.scene.formula import Node, evaluate
+from sepmc.scene.messages import InputError, Log
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import Status, is_yes_or_no
 
@@ -28,7 +35,6 @@ if TYPE_CHECKING:
 
 Run = Callable[[np.ndarray], pd.DataFrame]  # designs (m, variables) to cost and margin of each
 
-MAX_VARIABLES = 6
 MAX_TRIES = 3
 VERDICT_CASES = 4  # times the cases of the search
 _LIKELY = 0.95  # probability that the run for the verdict shows a design at the edge
@@ -37,16 +43,6 @@ _FINE = 2001  # costs between two neighbours of a point of the grid
 _STEPS = 40  # several variables: designs for each, at most, after the first ones
 _TOLERANCE = 1e-4  # of the range of a variable
 _STEP = 0.7  # fraction of the accepted violations, from one try to the next
-
-
-@dataclass(frozen=True)
-class Variable:
-    """Design variable: its name in the cost, TOML path with unit, and ends of its range."""
-
-    name: str
-    key: str
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -84,20 +80,6 @@ class Sizing:
     at_ends: tuple[str, ...] = ()
 
 
-def parse_variable(text: str) -> Variable:
-    """Parse ``NAME=KEY=LOW:HIGH``. Raises InputError."""
-    name, _, rest = text.partition("=")
-    key, _, ends = rest.rpartition("=")
-    try:
-        low, high = (float(end) for end in ends.split(":"))
-        if not (name.strip().isidentifier() and key.strip()):
-            raise ValueError
-    except ValueError:
-        example = "push=spring.*.force_N=600:1200"
-        raise InputError(f"--vary = {text}: must be NAME=KEY=LOW:HIGH, as {example}") from None
-    return Variable(name.strip(), key.strip(), low, high)
-
-
 def size(
     campaign: "Campaign",
     variables: Sequence[Variable],
@@ -106,6 +88,7 @@ def size(
     seed: int | None = None,
     threads: int | None = None,
     announce: Log | None = None,
+    subject_to: Sequence[str] = (),
 ) -> Sizing:
     """Find the design with the smallest cost that passes all requirements with confidence.
 
@@ -124,6 +107,8 @@ def size(
     threads : int, optional
     announce : callable (text), optional
         Called with messages.
+    subject_to : sequence of str
+        Names of the requirements to pass; all if empty.
 
     Returns
     -------
@@ -142,7 +127,9 @@ def size(
     Several: a Sobol sequence of 8 designs for each, then COBYLA of scipy from the cheapest accepted
     one, at most 40 designs for each. The optimum is that of the search, not proven to be global.
     """
-    tree = _cost_tree(minimise, variables)
+    check_variables(variables)
+    tree = cost_tree(minimise, variables)
+    campaign = with_requirements(campaign, subject_to)
     items = checked_requirements(campaign, cases)
     seed = campaign.checked_seed(seed)
     vary = {one.key: (one.low, one.high) for one in variables}
@@ -175,29 +162,20 @@ def _text(design: Mapping[str, float]) -> str:
     return ", ".join(f"{key} = {value:.6g}" for key, value in design.items())
 
 
-def _cost_tree(minimise: str, variables: Sequence[Variable]) -> Node:
-    """Syntax tree of the cost. Raises InputError."""
-    known = [one.name for one in variables]
-    if not 1 <= len(known) <= MAX_VARIABLES:
-        raise InputError(f"vary: has {len(known)} variables: must be 1 to {MAX_VARIABLES}")
-    if len(set(known)) < len(known):
-        raise InputError(f"vary: names a variable twice: {', '.join(known)}")
-    if taken := sorted(CONSTANTS.keys() & known):
-        raise InputError(f"vary: {taken[0]} is a number in formulas: choose another name")
-    try:
-        tree = parse(minimise)
-    except FormulaError as error:
-        raise InputError(f"minimise = {minimise}: {error}") from None
-    for name in names(tree):
-        if name not in known:
-            raise InputError(f"minimise = {minimise}: {name!r} is none; {nearest(name, known)}")
-    if not names(tree):
-        raise InputError(f"minimise = {minimise}: must contain a variable: {', '.join(known)}")
-    return tree
-
-
 def _named(variables: Sequence[Variable], values: Sequence[Any]) -> dict[str, Any]:
     return {one.name: value for one, value in zip(variables, values, strict=True)}
+
+
+def with_requirements(campaign: "Campaign", names: Sequence[str]) -> "Campaign":
+    """Campaign with the named requirements alone; unchanged without names. Raises InputError."""
+    if not names:
+        return campaign
+    check_subject_to(names, campaign.file.requirements)
+    items = [one for one in campaign.file.tree["requirement"] if one["name"] in names]
+    settings: dict[str, Any] = {"requirement": items}
+    if campaign.file.size is not None:
+        settings["size.subject_to"] = list(names)
+    return campaign.with_settings(settings)
 
 
 def checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement, ...]:
@@ -436,3 +414,6 @@ class _Search:
             constraints={"type": "ineq", "fun": lambda x: result(x)[1]},
             options={"rhobeg": 0.15, "tol": _TOLERANCE, "maxiter": _STEPS * count},
         )
+
+
+__all__ = ["Sizing", "Variable", "parse_variable", "size"]

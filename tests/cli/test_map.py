@@ -74,10 +74,27 @@ def test_map_writes_a_table_and_a_figure(file):
     (file.parent / "table2-map.parquet").unlink()
     assert "table2-map-speed.png" in call(*words).output  # is not replaced either
     assert call(*words, "--overwrite", "--quiet").output == ""
-    done = call(*words[:3], f"{X}=400:600:3", "--y", f"{Y}=440:480:2", *words[4:], "--out", "m.csv")
+    axes = f'[map]\nx = "{X}=400:600:3"\ny = "{Y}=440:480:2"\ncases = 40\n'
+    file.write_text(file.read_text() + axes, encoding="utf-8")
+    done = call("map", file, "--out", "m.csv")
     assert done.exit_code == 0, done.output
+    assert "6 designs, 40 cases each" in done.output
     assert len(pd.read_csv("m.csv")) == 6
     assert (file.parent / "m-speed.png").exists()
+
+
+def test_options_replace_the_axes_of_the_file(file):
+    """--y alone replaces the second axis, --x both."""
+    axes = f'[map]\nx = "{X}=400:600:3"\ny = "{Y}=440:480:2"\ncases = 40\n'
+    file.write_text(file.read_text() + axes, encoding="utf-8")
+    words = ["map", file, "--no-plots", "--overwrite", "--cases", 5]
+    assert "12 designs, 5 cases each" in call(*words, "--y", f"{Y}=440:480:4").output
+    assert "2 designs, 5 cases each" in call(*words, "--x", f"{X}=400:600:2").output
+
+
+def test_a_map_without_axes_is_refused(file):
+    for words in ([], ["--y", f"{Y}=440:480:4"]):
+        assert "has no [map]: give --x" in call("map", file, *words).output
 
 
 def test_too_few_cases_are_named(file):
