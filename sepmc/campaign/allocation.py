@@ -17,7 +17,7 @@ import pandas as pd
 
 from sepmc.analysis.proportions import paired_interval
 from sepmc.analysis.requirements import PASS, violation_masks
-from sepmc.campaign.sizing import checked_requirements, fresh_verdict
+from sepmc.campaign.judging import checked_requirements, fresh_verdict
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import InputError, Log, SceneError
 

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.proportions import allowed_violations, binomial_cdf, required_cases
-from sepmc.analysis.requirements import PASS, margins
+from sepmc.analysis.proportions import allowed_violations, binomial_cdf
+from sepmc.analysis.requirements import margins
+from sepmc.campaign.judging import checked_requirements, fresh_verdict, with_requirements
 from sepmc.campaign.session import Session
 from sepmc.scene.design_tables import (
     Variable,
-    check_subject_to,
     check_variables,
     cost_tree,
     parse_variable,
@@ -164,58 +164,6 @@ def _text(design: Mapping[str, float]) -> str:
 
 def _named(variables: Sequence[Variable], values: Sequence[Any]) -> dict[str, Any]:
     return {one.name: value for one, value in zip(variables, values, strict=True)}
-
-
-def with_requirements(campaign: "Campaign", names: Sequence[str]) -> "Campaign":
-    """Campaign with the named requirements alone; unchanged without names. Raises InputError."""
-    if not names:
-        return campaign
-    check_subject_to(names, campaign.file.requirements)
-    items = [one for one in campaign.file.tree["requirement"] if one["name"] in names]
-    settings: dict[str, Any] = {"requirement": items}
-    if campaign.file.size is not None:
-        settings["size.subject_to"] = list(names)
-    return campaign.with_settings(settings)
-
-
-def checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement, ...]:
-    """Requirements of a campaign, which so many random cases of different seeds can show. Raises
-    InputError."""
-    items = campaign.file.requirements
-    if not items:
-        raise InputError(f"{campaign.name}: has no requirement to judge by: give [[requirement]]")
-    run = campaign.scene.run
-    if run.samples is not None:
-        raise InputError("run.samples: gives the run for the verdict the cases of the search")
-    if run.sampler != "random":
-        raise InputError(f"run.sampler = {run.sampler!r}: verdicts need random cases")
-    for item in items:
-        needed = required_cases(0, item.probability, item.confidence)
-        if cases < needed:
-            raise InputError(
-                f"cases = {cases}: requirement {item.name} cannot be shown with fewer than {needed}"
-            )
-    return items
-
-
-def fresh_verdict(
-    campaign: "Campaign",
-    settings: dict[str, Any],
-    cases: int,
-    seed: int,
-    tries: int,
-    threads: int | None,
-    announce: Log | None,
-) -> tuple[bool, pd.DataFrame]:
-    """True if a run with other values shows all requirements, and its verdicts. Their confidence is
-    raised for a number of such tries."""
-    raised = {
-        f"requirement.{item.name}.confidence": 1.0 - (1.0 - item.confidence) / tries
-        for item in campaign.file.requirements
-    }
-    run = campaign.with_settings(settings | raised).run(cases, seed, threads, announce=announce)
-    verdicts = run.requirements()
-    return bool((verdicts["verdict"] == PASS).all()), verdicts
 
 
 def accepted_violations(item: Requirement, cases: int, fraction: float = 1.0) -> int:

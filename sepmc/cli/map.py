@@ -1,5 +1,6 @@
 """`sepmc map`: verdicts over design variables."""
 
+import math
 from pathlib import Path
 
 import click
@@ -36,6 +37,12 @@ _CASES = 1000
     help="Cases of every design, on common random numbers. Default: map.cases of the file, or "
     f"{_CASES}.",
 )
+@click.option(
+    "--max-cases",
+    type=click.IntRange(min=1),
+    help="Cases of a design that is open with fewer, at most: they are doubled up to this number. "
+    "Default: no more.",
+)
 @SEED
 @SETTINGS
 @THREADS
@@ -48,6 +55,7 @@ def map_(
     x_axis: str | None,
     y_axis: str | None,
     cases: int | None,
+    max_cases: int | None,
     seed: int | None,
     settings: tuple[str, ...],
     threads: int | None,
@@ -57,7 +65,8 @@ def map_(
     quiet: bool,
 ) -> None:
     """Judge each requirement of FILE at every point of a grid of designs: shown, refuted, or open
-    with these cases.
+    with these cases. With --max-cases, designs that are open get more of them, at a confidence that
+    is raised for the number of looks.
 
     KEY is a TOML path with its unit; * stands for any name. An option replaces the key of [map] in
     FILE; --x replaces both axes. Cases with one number have the same random numbers in every
@@ -81,7 +90,7 @@ def map_(
     campaign = load_campaign(file, settings)
     plan = campaign.file.map
     if plan is not None:
-        cases = cases or plan.cases
+        cases, max_cases = cases or plan.cases, max_cases or plan.max_cases
         second = second or list([] if first else plan.axes[1:])
         first = first or list(plan.axes[:1])
     if not first:
@@ -91,18 +100,14 @@ def map_(
     check_out_file(path, (".csv", ".parquet"), overwrite)
     for image in [] if no_plots else figure_paths(campaign, path):
         check_out_file(image, (".png",), overwrite)
-    log, total = logger(quiet), cases
-    for axis in axes:
-        total *= axis.count
-    with progress_bar(total, quiet) as report:
+    log = logger(quiet)
+    with progress_bar(cases * math.prod(axis.count for axis in axes), quiet) as report:
 
-        def progress(done: int, n_designs: int) -> None:
+        def progress(done: int, total: int) -> None:
             if report:
-                report(done * cases, n_designs * cases, 0)
+                report(done, total, 0)
 
-        if report:
-            report(0, total, 0)
-        designs = map_designs(campaign, axes, cases, seed, threads, progress, log)
+        designs = map_designs(campaign, axes, cases, seed, threads, progress, log, max_cases)
     written = [write_table(designs, campaign, path)]
     if not no_plots:
         written += write_figures(designs, campaign, path)
