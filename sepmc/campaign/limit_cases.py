@@ -5,7 +5,7 @@ The ends are those of the distribution; a normal one ends at 3 sigma (0.135 and 
 truncation, whichever is nearer. An angle that varies by more than a quarter turn is also simulated
 between its ends. Combinations take each input at its low end, nominal or high end, and such angles
 between. A combination is sought by changing one input at a time, always that with the largest loss
-of margin, from three starts: each input at its worst end by itself, the worst of some random
+of margin, from some starts: each input at its worst end by itself, the worst of some random
 corners, and the nominal case. Others may be worse. Correlations are not considered: ends may be
 together that hardly ever occur so.
 """
@@ -40,7 +40,7 @@ NOMINAL, WORST = "nominal", "worst of "
 _WIDE_ANGLE = 0.5 * math.pi  # an angle with a wider range can have extremes anywhere
 _SIGMAS = 3.0  # ends of a normal distribution
 _BETWEEN = 7  # values between the ends of a wide angle
-_CORNERS = 64  # random corners, of which the worst is a start
+_CORNERS, _STARTS = 64, 4  # random corners, and the worst of them, which are starts
 _ROUNDS = 200  # changes from a start, at most
 
 
@@ -224,7 +224,8 @@ class _LimitSearch:
             lowest = mine[scores[mine].argmin()]
             if scores[lowest] < score(self.nominal[None])[0]:
                 alone = self._changed(alone, k, self.single[lowest, k])
-        starts = [alone, corners[score(corners).argmin()], self.nominal]
+        lowest_corners = corners[np.argsort(score(corners), kind="stable")[:_STARTS]]
+        starts = [alone, *lowest_corners, self.nominal]
         combinations = np.array([self._descend(start, score) for start in starts])
         return np.asarray(combinations[score(combinations).argmin()])
 

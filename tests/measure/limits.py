@@ -12,10 +12,15 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.limit_cases import _LimitSearch
 from sepmc.scene.read import parse_campaign
 
-# campaign and outcomes, each with a bound on either side
+# campaign, and outcomes with the sides of their bounds; the smallest of a rate that is a magnitude
+# is no limit case: inputs cancel there
+BOTH = ("at_least", "at_most")
 CAMPAIGNS = {
-    "table2": ("separation_speed_m_s", "upper_pitch_deg", "lower_omega_z_deg_s"),
-    "lightband": ("clear_craft_transverse_rate_deg_s", "separation_speed_m_s"),
+    "table2": {"separation_speed_m_s": BOTH, "upper_pitch_deg": BOTH, "lower_omega_z_deg_s": BOTH},
+    "lightband": {
+        "clear_craft_transverse_rate_deg_s": ("at_most",),
+        "separation_speed_m_s": BOTH,
+    },
 }
 
 
@@ -25,8 +30,8 @@ def main(subsets: int, inputs: int) -> None:
     for name, metrics in CAMPAIGNS.items():
         items = [
             {"name": f"r{k}{side}", "metric": metric, side: 0.0}
-            for k, metric in enumerate(metrics)
-            for side in ("at_least", "at_most")
+            for k, (metric, sides) in enumerate(metrics.items())
+            for side in sides
         ]
         tree = sepmc.load(name, {"run.history_step_s": 0.0}).file.tree | {"requirement": items}
         tree.pop("scenario", None)
