@@ -1,10 +1,13 @@
 """Content of the report of a run."""
 
+import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+
+import pandas as pd
 
 from sepmc.analysis.requirements import FAIL, Verdict
 from sepmc.analysis.statistics_text import (
@@ -37,8 +40,25 @@ from sepmc.report.history_figures import run_figures
 from sepmc.report.replay_data import replay_data
 from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
+from sepmc.scene.scenarios import BASELINE
 from sepmc.schema import Status, is_yes_or_no
 
+# files beside the run of a campaign with scenarios: title, a line, and columns
+_BESIDE = (
+    (
+        "scenarios.csv",
+        "Scenarios",
+        "The same random numbers in each; the run folders are beside that of this page.",
+        ("scenario", "title", "run", "ok", "name", "verdict", "violations", "allowed"),
+    ),
+    (
+        "limits.csv",
+        "Limit cases",
+        "Inputs at their low or high end, the others nominal; and the worst combination found for "
+        "each requirement. A violation here is no verdict: that is about a fraction of all cases.",
+        ("limit", "low", "high", "between", "status"),
+    ),
+)
 _PAGES = ("rates", "angles", "separation", "hinges", "clearances")  # figures of a worst case
 _ACCURACY = 1e-5  # relative; errors below are not visible in a figure
 _SHOWN = 12  # outcomes in the table
@@ -134,7 +154,35 @@ def _content(
         campaign=campaign.file.toml,
         run=shlex.quote(str(folder)),
         driver_notes=drivers.notes(),
+        beside=tables_beside(folder),
     )
+
+
+def tables_beside(folder: Path) -> list[page.PlainTable]:
+    """Return the tables of `sepmc scenarios` beside the run folder of its campaign, ``baseline``:
+    scenarios and limit cases; none of another run."""
+    if folder.resolve().name != BASELINE:
+        return []
+    tables = []
+    for name, title, note, columns in _BESIDE:
+        path = folder.resolve().parent / name
+        if not path.is_file():
+            continue
+        table = pd.read_csv(path)
+        margins = [str(head) for head in table if str(head).endswith("_margin")]
+        names = [head.removesuffix("_margin") for head in margins]
+        wanted = {*columns, *margins, *names, *(f"{name}_outcome" for name in names)}
+        shown = table[[head for head in table if head in wanted]]
+        rows = [[_cell(value) for value in row] for row in shown.itertuples(index=False)]
+        tables.append(page.PlainTable(title, note, list(map(str, shown)), rows))
+    return tables
+
+
+def _cell(value: Any) -> str:
+    """Value of a stored table as text; empty if it is missing."""
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:.5g}"
+    return str(value)
 
 
 def _worst_cases(campaign: Campaign, run: RunStatistics) -> dict[int, tuple[str, str]]:

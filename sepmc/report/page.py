@@ -41,6 +41,25 @@ class CaseReplay:
 
 
 @dataclass
+class PlainTable:
+    """Table of texts.
+
+    Parameters
+    ----------
+    title : str
+    note : str
+        A line above it.
+    head : sequence of str
+    rows : sequence of sequence of str
+    """
+
+    title: str
+    note: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass
 class ReportContent:
     """Content of a report.
 
@@ -82,6 +101,8 @@ class ReportContent:
         Replay of the nominal case, from `sepmc.report.replay_data.replay_data`.
     flight : str
         Text on the comparison with a flight; empty without one.
+    beside : sequence of PlainTable
+        Scenarios and limit cases that were run beside the campaign.
     """
 
     name: str
@@ -106,6 +127,7 @@ class ReportContent:
     replays: Sequence[CaseReplay] = field(default_factory=list)
     nominal: Mapping[str, Any] | None = None
     flight: str = ""
+    beside: Sequence[PlainTable] = ()
 
 
 def write_report(
