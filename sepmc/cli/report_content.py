@@ -20,6 +20,7 @@ from sepmc.analysis.statistics_text import (
 from sepmc.campaign import run_statistics
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.label import of_settings
+from sepmc.campaign.limit_cases import WORST
 from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import manifests
 from sepmc.cli.figures import clearance_bounds, draw_figures, event_times, ranked_outcomes
@@ -49,16 +50,18 @@ _BESIDE = (
         "scenarios.csv",
         "Scenarios",
         "The same random numbers in each; the run folders are beside that of this page.",
-        ("scenario", "title", "run", "ok", "name", "verdict", "violations", "allowed"),
+        ("scenario", "run", "ok", "name", "verdict", "violations", "allowed", "title"),
     ),
     (
         "limits.csv",
         "Limit cases",
         "Inputs at their low or high end, the others nominal; and the worst combination found for "
         "each requirement. A violation here is no verdict: that is about a fraction of all cases.",
-        ("limit", "low", "high", "between", "status"),
+        ("limit", "status"),
     ),
 )
+_JUDGED = ("", "_outcome", "_margin")  # columns of a requirement
+_COMBINED = ["low", "high", "between"]  # inputs of a combination
 _PAGES = ("rates", "angles", "separation", "hinges", "clearances")  # figures of a worst case
 _ACCURACY = 1e-5  # relative; errors below are not visible in a figure
 _SHOWN = 12  # outcomes in the table
@@ -171,8 +174,13 @@ def tables_beside(folder: Path) -> list[page.PlainTable]:
         table = pd.read_csv(path)
         margins = [str(head) for head in table if str(head).endswith("_margin")]
         names = [head.removesuffix("_margin") for head in margins]
-        wanted = {*columns, *margins, *names, *(f"{name}_outcome" for name in names)}
-        shown = table[[head for head in table if head in wanted]]
+        wanted = [*columns, *(f"{name}{end}" for name in names for end in _JUDGED)]
+        wanted += _COMBINED if margins else []
+        shown = table[[head for head in wanted if head in table]]
+        if margins:  # the name of any other limit case says where its inputs are
+            is_worst = table["limit"].astype(str).str.startswith(WORST)
+            shown = shown.assign(**{head: table[head].where(is_worst) for head in _COMBINED})
+        shown = shown.dropna(axis=1, how="all")
         rows = [[_cell(value) for value in row] for row in shown.itertuples(index=False)]
         tables.append(page.PlainTable(title, note, list(map(str, shown)), rows))
     return tables

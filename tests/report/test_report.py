@@ -32,8 +32,9 @@ REQUIRED = [
 BESIDE = {
     "scenarios.csv": "scenario,title,run,name,verdict\n"
     "weak,<script>alert(2)</script>,9,fast,fail\n",
-    "limits.csv": "case,limit,low,in_x_m,status,fast,fast_outcome,fast_margin\n"
-    "0,nominal,,1.0,ok,met,0.5412345,0.0112345\n1,x_m low,x_m,0.9,ok,violated,,\n",
+    "limits.csv": "case,limit,low,high,between,in_x_m,status,fast,fast_outcome,fast_margin\n"
+    "0,x_m low,x_m,,,0.9,ok,met,0.5412345,0.0112345\n"
+    "1,worst of fast,x_m,y_m; z_m,,0.9,ok,violated,,\n",
 }
 
 
@@ -86,13 +87,13 @@ class Tags(HTMLParser):
 def test_scenarios_and_limit_cases_beside_the_run(page):
     section = page.partition("<h2>Scenarios</h2>")[2].partition("<h2>Vehicle</h2>")[0]
     rows = re.findall("<tr>(.*?)</tr>", section, re.DOTALL)
-    cells = [re.findall("<t[dh]>(.*?)</t[dh]>", row) for row in rows]
+    cells = [re.findall("<t[dh].*?>(.*?)</t[dh]>", row) for row in rows]
     assert cells == [
-        ["scenario", "title", "run", "name", "verdict"],
-        ["weak", "&lt;script&gt;alert(2)&lt;/script&gt;", "9", "fast", "fail"],
-        ["limit", "low", "status", "fast", "fast_outcome", "fast_margin"],
-        ["nominal", "", "ok", "met", "0.54123", "0.011234"],
-        ["x_m low", "x_m", "ok", "violated", "", ""],
+        ["scenario", "run", "name", "verdict", "title"],
+        ["weak", "9", "fast", "fail", "&lt;script&gt;alert(2)&lt;/script&gt;"],
+        ["limit", "status", "fast", "fast_outcome", "fast_margin", "low", "high"],
+        ["x_m low", "ok", "met", "0.54123", "0.011234", "", ""],
+        ["worst of fast", "ok", "violated", "", "", "x_m", "y_m; z_m"],
     ]
 
 
