@@ -5,6 +5,7 @@ show it (`accepted_violations`). One variable: a grid, a closer look where desig
 accepted, and the border of the accepted designs. Several: a Sobol sequence, then COBYLA of scipy.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -292,11 +293,13 @@ class DesignSearch:
                 inside, outside = (inside[0], 0.5 * inside[1]), (middle, value)
 
     def _first_of_several(self, run: Run) -> None:
-        """Run a Sobol sequence of 8 designs for each variable, and two corners of the ranges."""
+        """Run a Sobol sequence of 8 designs for each variable, or some more, and two corners of the
+        ranges."""
         from scipy.stats.qmc import Sobol  # noqa: PLC0415
 
         count = len(self.variables)
-        unit = Sobol(count, rng=np.random.default_rng(self.seed)).random(8 * count)
+        power = math.ceil(math.log2(8 * count))
+        unit = Sobol(count, rng=np.random.default_rng(self.seed)).random_base2(power)
         low, span = self._ranges
         run(low + span * np.vstack([unit, np.zeros(count), np.ones(count)]))
 

@@ -79,6 +79,20 @@ def test_two_variables_are_no_worse_than_a_grid():
 
 
 @pytest.mark.slow
+def test_three_variables():
+    """Their first designs are a power of two, as a Sobol sequence needs."""
+    variables = [
+        Variable("push", "spring.pusher.force_N", 1000.0, 6000.0),
+        Variable("fore", "body.fore.mass_kg", 60.0, 100.0),
+        Variable("aft", "body.aft.mass_kg", 200.0, 400.0),
+    ]
+    sizing = size(campaign(), variables, "push + fore + aft", cases=100)
+    assert sizing.shown
+    assert sizing.values["body.fore.mass_kg"] == pytest.approx(60.0, abs=0.5)
+    assert risk(sizing.values[FORCE.key], masses=(200.0, 60.0)) < 0.05
+
+
+@pytest.mark.slow
 def test_a_cost_with_its_minimum_inside_the_range():
     """The grid of the search has steps of 417 N."""
     sizing = size(campaign(), [FORCE], "(push - 5123) ** 2", cases=100)
