@@ -121,8 +121,9 @@ def size(
     One variable: a grid of 13 points, 9 more designs between the neighbours of peaks of the margin
     at which nothing is accepted (three times), then the cheapest accepted design between the
     neighbours of the best one, to 1e-4 of the range.
-    Several: a Sobol sequence of 8 designs or more for each, then COBYLA of scipy from the cheapest accepted
-    one, at most 40 designs for each. The optimum is that of the search, not proven to be global.
+    Several: a Sobol sequence of 8 designs or more for each, then COBYLA of scipy from the cheapest
+    accepted one, at most 40 designs for each. The optimum is that of the search, not proven to be
+    global.
     """
     campaign, search = start_search(
         campaign, variables, [minimise], cases, seed, MAX_TRIES, threads, announce, subject_to
