@@ -97,7 +97,7 @@ OF_FOLDERS = {
     r"cannot be repaired": "run it again, into another folder",
     r"hard link|is a link|neither a file nor a folder": "copy the file there: a run folder "
     "contains its own files only",
-    r"another version of sepmc|counted less": "read it with the version that wrote it (its "
+    r"another version of sepmc": "read it with the version that wrote it (its "
     "manifest names it), or run it again",
     r"with another campaign|with another seed|Latin hypercube|Saltelli design|"
     r"is to be continued|leave some out": "`--resume` needs the same campaign, seed and mode; for "

@@ -428,8 +428,8 @@ def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
     w : array
         Workspace.
     nodes, stride : int
-        As in `update_between`. A node has the separating force and two zeros, then the vector (0, y,
-        z) of the load of each pin end.
+        As in `update_between`. A node has the separating force and two zeros, then the vector (0,
+        y, z) of the load of each pin end.
     ends : int
         Number of pin ends: two for each pin.
     scratch : int

@@ -5,7 +5,7 @@ import math
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import KINDS, is_subset, rows_of
 from sepmc.scene.limits import SMALLEST
-from sepmc.scene.load_checks import check_known
+from sepmc.scene.load_checks import SHORTEST, check_known
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, Condition, Scene
 
@@ -54,7 +54,7 @@ def check_phases(scene: Scene, problems: Problems) -> None:
         _check_condition(f"{key_path}.until", until, scene, problems)
         _check_can_move(f"{key_path}.until", until, phase.joints, scene, problems)
         if until.time is not None:
-            if until.time < last_time:
+            if until.time < last_time - SHORTEST:  # closer times are equal
                 problems.add(
                     f"{key_path}.until.time_s",
                     f"must be >= {last_time:g}, the end of the phase before",

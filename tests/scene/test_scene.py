@@ -391,3 +391,16 @@ def test_bits_of_a_rejected_whole_number_exceed_those_allowed(value):
     check_tree({"run": {"seed": value}}, problems)
     (message,) = problems
     assert "65 bits with its sign: must have at most 64" in message
+
+
+def test_ends_of_phases_that_differ_by_round_off_are_equal(pair):
+    """0.114097 s and the same time, converted from another unit."""
+    phases = [
+        {"name": "held", "joints": {"pins": "fixed"}, "until": {"time_s": 0.114097}},
+        {"name": "guided", "joints": {"pins": "slider"}, "until": {"time_s": 0.11409699999999999}},
+        {"name": "free"},
+    ]
+    assert pair({"phase": phases}).scene.phase[1].until.time < 0.114097
+    phases[1]["until"]["time_s"] = 0.114096
+    with pytest.raises(SceneError, match="end of the phase before"):
+        pair({"phase": phases})

@@ -259,7 +259,8 @@ class Rows:
 
     def _group_forces(self, multipliers: list[Any]) -> dict[str, Any]:
         """Forces, ground axes, that joints between bodies of one rigid group put on their second
-        bodies, by joint, given the multiplier of each row."""
+        bodies, by joint, given the multiplier of each row; without those that are known to be
+        zero."""
         own: dict[str, Any] = {}
         for m, one in zip(multipliers, self.rows, strict=True):
             if one.own:
@@ -267,6 +268,8 @@ class Rows:
                 own[one.row.joint] = tuple(force_before[i] + m * one.own.e[i] for i in range(3))
         forces = {}
         for joint, force in own.items():
+            if all(isinstance(x, float) for x in force):
+                continue
             r = self.s.attitude(self.bodies[joint][0])
             forces[joint] = tuple(
                 called(product((r[3 * i], r[3 * i + 1], r[3 * i + 2]), force), "pull")
