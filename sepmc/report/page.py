@@ -17,7 +17,7 @@ from sepmc.analysis.statistics_text import column_groups, rounded
 _STYLES = {PASS: "pass", FAIL: "fail"}
 
 
-_SCRIPTS = ("tables.js", "replay.js")
+_SCRIPTS = ("tables.js", "replay.js", "cases.js")
 
 
 @dataclass
@@ -140,7 +140,6 @@ def write_report(
             {
                 "number": replay.number,
                 "title": replay.title,
-                "moves": replay.data is not None,
                 "figures": _embedded(replay.figures),
             }
             for replay in report.replays
@@ -151,12 +150,12 @@ def write_report(
             if data is not None
         ],
         "replayed": [replay.number for replay in report.replays],
-        "scripts": [_resource(name) for name in _SCRIPTS],
+        "scripts": [resource(name) for name in _SCRIPTS],
     }
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment = templates()
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     columns, rows = _statistics(report.statistics, report.leading)
-    html = environment.from_string(_resource("report.html.j2")).render(
+    html = environment.get_template("report.html.j2").render(
         vars(report)
         | figures
         | {
@@ -171,7 +170,14 @@ def write_report(
     return path
 
 
-def _resource(name: str) -> str:
+def templates() -> jinja2.Environment:
+    """Return the environment of the pages of this package, whose templates are files beside this
+    one."""
+    loader = jinja2.FunctionLoader(resource)
+    return jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+
+
+def resource(name: str) -> str:
     """Return the text of a file beside this one."""
     return files("sepmc.report").joinpath(name).read_text(encoding="utf-8")
 

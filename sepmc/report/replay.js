@@ -1,33 +1,10 @@
 // Three-dimensional replays of cases, drawn on a plain canvas: faces of solids from back to front.
 // Data: `sepmc/report/replay_data.py`. Axes: x forward, y up, z right; metres.
 "use strict";
-(() => {
+const sepmcReplays = (() => {
   const $ = (id) => document.getElementById(id);
-  const bar = $("command"), source = $("replay-data");
-  const cases = source ? JSON.parse(source.textContent) : [];
-  const nominal = cases.find((one) => one.number === null);
-  const replays = cases.filter((one) => one.number !== null);
-
-  // A case number opens its replay, or shows the command that makes one.
-  for (const link of document.querySelectorAll(".case")) {
-    const number = Number(link.textContent);
-    if (link.tagName === "A") {
-      link.onclick = (event) => { event.preventDefault(); open(number); };
-      continue;
-    }
-    const button = document.createElement("button");
-    button.type = "button";
-    button.className = "case";
-    button.textContent = number;
-    button.title = `Show how to replay case ${number}`;
-    button.onclick = () => {
-      bar.querySelector("code").textContent = `sepmc replay ${bar.dataset.run} --case ${number}`;
-      bar.hidden = false;
-    };
-    link.replaceWith(button);
-  }
-  bar.querySelector("button").onclick = () => { bar.hidden = true; };
-  if (!replays.length) return;
+  let cases = [], replays = [], nominal;
+  if (!$("replay")) return { set() {}, has: () => false, open() {} };
 
   const SIDES = 32;  // of a circle
   const COLOURS = { thrust: "#D55E00", constraint: "#000000" };
@@ -38,7 +15,7 @@
   };
   const canvas = $("canvas"), slider = $("slider"), play = $("play"), select = $("case"),
     follow = $("follow"), ghost = $("ghost"), context = canvas.getContext("2d");
-  let shown = replays[0], row = 0, [yaw, pitch] = VIEWS["3-D"], zoom = 1, pan = [0, 0];
+  let shown = null, row = 0, [yaw, pitch] = VIEWS["3-D"], zoom = 1, pan = [0, 0];
   let started = null, waiting = false;
 
   // Vectors, and rotations by scalar-first quaternions as matrices of three rows.
@@ -85,7 +62,8 @@
     return { faces, edges, points: [], wall: part.wall };
   }
 
-  for (const one of cases) {
+  // Outlines, largest forces and reach of a case.
+  function prepare(one) {
     for (const body of one.bodies) {
       body.shapes = body.parts.map(shape);
       const spokes = body.spokes.map((end) => [[0, 0, 0], end]);
@@ -314,6 +292,7 @@
     redraw();
   }
   function redraw() {
+    if (!shown) return;
     if (!waiting) requestAnimationFrame(draw);
     waiting = true;
   }
@@ -412,6 +391,17 @@
     if (act) { event.preventDefault(); act(); }
   };
   new ResizeObserver(redraw).observe(canvas);
-  $("replay").hidden = false;
-  load(shown);
+
+  // Show these cases; the nominal one has no number.
+  function set(list) {
+    stop();
+    list.forEach(prepare);
+    cases = list;
+    nominal = cases.find((one) => one.number === null);
+    replays = cases.filter((one) => one.number !== null);
+    $("replay").hidden = !replays.length;
+    select.replaceChildren(...replays.map((one) => new Option(one.title, one.number)));
+    if (replays.length) load(replays[0]);
+  }
+  return { set, has: (number) => Boolean(byNumber(number)), open };
 })();

@@ -248,7 +248,7 @@ def test_names_do_not_break_out(data, tmp_path):
     hostile = content(data, replays=replays, run="<script>", name=name)
     page = write_report(hostile, tmp_path / "report.html", [], [], [])
     text = page.read_text(encoding="utf-8")
-    assert text.count("<script") == text.count("</script>") == 3
+    assert text.count("<script") == text.count("</script>") == 4
     assert "alert(1)</script>" not in text
     assert json.loads(embedded(page))[1]["bodies"][0]["name"] == name
 
