@@ -162,7 +162,7 @@ def write_report(
             "columns": columns,
             "leading": rows,
             "all_outcomes": _statistics(report.statistics, list(report.statistics.index))[1],
-            "verdicts": [_verdict(v, report.units.get(v.metric, "")) for v in report.verdicts],
+            "verdicts": [verdict_row(v, report.units.get(v.metric, "")) for v in report.verdicts],
             "sessions": [_session(session) for session in report.sessions],
         }
     )
@@ -170,16 +170,22 @@ def write_report(
     return path
 
 
-def templates() -> jinja2.Environment:
-    """Return the environment of the pages of this package, whose templates are files beside this
-    one."""
-    loader = jinja2.FunctionLoader(resource)
+def templates(*packages: str) -> jinja2.Environment:
+    """Return the environment of templates that are files of this package or of some others."""
+
+    def load(name: str) -> str | None:
+        for package in ("sepmc.report", *packages):
+            if files(package).joinpath(name).is_file():
+                return resource(name, package)
+        return None
+
+    loader = jinja2.FunctionLoader(load)
     return jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
 
 
-def resource(name: str) -> str:
-    """Return the text of a file beside this one."""
-    return files("sepmc.report").joinpath(name).read_text(encoding="utf-8")
+def resource(name: str, package: str = "sepmc.report") -> str:
+    """Return the text of a file of a package, this one by default."""
+    return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 # points: figures up to this width stand side by side, at 0.79 of their size or more
@@ -219,7 +225,7 @@ def _statistics(
     return [head for head, _ in cells], rows
 
 
-def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
+def verdict_row(v: Verdict, unit: str) -> dict[str, Any]:
     """Return a row of the table of requirements."""
     unit = "" if unit == "1" else unit
 
