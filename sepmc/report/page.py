@@ -17,7 +17,7 @@ from sepmc.analysis.statistics_text import column_groups, rounded
 _STYLES = {PASS: "pass", FAIL: "fail"}
 
 
-_SCRIPTS = ("tables.js", "replay.js", "cases.js")
+_SCRIPTS = ("tables.js", "replay.js", "cases.js", "points.js")
 
 
 @dataclass
@@ -82,6 +82,8 @@ class ReportContent:
         Replay of the nominal case, from `sepmc.report.replay_data.replay_data`.
     flight : str
         Text on the comparison with a flight; empty without one.
+    points : mapping, optional
+        From `sepmc.report.case_points.case_points`.
     """
 
     name: str
@@ -106,6 +108,7 @@ class ReportContent:
     replays: Sequence[CaseReplay] = field(default_factory=list)
     nominal: Mapping[str, Any] | None = None
     flight: str = ""
+    points: Mapping[str, Any] | None = None
 
 
 def write_report(
