@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from sepmc.analysis.constant_outcomes import is_constant
-from sepmc.analysis.requirements import FAIL, Verdict
+from sepmc.analysis.requirements import FAIL, Verdict, required_bounds
 from sepmc.analysis.statistics_text import (
     render_audit,
     render_comparison,
@@ -26,7 +26,6 @@ from sepmc.cli.figures import (
     draw_figures,
     event_times,
     ranked_outcomes,
-    required_bounds,
 )
 from sepmc.cli.flight_comparison import draw_flight, read_stored_flight, render_flight
 from sepmc.cli.input_sensitivity import (
@@ -157,7 +156,7 @@ def _points(
         [name for name in outcomes if not is_constant(run.table, name)],
         [column.name for column in campaign.input_columns][:_INPUTS],
         {column.name: column.unit for column in campaign.columns},
-        required_bounds(campaign),
+        required_bounds(campaign.file.requirements),
     )
 
 

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from sepmc.analysis.constant_outcomes import collapse_constant
+from sepmc.analysis.requirements import required_bounds
 from sepmc.campaign.design_map import MapAxis, map_designs
 from sepmc.campaign.run_statistics import RunStatistics, evaluate
 from sepmc.report.page import verdict_row
@@ -208,16 +209,9 @@ def _counts(result: "Result") -> list[str]:
 def _outcome(campaign: "Campaign", run: RunStatistics, name: str, unit: str) -> dict[str, Any]:
     """Histogram, statistics and bounds of an outcome."""
     histogram = collapse_constant(run.summary.histogram(name), run.table, name)
-    bounds = [
-        bound
-        for item in campaign.file.requirements
-        if item.metric == name
-        for bound in (item.at_least, item.at_most)
-        if bound is not None
-    ]
     return {
         "unit": "" if unit == "1" else unit,
-        "bounds": bounds,
+        "bounds": required_bounds(campaign.file.requirements).get(name, []),
         "edges": [] if histogram is None else histogram.edges.tolist(),
         "counts": [] if histogram is None else histogram.counts.tolist(),
     } | {key: _number(run.table.at[name, key]) for key in _STATISTICS}
