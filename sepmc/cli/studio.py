@@ -78,7 +78,7 @@ def studio(
     from sepmc.cli.size_results import other_settings
     from sepmc.processes import processes
     from sepmc.scene.settings import inline_toml
-    from sepmc.studio.answers import Question, Studio
+    from sepmc.studio.answers import Studio
     from sepmc.studio.server import Server
     from sepmc.studio.sliders import first_sliders
 
@@ -93,10 +93,8 @@ def studio(
     sliders = first_sliders(campaign, dict(_parse_vary(text) for text in varied))
     seed = campaign.checked_seed(seed)
     with processes(1) as second:
-        answers = Studio(
-            campaign, sliders, ranked_outcomes, command, second, cases, seed, threads, log
-        )
-        answers.run(Question(cases=cases, seed=seed))  # compiles the kernel
+        answers = Studio(campaign, sliders, ranked_outcomes, command, second, cases, seed, threads)
+        answers.prepare(log)
         with Server(answers, port) as server:
             click.echo(f"{server.address}\nCtrl-C ends it")
             if not no_browser:

@@ -102,14 +102,17 @@ class Studio:
         cases: int,
         seed: int,
         threads: int | None = None,
-        announce: Log = no_log,
     ):
         self.campaign, self.sliders, self._rank, self._second = campaign, sliders, rank, second
-        self.cases, self.seed, self._threads, self._log = cases, seed, threads, announce
+        self.cases, self.seed, self._threads = cases, seed, threads
         self._command = command
         self.message = ""  # of the run in progress
         self._running = threading.Lock()
         self._case_s = 0.0  # seconds of a case
+
+    def prepare(self, announce: Log) -> None:
+        """Compile the kernel, with messages, and run the cases of the file."""
+        self.campaign.run(self.cases, self.seed, self._threads, announce=announce)
 
     def start(self) -> dict[str, Any]:
         """Content of the page at the start."""
@@ -194,7 +197,6 @@ class Studio:
 
     def _announce(self, text: str) -> None:
         self.message = text
-        self._log(text)
 
 
 def _counts(result: "Result") -> list[str]:

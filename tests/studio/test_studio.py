@@ -277,7 +277,7 @@ def test_command_line(monkeypatch):
 
     monkeypatch.setattr("sepmc.processes.processes", here)
     monkeypatch.setattr(Server, "serve_forever", serve)
-    monkeypatch.setattr(Studio, "run", lambda self, question: None)
+    monkeypatch.setattr(Studio, "prepare", lambda self, announce: None)
     given = ["--set", "body.upper.mass_kg=460", "--set", "run.end_time_s=0.4"]
     arguments = ["studio", "table2", "--no-browser", "--vary", "motor.retro.thrust_N=300:700"]
     called = CliRunner().invoke(main, [*arguments, "--vary", "body.upper.mass_kg", *given])
