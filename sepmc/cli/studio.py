@@ -1,11 +1,11 @@
 """`sepmc studio`: a local page on which sliders change a campaign."""
 
 import shlex
-from contextlib import suppress
 from typing import Any
 
 import click
 
+from sepmc.cli.exits import INTERRUPTED, stopped
 from sepmc.cli.options import FILE, QUIET, SEED, SETTINGS, THREADS, load_campaign
 
 
@@ -92,15 +92,22 @@ def studio(
     campaign = load_campaign(file, (*settings, "run.history_step_s=0.0"))
     sliders = first_sliders(campaign, dict(_parse_vary(text) for text in varied))
     seed = campaign.checked_seed(seed)
-    with processes(1) as second:
-        answers = Studio(campaign, sliders, ranked_outcomes, command, second, cases, seed, threads)
-        answers.prepare(log)
-        with Server(answers, port) as server:
-            click.echo(f"{server.address}\nCtrl-C ends it")
-            if not no_browser:
-                import webbrowser
+    serving = False
+    try:
+        with processes(1) as second:  # ended at once by Ctrl-C
+            answers = Studio(
+                campaign, sliders, ranked_outcomes, command, second, cases, seed, threads
+            )
+            with Server(answers, port) as server:
+                answers.prepare(log)
+                click.echo(f"{server.address}\nCtrl-C ends it")
+                if not no_browser:
+                    import webbrowser
 
-                webbrowser.open(server.address)
-            with suppress(KeyboardInterrupt):
+                    webbrowser.open(server.address)
+                serving = True
                 server.serve_forever()
+    except KeyboardInterrupt as error:
+        if not serving or stopped(error)[1] != INTERRUPTED:
+            raise
     log("ended")

@@ -48,13 +48,22 @@ class Server(ThreadingHTTPServer):
     studio : Studio
     port : int
         0: any that is free.
+
+    Raises
+    ------
+    InputError
+        If the port cannot be used.
     """
 
     daemon_threads = True
     block_on_close = False
 
     def __init__(self, studio: Studio, port: int = 0):
-        super().__init__((HOST, port), _Handler)
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            reason = error.strerror or error
+            raise InputError(f"--port = {port}: cannot be used: {reason}") from None
         self.studio, self.token = studio, secrets.token_urlsafe(32)
         number = self.server_address[1]
         self.hosts = (f"{HOST}:{number}", f"localhost:{number}")

@@ -3,6 +3,7 @@
 import http.client
 import json
 import shlex
+import socket
 import threading
 from concurrent.futures import Future
 from contextlib import contextmanager
@@ -292,6 +293,13 @@ def test_command_line(monkeypatch):
         "sepmc campaign table2 --set run.end_time_s=0.4 --set body.upper.mass_kg=465.0 "
         "--cases 2000 --seed 2020"
     )
+    taken = server.server_address[1]
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", taken))
+        other.listen()
+        refused = CliRunner().invoke(main, [*arguments, "--port", str(taken)])
+    assert refused.exit_code == 2
+    assert f"--port = {taken}: cannot be used" in refused.stderr
     refused = CliRunner().invoke(main, ["studio", "table2", "--vary", "a=1:2:3"])
     assert refused.exit_code == 2
     assert "KEY=LOW:HIGH" in refused.stderr
