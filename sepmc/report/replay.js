@@ -7,7 +7,9 @@ const sepmcReplays = (() => {
   if (!$("replay")) return { set() {}, has: () => false, open() {} };
 
   const SIDES = 32;  // of a circle
-  const COLOURS = { thrust: "#D55E00", constraint: "#000000" };
+  const COLOURS = { thrust: "#D55E00", constraint: "#000000", spring: "#009E73", load: "#6a51a3" };
+  const WORDS = { thrust: "thrust of", constraint: "constraint force of", spring: "force of spring",
+    load: "load" };
   const ARROW = 0.25;  // length of the largest arrow / radius of the view
   const LEAST = 1e-4;  // smallest force with an arrow / largest one
   const VIEWS = {  // yaw and pitch of the camera, rad
@@ -273,9 +275,9 @@ const sepmcReplays = (() => {
       value[row] === null ? "not defined here" : `${value[row].toFixed(1)} mm`]);
     for (const arrow of shown.arrows) {
       const force = size(at(arrow.force, row, 3));
-      lines.push([`${arrow.kind === "thrust" ? "thrust of" : "constraint force of"} ${arrow.name}`,
+      lines.push([`${WORDS[arrow.kind]} ${arrow.name}`,
         isActive(arrow) ? `${force.toLocaleString("en", { maximumSignificantDigits: 4 })} N`
-          : `released at ${arrow.until.toFixed(3)} s`]);
+          : `${arrow.kind === "constraint" ? "released" : "ended"} at ${arrow.until.toFixed(3)} s`]);
     }
     $("values").replaceChildren(...lines.map(([name, text]) => {
       const line = document.createElement("tr");

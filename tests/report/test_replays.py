@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from small_scenes import SPRUNG
 from support.browser import CHROMIUM, Page
+from support.pusher import MASSES, pusher_tree
 
 from sepmc.analysis.statistics import statistics
 from sepmc.campaign.campaign import Campaign
@@ -104,8 +105,9 @@ def test_poses_are_those_of_the_history(campaign, history, data):
 
 def test_arrows(campaign, history, data):
     """The constraint force until the release, and the thrust from ignition to tail-off."""
-    constraint, kick = data["arrows"]
-    assert (constraint["kind"], kick["kind"]) == ("constraint", "thrust")
+    constraint, kick, push = data["arrows"]
+    kinds = [one["kind"] for one in (constraint, kick, push)]
+    assert kinds == ["constraint", "thrust", "spring"]
     rows = history[~history["time_s"].duplicated(keep="last")]
     force = rows[[f"pins_force_on_aft_{axis}_N" for axis in "xyz"]].to_numpy()
     sizes = np.linalg.norm(np.reshape(constraint["force"], (-1, 3)), axis=1)
@@ -121,6 +123,46 @@ def test_arrows(campaign, history, data):
     )
     assert_allclose(np.linalg.norm(np.reshape(kick["force"], (-1, 3)), axis=1), expected, atol=1e-2)
     assert kick["at"] == pytest.approx([-1.0, 0.0, 0.2])
+
+
+TABLE = {"extension_m": [-0.1, 0.0, 0.03, 0.08, 0.2], "force_N": [70.0, 50.0, 65.0, 30.0, 10.0]}
+
+
+@pytest.mark.parametrize(
+    "spring",
+    [
+        {"force_N": 900.0, "stiffness_N_per_m": 1500.0, "damping_N_s_per_m": 80.0, "factor": 0.9},
+        {"force_N": 20.0, "table": TABLE | {"interpolation": "monotone"}, "axis": None},
+        {"table": TABLE | {"return_factor": 0.5}, "stiffness_N_per_m": 4000.0},
+        {"force_N": "drive", "stroke_m": 0.05},
+    ],
+)
+def test_springs_and_loads_accelerate_their_bodies(spring):
+    """The forces on a body that are drawn are those of its motion."""
+    spring = {key: value for key, value in spring.items() if value is not None}
+    tree = pusher_tree(
+        spring,
+        run={"end_time_s": 0.4},
+        signal=[{"name": "drive", "formula": "300 * exp(-time_s)"}],
+        load=[
+            {"name": "drag", "body": "fore", "force_N": [-20.0, 5.0, "drive"], "end_s": 0.1,
+             "point_m": [0.5, 0.0, 0.1]},
+            {"name": "gust", "body": "fore", "force_N": [30.0, -40.0, 10.0], "frame": "ground",
+             "start_s": 0.05},
+        ],
+    )  # fmt: skip
+    tree["initial"] |= {"pitch_deg": 30.0, "yaw_deg": -10.0, "roll_deg": 50.0}
+    campaign = Campaign(parse_campaign(tree, "pusher.toml"))
+    history = campaign.simulate(None, 0.002)
+    data = replay_data(history, campaign.scene, "nominal case")
+    names = [(one["kind"], one["name"]) for one in data["arrows"] if one["kind"] != "constraint"]
+    assert names == [("spring", "pusher"), ("load", "drag"), ("load", "gust")]
+    force = sum(np.reshape(one["force"], (-1, 3)) for one in data["arrows"])
+    turn = Rotation.from_quat(np.reshape(data["bodies"][1]["turn"], (-1, 4)), scalar_first=True)
+    rows = history[~history["time_s"].duplicated(keep="last")]
+    expected = MASSES[1] * rows["fore_axial_acceleration_m_s2"].to_numpy()
+    assert np.ptp(expected) > 20.0
+    assert_allclose(turn.inv().apply(force)[:, 0], expected, atol=0.1)
 
 
 def test_thrust_over_a_profile(campaign, history):
