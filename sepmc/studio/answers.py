@@ -23,7 +23,7 @@ from sepmc.studio.sliders import (
     available_keys,
     changed_campaign,
     make_slider,
-    settings_of,
+    moved_campaign,
 )
 
 if TYPE_CHECKING:
@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 MAX_CASES = 100_000  # of an answer
 _GRID = (13, 9)  # designs of a map
 _MAP_S, _MAP_CASES = 4.0, 50  # time that a map may take; its fewest cases of a design
+# seconds of a run on one thread: threads of a shorter one wait for each other when other programs
+# run (2,000 cases of table2 on two busy cores: 0.88 s on both, 0.27 s on one)
+_SHORT_S = 0.1
 _DRAWN = 6  # outcomes at the start
 _ROWS = 400  # of a history
 _ACCURACY = 1e-5  # relative, of a history that is looked at
@@ -49,7 +52,7 @@ class Question(msgspec.Struct, forbid_unknown_fields=True):
     Attributes
     ----------
     values, spreads : dict of str to float
-        See `sepmc.studio.sliders.settings_of`.
+        See `sepmc.studio.sliders.moved_campaign`.
     cases, seed : int
     outcomes : tuple of str
         Outcomes to draw.
@@ -108,11 +111,12 @@ class Studio:
         self._command = command
         self.message = ""  # of the run in progress
         self._running = threading.Lock()
-        self._case_s = 0.0  # seconds of a case
+        self._case_s = 1.0  # seconds of a case in the last run
 
     def prepare(self, announce: Log) -> None:
         """Compile the kernel, with messages, and run the cases of the file."""
-        self.campaign.run(self.cases, self.seed, self._threads, announce=announce)
+        result = self.campaign.run(self.cases, self.seed, self._threads, announce=announce)
+        self._case_s = result.timing["kernel"] / self.cases
 
     def start(self) -> dict[str, Any]:
         """Content of the page at the start."""
@@ -137,9 +141,10 @@ class Studio:
         campaign, settings, notes = self._changed(question)
         cases = min(question.cases, MAX_CASES)
         with self._running:
-            result = campaign.run(cases, question.seed, self._threads, announce=self._announce)
+            threads = 1 if cases * self._case_s < _SHORT_S else self._threads
+            result = campaign.run(cases, question.seed, threads, announce=self._announce)
             self.message = ""
-        self._case_s = result.timing["kernel"] / cases
+            self._case_s = result.timing["kernel"] / cases
         accuracy = {"errors": result.accuracy.errors if result.accuracy else {}}
         run = evaluate(campaign, result.kept.summary, {"accuracy": accuracy})
         ranked = self._rank(campaign, run.table)
@@ -191,9 +196,7 @@ class Studio:
     def _changed(self, question: Question) -> tuple["Campaign", dict[str, Any], list[str]]:
         """Campaign with the settings of the sliders, these settings, and warnings."""
         with self._running:  # warnings are caught by one thread at a time
-            settings = settings_of(self.campaign, question.values, question.spreads)
-            campaign, notes = changed_campaign(self.campaign, settings)
-        return campaign, settings, notes
+            return moved_campaign(self.campaign, question.values, question.spreads)
 
     def _announce(self, text: str) -> None:
         self.message = text

@@ -151,10 +151,10 @@ def _has_spread(dispersion: Dispersion) -> bool:
     )
 
 
-def settings_of(
+def moved_campaign(
     campaign: "Campaign", values: Mapping[str, float], spreads: Mapping[str, float]
-) -> dict[str, Any]:
-    """Settings of the file that sliders stand for.
+) -> tuple["Campaign", dict[str, Any], list[str]]:
+    """Campaign at positions of sliders.
 
     A distribution follows its nominal value, one that the file gives by absolute numbers too.
 
@@ -168,8 +168,11 @@ def settings_of(
 
     Returns
     -------
-    dict
-        Values by TOML path, for `Campaign.with_settings`.
+    moved : Campaign
+    settings : dict
+        Values by TOML path that give it by `Campaign.with_settings`.
+    notes : list of str
+        Warnings about it.
 
     Raises
     ------
@@ -177,29 +180,35 @@ def settings_of(
         If a key or a value is not allowed.
     """
     settings: dict[str, Any] = dict(values)
-    at = changed_campaign(campaign, settings)[0] if values else campaign
-    before = {d.parameter.path: d for d in campaign.file.dispersions}
-    moved = {}
-    for one in at.file.dispersions:
-        path = one.parameter.path
-        change = value(at.scene, path) - value(campaign.scene, path)
-        if (
-            change
-            and one.numbers == before[path].numbers
-            and one.distribution in (*SCALED, "constant")
-        ):
-            moved[path] = _shifted(one, change / one.parameter.factor)
-    known = {d.parameter.key: d for d in at.file.dispersions if _has_spread(d)}
+    moved, notes = changed_campaign(campaign, settings)
+    if distributions := _distributions(campaign, moved, spreads):
+        settings |= distributions
+        moved, notes = changed_campaign(campaign, settings)
+    return moved, settings, notes
+
+
+def _distributions(
+    campaign: "Campaign", at: "Campaign", spreads: Mapping[str, float]
+) -> dict[str, Any]:
+    """Settings of the distributions that do not follow by themselves from a campaign to that ``at``
+    other values, or are scaled."""
+    known = {d.parameter.key for d in at.file.dispersions if _has_spread(d)}
     for key in spreads:
         if key not in known:
             raise InputError(f"{key}: has no spread to scale")
-    for one in at.file.dispersions:
-        own, factor = moved.get(one.parameter.path, one), spreads.get(one.parameter.key, 1.0)
+    settings: dict[str, Any] = {}
+    for before, one in zip(campaign.file.dispersions, at.file.dispersions, strict=True):
+        key, path, own = one.parameter.key, one.parameter.path, one
+        change = value(at.scene, path) - value(campaign.scene, path)
+        is_absolute = change and one.numbers == before.numbers
+        if is_absolute and one.distribution in (*SCALED, "constant"):
+            own = _shifted(one, change / one.parameter.factor)
+        factor = spreads.get(key, 1.0)
         if own.distribution == "constant":
             if own is not one:
-                settings[f"dispersion.{one.parameter.key}"] = {"constant": own.numbers[0]}
+                settings[f"dispersion.{key}"] = {"constant": own.numbers[0]}
         elif own is not one or factor != 1.0:
-            settings[f"dispersion.{one.parameter.key}"] = scaled_distribution(own, factor)
+            settings[f"dispersion.{key}"] = scaled_distribution(own, factor)
     return settings
 
 

@@ -11,7 +11,8 @@ from threading import Thread
 
 import sepmc
 from sepmc.cli.figures import ranked_outcomes
-from sepmc.studio.answers import Question, Studio
+from sepmc.scene.messages import no_log
+from sepmc.studio.answers import Studio
 from sepmc.studio.server import Server
 from sepmc.studio.sliders import first_sliders
 
@@ -37,7 +38,7 @@ def main(names: list[str]) -> None:
         sliders = first_sliders(campaign, {})
         with ThreadPoolExecutor(1) as second:
             studio = Studio(campaign, sliders, ranked_outcomes, str, second, CASES, 1)
-            studio.run(Question(cases=CASES, seed=1))
+            studio.prepare(no_log)
             with Server(studio) as server:
                 Thread(target=server.serve_forever, daemon=True).start()
                 with Page(server.address, size=(1280, 800)) as page:

@@ -18,11 +18,11 @@ import sepmc
 from sepmc.cli import studio as command
 from sepmc.cli.app import main
 from sepmc.cli.figures import ranked_outcomes
-from sepmc.scene.messages import InputError
+from sepmc.scene.messages import InputError, no_log
 from sepmc.studio import answers
 from sepmc.studio.answers import Question, Studio
 from sepmc.studio.server import Server
-from sepmc.studio.sliders import available_keys, first_sliders, make_slider, settings_of
+from sepmc.studio.sliders import available_keys, first_sliders, make_slider, moved_campaign
 
 FACTOR = "spring.pusher.factor"
 SPEED = "separation_speed_m_s"
@@ -51,6 +51,7 @@ def server():
     """Server of the problem, serving."""
     with Server(studio_of(campaign())) as one:
         thread = threading.Thread(target=one.serve_forever, kwargs={"poll_interval": 0.01})
+        one.studio.prepare(no_log)
         thread.start()
         yield one
         one.shutdown()
@@ -220,13 +221,15 @@ def test_distributions_follow_values():
     nominal = file.scene.body["fore"].mass
     values = {FORCE.key: 3200.0, "body.fore.mass_kg": nominal + 10.0, "body.aft.mass_kg": 450.0}
     own = file.scene.body["aft"].mass
-    settings = settings_of(file, values, {FORCE.key: 2.0, FACTOR: 0.5, "body.fore.mass_kg": 1.0})
+    spreads = {FORCE.key: 2.0, FACTOR: 0.5, "body.fore.mass_kg": 1.0}
+    changed, settings, notes = moved_campaign(file, values, spreads)
+    assert notes == []
     assert settings == values | {
         f"dispersion.{FORCE.key}": {"normal": [3300.0, 100.0]},
         "dispersion.body.aft.mass_kg": {"constant": 410.0 + 450.0 - own},
         f"dispersion.{FACTOR}": {"uniform": [0.9, pytest.approx(1.1)]},
     }
-    moved = {d.parameter.key: d.numbers for d in file.with_settings(settings).file.dispersions}
+    moved = {d.parameter.key: d.numbers for d in changed.file.dispersions}
     assert moved["body.fore.mass_kg"][:2] == (nominal + 10.0, 2.0)
     with pytest.raises(InputError, match="separate values"):
         make_slider(file, "initial.altitude_m")
