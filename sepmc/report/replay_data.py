@@ -87,10 +87,13 @@ def _arm(point: Sequence[float], body: Body) -> list[float]:
 
 def _body(name: str, number: int, scene: Scene, motion: Poses) -> dict[str, Any]:
     """Return a body: name, colours, parts, and motion. A body without outline has lines from its
-    centre of mass to its joints and motors."""
+    centre of mass to its joints, motors and springs."""
     body = scene.body[name]
     points = [joint.point for joint in scene.joint.values() if name in joint.bodies]
     points += [nozzle_point(motor) for motor in scene.motor if motor.body == name]
+    for spring in scene.spring:
+        ends = zip(spring.bodies, (spring.point, spring.second_point or spring.point), strict=True)
+        points += [point for body, point in ends if body == name]
     return {
         "name": name,
         "tint": TINTS[number % len(TINTS)],
