@@ -36,7 +36,6 @@ from sepmc.scene.read import CampaignFile
 from sepmc.scene.units import unit_text
 from sepmc.schema import Column
 
-# keys of [run] that change no row, and the path of the sample table, which has a digest of its own
 _NO_OUTCOME = (
     "title",
     "name",
@@ -44,6 +43,7 @@ _NO_OUTCOME = (
     "reference",
     "scenario",
 )  # keys of a file that change no row
+# keys of [run] that change no row, and the path of the sample table, which has a digest of its own
 _NOT_IN_DIGEST = ("cases", "seed", "chunk", "samples")
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
@@ -104,13 +104,14 @@ def _without_none(node: Any) -> Any:
 
 
 class Definition:
-    """Definition of a campaign.
+    """Scene and dispersions of a campaign, and the columns and samples that follow from them.
 
     Parameters
     ----------
     file : CampaignFile
+        Parsed campaign file.
     settings : mapping of str to str, optional
-        Texts of the values that replaced those of the file, by TOML path.
+        Texts of the values that replaced those of the file, by TOML path; for titles.
     """
 
     def __init__(self, file: CampaignFile, settings: Mapping[str, str] | None = None):
@@ -153,7 +154,8 @@ class Definition:
 
     @cached_property
     def rare_values(self) -> tuple[RareValue, ...]:
-        """Values, and pairs of values, that have a probability in the file."""
+        """Values of discrete distributions, and pairs of values of correlated ones, whose
+        occurrences are counted; see `sepmc.analysis.rare_values`."""
         return rare_values(self.file.dispersions, self.file.copulas)
 
     @property
@@ -178,7 +180,8 @@ class Definition:
 
     @property
     def reference(self) -> dict[str, dict[str, float]] | None:
-        """Reference statistics by outcome: the given ones of mean, sigma, min and max."""
+        """Reference statistics of the file by outcome: those of mean, sigma, min and max that it
+        gives; None if it has no reference."""
         if self.file.reference is None:
             return None
         outcome = msgspec.to_builtins(self.file.reference.outcome)
@@ -206,7 +209,7 @@ class Definition:
 
     @cached_property
     def columns(self) -> list[Column]:
-        """Columns of the case table."""
+        """Columns of the case table: case number, status, inputs and results."""
         head = [
             Column("case", "1", "number of the case"),
             Column("status", "", "ok, or why the case failed"),
@@ -226,7 +229,7 @@ class Definition:
 
     @cached_property
     def slots(self) -> np.ndarray:
-        """Indices of the dispersed parameters in the parameter vector of the kernel."""
+        """Indices (d,) of the dispersed parameters in the parameter vector of the kernel."""
         return np.array(
             [self.layout.slots[d.parameter.path] for d in self.file.dispersions], dtype=np.int64
         )
@@ -257,7 +260,7 @@ class Definition:
         return inputs_si
 
     def ends_before_start(self, inputs_si: np.ndarray) -> np.ndarray:
-        """Find cases with a load that ends before it starts.
+        """Find cases with a load that ends before it starts, or at its start.
 
         Parameters
         ----------
@@ -267,6 +270,7 @@ class Definition:
         Returns
         -------
         ndarray of bool, shape (n,)
+            True for these cases.
         """
         index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         is_early = np.zeros(len(inputs_si), dtype=bool)
@@ -289,8 +293,8 @@ class Definition:
 
     @property
     def ordered_text(self) -> bytes:
-        """Text of all that determines the outcomes of a case, in the order of the file, in which
-        parameters and columns are; the same for its resolved file."""
+        """JSON text of all that determines the outcomes of a case, in the order of the file, which
+        is that of parameters and columns. A file and its resolved copy have the same text."""
         return msgspec.json.encode(_as_written(self._contents))
 
     @property
@@ -304,7 +308,7 @@ class Definition:
 
     @property
     def inputs_digest(self) -> str:
-        """Digest of the sample table; empty without one."""
+        """Digest of the columns of the sample table that give inputs; empty without a table."""
         used = [d.column for d in self.file.dispersions if d.column]
         return self.file.input_table.digest(used) if self.file.input_table else ""
 
@@ -383,17 +387,19 @@ class Definition:
                 self.sampling_of(selection)
                 return CaseSelection.first(selection), selection
             if selection > of_file.count:
-                raise InputError(f"cases = {selection}: {inputs.path.name} has {of_file.count}")
+                table = inputs.path.name
+                raise InputError(f"cases = {selection}: {table} has only {of_file.count} cases")
             selection = CaseSelection.of(inputs.numbers[:selection])
         fixed = inputs is not None or self.scene.run.sampler in SIZE_DEPENDENT
         if fixed and (missing := selection.count - selection.count_common(of_file)):
-            raise InputError(f"cases = {selection}: {missing} of them are not among {of_file}")
+            message = f"{missing} of them are not among {of_file}, the cases of the file"
+            raise InputError(f"cases = {selection}: {message}")
         total = max(of_file.end, selection.end)
         self.sampling_of(total)
         return selection, total
 
     def sampling_of(self, total: int | None = None) -> cases.Sampling:
-        """Sampling of cases.
+        """Sampler, number of cases and correlations of a sample.
 
         Parameters
         ----------
@@ -418,14 +424,15 @@ class Definition:
 
     @property
     def design(self) -> str:
-        """Sampling design, a key of `sepmc.analysis.variance_indices.ESTIMATORS`: sampler or sample
-        table."""
+        """Sampling design, a key of `sepmc.analysis.variance_indices.ESTIMATORS`: the name of the
+        sampler, or `PLAN` if a sample table gives inputs that are otherwise random or a Latin
+        hypercube."""
         sampler = self.scene.run.sampler
         return PLAN if self.file.input_table and sampler in ("random", LHS) else sampler
 
     @property
     def correlated(self) -> list[list[str]]:
-        """Columns of correlated inputs, group by group."""
+        """Names of the columns of correlated inputs, a list for each group."""
         dispersions = self.file.dispersions
         return [[dispersions[k].parameter.column for k in c.places] for c in self.file.copulas]
 
@@ -463,8 +470,8 @@ class Definition:
         )
 
     def nominal(self) -> Case:
-        """Nominal case, with the values that all cases share: the zero of ``alpha_ref``, and the
-        separation signs.
+        """Nominal case, with the values that follow from the nominal scene and that all cases
+        share: the direction that ``alpha_ref`` counts from, and the separation signs of joints.
 
         Returns
         -------
@@ -535,8 +542,8 @@ class Definition:
 
 
 def _as_written(value: Any) -> Any:
-    """A tree in the order in which a resolved campaign file has it: tables after other values,
-    arrays of tables between them. Tables keep their order; arrays of tables have none."""
+    """A tree of TOML values in the order of a resolved campaign file: values, arrays of tables,
+    tables. Values and tables keep their order; arrays of tables are sorted by key."""
     if isinstance(value, list):
         return [_as_written(item) for item in value]
     if not isinstance(value, dict):

@@ -26,13 +26,14 @@ class Estimate:
     Attributes
     ----------
     size : ndarray, shape (g,)
-        Largest indicator of the calibration cases.
+        Largest value of each of g indicators in the calibration cases.
     weights : ndarray, shape (o, g)
     factor, offset, floor : ndarray, shape (o,)
     direct : ndarray, shape (o, g)
-    leading : ndarray, shape (k,)
+    leading : ndarray of int
         Indices of the outcomes that can have the largest error of a case.
     is_decisive : ndarray of bool, shape (o,)
+        See `sepmc.campaign.execution.accuracy.decisive`.
     """
 
     size: np.ndarray
@@ -96,15 +97,16 @@ class Estimate:
         )
 
     def _sum(self, k: int, terms: np.ndarray) -> np.ndarray:
-        """Weighted sum (n,) of an outcome. Most weights are zero, so a matrix product is slower,
-        and much slower where other processes use the cores."""
+        """Weighted sum (n,) of the terms (g, n) for outcome ``k``. Most weights are zero, so a
+        matrix product is slower, and much slower where other processes use the cores."""
         error = np.zeros(terms.shape[1])
         for indicator in np.flatnonzero(self.weights[k]):
             error += self.weights[k, indicator] * terms[indicator]
         return error
 
     def _bound(self, k: int, error: np.ndarray, indicators: np.ndarray) -> np.ndarray:
-        """Error bound (n,) of an outcome from its weighted sum."""
+        """Error (n,) of outcome ``k`` from its weighted sum ``error`` (n,) and indicators (n, g):
+        raised by factor or offset, plus floor and direct terms."""
         error_bound = error + self.offset[k]
         if np.isfinite(self.factor[k]):
             error_bound = np.minimum(self.factor[k] * error, error_bound)
@@ -132,7 +134,9 @@ def estimate(
     Parameters
     ----------
     indicators : ndarray, shape (n, g)
+        Error indicators of the calibration cases.
     errors : ndarray, shape (n, o)
+        Their known relative errors.
     floor : ndarray, shape (o,)
         Lower bound of the estimate.
     direct : ndarray, shape (o, g)
