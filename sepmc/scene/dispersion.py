@@ -205,7 +205,7 @@ def _given(distribution: Distribution) -> list[str]:
 
 
 def is_structure(path: str) -> bool:
-    """Whether a parameter is a number that all cases share: run and solver settings, signs, the
+    """Return True for a number that all cases share: run and solver settings, signs, the
     zero of alpha_ref."""
     parts = path.split(".")
     return (

@@ -143,7 +143,7 @@ def _ends(
 
 
 def _has_spread(dispersion: Dispersion) -> bool:
-    """Whether the spread of a distribution can be scaled."""
+    """Return True if the spread of a distribution can be scaled."""
     return (
         dispersion.distribution in SCALED
         and not dispersion.column
