@@ -9,7 +9,8 @@ from typing import Any
 
 import pandas as pd
 
-from sepmc.analysis.requirements import FAIL, Verdict
+from sepmc.analysis.constant_outcomes import is_constant
+from sepmc.analysis.requirements import FAIL, Verdict, required_bounds
 from sepmc.analysis.statistics_text import (
     render_audit,
     render_comparison,
@@ -23,7 +24,13 @@ from sepmc.campaign.label import of_settings
 from sepmc.campaign.limit_cases import WORST
 from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import manifests
-from sepmc.cli.figures import clearance_bounds, draw_figures, event_times, ranked_outcomes
+from sepmc.campaign.store.shards import CaseColumns
+from sepmc.cli.figures import (
+    clearance_bounds,
+    draw_figures,
+    event_times,
+    ranked_outcomes,
+)
 from sepmc.cli.flight_comparison import draw_flight, read_stored_flight, render_flight
 from sepmc.cli.input_sensitivity import (
     InputSensitivity,
@@ -36,6 +43,7 @@ from sepmc.cli.render import render_accuracy
 from sepmc.cli.results import phases
 from sepmc.processes import processes
 from sepmc.report import page
+from sepmc.report.case_points import case_points
 from sepmc.report.drawing import draw_vehicle
 from sepmc.report.history_figures import run_figures
 from sepmc.report.replay_data import replay_data
@@ -65,6 +73,7 @@ _COMBINED = ["low", "high", "between"]  # inputs of a combination
 _PAGES = ("rates", "angles", "separation", "hinges", "clearances")  # figures of a worst case
 _ACCURACY = 1e-5  # relative; errors below are not visible in a figure
 _SHOWN = 12  # outcomes in the table
+_INPUTS = 40  # inputs in the figure that zooms
 _WIDTH = 160  # characters of a line of the table of all outcomes
 _WORST, _MOST_WORST = 2, 4  # worst cases shown over time; at most, if more requirements fail
 _ROWS = 400  # of their histories
@@ -83,6 +92,7 @@ def write_report(
         cases = _worst_cases(campaign, run) if worst else {}
         cases |= {number: (f"case {number}", "") for number in numbers if number not in cases}
         content = _content(campaign, run, drivers, folder)
+        content.points = _points(campaign, run, folder, content.leading)
         content.replays, content.nominal = _replay(campaign, run, cases, into, log)
         figures = draw_attributions(drivers, folder, into, ".svg")
         figures += draw_sensitivities(drivers, folder, campaign, into, ".svg")
@@ -191,6 +201,19 @@ def _cell(value: Any) -> str:
     if isinstance(value, float):
         return "" if math.isnan(value) else f"{value:.5g}"
     return str(value)
+
+
+def _points(
+    campaign: Campaign, run: RunStatistics, folder: Path, outcomes: Sequence[str]
+) -> dict[str, Any]:
+    """Collect values of cases for the figure that zooms."""
+    return case_points(
+        CaseColumns(folder),
+        [name for name in outcomes if not is_constant(run.table, name)],
+        [column.name for column in campaign.input_columns][:_INPUTS],
+        {column.name: column.unit for column in campaign.columns},
+        required_bounds(campaign.file.requirements),
+    )
 
 
 def _worst_cases(campaign: Campaign, run: RunStatistics) -> dict[int, tuple[str, str]]:

@@ -44,7 +44,7 @@ def render_sizing(
     if not sizing.shown:
         lines.append(f"not shown after {sizing.tries} searches: give more --cases")
     changed = [
-        *_others(settings, sizing.values, tree),
+        *other_settings(settings, sizing.values, tree),
         *(f"{key}={value:.17g}" for key, value in sizing.values.items()),
     ]
     words = ["sepmc", "campaign", file, *(word for one in changed for word in ("--set", one))]
@@ -104,7 +104,7 @@ def render_verdicts(verdicts: "pd.DataFrame") -> list[str]:
     return text_table([head, *rows], left=(0, 1))
 
 
-def _others(
+def other_settings(
     settings: Sequence[str], design: Mapping[str, float], tree: dict[str, Any]
 ) -> list[str]:
     """Settings, without those of numbers that a design replaces, in whatever unit."""

@@ -112,7 +112,7 @@ def test_one_page(page):
     assert all(result.startswith(("#", "data:image/png;base64,")) for result in tags.refers)
     assert "fetch(" not in page
     assert "import(" not in page
-    assert tags.count["script"] == 3  # of tables and replays, and the data of these
+    assert tags.count["script"] == 6  # four files, and the data of two
     assert not {"iframe", "object", "embed"} & set(tags.count)
     assert "A &lt; B &amp; &lt;script&gt;" in page
     # outcomes over time, as shares, as they converge and as histograms; vehicle; drivers as swings
