@@ -39,6 +39,15 @@ _MAX_NEAR = 65536
 Errors = Mapping[str, tuple[float, float]]
 
 
+def required_bounds(requirements: Sequence[Requirement]) -> dict[str, list[float]]:
+    """Return the required bounds of each outcome."""
+    bounds: dict[str, list[float]] = {}
+    for item in requirements:
+        own = [bound for bound in (item.at_least, item.at_most) if bound is not None]
+        bounds[item.metric] = bounds.get(item.metric, []) + own
+    return bounds
+
+
 class RequirementCounter:
     """Accumulator of the cases that violate a requirement, added in case order.
 

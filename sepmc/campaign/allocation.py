@@ -17,7 +17,7 @@ import pandas as pd
 
 from sepmc.analysis.proportions import paired_interval
 from sepmc.analysis.requirements import PASS, violation_masks
-from sepmc.campaign.sizing import checked_requirements, fresh_verdict
+from sepmc.campaign.judging import checked_requirements, fresh_verdict
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import InputError, Log, SceneError
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 HALF, DOUBLE = 0.5, 2.0
 MAX_TRIES = 4
-_SCALED = ("uniform", "normal", "triangular")
+SCALED = ("uniform", "normal", "triangular")
 
 
 @dataclass(frozen=True)
@@ -124,11 +124,11 @@ def allocate(
     spreads = [
         one
         for one in campaign.file.dispersions
-        if one.distribution in _SCALED and not one.column and one.reach[0] < one.reach[1]
+        if one.distribution in SCALED and not one.column and one.reach[0] < one.reach[1]
     ]
     if not spreads:
         raise InputError(
-            f"{campaign.name}: no input has a spread to scale: {', '.join(_SCALED)} in [dispersion]"
+            f"{campaign.name}: no input has a spread to scale: {', '.join(SCALED)} in [dispersion]"
         )
     total, done = 1 + 2 * len(spreads), 0
     progress = progress or _ignore

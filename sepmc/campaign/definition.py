@@ -4,14 +4,16 @@ integration."""
 import hashlib
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from sepmc import schema
+from sepmc.analysis.inline_figures import position_svg
 from sepmc.analysis.rare_values import RareValue, rare_values
 from sepmc.analysis.variance_indices import LHS, PLAN
 from sepmc.campaign import cases
@@ -40,6 +42,8 @@ _NO_OUTCOME = (
     "requirement",
     "reference",
     "scenario",
+    "map",
+    "size",
 )  # keys of a file that change no row
 # keys of [run] that change no row, and the path of the sample table, which has a digest of its own
 _NOT_IN_DIGEST = ("cases", "seed", "chunk", "samples")
@@ -58,11 +62,15 @@ class Case:
         Values of the case, SI.
     inputs : dict of str to float
         Dispersed inputs by column, in the units of the campaign file.
+    reach : dict of str to (float, float)
+        Smallest and largest value of each input; 3 sigma for a normal distribution without
+        truncation.
     """
 
     number: int
     scene: Scene
     inputs: dict[str, float]
+    reach: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         title = "nominal" if self.number < 0 else f"{self.number}"
@@ -71,8 +79,12 @@ class Case:
         return f"<Case {title}{': ' if inputs else ''}{', '.join(inputs + rest)}>"
 
     def _repr_html_(self) -> str:
-        """Inputs as a table, for notebooks."""
-        rows = "".join(f"<tr><td>{k}</td><td>{v:.9g}</td></tr>" for k, v in self.inputs.items())
+        """Inputs as a table, each with its position within its distribution, for notebooks."""
+        rows = "".join(
+            f"<tr><td>{escape(name)}</td><td>{value:.9g}</td>"
+            f"<td>{position_svg(value, *self.reach.get(name, (value, value)))}</td></tr>"
+            for name, value in self.inputs.items()
+        )
         head = "nominal case" if self.number < 0 else f"case {self.number}"
         return f"<p>{head}</p><table>{rows}</table>"
 
@@ -456,6 +468,7 @@ class Definition:
             number,
             parameters.replace(self.nominal().scene, values),
             {c.name: float(x) for c, x in zip(self.input_columns, inputs, strict=True)},
+            {d.parameter.column: d.reach for d in self.file.dispersions},
         )
 
     def nominal(self) -> Case:

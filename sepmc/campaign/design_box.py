@@ -23,11 +23,11 @@ from sepmc.kernel.spec.parameter_layout import (
     separation_sign,
 )
 from sepmc.scene import parameters
+from sepmc.scene.design_tables import named_parameters
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import InputError, nearest, shorten
-from sepmc.scene.parameters import Parameter, UnknownPath, find
+from sepmc.scene.parameters import Parameter, UnknownPath
 from sepmc.scene.read import parse_campaign
-from sepmc.scene.setting_checks import matching_keys
 
 LEVEL = 1e-12  # relative: deviation from a linear dependence on a design
 _TAIL = 0.001  # probability of the ends of a dispersed parameter in calibration cases
@@ -102,14 +102,10 @@ def _range(key: str, ends: Any) -> tuple[float, float]:
 
 def _parameters(campaign: Definition, key: str) -> Iterator[Parameter]:
     """Parameters that a path with wildcards names. Raises InputError."""
-    keys = matching_keys(campaign.file.tree, key)
-    if not keys:
-        raise InputError(f"vary, {key}: no table has such a name")
-    for one in keys:
-        try:
-            yield find(campaign.scene, one)
-        except UnknownPath as error:
-            raise InputError(f"vary, {one}: {error.args[0]}") from None
+    try:
+        yield from named_parameters(campaign.file.tree, campaign.scene, key)
+    except UnknownPath as error:
+        raise InputError(f"vary, {error.args[0]}") from None
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """Map of designs: the verdict on each requirement at every point of a grid of one or two design
 variables."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,53 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.proportions import binomial_interval
+from sepmc.analysis.proportions import CONFIDENCE, binomial_interval
+from sepmc.analysis.requirements import NOT_SHOWN
+from sepmc.campaign.judging import raised_confidence
+from sepmc.scene.design_tables import MapAxis, parse_axis
 from sepmc.scene.messages import InputError, Log
-
-_MAX_POINTS = 1000  # of an axis
-_EXAMPLE = "spring.*.force_N=600:1200:41"
-
-
-@dataclass(frozen=True)
-class MapAxis:
-    """Design variable of a map, and its values.
-
-    Attributes
-    ----------
-    key : str
-        TOML path with its unit; ``*`` stands for any name.
-    low, high : float
-        Ends, in that unit.
-    count : int
-        Number of values, evenly spaced, ends included.
-    """
-
-    key: str
-    low: float
-    high: float
-    count: int
-
-    @property
-    def values(self) -> np.ndarray:
-        """Values (count,), rising."""
-        return np.linspace(self.low, self.high, self.count)
-
-
-def parse_axis(text: str, name: str) -> MapAxis:
-    """Parse ``KEY=LOW:HIGH:COUNT``; ``name`` is that of the option. Raises InputError."""
-    key, separator, ends = text.partition("=")
-    numbers = ends.split(":")
-    try:
-        low, high, count = float(numbers[0]), float(numbers[1]), int(numbers[2])
-        if not separator or len(numbers) != 3:
-            raise ValueError
-    except (ValueError, IndexError):
-        raise InputError(f"{name} = {text}: must be KEY=LOW:HIGH:COUNT, as {_EXAMPLE}") from None
-    if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise InputError(f"{name} = {text}: LOW and HIGH must be finite, and rise")
-    if not 2 <= count <= _MAX_POINTS:
-        raise InputError(f"{name} = {text}: COUNT must lie in 2 to {_MAX_POINTS}")
-    return MapAxis(key.strip(), low, high, count)
 
 
 @dataclass
@@ -67,20 +24,27 @@ class DesignMap:
     axes : tuple of MapAxis
         One or two.
     table : DataFrame
-        A row per design, the first axis varying fastest: `DesignTable.summary`, and of each
-        requirement the 95 % interval of the probability of a violation, ``NAME_low`` and
-        ``NAME_high`` (Clopper and Pearson; missing outcomes count as both).
-    cases, seed : int
-        Of every design.
+        A row per design, the first axis varying fastest: `DesignTable.summary`, the number of
+        ``cases``, and of each requirement the 95 % interval of the probability of a violation,
+        ``NAME_low`` and ``NAME_high`` (Clopper and Pearson; missing outcomes count as both).
+    looks : tuple of int
+        Numbers of cases, rising: of every design, and of those that were open with fewer.
+    seed : int
     timing : dict of str to float
         Seconds of `DesignTable.timing`, and of text, compile and steps.
     """
 
     axes: tuple[MapAxis, ...]
     table: pd.DataFrame
-    cases: int
+    looks: tuple[int, ...]
     seed: int
     timing: dict[str, float]
+
+    @property
+    def cases_text(self) -> str:
+        """Cases of a design: "1,000 cases each", or "1,000 to 8,000 cases each"."""
+        first, last = self.looks[0], int(self.table["cases"].max())
+        return f"{first:,} cases each" if first == last else f"{first:,} to {last:,} cases each"
 
     def grid(self, column: str) -> np.ndarray:
         """Column of the table on the grid, shape (count of y, count of x); (1, count of x) with
@@ -96,8 +60,13 @@ def map_designs(
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     announce: Log | None = None,
+    max_cases: int | None = None,
 ) -> DesignMap:
     """Judge the requirements of a campaign at every point of a grid.
+
+    Designs at which a requirement is neither shown nor refuted get twice as many cases, and again,
+    up to ``max_cases``. Each of these looks is at the same cases and more, at a confidence raised
+    for the number of looks.
 
     Parameters
     ----------
@@ -109,7 +78,9 @@ def map_designs(
     threads, announce
         As for `Campaign.session`.
     progress : callable (done, total), optional
-        Called with numbers of designs.
+        Called with numbers of cases; the total grows with each look.
+    max_cases : int, optional
+        Of a design; ``cases`` if None.
 
     Returns
     -------
@@ -128,17 +99,63 @@ def map_designs(
         )
     if len({axis.key for axis in axes}) < len(axes):
         raise InputError(f"{axes[0].key}: both axes vary it; give the second one another variable")
+    cases = campaign.scene.run.cases if cases is None else cases
+    looks = look_sizes(cases, max_cases)
+    if len(looks) > 1:
+        campaign = campaign.with_settings(raised_confidence(campaign, len(looks)))
     session = campaign.session({a.key: (a.low, a.high) for a in axes}, threads, announce)
     columns = np.meshgrid(*(axis.values for axis in axes))
     designs = np.column_stack([column.ravel() for column in columns])
-    result = session.run_many(designs, cases, seed, progress=progress)
-    cases = campaign.scene.run.cases if cases is None else cases
-    table = result.summary
-    for item in campaign.file.requirements:
-        counts = zip(table[f"{item.name}_violations"], table[f"{item.name}_missing"], strict=True)
-        intervals = [
-            (binomial_interval(k - missing, cases)[0], binomial_interval(k, cases)[1])
-            for k, missing in counts
+    done = 0
+    if progress:
+        progress(0, len(designs) * cases)
+
+    def run(which: np.ndarray, count: int) -> tuple[pd.DataFrame, dict[str, float]]:
+        nonlocal done
+        start = done
+
+        def report(designs_done: int, total: int) -> None:
+            if progress:
+                progress(start + designs_done * count, start + total * count)
+
+        result = session.run_many(designs[which], count, seed, progress=report)
+        done += len(which) * count
+        result.summary.insert(designs.shape[1], "cases", count)
+        return result.summary.set_index(which), result.timing
+
+    names = [item.name for item in campaign.file.requirements]
+    table, timing = run(np.arange(len(designs)), cases)
+    for count in looks[1:]:
+        is_open = (table[names] == NOT_SHOWN).any(axis=1)
+        if not is_open.any():
+            break
+        more, more_timing = run(np.flatnonzero(is_open), count)
+        table = pd.concat([table[~is_open], more]).sort_index()
+        timing = {key: timing[key] + more_timing[key] for key in timing}
+    confidence = 1.0 - (1.0 - CONFIDENCE) / len(looks)
+    for name in names:
+        counts = table[[f"{name}_violations", f"{name}_missing", "cases"]].to_numpy()
+        table[[f"{name}_low", f"{name}_high"]] = [
+            (
+                binomial_interval(k - missing, n, confidence)[0],
+                binomial_interval(k, n, confidence)[1],
+            )
+            for k, missing, n in counts
         ]
-        table[[f"{item.name}_low", f"{item.name}_high"]] = intervals
-    return DesignMap(tuple(axes), table, cases, campaign.checked_seed(seed), result.timing)
+    return DesignMap(tuple(axes), table, looks, campaign.checked_seed(seed), timing)
+
+
+def look_sizes(cases: int, max_cases: int | None) -> tuple[int, ...]:
+    """Numbers of cases of a design: ``cases``, and twice as many each time, up to ``max_cases``.
+    Raises InputError."""
+    if max_cases is None:
+        return (cases,)
+    if max_cases < cases:
+        raise InputError(f"max_cases = {max_cases}: must be at least cases = {cases}")
+    looks = [cases]
+    while looks[-1] < max_cases:
+        looks.append(min(2 * looks[-1], max_cases))
+    return tuple(looks)
+
+
+__all__ = ["DesignMap", "MapAxis", "map_designs", "parse_axis"]

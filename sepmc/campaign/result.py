@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from sepmc.analysis import (
     requirements,
     sensitivity,
 )
+from sepmc.analysis.inline_figures import histogram_svg
+from sepmc.analysis.requirements import required_bounds
 from sepmc.analysis.row_filter import describe_filter, filter_names
 from sepmc.analysis.row_filter import matching_rows as matching
 from sepmc.analysis.row_statistics import index_by_case
@@ -94,12 +97,27 @@ class Result:
         )
 
     def _repr_html_(self) -> str:
-        """Status counts and statistics, for notebooks."""
-        from html import escape  # noqa: PLC0415
-
+        """Status counts, verdicts, statistics and histograms, for notebooks."""
         columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
-        table = constant_outcomes.with_constant_values(self.statistics())[columns]
-        return f"<p>{escape(repr(self))}</p>{table.to_html()}"
+        statistics = self.statistics()
+        table = constant_outcomes.with_constant_values(statistics)[columns]
+        bounds = required_bounds(self.campaign.file.requirements)
+        figures = [
+            histogram_svg(
+                constant_outcomes.collapse_constant(
+                    self.kept.summary.histogram(name), statistics, name
+                ),
+                bounds.get(name, ()),
+            )
+            for name in map(str, table.index)
+        ]
+        rows = table.assign(histogram=figures).rename(index=lambda name: escape(str(name)))
+        verdicts = "".join(
+            f"<p>{escape(str(row['verdict']).upper())}: {escape(str(name))}, "
+            f"{row['violations']} of {row['cases']} cases violate it</p>"
+            for name, row in self.requirements().to_dict("index").items()
+        )
+        return f"<p>{escape(repr(self))}</p>{verdicts}{rows.to_html(escape=False)}"
 
     @property
     def table(self) -> dict[str, np.ndarray]:

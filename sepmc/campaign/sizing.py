@@ -8,45 +8,32 @@ a larger margin, and the verdict with the next seed. The confidence of each of t
 so that the risk of a wrong verdict over all of them is that of the requirement (Bonferroni).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.proportions import allowed_violations, binomial_cdf, required_cases
-from sepmc.analysis.requirements import PASS, margins
-from sepmc.campaign.session import Session
-from sepmc.scene.formula import CONSTANTS, FormulaError, Node, evaluate, names, parse
-from sepmc.scene.messages import InputError, Log, nearest
-from sepmc.scene.model import VIOLATION, Requirement
-from sepmc.schema import Status, is_yes_or_no
+from sepmc.analysis.proportions import required_cases
+from sepmc.campaign.design_search import (
+    MAX_TRIES,
+    TOLERANCE,
+    VERDICT_CASES,
+    DesignSearch,
+    Goal,
+    accepted_violations,
+    design_text,
+)
+from sepmc.campaign.judging import checked_requirements, fresh_verdict, with_requirements
+from sepmc.scene.design_tables import Variable, check_variables, cost_tree, parse_variable
+from sepmc.scene.messages import InputError, Log
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
 
-Run = Callable[[np.ndarray], pd.DataFrame]  # designs (m, variables) to cost and margin of each
-
-MAX_VARIABLES = 6
-MAX_TRIES = 3
-VERDICT_CASES = 4  # times the cases of the search
-_LIKELY = 0.95  # probability that the run for the verdict shows a design at the edge
-_GRID, _ROOTS = 13, 24  # one variable: points of the grid, and steps to the border, at most
-_FINE = 2001  # costs between two neighbours of a point of the grid
-_STEPS = 40  # several variables: designs for each, at most, after the first ones
-_TOLERANCE = 1e-4  # of the range of a variable
 _STEP = 0.7  # fraction of the accepted violations, from one try to the next
-
-
-@dataclass(frozen=True)
-class Variable:
-    """Design variable: its name in the cost, TOML path with unit, and ends of its range."""
-
-    name: str
-    key: str
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -57,7 +44,7 @@ class Sizing:
     ----------
     values : dict of str to float
         Chosen design, by TOML path.
-    cost : float
+    costs : tuple of float
     shown : bool
         True if the run for the verdict shows every requirement.
     verdicts : DataFrame
@@ -65,8 +52,8 @@ class Sizing:
     seed, cases : int
         Of that run.
     searched : DataFrame
-        Designs of the last search: values, ``cost``, and the smallest ``margin`` over all
-        requirements, scaled; not negative where the design was accepted.
+        Designs of the last search: values, ``cost`` (``cost_1``, ... of several), and the smallest
+        ``margin`` over all requirements, scaled; not negative where the design was accepted.
     tries : int
         Searches, each with a run for the verdict.
     at_ends : tuple of str
@@ -74,7 +61,7 @@ class Sizing:
     """
 
     values: dict[str, float]
-    cost: float
+    costs: tuple[float, ...]
     shown: bool
     verdicts: pd.DataFrame
     seed: int
@@ -83,19 +70,10 @@ class Sizing:
     tries: int
     at_ends: tuple[str, ...] = ()
 
-
-def parse_variable(text: str) -> Variable:
-    """Parse ``NAME=KEY=LOW:HIGH``. Raises InputError."""
-    name, _, rest = text.partition("=")
-    key, _, ends = rest.rpartition("=")
-    try:
-        low, high = (float(end) for end in ends.split(":"))
-        if not (name.strip().isidentifier() and key.strip()):
-            raise ValueError
-    except ValueError:
-        example = "push=spring.*.force_N=600:1200"
-        raise InputError(f"--vary = {text}: must be NAME=KEY=LOW:HIGH, as {example}") from None
-    return Variable(name.strip(), key.strip(), low, high)
+    @property
+    def cost(self) -> float:
+        """The first cost."""
+        return self.costs[0]
 
 
 def size(
@@ -106,6 +84,7 @@ def size(
     seed: int | None = None,
     threads: int | None = None,
     announce: Log | None = None,
+    subject_to: Sequence[str] = (),
 ) -> Sizing:
     """Find the design with the smallest cost that passes all requirements with confidence.
 
@@ -113,7 +92,7 @@ def size(
     ----------
     campaign : Campaign
     variables : sequence of Variable
-        At most `MAX_VARIABLES`.
+        At most 6.
     minimise : str
         Cost: a formula of the names of the variables, each in the unit of its key.
     cases : int
@@ -124,6 +103,8 @@ def size(
     threads : int, optional
     announce : callable (text), optional
         Called with messages.
+    subject_to : sequence of str
+        Names of the requirements to pass; all if empty.
 
     Returns
     -------
@@ -137,302 +118,89 @@ def size(
 
     Notes
     -----
-    One variable: a grid of 13 points, then the cheapest accepted design between the neighbours of
-    the best one, to 1e-4 of the range.
-    Several: a Sobol sequence of 8 designs for each, then COBYLA of scipy from the cheapest accepted
-    one, at most 40 designs for each. The optimum is that of the search, not proven to be global.
+    One variable: a grid of 13 points, 9 more designs between the neighbours of peaks of the margin
+    at which nothing is accepted (three times), then the cheapest accepted design between the
+    neighbours of the best one, to 1e-4 of the range.
+    Several: a Sobol sequence of 8 designs or more for each, then COBYLA of scipy from the cheapest
+    accepted one, at most 40 designs for each. The optimum is that of the search, not proven to be
+    global.
     """
-    tree = _cost_tree(minimise, variables)
-    items = checked_requirements(campaign, cases)
-    seed = campaign.checked_seed(seed)
-    vary = {one.key: (one.low, one.high) for one in variables}
-    session = campaign.session(vary, threads, announce)
-    search = _Search(session, variables, tree, items, cases, seed)
-    fraction = 1.0
-    for number in range(1, MAX_TRIES + 1):
-        best, searched = search.optimum(fraction)
-        if announce:
-            announce(f"search {number}: {_text(best)}; a run with a fresh seed for the verdict ...")
-        count = VERDICT_CASES * cases
-        shown, verdicts = fresh_verdict(
-            campaign, dict(best), count, seed + number, MAX_TRIES, threads, announce
-        )
-        if shown or number == MAX_TRIES:
-            cost = float(evaluate(tree, _named(variables, list(best.values()))))
-            at_ends = tuple(
-                v.key
-                for v in variables
-                if min(best[v.key] - v.low, v.high - best[v.key]) <= _TOLERANCE * (v.high - v.low)
-            )
-            return Sizing(
-                best, cost, shown, verdicts, seed + number, count, searched, number, at_ends
-            )
-        fraction *= _STEP
-    raise AssertionError
+    campaign, search = start_search(
+        campaign, variables, [minimise], cases, seed, MAX_TRIES, threads, announce, subject_to
+    )
+    return shown_design(campaign, search, Goal.weighted([1.0]), MAX_TRIES, threads, announce)
 
 
-def _text(design: Mapping[str, float]) -> str:
-    return ", ".join(f"{key} = {value:.6g}" for key, value in design.items())
-
-
-def _cost_tree(minimise: str, variables: Sequence[Variable]) -> Node:
-    """Syntax tree of the cost. Raises InputError."""
-    known = [one.name for one in variables]
-    if not 1 <= len(known) <= MAX_VARIABLES:
-        raise InputError(f"vary: has {len(known)} variables: must be 1 to {MAX_VARIABLES}")
-    if len(set(known)) < len(known):
-        raise InputError(f"vary: names a variable twice: {', '.join(known)}")
-    if taken := sorted(CONSTANTS.keys() & known):
-        raise InputError(f"vary: {taken[0]} is a number in formulas: choose another name")
-    try:
-        tree = parse(minimise)
-    except FormulaError as error:
-        raise InputError(f"minimise = {minimise}: {error}") from None
-    for name in names(tree):
-        if name not in known:
-            raise InputError(f"minimise = {minimise}: {name!r} is none; {nearest(name, known)}")
-    if not names(tree):
-        raise InputError(f"minimise = {minimise}: must contain a variable: {', '.join(known)}")
-    return tree
-
-
-def _named(variables: Sequence[Variable], values: Sequence[Any]) -> dict[str, Any]:
-    return {one.name: value for one, value in zip(variables, values, strict=True)}
-
-
-def checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement, ...]:
-    """Requirements of a campaign, which so many random cases of different seeds can show. Raises
-    InputError."""
-    items = campaign.file.requirements
-    if not items:
-        raise InputError(f"{campaign.name}: has no requirement to judge by: give [[requirement]]")
-    run = campaign.scene.run
-    if run.samples is not None:
-        raise InputError("run.samples: gives the run for the verdict the cases of the search")
-    if run.sampler != "random":
-        raise InputError(f"run.sampler = {run.sampler!r}: verdicts need random cases")
-    for item in items:
-        needed = required_cases(0, item.probability, item.confidence)
-        if cases < needed:
-            raise InputError(
-                f"cases = {cases}: requirement {item.name} cannot be shown with fewer than {needed}"
-            )
-    return items
-
-
-def fresh_verdict(
+def start_search(
     campaign: "Campaign",
-    settings: dict[str, Any],
+    variables: Sequence[Variable],
+    minimise: Sequence[str],
     cases: int,
-    seed: int,
+    seed: int | None,
     tries: int,
     threads: int | None,
     announce: Log | None,
-) -> tuple[bool, pd.DataFrame]:
-    """True if a run with other values shows all requirements, and its verdicts. Their confidence is
-    raised for a number of such tries."""
-    raised = {
-        f"requirement.{item.name}.confidence": 1.0 - (1.0 - item.confidence) / tries
-        for item in campaign.file.requirements
-    }
-    run = campaign.with_settings(settings | raised).run(cases, seed, threads, announce=announce)
-    verdicts = run.requirements()
-    return bool((verdicts["verdict"] == PASS).all()), verdicts
-
-
-def accepted_violations(item: Requirement, cases: int, fraction: float = 1.0) -> int:
-    """Largest number of violations in the search with which a design is accepted.
-
-    With a true probability of violation of that number over ``cases``, the run for the verdict
-    shows the requirement with a probability of `_LIKELY` at least.
-
-    Parameters
-    ----------
-    item : Requirement
-    cases : int
-    fraction : float
-        Of the number.
-
-    Returns
-    -------
-    int
-    """
-    count, raised = VERDICT_CASES * cases, 1.0 - (1.0 - item.confidence) / MAX_TRIES
-    allowed = allowed_violations(count, item.probability, raised)
-    low, high = 0, cases  # the first is accepted, the last is not
-    while high - low > 1:
-        middle = (low + high) // 2
-        likely = binomial_cdf(allowed, count, middle / cases) >= _LIKELY
-        low, high = (middle, high) if likely else (low, middle)
-    return int(fraction * low)
-
-
-class _Search:
-    """Search for the accepted design with the smallest cost."""
-
-    def __init__(
-        self,
-        session: Session,
-        variables: Sequence[Variable],
-        cost: Node,
-        items: Sequence[Requirement],
-        cases: int,
-        seed: int,
-    ):
-        self.session, self.variables, self.items = session, variables, items
-        self.cost, self.cases, self.seed = cost, cases, seed
-        outcomes = {column.name for column in session.box.outcome_columns}
-        self.metrics = [item.metric for item in items if item.metric in outcomes]
-        self.scales: dict[str, float] = {}
-
-    def optimum(self, fraction: float) -> tuple[dict[str, float], pd.DataFrame]:
-        """Accepted design with the smallest cost, and all designs of the search."""
-        allowed = [accepted_violations(item, self.cases, fraction) for item in self.items]
-        frames: list[pd.DataFrame] = []
-
-        def run(designs: np.ndarray) -> pd.DataFrame:
-            frames.append(self._run(designs, allowed))
-            return frames[-1]
-
-        (self._by_root if len(self.variables) == 1 else self._by_steps)(run)
-        searched = pd.concat(frames, ignore_index=True)
-        accepted = searched[searched["margin"] >= 0.0]
-        if accepted.empty:
-            nearest_one = _text(self._design(searched, searched["margin"].idxmax()))
+    subject_to: Sequence[str],
+) -> tuple["Campaign", DesignSearch]:
+    """Campaign with the requirements that count, and a search of it whose designs are likely to be
+    shown with a confidence raised for ``tries`` runs. Raises InputError."""
+    check_variables(variables)
+    trees = [cost_tree(one, variables) for one in minimise]
+    campaign = with_requirements(campaign, subject_to)
+    items = checked_requirements(campaign, cases)
+    for item in items:
+        raised = 1.0 - (1.0 - item.confidence) / tries
+        needed = math.ceil(required_cases(0, item.probability, raised) / VERDICT_CASES)
+        if cases < needed:
             raise InputError(
-                "no design of the ranges passes all requirements with the margin that a fresh run "
-                f"needs; the nearest is {nearest_one}"
+                f"cases = {cases}: requirement {item.name} cannot be shown with fewer than "
+                f"{needed}, in a run of {VERDICT_CASES} times as many at a raised confidence"
             )
-        return self._design(accepted, accepted["cost"].idxmin()), searched
+    seed = campaign.checked_seed(seed)
+    vary = {one.key: (one.low, one.high) for one in variables}
+    session = campaign.session(vary, threads, announce)
+    return campaign, DesignSearch(session, variables, trees, items, cases, seed, tries)
 
-    def _design(self, table: pd.DataFrame, row: Any) -> dict[str, float]:
-        values = table.loc[row].to_dict()
-        return {one.key: float(values[one.key]) for one in self.variables}
 
-    def _run(self, designs: np.ndarray, allowed: Sequence[int]) -> pd.DataFrame:
-        """Cost and margin of designs (m, variables)."""
-        columns = list(dict.fromkeys(self.metrics))
-        table = self.session.run_many(designs, self.cases, self.seed, columns or ["error"])
-        frame = pd.DataFrame(designs, columns=[one.key for one in self.variables])
-        frame["cost"] = self._costs(designs)
-        margin = np.full(len(designs), np.inf)
-        for item, most in zip(self.items, allowed, strict=True):
-            margin = np.minimum(margin, self._margin(item, most, table.columns))
-        frame["margin"] = margin
-        return frame
+def shown_design(
+    campaign: "Campaign",
+    search: DesignSearch,
+    goal: Goal,
+    tries: int,
+    threads: int | None,
+    announce: Log | None,
+) -> Sizing:
+    """Search for a design until a run with a fresh seed shows it, `MAX_TRIES` times at most. The
+    confidence of the run is raised for ``tries`` runs."""
+    count, fraction = VERDICT_CASES * search.cases, 1.0
+    for number in range(1, MAX_TRIES + 1):
+        best, searched = search.optimum(goal, fraction)
+        if announce:
+            announce(
+                f"search {number}: {design_text(best)}; a run with a fresh seed for the verdict ..."
+            )
+        seed = search.seed + number
+        shown, verdicts = fresh_verdict(campaign, dict(best), count, seed, tries, threads, announce)
+        if shown or number == MAX_TRIES:
+            break
+        fraction *= _STEP
+    costs = search.costs(np.array([list(best.values())]))[0]
+    at_ends = tuple(
+        v.key
+        for v in search.variables
+        if min(best[v.key] - v.low, v.high - best[v.key]) <= TOLERANCE * (v.high - v.low)
+    )
+    return Sizing(
+        best, tuple(map(float, costs)), shown, verdicts, seed, count, searched, number, at_ends
+    )
 
-    def _costs(self, designs: np.ndarray) -> np.ndarray:
-        """Cost (m,) of designs (m, variables). Raises InputError."""
-        costs = np.empty(len(designs))
-        costs[:] = evaluate(self.cost, _named(self.variables, list(designs.T)))
-        if not np.isfinite(costs).all():
-            values = designs[np.argmin(np.isfinite(costs))]
-            design = {one.key: value for one, value in zip(self.variables, values, strict=True)}
-            raise InputError(f"minimise: has no value at {_text(design)}; use where(...)")
-        return costs
 
-    def _margin(
-        self, item: Requirement, most: int, columns: Mapping[str, np.ndarray]
-    ) -> np.ndarray:
-        """Margin (m,) of each design to a requirement: that of its case of rank ``most``, from the
-        worst. Cases without the outcome are worse than all others."""
-        status = columns["status"]
-        if item.metric in columns and not is_yes_or_no(item.metric):
-            values = margins(columns[item.metric], item)
-            values = np.where((status == Status.OK) & ~np.isnan(values), values, -np.inf)
-            if item.name not in self.scales:
-                finite = values[np.isfinite(values)]
-                spread = float(finite.std()) if len(finite) else 1.0
-                self.scales[item.name] = spread or 1.0
-            ranked = np.partition(values, most, axis=1)[:, most]
-            return np.asarray(ranked / self.scales[item.name])
-        violates = self._violations(item, columns)
-        return np.asarray((most - violates.sum(axis=1)) / max(1.0, 0.01 * self.cases))
-
-    def _violations(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Mask (m, cases) of the cases that violate a requirement on a status, a yes-or-no outcome
-        or any violation; cases without a result count as violations, as in a verdict."""
-        status = columns["status"]
-        if item.metric == VIOLATION:
-            others = [one for one in self.items if one.metric != VIOLATION]
-            return np.any([self._violations(one, columns) for one in others], axis=0)
-        if item.metric in columns:
-            values = margins(columns[item.metric], item)
-            return np.asarray(~((status == Status.OK) & (values >= 0.0)))
-        return np.asarray(status != Status.OK)  # one with another status shows nothing
-
-    def _by_root(self, run: Run) -> None:
-        """Search one variable: a grid, then the cheapest design between the neighbours of the
-        cheapest accepted one; if it is not accepted, the border of the accepted designs before it.
-
-        The border is found by the Illinois method, and by bisection where that converges slowly."""
-        (variable,) = self.variables
-        table = run(np.linspace(variable.low, variable.high, _GRID)[:, None])
-        x, costs, margin = (
-            table[name].to_numpy(float) for name in (variable.key, "cost", "margin")
-        )
-        if not (margin >= 0.0).any():
-            return
-        good = int(np.argmin(np.where(margin >= 0.0, costs, np.inf)))
-        ends = x[max(good - 1, 0)], x[min(good + 1, _GRID - 1)]
-        fine = np.append(np.linspace(*ends, _FINE), x[good])
-        fine_costs = self._costs(fine[:, None])
-        cheapest = fine[fine_costs.argmin()]
-        if fine_costs.min() >= costs[good]:
-            return
-        if cheapest in x:
-            value = margin[list(x).index(cheapest)]
-        else:
-            value = float(run(np.array([[cheapest]]))["margin"].iloc[0])
-        if value >= 0.0:
-            return
-        inside, outside = (x[good], margin[good]), (cheapest, value)
-        width = np.inf
-        for _ in range(_ROOTS):
-            last, width = width, abs(inside[0] - outside[0])
-            if width <= _TOLERANCE * (variable.high - variable.low):
-                return
-            fall = max(inside[1] - outside[1], 1e-12)
-            share = min(max(inside[1] / fall, 0.05), 0.95) if width <= 0.5 * last else 0.5
-            middle = inside[0] + share * (outside[0] - inside[0])
-            value = float(run(np.array([[middle]]))["margin"].iloc[0])
-            if value >= 0.0:
-                inside, outside = (middle, value), (outside[0], 0.5 * outside[1])
-            else:
-                inside, outside = (inside[0], 0.5 * inside[1]), (middle, value)
-
-    def _by_steps(self, run: Run) -> None:
-        """Search several variables: a Sobol sequence, then COBYLA of scipy from the cheapest
-        accepted design of it (or the nearest to be accepted)."""
-        from scipy.optimize import minimize  # noqa: PLC0415
-        from scipy.stats.qmc import Sobol  # noqa: PLC0415
-
-        low = np.array([one.low for one in self.variables])
-        span = np.array([one.high for one in self.variables]) - low
-        count = len(self.variables)
-        unit = Sobol(count, rng=np.random.default_rng(self.seed)).random(8 * count)
-        unit = np.vstack([unit, np.zeros(count), np.ones(count)])
-        table = run(low + span * unit)
-        margin, costs = table["margin"].to_numpy(float), table["cost"].to_numpy(float)
-        accepted = margin >= 0.0
-        first = int(
-            np.argmin(np.where(accepted, costs, np.inf)) if accepted.any() else margin.argmax()
-        )
-        scale = float(np.ptp(costs)) or 1.0
-        known: dict[bytes, tuple[float, float]] = {}
-
-        def result(x: np.ndarray) -> tuple[float, float]:
-            x = np.clip(x, 0.0, 1.0)
-            if x.tobytes() not in known:
-                row = run((low + span * x)[None, :]).iloc[0]
-                known[x.tobytes()] = (float(row["cost"]) / scale, float(row["margin"]))
-            return known[x.tobytes()]
-
-        minimize(
-            lambda x: result(x)[0],
-            unit[first],
-            method="COBYLA",
-            bounds=[(0.0, 1.0)] * count,
-            constraints={"type": "ineq", "fun": lambda x: result(x)[1]},
-            options={"rhobeg": 0.15, "tol": _TOLERANCE, "maxiter": _STEPS * count},
-        )
+__all__ = [
+    "MAX_TRIES",
+    "VERDICT_CASES",
+    "Sizing",
+    "Variable",
+    "accepted_violations",
+    "parse_variable",
+    "size",
+]

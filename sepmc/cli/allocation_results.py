@@ -1,12 +1,12 @@
 """Screen of `sepmc allocate`."""
 
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from sepmc.campaign.allocation import MAX_TRIES, Allocation
 from sepmc.cli.size_results import render_verdicts
+from sepmc.scene.settings import inline_toml
 from sepmc.text_table import text_table
 
 
@@ -58,7 +58,10 @@ def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]
         f"verdicts of {allocation.cases} cases of seed {allocation.verdict_seed}, which did not "
         f"choose the spreads; confidence raised for {MAX_TRIES} tries"
     )
-    changed = [*settings, *(f"{k}={_inline(value)}" for k, value in allocation.settings.items())]
+    changed = [
+        *settings,
+        *(f"{k}={inline_toml(value)}" for k, value in allocation.settings.items()),
+    ]
     words = ["sepmc", "campaign", file, *(word for one in changed for word in ("--set", one))]
     words += ["--cases", str(allocation.cases), "--seed", str(allocation.verdict_seed)]
     return "\n".join([*lines, f"the same cases again: {shlex.join(words)}"])
@@ -100,10 +103,6 @@ def _passes(row: Mapping[Any, Any]) -> str:
 def _file_lines(settings: Mapping[str, Any]) -> list[str]:
     """Lines of the table [dispersion] in a campaign file, from distributions by TOML path."""
     return [
-        f'"{key.removeprefix("dispersion.")}" = {_inline(value)}' for key, value in settings.items()
+        f'"{key.removeprefix("dispersion.")}" = {inline_toml(value)}'
+        for key, value in settings.items()
     ]
-
-
-def _inline(distribution: Mapping[str, Any]) -> str:
-    """Inline table of a distribution; JSON writes numbers and lists as TOML does."""
-    return f"{{ {', '.join(f'{k} = {json.dumps(value)}' for k, value in distribution.items())} }}"

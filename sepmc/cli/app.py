@@ -27,6 +27,7 @@ from sepmc.cli.scenarios import scenarios
 from sepmc.cli.sensitivity import sensitivity
 from sepmc.cli.size import size
 from sepmc.cli.stats import stats
+from sepmc.cli.studio import studio
 from sepmc.cli.template import list_campaigns, template
 from sepmc.cli.verify import stress, verify
 
@@ -95,6 +96,7 @@ for _command in (
     map_,
     size,
     allocate,
+    studio,
     scenarios,
     report,
     export,

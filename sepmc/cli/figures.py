@@ -112,6 +112,7 @@ def draw_figures(
         Files written.
     """
     from sepmc.analysis.constant_outcomes import collapse_constant, constant_value, is_constant
+    from sepmc.analysis.requirements import required_bounds
 
     units = {column.name: column.unit for column in campaign.outcome_columns}
     table = summary.statistics() if table is None else table
@@ -129,7 +130,7 @@ def draw_figures(
         units,
         campaign.reference,
         source=campaign.file.reference.source if campaign.file.reference else "reference",
-        required=required_bounds(campaign),
+        required=required_bounds(campaign.file.requirements),
         about=about,
         suffix=suffix,
         alone=separate,
@@ -141,18 +142,11 @@ def draw_figures(
     return written + drawn()
 
 
-def required_bounds(campaign: "Campaign") -> dict[str, list[float]]:
-    """Return the required bounds of each outcome."""
-    bounds: dict[str, list[float]] = {}
-    for item in campaign.file.requirements:
-        own = [bound for bound in (item.at_least, item.at_most) if bound is not None]
-        bounds[item.metric] = bounds.get(item.metric, []) + own
-    return bounds
-
-
 def clearance_bounds(campaign: "Campaign") -> dict[str, list[float]]:
     """Return the required bounds of clearances over time; no recontact is a clearance above 0."""
-    bounds = required_bounds(campaign)
+    from sepmc.analysis.requirements import required_bounds
+
+    bounds = required_bounds(campaign.file.requirements)
     for name in [name for name in bounds if name.endswith("_recontact")]:
         clearance = name.removesuffix("_recontact") + "_clearance_mm"
         bounds[clearance] = [*bounds.get(clearance, []), 0.0]

@@ -1,5 +1,6 @@
 """`sepmc map`: verdicts over design variables."""
 
+import math
 from pathlib import Path
 
 import click
@@ -18,18 +19,29 @@ from sepmc.cli.options import (
 )
 
 _AXIS = "KEY=LOW:HIGH:COUNT"
+_CASES = 1000
 
 
 @click.command(name="map", short_help="Judge the requirements of FILE over design variables.")
 @FILE
-@click.option("--x", "x_axis", metavar=_AXIS, required=True, help="Design variable of the x axis.")
+@click.option(
+    "--x",
+    "x_axis",
+    metavar=_AXIS,
+    help="Design variable of the x axis. Default: [map] of the file.",
+)
 @click.option("--y", "y_axis", metavar=_AXIS, help="Design variable of the y axis.")
 @click.option(
     "--cases",
     type=click.IntRange(min=1),
-    default=1000,
-    show_default=True,
-    help="Cases of every design, on common random numbers.",
+    help="Cases of every design, on common random numbers. Default: map.cases of the file, or "
+    f"{_CASES}.",
+)
+@click.option(
+    "--max-cases",
+    type=click.IntRange(min=1),
+    help="Cases of a design that is open with fewer, at most: they are doubled up to this number. "
+    "Default: no more.",
 )
 @SEED
 @SETTINGS
@@ -40,9 +52,10 @@ _AXIS = "KEY=LOW:HIGH:COUNT"
 @QUIET
 def map_(
     file: str,
-    x_axis: str,
+    x_axis: str | None,
     y_axis: str | None,
-    cases: int,
+    cases: int | None,
+    max_cases: int | None,
     seed: int | None,
     settings: tuple[str, ...],
     threads: int | None,
@@ -52,11 +65,12 @@ def map_(
     quiet: bool,
 ) -> None:
     """Judge each requirement of FILE at every point of a grid of designs: shown, refuted, or open
-    with these cases.
+    with these cases. With --max-cases, designs that are open get more of them, at a confidence that
+    is raised for the number of looks.
 
-    KEY is a TOML path with its unit; * stands for any name. Cases with one number have the same
-    random numbers in every design. The verdict on a design that was chosen by a map needs another
-    seed.
+    KEY is a TOML path with its unit; * stands for any name. An option replaces the key of [map] in
+    FILE; --x replaces both axes. Cases with one number have the same random numbers in every
+    design. The verdict on a design that was chosen by a map needs another seed.
 
     \b
     Example:
@@ -67,25 +81,33 @@ def map_(
     from sepmc.cli.map_results import figure_paths, render_map, write_figures, write_table
     from sepmc.cli.progress import progress_bar
     from sepmc.cli.render import logger, show
+    from sepmc.scene.messages import InputError
 
-    axes = [parse_axis(x_axis, "--x")] + ([parse_axis(y_axis, "--y")] if y_axis else [])
+    first, second = (
+        [parse_axis(text, name)] if text else []
+        for name, text in (("--x", x_axis), ("--y", y_axis))
+    )
     campaign = load_campaign(file, settings)
+    plan = campaign.file.map
+    if plan is not None:
+        cases, max_cases = cases or plan.cases, max_cases or plan.max_cases
+        second = second or list([] if first else plan.axes[1:])
+        first = first or list(plan.axes[:1])
+    if not first:
+        raise InputError(f"{campaign.name}: has no [map]: give --x {_AXIS}")
+    axes, cases = first + second, cases or _CASES
     path = out or Path(f"{campaign.name}-map.parquet")
     check_out_file(path, (".csv", ".parquet"), overwrite)
     for image in [] if no_plots else figure_paths(campaign, path):
         check_out_file(image, (".png",), overwrite)
-    log, total = logger(quiet), cases
-    for axis in axes:
-        total *= axis.count
-    with progress_bar(total, quiet) as report:
+    log = logger(quiet)
+    with progress_bar(cases * math.prod(axis.count for axis in axes), quiet) as report:
 
-        def progress(done: int, n_designs: int) -> None:
+        def progress(done: int, total: int) -> None:
             if report:
-                report(done * cases, n_designs * cases, 0)
+                report(done, total, 0)
 
-        if report:
-            report(0, total, 0)
-        designs = map_designs(campaign, axes, cases, seed, threads, progress, log)
+        designs = map_designs(campaign, axes, cases, seed, threads, progress, log, max_cases)
     written = [write_table(designs, campaign, path)]
     if not no_plots:
         written += write_figures(designs, campaign, path)

@@ -27,7 +27,7 @@ def write_table(designs: DesignMap, campaign: Campaign, path: Path) -> Path:
     about = {
         "campaign": campaign.name,
         "digest": campaign.digest,
-        "cases": str(designs.cases),
+        "cases": " ".join(map(str, designs.looks)),
         "seed": str(designs.seed),
         "sepmc": __version__,
     }
@@ -71,16 +71,25 @@ def _nominal(campaign: Campaign, key: str) -> float | None:
 def render_map(designs: DesignMap, campaign: Campaign) -> str:
     """Render the number of designs with each verdict, a line for each requirement."""
     lines = [
-        f"{len(designs.table)} designs, {designs.cases} cases each, seed {designs.seed}; largest "
+        f"{len(designs.table)} designs, {designs.cases_text}, seed {designs.seed}; largest "
         f"numerical error {designs.table['error'].max():.1e}"
     ]
+    n_looks, most = len(designs.looks), designs.looks[-1]
+    if n_looks > 1:
+        more = int((designs.table["cases"] > designs.looks[0]).sum())
+        lines.append(
+            f"{more} of them had more cases, up to {most:,}, as they were open with fewer; "
+            f"confidence raised for {n_looks} looks"
+        )
     for item in campaign.file.requirements:
         verdicts = designs.table[item.name].to_numpy()
         shown, refuted = (int(np.count_nonzero(verdicts == word)) for word in (PASS, FAIL))
         rest = len(verdicts) - shown - refuted
         sentence = _sentence(campaign, item)
         lines.append(f"{sentence}: shown at {shown} designs, refuted at {refuted}, open at {rest}")
-        needed = required_cases(0, item.probability, item.confidence)
-        if designs.cases < needed:
-            lines.append(f"  {designs.cases} cases cannot show it; give at least --cases {needed}")
+        confidence = 1.0 - (1.0 - item.confidence) / n_looks
+        needed = required_cases(0, item.probability, confidence)
+        if most < needed:
+            option = "--max-cases" if n_looks > 1 else "--cases"
+            lines.append(f"  {most} cases cannot show it; give at least {option} {needed}")
     return "\n".join(lines)

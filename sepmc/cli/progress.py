@@ -26,6 +26,7 @@ def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], 
                 if done == 0:
                     bar.reset(total=count)
                     return
+                bar.total = count
                 bar.set_postfix(failures=failures, refresh=False)
                 bar.update(done - bar.n)
 

@@ -1,12 +1,16 @@
 """Content of the report of a run."""
 
+import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from sepmc.analysis.requirements import FAIL, Verdict
+import pandas as pd
+
+from sepmc.analysis.constant_outcomes import is_constant
+from sepmc.analysis.requirements import FAIL, Verdict, required_bounds
 from sepmc.analysis.statistics_text import (
     render_audit,
     render_comparison,
@@ -17,9 +21,16 @@ from sepmc.analysis.statistics_text import (
 from sepmc.campaign import run_statistics
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.label import of_settings
+from sepmc.campaign.limit_cases import WORST
 from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import manifests
-from sepmc.cli.figures import clearance_bounds, draw_figures, event_times, ranked_outcomes
+from sepmc.campaign.store.shards import CaseColumns
+from sepmc.cli.figures import (
+    clearance_bounds,
+    draw_figures,
+    event_times,
+    ranked_outcomes,
+)
 from sepmc.cli.flight_comparison import read_stored_flight, render_flight
 from sepmc.cli.input_sensitivity import (
     InputSensitivity,
@@ -32,17 +43,38 @@ from sepmc.cli.render import render_accuracy
 from sepmc.cli.results import phases
 from sepmc.processes import processes
 from sepmc.report import page
+from sepmc.report.case_points import case_points
 from sepmc.report.drawing import draw_vehicle
 from sepmc.report.flight_figure import draw_flight
 from sepmc.report.history_figures import run_figures
 from sepmc.report.replay_data import replay_data
 from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
+from sepmc.scene.scenarios import BASELINE
 from sepmc.schema import Status, is_yes_or_no
 
+# files beside the run of a campaign with scenarios: title, a line, and columns
+_BESIDE = (
+    (
+        "scenarios.csv",
+        "Scenarios",
+        "The same random numbers in each; the run folders are beside that of this page.",
+        ("scenario", "run", "ok", "name", "verdict", "violations", "allowed", "title"),
+    ),
+    (
+        "limits.csv",
+        "Limit cases",
+        "Inputs at their low or high end, the others nominal; and the worst combination found for "
+        "each requirement. A violation here is no verdict: that is about a fraction of all cases.",
+        ("limit", "status"),
+    ),
+)
+_JUDGED = ("", "_outcome", "_margin")  # columns of a requirement
+_COMBINED = ["low", "high", "between"]  # inputs of a combination
 _PAGES = ("rates", "angles", "separation", "hinges", "clearances")  # figures of a worst case
 _ACCURACY = 1e-5  # relative; errors below are not visible in a figure
 _SHOWN = 12  # outcomes in the table
+_INPUTS = 40  # inputs in the figure that zooms
 _WIDTH = 160  # characters of a line of the table of all outcomes
 _WORST, _MOST_WORST = 2, 4  # worst cases shown over time; at most, if more requirements fail
 _ROWS = 400  # of their histories
@@ -61,6 +93,7 @@ def write_report(
         cases = _worst_cases(campaign, run) if worst else {}
         cases |= {number: (f"case {number}", "") for number in numbers if number not in cases}
         content = _content(campaign, run, drivers, folder)
+        content.points = _points(campaign, run, folder, content.leading)
         content.replays, content.nominal = _replay(campaign, run, cases, into, log)
         figures = draw_attributions(drivers, folder, into, ".svg")
         figures += draw_sensitivities(drivers, folder, campaign, into, ".svg")
@@ -135,6 +168,52 @@ def _content(
         campaign=campaign.file.toml,
         run=shlex.quote(str(folder)),
         driver_notes=drivers.notes(),
+        beside=tables_beside(folder),
+    )
+
+
+def tables_beside(folder: Path) -> list[page.PlainTable]:
+    """Return the tables of `sepmc scenarios` beside the run folder of its campaign, ``baseline``:
+    scenarios and limit cases; none of another run."""
+    if folder.resolve().name != BASELINE:
+        return []
+    tables = []
+    for name, title, note, columns in _BESIDE:
+        path = folder.resolve().parent / name
+        if not path.is_file():
+            continue
+        table = pd.read_csv(path)
+        margins = [str(head) for head in table if str(head).endswith("_margin")]
+        names = [head.removesuffix("_margin") for head in margins]
+        wanted = [*columns, *(f"{name}{end}" for name in names for end in _JUDGED)]
+        wanted += _COMBINED if margins else []
+        shown = table[[head for head in wanted if head in table]]
+        if margins:  # the name of any other limit case says where its inputs are
+            is_worst = table["limit"].astype(str).str.startswith(WORST)
+            shown = shown.assign(**{head: table[head].where(is_worst) for head in _COMBINED})
+        shown = shown.dropna(axis=1, how="all")
+        rows = [[_cell(value) for value in row] for row in shown.itertuples(index=False)]
+        tables.append(page.PlainTable(title, note, list(map(str, shown)), rows))
+    return tables
+
+
+def _cell(value: Any) -> str:
+    """Value of a stored table as text; empty if it is missing."""
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:.5g}"
+    return str(value)
+
+
+def _points(
+    campaign: Campaign, run: RunStatistics, folder: Path, outcomes: Sequence[str]
+) -> dict[str, Any]:
+    """Collect values of cases for the figure that zooms."""
+    return case_points(
+        CaseColumns(folder),
+        [name for name in outcomes if not is_constant(run.table, name)],
+        [column.name for column in campaign.input_columns][:_INPUTS],
+        {column.name: column.unit for column in campaign.columns},
+        required_bounds(campaign.file.requirements),
     )
 
 

@@ -1,10 +1,19 @@
 """Screen of `sepmc scenarios`."""
 
+import math
+from collections.abc import Hashable, Mapping
+from typing import Any
+
 from sepmc.analysis.requirements import PASS
 from sepmc.analysis.requirements_text import requirement_sentence
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.limit_cases import MET, NOMINAL, WORST, LimitCases
 from sepmc.campaign.scenarios import ScenarioRuns
 from sepmc.scene.scenarios import BASELINE
 from sepmc.text_table import text_table
+
+_ENDS = ("low", "high", "between")
+_LIMITS_SHOWN = 6  # limit cases of each requirement, at least
 
 
 def render_scenarios(runs: ScenarioRuns) -> str:
@@ -36,6 +45,42 @@ def render_scenarios(runs: ScenarioRuns) -> str:
     lines += sentences
     lines += [f"{name}: {title}" for name, title in runs.titles.items() if title]
     return "\n".join(lines)
+
+
+def render_limits(limits: LimitCases, campaign: Campaign) -> str:
+    """Render limit cases, a row each with the outcome of each requirement; of many inputs those
+    with the smallest margins. Combinations are named below."""
+    table, names = limits.table, [item.name for item in limits.requirements]
+    is_worst = table["limit"].str.startswith(WORST)
+    shown = is_worst | (table["limit"] == NOMINAL) | (table[names] != MET).any(axis=1)
+    for name in names:
+        margin = table[f"{name}_margin"].where(~is_worst)
+        shown |= margin.rank(method="first") <= _LIMITS_SHOWN
+    rows = [
+        [str(row["limit"]), *(_limit_cell(row, name) for name in names), str(row["status"])]
+        for row in table[shown].to_dict("records")
+    ]
+    lines = text_table([["limit case", *names, "status"], *rows], left=(0, len(names) + 1))
+    lines.append("outcome (margin to the bound), inputs at their ends and the others nominal")
+    if hidden := int((~shown).sum()):
+        lines.append(f"{hidden} more limit cases violate nothing and have larger margins")
+    for row in table[is_worst].to_dict("records"):
+        ends = [f"{word}: {row[word].replace('; ', ', ')}" for word in _ENDS if row[word]]
+        lines.append(f"{row['limit']}; {'; '.join(ends) or NOMINAL}")
+    units = {column.name: column.unit for column in campaign.outcome_columns}
+    lines += [
+        requirement_sentence(item, units.get(item.metric, "")) for item in limits.requirements
+    ]
+    return "\n".join(lines)
+
+
+def _limit_cell(row: Mapping[Hashable, Any], name: str) -> str:
+    """Outcome, margin, and verdict unless it is met, of a limit case."""
+    verdict, value = row[name], row[f"{name}_outcome"]
+    if math.isnan(value):
+        return str(verdict)
+    text = f"{value:.5g} ({row[f'{name}_margin']:+.3g})"
+    return text if verdict == MET else f"{text} {verdict.upper()}"
 
 
 def verdicts_pass(runs: ScenarioRuns) -> bool:

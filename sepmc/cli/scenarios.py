@@ -19,6 +19,13 @@ from sepmc.cli.options import CASES, CHECK, FILE, QUIET, SEED, SETTINGS, THREADS
     type=click.Path(path_type=Path),
     help="New folder, with a run folder for each scenario. Default: runs/NAME-scenarios-N.",
 )
+@click.option(
+    "--limits",
+    "with_limits",
+    is_flag=True,
+    help="Also simulate every input at its low and high end, and the worst combination found for "
+    "each requirement.",
+)
 @click.option("--resume", is_flag=True, help="Run only the cases missing in --out.")
 @CHECK
 @QUIET
@@ -29,6 +36,7 @@ def scenarios(
     settings: tuple[str, ...],
     threads: int | None,
     out: Path | None,
+    with_limits: bool,
     resume: bool,
     must_pass: bool,
     quiet: bool,
@@ -39,16 +47,21 @@ def scenarios(
     All have the same random numbers, so that their differences are those of the scenarios. Each
     run folder works with every command that takes one.
 
+    --limits adds limit cases of FILE itself, with outcomes and margins: inputs at their ends one at
+    a time, the others nominal, and in the worst combinations found. They need no [[scenario]], and
+    --check does not judge them. limits.csv in the folder is a table for --samples.
+
     \b
     Example:
       sepmc scenarios rocket.toml --cases 2000 --out runs/failures
     """
+    from sepmc.campaign.limit_cases import limit_cases
     from sepmc.campaign.scenarios import run_scenarios
     from sepmc.campaign.store import folders
     from sepmc.cli.options import check_required
     from sepmc.cli.progress import progress_bar
     from sepmc.cli.render import logger, show
-    from sepmc.cli.scenario_results import render_scenarios, verdicts_pass
+    from sepmc.cli.scenario_results import render_limits, render_scenarios, verdicts_pass
     from sepmc.scene.messages import InputError
     from sepmc.scene.scenarios import BASELINE
     from sepmc.wording import exists
@@ -62,20 +75,28 @@ def scenarios(
         raise InputError(f"{folder}: has no run of the scenarios to resume")
     if folder.exists() and not resume:
         raise InputError(f"{exists(folder)}; --resume runs its missing cases")
-    log, count = logger(quiet), campaign.select_cases(cases)[0].count
-    total = count * (1 + len(campaign.file.scenarios))
-    finished: dict[str, int] = {}
-    with progress_bar(total, quiet) as report:
+    log, runs, text = logger(quiet), None, []
+    if campaign.file.scenarios or not with_limits:
+        count = campaign.select_cases(cases)[0].count
+        total = count * (1 + len(campaign.file.scenarios))
+        finished: dict[str, int] = {}
+        with progress_bar(total, quiet) as report:
 
-        def progress(name: str, done: int, _: int, failed: int) -> None:
-            finished[name] = done
-            if report:
-                report(sum(finished.values()), total, failed)
+            def progress(name: str, done: int, _: int, failed: int) -> None:
+                finished[name] = done
+                if report:
+                    report(sum(finished.values()), total, failed)
 
-        runs = run_scenarios(campaign, cases, seed, threads, folder, log, progress, resume)
-    table = folder / "scenarios.csv"
-    folders.write_text(table, runs.table.to_csv(index=False))
+            runs = run_scenarios(campaign, cases, seed, threads, folder, log, progress, resume)
+        folders.write_text(folder / "scenarios.csv", runs.table.to_csv(index=False))
+        text.append(render_scenarios(runs))
+    if with_limits:
+        limits = limit_cases(campaign, threads, log)
+        folder.mkdir(parents=True, exist_ok=True)
+        folders.write_text(folder / "limits.csv", limits.table.to_csv(index=False))
+        text.append(render_limits(limits, campaign))
     if not quiet:
-        show(render_scenarios(runs))
-    log(f"wrote {folder}: a run folder for each, and {table.name}")
-    sys.exit(int(must_pass and not verdicts_pass(runs)))
+        show("\n\n".join(text))
+    tables = ", ".join(path.name for path in sorted(folder.glob("*.csv")))
+    log(f"wrote {folder}: {tables}" + (", and a run folder for each" if runs else ""))
+    sys.exit(int(must_pass and runs is not None and not verdicts_pass(runs)))

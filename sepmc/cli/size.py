@@ -8,6 +8,7 @@ import click
 from sepmc.cli.options import (
     CHECK,
     FILE,
+    NO_PLOTS,
     QUIET,
     SEED,
     SETTINGS,
@@ -18,6 +19,8 @@ from sepmc.cli.options import (
     overwrite_option,
 )
 
+_CASES = 2000
+
 
 @click.command(short_help="Find the cheapest design of FILE that passes all requirements.")
 @FILE
@@ -26,35 +29,46 @@ from sepmc.cli.options import (
     "variables",
     metavar="NAME=KEY=LOW:HIGH",
     multiple=True,
-    required=True,
-    help="Design variable: its name in the cost, its TOML path with unit, its range.",
+    help="Design variable: its name in the cost, its TOML path with unit, its range. Default: "
+    "[size] of the file, as for all of these options.",
 )
 @click.option(
-    "--minimise", metavar="FORMULA", required=True, help="Cost, a formula of the variables."
+    "--minimise",
+    metavar="FORMULA",
+    multiple=True,
+    help="Cost, a formula of the variables. Two or three of them give a front of designs.",
+)
+@click.option(
+    "--subject-to",
+    metavar="NAME",
+    multiple=True,
+    help="Requirement that the design must pass. Default: all of the file.",
 )
 @click.option(
     "--cases",
     type=click.IntRange(min=1),
-    default=2000,
-    show_default=True,
-    help="Cases of every design in the search; the verdict takes four times as many.",
+    help="Cases of every design in the search; the verdict takes four times as many. Default: "
+    f"{_CASES}.",
 )
 @SEED
 @SETTINGS
 @THREADS
 @out_file_option("NAME-size.csv, the designs of the search", "CSV")
+@NO_PLOTS
 @CHECK
-@overwrite_option("the file in --out")
+@overwrite_option("the files of the sizing in --out")
 @QUIET
 def size(
     file: str,
     variables: tuple[str, ...],
-    minimise: str,
-    cases: int,
+    minimise: tuple[str, ...],
+    subject_to: tuple[str, ...],
+    cases: int | None,
     seed: int | None,
     settings: tuple[str, ...],
     threads: int | None,
     out: Path | None,
+    no_plots: bool,
     must_pass: bool,
     overwrite: bool,
     quiet: bool,
@@ -62,8 +76,11 @@ def size(
     """Find the design with the smallest cost that passes all requirements of FILE, and judge it by
     a run with another seed than that of the search.
 
-    KEY is a TOML path with its unit; * stands for any name. With --check the command ends with
-    code 1 unless the verdict shows every requirement.
+    Several costs give a few designs of which none is better than another one in every cost, each
+    judged in this way, with a table and a figure beside --out.
+
+    An option replaces the key of [size] in FILE. KEY is a TOML path with its unit; * stands for any
+    name. With --check the command ends with code 1 unless the verdict shows every requirement.
 
     \b
     Example:
@@ -72,17 +89,40 @@ def size(
     from sepmc.campaign.sizing import parse_variable
     from sepmc.campaign.sizing import size as find_size
     from sepmc.campaign.store import folders
+    from sepmc.campaign.trade_off import trade_off
     from sepmc.cli.render import logger, show
-    from sepmc.cli.size_results import render_sizing
+    from sepmc.cli.size_results import render_sizing, render_trade_off, write_trade_off
+    from sepmc.scene.messages import InputError
 
-    parsed = [parse_variable(text) for text in variables]
+    parsed = tuple(parse_variable(text) for text in variables)
     campaign = load_campaign(file, settings)
+    plan = campaign.file.size
+    if plan is not None:
+        parsed, minimise = parsed or plan.variables, minimise or plan.minimise
+        subject_to, cases = subject_to or plan.subject_to, cases or plan.cases
+    if not parsed or not minimise:
+        raise InputError(f"{campaign.name}: has no [size]: give --vary and --minimise")
     path = out or Path(f"{campaign.name}-size.csv")
     check_out_file(path, (".csv",), overwrite)
-    log = logger(quiet)
-    sizing = find_size(campaign, parsed, minimise, cases, seed, threads, log)
-    folders.write_text(path, sizing.searched.to_csv(index=False))
+    log, cases = logger(quiet), cases or _CASES
+    if len(minimise) == 1:
+        sizing = find_size(campaign, parsed, minimise[0], cases, seed, threads, log, subject_to)
+        folders.write_text(path, sizing.searched.to_csv(index=False))
+        if not quiet:
+            show(render_sizing(sizing, minimise[0], file, settings, campaign.file.tree))
+        log(f"wrote {path}")
+        sys.exit(int(must_pass and not sizing.shown))
+    table, image = (path.with_name(f"{path.stem}-front{end}") for end in (".parquet", ".png"))
+    for each in [table] if no_plots else [table, image]:
+        check_out_file(each, (), overwrite)
+    front = trade_off(campaign, parsed, minimise, cases, seed, threads, log, subject_to)
+    folders.write_text(path, front.searched.to_csv(index=False))
+    written = [path, write_trade_off(front, campaign, table)]
+    if not no_plots:
+        from sepmc.report.trade_off_figure import trade_off_figure
+
+        written.append(trade_off_figure(front, campaign.name, image))
     if not quiet:
-        show(render_sizing(sizing, minimise, file, settings, campaign.file.tree))
-    log(f"wrote {path}")
-    sys.exit(int(must_pass and not sizing.shown))
+        show(render_trade_off(front, parsed))
+    log("wrote " + ", ".join(map(str, written)))
+    sys.exit(int(must_pass and not front.shown))

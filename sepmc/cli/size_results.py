@@ -2,11 +2,19 @@
 
 import shlex
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sepmc import __version__
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.design_search import cost_names
 from sepmc.campaign.sizing import MAX_TRIES, Sizing
+from sepmc.campaign.store import shards
+from sepmc.campaign.trade_off import TradeOff
+from sepmc.scene.design_tables import Variable
 from sepmc.scene.messages import Problems
 from sepmc.scene.setting_checks import expand, parts, split_units
+from sepmc.schema import Column
 from sepmc.text_table import text_table
 
 if TYPE_CHECKING:
@@ -36,13 +44,48 @@ def render_sizing(
     if not sizing.shown:
         lines.append(f"not shown after {sizing.tries} searches: give more --cases")
     changed = [
-        *_others(settings, sizing.values, tree),
+        *other_settings(settings, sizing.values, tree),
         *(f"{key}={value:.17g}" for key, value in sizing.values.items()),
     ]
     words = ["sepmc", "campaign", file, *(word for one in changed for word in ("--set", one))]
     words += ["--cases", str(sizing.cases), "--seed", str(sizing.seed)]
     lines.append(f"the same cases again: {shlex.join(words)}")
     return "\n".join(lines)
+
+
+def render_trade_off(result: TradeOff, variables: Sequence[Variable]) -> str:
+    """Render the designs of a front: values, costs, and verdicts."""
+    costs = cost_names(len(result.minimise))
+    verdicts = [str(name) for name in result.table if f"{name}_violations" in result.table]
+    head = [*(one.name for one in variables), *costs, *verdicts, "seed"]
+    rows = [
+        [
+            *(f"{row[key]:.6g}" for key in (*(one.key for one in variables), *costs)),
+            *(f"{row[name].upper()} ({row[f'{name}_violations']} violate)" for name in verdicts),
+            str(row["seed"]),
+        ]
+        for row in result.table.to_dict("records")
+    ]
+    lines = text_table([head, *rows])
+    lines += [f"{name} = {text}" for name, text in zip(costs, result.minimise, strict=True)]
+    lines += [f"{one.name} = {one.key}" for one in variables]
+    lines.append(
+        f"verdicts of {result.cases} cases of these seeds, which did not choose the designs; "
+        f"confidence raised for {result.tries} runs, so that it holds for all designs together"
+    )
+    if not result.shown:
+        lines.append("not all designs are shown: give more --cases")
+    return "\n".join(lines)
+
+
+def write_trade_off(result: TradeOff, campaign: Campaign, path: Path) -> Path:
+    """Write the front of a trade-off as Parquet; return its path."""
+    about = {"campaign": campaign.name, "digest": campaign.digest, "sepmc": __version__}
+    about |= {f"cost_{k}": text for k, text in enumerate(result.minimise, start=1)}
+    columns = [Column(str(name), "", "") for name in result.table]
+    values = {str(name): result.table[name].to_numpy() for name in result.table}
+    shards.write_parquet(path, columns, values, about)
+    return path
 
 
 def render_verdicts(verdicts: "pd.DataFrame") -> list[str]:
@@ -61,7 +104,7 @@ def render_verdicts(verdicts: "pd.DataFrame") -> list[str]:
     return text_table([head, *rows], left=(0, 1))
 
 
-def _others(
+def other_settings(
     settings: Sequence[str], design: Mapping[str, float], tree: dict[str, Any]
 ) -> list[str]:
     """Settings, without those of numbers that a design replaces, in whatever unit."""

@@ -51,7 +51,7 @@ def map_figure(
     else:
         _draw_line(ax, designs, requirement, nominal)
     ax.set_xlabel(designs.axes[0].key)
-    set_title(figure, f"{about}, {designs.cases:,} cases each\n{sentence}")
+    set_title(figure, f"{about}, {designs.cases_text}\n{sentence}")
     return save(figure, path)
 
 
@@ -65,7 +65,7 @@ def _draw_plane(
     ax.grid(False)
     colours = ListedColormap([_PASS, _OPEN, _FAIL])
     ax.pcolormesh(x, y, codes, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest")
-    fractions = designs.grid(f"{requirement.name}_violations") / designs.cases
+    fractions = designs.grid(f"{requirement.name}_violations") / designs.grid("cases")
     allowed = 1.0 - requirement.probability
     levels = [level for level in _LEVELS if fractions.min() < level < fractions.max()]
     if levels:
@@ -94,7 +94,7 @@ def _draw_line(
             ax.axvspan(edges[k], edges[k + 1], color=colour, linewidth=0)
     _name_verdicts(ax)
     low, high = (100.0 * designs.grid(f"{name}_{end}")[0] for end in ("low", "high"))
-    fractions = 100.0 * designs.grid(f"{name}_violations")[0] / designs.cases
+    fractions = 100.0 * designs.grid(f"{name}_violations")[0] / designs.grid("cases")[0]
     ax.fill_between(x, low, high, color=BLUE, alpha=0.25, linewidth=0, label="95 % interval")
     marker = "." if len(x) <= _MARKED else None
     ax.plot(x, fractions, color=BLUE, marker=marker, label="fraction of violating cases")

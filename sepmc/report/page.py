@@ -17,7 +17,7 @@ from sepmc.analysis.statistics_text import column_groups, rounded
 _STYLES = {PASS: "pass", FAIL: "fail"}
 
 
-_SCRIPTS = ("tables.js", "replay.js")
+_SCRIPTS = ("tables.js", "replay.js", "cases.js", "points.js")
 
 
 @dataclass
@@ -38,6 +38,25 @@ class CaseReplay:
     title: str
     figures: Sequence[Path]
     data: Mapping[str, Any] | None = None
+
+
+@dataclass
+class PlainTable:
+    """Table of texts.
+
+    Parameters
+    ----------
+    title : str
+    note : str
+        A line above it.
+    head : sequence of str
+    rows : sequence of sequence of str
+    """
+
+    title: str
+    note: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
 
 @dataclass
@@ -82,6 +101,10 @@ class ReportContent:
         Replay of the nominal case, from `sepmc.report.replay_data.replay_data`.
     flight : str
         Text on the comparison with a flight; empty without one.
+    beside : sequence of PlainTable
+        Scenarios and limit cases that were run beside the campaign.
+    points : mapping, optional
+        From `sepmc.report.case_points.case_points`.
     """
 
     name: str
@@ -106,6 +129,8 @@ class ReportContent:
     replays: Sequence[CaseReplay] = field(default_factory=list)
     nominal: Mapping[str, Any] | None = None
     flight: str = ""
+    beside: Sequence[PlainTable] = ()
+    points: Mapping[str, Any] | None = None
 
 
 def write_report(
@@ -140,7 +165,6 @@ def write_report(
             {
                 "number": replay.number,
                 "title": replay.title,
-                "moves": replay.data is not None,
                 "figures": _embedded(replay.figures),
             }
             for replay in report.replays
@@ -151,19 +175,19 @@ def write_report(
             if data is not None
         ],
         "replayed": [replay.number for replay in report.replays],
-        "scripts": [_resource(name) for name in _SCRIPTS],
+        "scripts": [resource(name) for name in _SCRIPTS],
     }
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment = templates()
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     columns, rows = _statistics(report.statistics, report.leading)
-    html = environment.from_string(_resource("report.html.j2")).render(
+    html = environment.get_template("report.html.j2").render(
         vars(report)
         | figures
         | {
             "columns": columns,
             "leading": rows,
             "all_outcomes": _statistics(report.statistics, list(report.statistics.index))[1],
-            "verdicts": [_verdict(v, report.units.get(v.metric, "")) for v in report.verdicts],
+            "verdicts": [verdict_row(v, report.units.get(v.metric, "")) for v in report.verdicts],
             "sessions": [_session(session) for session in report.sessions],
         }
     )
@@ -171,9 +195,22 @@ def write_report(
     return path
 
 
-def _resource(name: str) -> str:
-    """Return the text of a file beside this one."""
-    return files("sepmc.report").joinpath(name).read_text(encoding="utf-8")
+def templates(*packages: str) -> jinja2.Environment:
+    """Return the environment of templates that are files of this package or of some others."""
+
+    def load(name: str) -> str | None:
+        for package in ("sepmc.report", *packages):
+            if files(package).joinpath(name).is_file():
+                return resource(name, package)
+        return None
+
+    loader = jinja2.FunctionLoader(load)
+    return jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+
+
+def resource(name: str, package: str = "sepmc.report") -> str:
+    """Return the text of a file of a package, this one by default."""
+    return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 # points: figures up to this width stand side by side, at 0.79 of their size or more
@@ -213,7 +250,7 @@ def _statistics(
     return [head for head, _ in cells], rows
 
 
-def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
+def verdict_row(v: Verdict, unit: str) -> dict[str, Any]:
     """Return a row of the table of requirements."""
     unit = "" if unit == "1" else unit
 

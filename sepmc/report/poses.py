@@ -24,11 +24,14 @@ class Poses:
         From body axes to these axes.
     forces : dict of joint to ndarray, shape (n, 3)
         Constraint force on the second body, N; of joints between two bodies.
+    ground : Rotation
+        From ground axes to these axes.
     """
 
     positions: dict[str, np.ndarray]
     rotations: dict[str, Rotation]
     forces: dict[str, np.ndarray]
+    ground: Rotation
 
 
 def poses(history: pd.DataFrame, scene: Scene) -> Poses:
@@ -66,6 +69,7 @@ def poses(history: pd.DataFrame, scene: Scene) -> Poses:
             for name, joint in scene.joint.items()
             if GROUND not in joint.bodies
         },
+        to_view,
     )
 
 

@@ -1,36 +1,15 @@
 // Three-dimensional replays of cases, drawn on a plain canvas: faces of solids from back to front.
 // Data: `sepmc/report/replay_data.py`. Axes: x forward, y up, z right; metres.
 "use strict";
-(() => {
+const sepmcReplays = (() => {
   const $ = (id) => document.getElementById(id);
-  const bar = $("command"), source = $("replay-data");
-  const cases = source ? JSON.parse(source.textContent) : [];
-  const nominal = cases.find((one) => one.number === null);
-  const replays = cases.filter((one) => one.number !== null);
-
-  // A case number opens its replay, or shows the command that makes one.
-  for (const link of document.querySelectorAll(".case")) {
-    const number = Number(link.textContent);
-    if (link.tagName === "A") {
-      link.onclick = (event) => { event.preventDefault(); open(number); };
-      continue;
-    }
-    const button = document.createElement("button");
-    button.type = "button";
-    button.className = "case";
-    button.textContent = number;
-    button.title = `Show how to replay case ${number}`;
-    button.onclick = () => {
-      bar.querySelector("code").textContent = `sepmc replay ${bar.dataset.run} --case ${number}`;
-      bar.hidden = false;
-    };
-    link.replaceWith(button);
-  }
-  bar.querySelector("button").onclick = () => { bar.hidden = true; };
-  if (!replays.length) return;
+  let cases = [], replays = [], nominal;
+  if (!$("replay")) return { set() {}, has: () => false, open() {} };
 
   const SIDES = 32;  // of a circle
-  const COLOURS = { thrust: "#D55E00", constraint: "#000000" };
+  const COLOURS = { thrust: "#D55E00", constraint: "#000000", spring: "#009E73", load: "#6a51a3" };
+  const WORDS = { thrust: "thrust of", constraint: "constraint force of", spring: "force of spring",
+    load: "load" };
   const ARROW = 0.25;  // length of the largest arrow / radius of the view
   const LEAST = 1e-4;  // smallest force with an arrow / largest one
   const VIEWS = {  // yaw and pitch of the camera, rad
@@ -38,7 +17,7 @@
   };
   const canvas = $("canvas"), slider = $("slider"), play = $("play"), select = $("case"),
     follow = $("follow"), ghost = $("ghost"), context = canvas.getContext("2d");
-  let shown = replays[0], row = 0, [yaw, pitch] = VIEWS["3-D"], zoom = 1, pan = [0, 0];
+  let shown = null, row = 0, [yaw, pitch] = VIEWS["3-D"], zoom = 1, pan = [0, 0];
   let started = null, waiting = false;
 
   // Vectors, and rotations by scalar-first quaternions as matrices of three rows.
@@ -85,7 +64,8 @@
     return { faces, edges, points: [], wall: part.wall };
   }
 
-  for (const one of cases) {
+  // Outlines, largest forces and reach of a case.
+  function prepare(one) {
     for (const body of one.bodies) {
       body.shapes = body.parts.map(shape);
       const spokes = body.spokes.map((end) => [[0, 0, 0], end]);
@@ -295,9 +275,9 @@
       value[row] === null ? "not defined here" : `${value[row].toFixed(1)} mm`]);
     for (const arrow of shown.arrows) {
       const force = size(at(arrow.force, row, 3));
-      lines.push([`${arrow.kind === "thrust" ? "thrust of" : "constraint force of"} ${arrow.name}`,
+      lines.push([`${WORDS[arrow.kind]} ${arrow.name}`,
         isActive(arrow) ? `${force.toLocaleString("en", { maximumSignificantDigits: 4 })} N`
-          : `released at ${arrow.until.toFixed(3)} s`]);
+          : `${arrow.kind === "constraint" ? "released" : "ended"} at ${arrow.until.toFixed(3)} s`]);
     }
     $("values").replaceChildren(...lines.map(([name, text]) => {
       const line = document.createElement("tr");
@@ -314,6 +294,7 @@
     redraw();
   }
   function redraw() {
+    if (!shown) return;
     if (!waiting) requestAnimationFrame(draw);
     waiting = true;
   }
@@ -412,6 +393,17 @@
     if (act) { event.preventDefault(); act(); }
   };
   new ResizeObserver(redraw).observe(canvas);
-  $("replay").hidden = false;
-  load(shown);
+
+  // Show these cases; the nominal one has no number.
+  function set(list) {
+    stop();
+    list.forEach(prepare);
+    cases = list;
+    nominal = cases.find((one) => one.number === null);
+    replays = cases.filter((one) => one.number !== null);
+    $("replay").hidden = !replays.length;
+    select.replaceChildren(...replays.map((one) => new Option(one.title, one.number)));
+    if (replays.length) load(replays[0]);
+  }
+  return { set, has: (number) => Boolean(byNumber(number)), open };
 })();

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.report.drawing import nozzle_point
+from sepmc.report.load_arrows import driven, load_forces, spring_forces
 from sepmc.report.nearest import MovingOutline, PlacedPart, nearest_lines, placed_part
 from sepmc.report.poses import Poses, poses
 from sepmc.report.style import EDGES, TINTS
@@ -39,8 +40,9 @@ def replay_data(
         ``time`` (n), s; ``phases`` and ``phase`` (n), index among them; ``bodies`` with parts in
         body axes from the centre of mass, ``at`` (3 n), m, and ``turn`` (4 n), scalar-first
         quaternions to the axes of `sepmc.report.poses.Poses`; ``arrows``: forces (3 n), N, in these
-        axes, at a point of a body, with their joint or motor; ``distances``: those of clearances
-        (n), mm, and ``line`` (6 n), their nearest points, m. Numbers that are not known are None.
+        axes, at a point of a body, of joints, motors, springs and loads; ``distances``: those of
+        clearances (n), mm, and ``line`` (6 n), their nearest points, m. Numbers that are not known
+        are None.
     """
     history = history[~history["time_s"].duplicated(keep="last")]
     motion = poses(history, scene)
@@ -52,7 +54,11 @@ def replay_data(
         "phases": phases,
         "phase": [phases.index(phase) for phase in history["phase"]],
         "bodies": [_body(name, number, scene, motion) for number, name in enumerate(scene.body)],
-        "arrows": [*_joint_arrows(history, scene, motion), *_motor_arrows(history, scene, motion)],
+        "arrows": [
+            *_joint_arrows(history, scene, motion),
+            *_motor_arrows(history, scene, motion),
+            *_load_arrows(history, scene, motion),
+        ],
         "distances": _distances(history, scene, motion),
     }
 
@@ -81,10 +87,13 @@ def _arm(point: Sequence[float], body: Body) -> list[float]:
 
 def _body(name: str, number: int, scene: Scene, motion: Poses) -> dict[str, Any]:
     """Return a body: name, colours, parts, and motion. A body without outline has lines from its
-    centre of mass to its joints and motors."""
+    centre of mass to its joints, motors and springs."""
     body = scene.body[name]
     points = [joint.point for joint in scene.joint.values() if name in joint.bodies]
     points += [nozzle_point(motor) for motor in scene.motor if motor.body == name]
+    for spring in scene.spring:
+        ends = zip(spring.bodies, (spring.point, spring.second_point or spring.point), strict=True)
+        points += [point for body, point in ends if body == name]
     return {
         "name": name,
         "tint": TINTS[number % len(TINTS)],
@@ -152,11 +161,31 @@ def _motor_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[di
 
 
 def _driven(history: pd.DataFrame, scene: Scene, motor: Motor, field: str) -> np.ndarray:
-    """Return a number of a motor (n,), in SI: its own, or that of the signal that gives it."""
-    drive = scene.driven.get(f"motor.{motor.name}.{field}")
-    if drive is None:
-        return np.full(len(history), float(getattr(motor, field)))
-    return history[f"signal_{drive.signal}"].to_numpy() * drive.factor
+    """Return a number of a motor (n,), SI."""
+    return driven(history, scene, f"motor.{motor.name}.{field}", getattr(motor, field))
+
+
+def _load_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
+    """Return the forces of springs, on their second bodies, and of loads."""
+    arrows, bodies, ends = [], list(scene.body), history.attrs["springs"]
+    for spring, force in spring_forces(history, scene, motion):
+        second, end = spring.bodies[1], ends.get(spring.name, np.nan)
+        point = spring.second_point or spring.point
+        arrows.append((spring.name, "spring", second, point, force, end))
+    for load, force in load_forces(history, scene, motion):
+        point = load.point or scene.body[load.body].cg
+        arrows.append((load.name, "load", load.body, point, force, load.end))
+    return [
+        {
+            "name": name,
+            "kind": kind,
+            "body": bodies.index(body),
+            "at": _arm(point, scene.body[body]),
+            "force": _significant(force),
+            "until": float(end) if np.isfinite(end) else None,
+        }
+        for name, kind, body, point, force, end in arrows
+    ]
 
 
 def thrust(history: pd.DataFrame, scene: Scene, motor: Motor) -> np.ndarray:

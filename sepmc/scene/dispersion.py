@@ -153,7 +153,7 @@ def resolve(
         if parameter.path in key_of_path:
             problems.add(key_path, f"given twice, also as {key_of_path[parameter.path]!r}")
             continue
-        if _is_structure(parameter.path.split(".")):
+        if is_structure(parameter.path):
             problems.add(key_path, "is a setting of the scene, which cannot vary from case to case")
             continue
         column = parameter.column
@@ -204,9 +204,10 @@ def _given(distribution: Distribution) -> list[str]:
     return [name for name in DISTRIBUTIONS if getattr(distribution, name) is not None]
 
 
-def _is_structure(parts: list[str]) -> bool:
-    """True for a number that all cases share: run and solver settings, signs, the zero of
-    alpha_ref."""
+def is_structure(path: str) -> bool:
+    """Return True for a number that all cases share: run and solver settings, signs, the
+    zero of alpha_ref."""
+    parts = path.split(".")
     return (
         parts[0] in ("run", "solver", "clearance", "output")
         or (parts[0] == "joint" and parts[2] in ("apart", "kind"))

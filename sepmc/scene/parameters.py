@@ -1,5 +1,7 @@
 """Parameters of a scene by path: ``body.upper.cg_mm.x`` names one number, with its unit."""
 
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, get_args, get_origin
 
@@ -75,6 +77,54 @@ def find(scene: Scene, key: str) -> Parameter:
             f"such as signal.{drive.signal}.NAME"
         )
     return Parameter(key, ".".join(path), unit, factor, last)
+
+
+def all_parameters(scene: Scene, tree: Mapping[str, Any]) -> Iterator[Parameter]:
+    """Parameters that a file or its defaults give a value, in the order of the model.
+
+    Parameters
+    ----------
+    scene : Scene
+    tree : mapping
+        TOML tree of the file, whose units the keys have; others have the first unit of their kind.
+
+    Yields
+    ------
+    Parameter
+    """
+    for key in _keys(scene, tree):
+        with contextlib.suppress(UnknownPath):
+            yield find(scene, ".".join(key))
+
+
+def _keys(node: Any, tree: Any, field: Field | None = None) -> Iterator[tuple[str, ...]]:
+    """Paths of the numbers below a node; ``tree`` is the same node of a file, or has no items."""
+    tree = tree if isinstance(tree, Mapping) else {}
+    items: Iterable[tuple[str, Any, Any, Field | None]] = ()
+    if isinstance(node, msgspec.Struct):
+        items = [_item_of_file(node, own, tree) for own in fields_of(type(node)).values()]
+        if isinstance(node, Signal):
+            items += [(name, number, None, None) for name, number in node.constants.items()]
+    elif isinstance(node, dict):
+        items = ((name, item, tree.get(name), None) for name, item in node.items())
+    elif isinstance(node, tuple) and node:
+        within = None if _is_table(node[0]) else field
+        items = ((*pair, None, within) for pair in zip(_names(node, field), node, strict=False))
+    elif isinstance(node, int | float) and not isinstance(node, bool):
+        yield ()
+    for key, item, its_tree, its_field in items:
+        for rest in _keys(item, its_tree, its_field):
+            yield (key, *rest)
+
+
+def _item_of_file(
+    node: msgspec.Struct, field: Field, tree: Mapping[str, Any]
+) -> tuple[str, Any, Any, Field]:
+    """Key of a field in a file, its value, its tree, and the field."""
+    item = getattr(node, field.name)
+    spelling = field.spellings[-1] if _is_table(item) else field
+    key = next((key for key in spelling.keys if key in tree), next(iter(spelling.keys)))
+    return key, item, tree.get(key), field
 
 
 def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:

@@ -18,6 +18,7 @@ from sepmc.scene.checks import check_dispersion, check_scene, inertia_fault, ine
 from sepmc.scene.contents import contents
 from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
+from sepmc.scene.design_tables import MapPlan, SizePlan, read_map, read_size
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of
 from sepmc.scene.file_paths import FileReader, check_paths, locate
@@ -55,6 +56,7 @@ from sepmc.schema import NOT_OK_LABELS, is_yes_or_no, outcome_columns
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _OWN_TABLES = (
     *("name", "title", "dispersion", "correlation", "requirement", "reference", "scenario"),
+    *("map", "size"),
 )
 
 
@@ -86,6 +88,10 @@ class CampaignFile:
         Sentences on data that were brought in other conventions or from other files.
     scenarios : tuple of Scenario
         Failure cases by name.
+    map : MapPlan or None
+        Axes of ``sepmc map``.
+    size : SizePlan or None
+        Variables and costs of ``sepmc size``.
     """
 
     name: str
@@ -101,6 +107,8 @@ class CampaignFile:
     folder: Path = Path()
     understood: tuple[str, ...] = ()
     scenarios: tuple[Scenario, ...] = ()
+    map: MapPlan | None = None
+    size: SizePlan | None = None
 
     @property
     def toml(self) -> str:
@@ -308,6 +316,8 @@ def _parse(
         _check_requirement(requirement, requirements, outcomes, problems)
     for scenario in scenarios:
         scenario_tree(tree, scene, scenario, problems)
+    map_plan = read_map(tree, scene, problems)
+    size_plan = read_size(tree, scene, requirements, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
     no_effect = tuple(_no_effect_notes(scene, settings, dispersions, distributions))
@@ -325,6 +335,8 @@ def _parse(
         folder,
         tuple(understood),
         scenarios,
+        map_plan,
+        size_plan,
     )
 
 

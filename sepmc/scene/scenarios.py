@@ -17,6 +17,7 @@ from sepmc.scene.tables import NAME_PATTERN
 
 BASELINE = "baseline"  # the campaign itself, beside its scenarios
 _KEYS = ("name", "title", "set")
+_NOT_OF_SCENARIOS = ("scenario", "map", "size")  # tables of the campaign itself
 # components of vectors in paths; a path with those of another quantity names no parameter
 _COMPONENTS = (("x", "y", "z"), ("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
@@ -120,7 +121,8 @@ def scenario_tree(
             changed["dispersion"][dispersed[path]] = {"constant": value * factor}
     for problem in own:
         problems.append(f"scenario.{scenario.name}.set.{problem}")
-    changed.pop("scenario", None)
+    for name in _NOT_OF_SCENARIOS:
+        changed.pop(name, None)
     return changed
 
 

@@ -1,6 +1,8 @@
 """Settings ``path = value``: put into a TOML tree, and read from the command line."""
 
+import json
 import tomllib
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -136,3 +138,10 @@ def parse_setting(text: str) -> tuple[str, Any]:
     except (ValueError, RecursionError):
         value = raw.strip()
     return key.strip().replace('"', ""), value
+
+
+def inline_toml(value: Any) -> str:
+    """Value as in a file, on one line; JSON writes numbers, texts and lists as TOML does."""
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{k} = {inline_toml(v)}' for k, v in value.items())} }}"
+    return json.dumps(value)

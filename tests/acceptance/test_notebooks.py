@@ -9,11 +9,12 @@ from nbclient import NotebookClient
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 
 
-def test_there_are_five():
+def test_there_are_six():
     assert [path.stem for path in NOTEBOOKS] == [
         "reconstruction",
         "sensitivity",
         "single_run",
+        "size",
         "table2",
         "verdict",
     ]

@@ -25,8 +25,8 @@ FILE = re.compile(r"`((?:[\w.]+/)+[\w.]+\.(?:py|md|toml|sh))`")
 CASES = 50
 # commands of which an example with fewer cases says the same
 FEWER = ("--cases", str(CASES), "--no-plots")
-# commands that take minutes: only their options are checked
-MINUTES = {"verify", "stress", "bench"}
+# commands that take minutes, or last until Ctrl-C: only their options are checked
+MINUTES = {"verify", "stress", "bench", "studio"}
 # options that need as many cases as are given
 AS_GIVEN = {"--dry-run", "--until", "--rare", "--samples", "--sampler"}
 

@@ -79,11 +79,37 @@ def test_two_variables_are_no_worse_than_a_grid():
 
 
 @pytest.mark.slow
+def test_three_variables():
+    """Their first designs are a power of two, as a Sobol sequence needs."""
+    variables = [
+        Variable("push", "spring.pusher.force_N", 1000.0, 6000.0),
+        Variable("fore", "body.fore.mass_kg", 60.0, 100.0),
+        Variable("aft", "body.aft.mass_kg", 200.0, 400.0),
+    ]
+    sizing = size(campaign(), variables, "push + fore + aft", cases=100)
+    assert sizing.shown
+    assert sizing.values["body.fore.mass_kg"] == pytest.approx(60.0, abs=0.5)
+    assert risk(sizing.values[FORCE.key], masses=(200.0, 60.0)) < 0.05
+
+
+@pytest.mark.slow
 def test_a_cost_with_its_minimum_inside_the_range():
     """The grid of the search has steps of 417 N."""
     sizing = size(campaign(), [FORCE], "(push - 5123) ** 2", cases=100)
     assert abs(sizing.values[FORCE.key] - 5123.0) <= 1e-4 * (FORCE.high - FORCE.low)
     assert sizing.shown
+
+
+@pytest.mark.slow
+def test_an_accepted_range_narrower_than_the_grid():
+    """Speeds between 2 and 2.6 m/s: forces in a hundredth of the range, from 2.0 to 2.2 kN."""
+    item = SPEED | {"at_most": 2.6}
+    wide = Variable("push", FORCE.key, 1000.0, 30000.0)
+    sizing = size(campaign(item), [wide], "-push", cases=200)
+    assert sizing.shown
+    accepted = sizing.searched.loc[sizing.searched["margin"] >= 0.0, FORCE.key]
+    assert np.ptp(accepted) < 29000.0 / 12.0
+    assert 1900.0 < accepted.min() < accepted.max() < 2400.0
 
 
 @pytest.mark.slow
@@ -184,9 +210,13 @@ def test_a_variable_names_what_is_allowed(text):
 
 @pytest.mark.slow
 def test_the_command(tmp_path, monkeypatch):
+    """The variable is that of [size] in the file; the option replaces the cost there."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "pusher.toml").write_text(campaign().file.toml, encoding="utf-8")
-    words = ["size", "pusher.toml", "--vary", "push=spring.*.force_N=1000:6000", "--cases", "200"]
+    table = (
+        '[size]\nminimise = "-push"\nvary = { push = "spring.*.force_N=1000:6000" }\ncases = 200\n'
+    )
+    (tmp_path / "pusher.toml").write_text(campaign().file.toml + table, encoding="utf-8")
+    words = ["size", "pusher.toml"]
     result = CliRunner().invoke(main, [*words, "--minimise", "push", "--check"])
     assert result.exit_code == 0, result.output
     assert "fast         PASS" in result.output

@@ -60,6 +60,26 @@ def test_cells_have_the_verdicts_of_runs():
     assert (designs.grid(Y)[:, 2] == axes[1].values).all()
 
 
+def test_open_cells_get_more_cases():
+    """They are judged as runs of these cases are, at the confidence for all looks."""
+    axes = [MapAxis(X, 400.0, 600.0, 9)]
+    designs = map_designs(campaign(), axes, cases=40, seed=4, max_cases=150)
+    assert designs.looks == (40, 80, 150)
+    table = designs.table
+    assert set(table["cases"]) == {40, 80, 150}
+    assert (table.loc[table["cases"] < 150, "speed"] != "not shown").all()
+    assert (table[X] == axes[0].values).all()
+    raised = {"requirement.speed.confidence": 1.0 - 0.1 / 3}
+    for count in (40, 80, 150):
+        one = table[table["cases"] == count].iloc[0]
+        run = campaign().with_settings({X: one[X]} | raised).run(cases=count, seed=4)
+        verdict = run.requirements().loc["speed"]
+        assert one["speed"] == verdict["verdict"]
+        assert one["speed_violations"] == verdict["violations"]
+        interval = binomial_interval(int(verdict["violations"]), count, 1.0 - 0.05 / 3)
+        assert (one["speed_low"], one["speed_high"]) == interval
+
+
 def test_map_writes_a_table_and_a_figure(file):
     words = ["map", file, "--x", f"{X}=400:600:4", "--cases", 40]
     done = call(*words)
@@ -74,10 +94,27 @@ def test_map_writes_a_table_and_a_figure(file):
     (file.parent / "table2-map.parquet").unlink()
     assert "table2-map-speed.png" in call(*words).output  # is not replaced either
     assert call(*words, "--overwrite", "--quiet").output == ""
-    done = call(*words[:3], f"{X}=400:600:3", "--y", f"{Y}=440:480:2", *words[4:], "--out", "m.csv")
+    axes = f'[map]\nx = "{X}=400:600:3"\ny = "{Y}=440:480:2"\ncases = 40\n'
+    file.write_text(file.read_text() + axes, encoding="utf-8")
+    done = call("map", file, "--out", "m.csv")
     assert done.exit_code == 0, done.output
+    assert "6 designs, 40 cases each" in done.output
     assert len(pd.read_csv("m.csv")) == 6
     assert (file.parent / "m-speed.png").exists()
+
+
+def test_options_replace_the_axes_of_the_file(file):
+    """--y alone replaces the second axis, --x both."""
+    axes = f'[map]\nx = "{X}=400:600:3"\ny = "{Y}=440:480:2"\ncases = 40\n'
+    file.write_text(file.read_text() + axes, encoding="utf-8")
+    words = ["map", file, "--no-plots", "--overwrite", "--cases", 5]
+    assert "12 designs, 5 cases each" in call(*words, "--y", f"{Y}=440:480:4").output
+    assert "2 designs, 5 cases each" in call(*words, "--x", f"{X}=400:600:2").output
+
+
+def test_a_map_without_axes_is_refused(file):
+    for words in ([], ["--y", f"{Y}=440:480:4"]):
+        assert "has no [map]: give --x" in call("map", file, *words).output
 
 
 def test_too_few_cases_are_named(file):
@@ -85,6 +122,9 @@ def test_too_few_cases_are_named(file):
     words = ["map", file, "--x", f"{X}=400:600:2", "--no-plots"]
     assert f"--cases {needed}" in call(*words, "--cases", needed - 1).output
     assert "--cases" not in call(*words, "--cases", needed, "--overwrite").output
+    more = [*words, "--overwrite", "--cases", 5, "--max-cases", 20]
+    needed = required_cases(0, ITEM["probability"], 1.0 - (1.0 - ITEM["confidence"]) / 3)
+    assert f"20 cases cannot show it; give at least --max-cases {needed}" in call(*more).output
 
 
 @pytest.mark.parametrize(
@@ -99,6 +139,10 @@ def test_too_few_cases_are_named(file):
         (["--x", f"{X}=400:600:2.5"], "KEY=LOW:HIGH:COUNT"),
         (["--x", "motor.retro.thrust=400:600:3"], "unit"),
         (["--x", f"{X}=400:600:3", "--y", f"{X}=300:500:3"], "both axes"),
+        (
+            ["--x", f"{X}=400:600:3", "--max-cases", "9"],
+            "max_cases = 9: must be at least",
+        ),
         (["--x", f"{X}=400:600:3", "--out", "map.png"], ".csv, .parquet"),
         (["--x", f"{X}=400:600:3", "--set", "run.sampler=sobol"], "random"),
     ],

@@ -1,6 +1,7 @@
-"""Sizing: false verdicts on a problem of known risk, and optima against brute-force grids.
+"""Sizing: false verdicts on a problem of known risk, of single designs and of fronts, and optima
+against brute-force grids.
 
-``python tests/measure/sizing.py [--repeats 200]``
+``python tests/measure/sizing.py [--repeats 200] [--fronts 100]``
 """
 
 import argparse
@@ -11,11 +12,13 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from support.pusher import MASSES
 from support.sizing_problem import FORCE, SPEED, campaign, risk
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.sizing import Variable, accepted_violations, size
+from sepmc.campaign.trade_off import trade_off
 from sepmc.scene.read import parse_campaign
 
 # campaign, requirement, variable, settings
@@ -43,6 +46,26 @@ def verdicts(repeats: int) -> None:
     )
 
 
+def fronts(repeats: int) -> None:
+    """Print how often any design of a front is shown although its risk is too large."""
+    problem, allowed = campaign(), 1.0 - SPEED["probability"]
+    mass = Variable("mass", "body.fore.mass_kg", 60.0, 100.0)
+    wrong = missed = designs = 0
+    for seed in range(repeats):
+        costs = ["push", "100 - mass"]
+        table = trade_off(problem, [FORCE, mass], costs, cases=200, seed=1000 + 10 * seed).table
+        pairs = table[[FORCE.key, mass.key]].to_numpy()
+        risks = np.array([risk(force, masses=(MASSES[0], own)) for force, own in pairs])
+        wrong += bool((table["shown"] & (risks > allowed)).any())
+        missed += int((~table["shown"]).sum())
+        designs += len(table)
+    print(
+        f"{repeats} fronts of {designs / repeats:.3g} designs: {wrong} with a wrong verdict "
+        f"(stated: at most {1 - SPEED['confidence']:.0%}), {missed} designs not shown",
+        flush=True,
+    )
+
+
 def optimum(name: str, bound: tuple[str, float], variable: tuple[str, float, float]) -> None:
     """Print the optimum of a shipped campaign and that of a grid of 401 designs."""
     item = {"name": "bound", "metric": bound[0], "at_least": bound[1], "probability": 0.95}
@@ -65,7 +88,9 @@ def optimum(name: str, bound: tuple[str, float], variable: tuple[str, float, flo
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--repeats", type=int, default=200)
+    parser.add_argument("--fronts", type=int, default=100)
     asked = parser.parse_args()
+    fronts(asked.fronts)
     for scene in SCENES:
         optimum(*scene)
     verdicts(asked.repeats)

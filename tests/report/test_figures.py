@@ -648,10 +648,11 @@ def test_a_second_process_draws_the_same(tmp_path):
 def test_no_recontact_is_a_clearance_above_zero():
     """The bound that is drawn over time; of a clearance that has one of its own, both."""
     import sepmc
-    from sepmc.cli.figures import clearance_bounds, required_bounds
+    from sepmc.analysis.requirements import required_bounds
+    from sepmc.cli.figures import clearance_bounds
 
     campaign = sepmc.load("residual-thrust")
-    assert required_bounds(campaign) == {"gap_recontact": [0.0]}
+    assert required_bounds(campaign.file.requirements) == {"gap_recontact": [0.0]}
     assert clearance_bounds(campaign)["gap_clearance_mm"] == [0.0]
     wide = {"name": "wide", "metric": "gap_clearance_mm", "at_least": 40.0}
     touch = {"name": "touch", "metric": "gap_recontact", "at_most": 0.0}

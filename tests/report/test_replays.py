@@ -15,11 +15,13 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from small_scenes import SPRUNG
 from support.browser import CHROMIUM, Page
+from support.pusher import MASSES, pusher_tree
 
 from sepmc.analysis.statistics import statistics
 from sepmc.campaign.campaign import Campaign
 from sepmc.cli import app
 from sepmc.physics.propulsion import thrust_direction
+from sepmc.report.case_points import MAX_POINTS, case_points
 from sepmc.report.nearest import PlacedPart, nearest_on_part, placed_part
 from sepmc.report.page import CaseReplay, ReportContent, write_report
 from sepmc.report.replay_data import replay_data, thrust, thrust_lines
@@ -103,8 +105,9 @@ def test_poses_are_those_of_the_history(campaign, history, data):
 
 def test_arrows(campaign, history, data):
     """The constraint force until the release, and the thrust from ignition to tail-off."""
-    constraint, kick = data["arrows"]
-    assert (constraint["kind"], kick["kind"]) == ("constraint", "thrust")
+    constraint, kick, push = data["arrows"]
+    kinds = [one["kind"] for one in (constraint, kick, push)]
+    assert kinds == ["constraint", "thrust", "spring"]
     rows = history[~history["time_s"].duplicated(keep="last")]
     force = rows[[f"pins_force_on_aft_{axis}_N" for axis in "xyz"]].to_numpy()
     sizes = np.linalg.norm(np.reshape(constraint["force"], (-1, 3)), axis=1)
@@ -120,6 +123,46 @@ def test_arrows(campaign, history, data):
     )
     assert_allclose(np.linalg.norm(np.reshape(kick["force"], (-1, 3)), axis=1), expected, atol=1e-2)
     assert kick["at"] == pytest.approx([-1.0, 0.0, 0.2])
+
+
+TABLE = {"extension_m": [-0.1, 0.0, 0.03, 0.08, 0.2], "force_N": [70.0, 50.0, 65.0, 30.0, 10.0]}
+
+
+@pytest.mark.parametrize(
+    "spring",
+    [
+        {"force_N": 900.0, "stiffness_N_per_m": 1500.0, "damping_N_s_per_m": 80.0, "factor": 0.9},
+        {"force_N": 20.0, "table": TABLE | {"interpolation": "monotone"}, "axis": None},
+        {"table": TABLE | {"return_factor": 0.5}, "stiffness_N_per_m": 4000.0},
+        {"force_N": "drive", "stroke_m": 0.05},
+    ],
+)
+def test_springs_and_loads_accelerate_their_bodies(spring):
+    """The forces on a body that are drawn are those of its motion."""
+    spring = {key: value for key, value in spring.items() if value is not None}
+    tree = pusher_tree(
+        spring,
+        run={"end_time_s": 0.4},
+        signal=[{"name": "drive", "formula": "300 * exp(-time_s)"}],
+        load=[
+            {"name": "drag", "body": "fore", "force_N": [-20.0, 5.0, "drive"], "end_s": 0.1,
+             "point_m": [0.5, 0.0, 0.1]},
+            {"name": "gust", "body": "fore", "force_N": [30.0, -40.0, 10.0], "frame": "ground",
+             "start_s": 0.05},
+        ],
+    )  # fmt: skip
+    tree["initial"] |= {"pitch_deg": 30.0, "yaw_deg": -10.0, "roll_deg": 50.0}
+    campaign = Campaign(parse_campaign(tree, "pusher.toml"))
+    history = campaign.simulate(None, 0.002)
+    data = replay_data(history, campaign.scene, "nominal case")
+    names = [(one["kind"], one["name"]) for one in data["arrows"] if one["kind"] != "constraint"]
+    assert names == [("spring", "pusher"), ("load", "drag"), ("load", "gust")]
+    force = sum(np.reshape(one["force"], (-1, 3)) for one in data["arrows"])
+    turn = Rotation.from_quat(np.reshape(data["bodies"][1]["turn"], (-1, 4)), scalar_first=True)
+    rows = history[~history["time_s"].duplicated(keep="last")]
+    expected = MASSES[1] * rows["fore_axial_acceleration_m_s2"].to_numpy()
+    assert np.ptp(expected) > 20.0
+    assert_allclose(turn.inv().apply(force)[:, 0], expected, atol=0.1)
 
 
 def test_thrust_over_a_profile(campaign, history):
@@ -225,6 +268,9 @@ def content(data, **changes):
         "run": "runs/'some one'",
         "replays": replays,
         "nominal": nominal,
+        "points": case_points(
+            dict(cases), ["speed_m_s", "distance_mm"], ["angle_deg"], {}, {"speed_m_s": [-5.0]}
+        ),
     }
     return ReportContent(**(values | changes))
 
@@ -248,7 +294,7 @@ def test_names_do_not_break_out(data, tmp_path):
     hostile = content(data, replays=replays, run="<script>", name=name)
     page = write_report(hostile, tmp_path / "report.html", [], [], [])
     text = page.read_text(encoding="utf-8")
-    assert text.count("<script") == text.count("</script>") == 3
+    assert text.count("<script") == text.count("</script>") == 6
     assert "alert(1)</script>" not in text
     assert json.loads(embedded(page))[1]["bodies"][0]["name"] == name
 
@@ -371,6 +417,86 @@ def test_tables_sort_and_filter(browser):
     browser.type("deg")
     assert browser.evaluate(names) == ["angle_deg"]
     assert browser.text(".filter output") == "1 of 3 rows"
+
+
+def test_points_are_extremes_and_others():
+    """Of many cases: rows of the table, the extremes of each outcome, and bars of all of them."""
+    rng, count = np.random.default_rng(5), 10_000
+    cases = pd.DataFrame({"case": np.arange(count) + 7, "status": "ok"})
+    cases["a_m"], cases["b_N"] = rng.normal(0.0, 1e-3, count), rng.normal(2e5, 3.0, count)
+    cases["in_c_kg"], cases["same"] = rng.uniform(1.0, 2.0, count), 4.0
+    cases.loc[5, "status"], cases.loc[5, "a_m"] = "timeout", 9.0
+    cases.loc[6, "b_N"] = np.nan
+    units, bounds = {"a_m": "m", "b_N": "N", "in_c_kg": "kg"}, {"a_m": [0.002]}
+    points = case_points(dict(cases), ["a_m", "b_N", "same"], ["in_c_kg"], units, bounds)
+    assert points["total"] == count - 1
+    assert len(points["cases"]) == MAX_POINTS == len(set(points["cases"]))
+    rows = cases.set_index("case").loc[points["cases"]]
+    assert (rows["status"] == "ok").all()
+    a, b, c = points["columns"]
+    assert [(x["words"], x["kind"], x["bounds"]) for x in (a, b, c)] == [
+        ("a", "outcome", [0.002]), ("b", "outcome", []), ("c", "input", []),
+    ]  # fmt: skip
+    ok = cases[cases["status"] == "ok"]
+    for drawn in (a, b, c):
+        known = ok[drawn["name"]].dropna()
+        assert (drawn["low"], drawn["high"]) == (known.min(), known.max())
+        assert sum(drawn["counts"]) == len(known)
+        values = np.array(drawn["values"], dtype=float)
+        assert_allclose(values, rows[drawn["name"]], atol=1e-4 * (known.max() - known.min()))
+        if drawn["kind"] == "outcome":
+            assert {known.idxmin() + 7, known.idxmax() + 7} <= set(points["cases"])
+    assert len(json.dumps(points)) < 100_000
+    few = case_points(dict(cases[:50]), ["a_m"], [], units, bounds)
+    assert len(few["cases"]) == few["total"] == 49
+
+
+@pytest.mark.slow
+@chromium
+def test_points(browser):
+    """Hover names a case, the wheel and keys zoom, a click or Enter opens it."""
+    picture = "document.getElementById('points-canvas').toDataURL()"
+    drawn = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    browser.evaluate("document.getElementById('points-canvas').focus()")
+    browser.key("Home")
+    browser.key("ArrowRight")
+    assert browser.text("#points-value") == "case 3: speed m s -9"
+    browser.evaluate("document.getElementById('command').hidden = true")
+    browser.key("Enter")
+    assert browser.evaluate("document.getElementById('case').value") == "3"
+    browser.evaluate("document.getElementById('points-canvas').focus()")
+    browser.key("Home")
+    browser.key("ArrowLeft")
+    assert browser.text("#points-value").startswith("case 17: ")
+    browser.key("Enter")
+    assert browser.text("#command code").endswith(" --case 17")
+    pictures = []
+    for act in ("+", "-", "Home"):
+        browser.key(act)
+        browser.evaluate(drawn)
+        pictures.append(browser.evaluate(picture))
+    assert pictures[0] != pictures[1]
+    x, y = browser.centre("#points-canvas")
+    browser.mouse("mouseWheel", x, y, deltaX=0, deltaY=-300)
+    browser.evaluate(drawn)
+    assert browser.evaluate(picture) not in pictures
+    browser.evaluate(
+        "(() => { const y = document.getElementById('points-y'); y.value = 1; y.onchange(); })()"
+    )
+    browser.evaluate(drawn)
+    browser.evaluate("document.getElementById('points-canvas').focus()")
+    browser.key("ArrowRight")
+    value = browser.text("#points-value")
+    assert value.startswith("case 3: speed m s -9, distance mm ")
+    left, top, width, height = browser.evaluate(
+        "(() => { const b = document.getElementById('points-canvas').getBoundingClientRect();"
+        "return [b.x, b.y, b.width, b.height]; })()"
+    )
+    place, names = left + 65 + 0.03 / 1.06 * (width - 78), set()  # of the lowest value
+    for k in range(5, int(height), 12):
+        browser.mouse("mouseMoved", place, top + k)
+        names.add(browser.text("#points-value"))
+    assert value in names
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from oracles.random_scenes.interpreted import run_interpreted
 
 import sepmc
 from sepmc.cli import app
+from sepmc.cli.report_content import tables_beside
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
 from sepmc.report import drawing as drawing_module
 from sepmc.report.drawing import draw_vehicle, nozzle_point
@@ -28,6 +29,14 @@ REQUIRED = [
     {"name": "parts", "metric": "never-released"},
 ]
 
+BESIDE = {
+    "scenarios.csv": "scenario,title,run,name,verdict\n"
+    "weak,<script>alert(2)</script>,9,fast,fail\n",
+    "limits.csv": "case,limit,low,high,between,in_x_m,status,fast,fast_outcome,fast_margin\n"
+    "0,x_m low,x_m,,,0.9,ok,met,0.5412345,0.0112345\n"
+    "1,worst of fast,x_m,y_m; z_m,,0.9,ok,violated,,\n",
+}
+
 
 def call(*arguments):
     return CliRunner().invoke(app.main, [str(a) for a in arguments])
@@ -35,9 +44,12 @@ def call(*arguments):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A run folder with a requirement that fails and one that is shown."""
+    """A run folder with a requirement that fails and one that is shown, of a campaign with
+    scenarios and limit cases."""
     settings = {"requirement": REQUIRED, "title": "A < B & <script>alert(1)</script>"}
-    folder = tmp_path_factory.mktemp("report") / "run"
+    folder = tmp_path_factory.mktemp("report") / "baseline"
+    for name, text in BESIDE.items():
+        (folder.parent / name).write_text(text, encoding="utf-8")
     with run_interpreted():
         sepmc.load("table2", settings).run(cases=60, seed=3, out=folder)
     return folder
@@ -72,6 +84,26 @@ class Tags(HTMLParser):
 
 
 @pytest.mark.slow
+def test_scenarios_and_limit_cases_beside_the_run(page):
+    section = page.partition("<h2>Scenarios</h2>")[2].partition("<h2>Vehicle</h2>")[0]
+    rows = re.findall("<tr>(.*?)</tr>", section, re.DOTALL)
+    cells = [re.findall("<t[dh].*?>(.*?)</t[dh]>", row) for row in rows]
+    assert cells == [
+        ["scenario", "run", "name", "verdict", "title"],
+        ["weak", "9", "fast", "fail", "&lt;script&gt;alert(2)&lt;/script&gt;"],
+        ["limit", "status", "fast", "fast_outcome", "fast_margin", "low", "high"],
+        ["x_m low", "ok", "met", "0.54123", "0.011234", "", ""],
+        ["worst of fast", "ok", "violated", "", "", "x_m", "y_m; z_m"],
+    ]
+
+
+def test_another_run_has_no_tables_beside_it(tmp_path):
+    (tmp_path / "limits.csv").write_text(BESIDE["limits.csv"], encoding="utf-8")
+    assert tables_beside(tmp_path / "run") == []
+    assert [table.title for table in tables_beside(tmp_path / "baseline")] == ["Limit cases"]
+
+
+@pytest.mark.slow
 def test_one_page(page):
     """It is well formed, asks nothing of other files, and shows what a file says as text."""
     tags = Tags()
@@ -80,7 +112,7 @@ def test_one_page(page):
     assert all(result.startswith(("#", "data:image/png;base64,")) for result in tags.refers)
     assert "fetch(" not in page
     assert "import(" not in page
-    assert tags.count["script"] == 3  # of tables and replays, and the data of these
+    assert tags.count["script"] == 6  # four files, and the data of two
     assert not {"iframe", "object", "embed"} & set(tags.count)
     assert "A &lt; B &amp; &lt;script&gt;" in page
     # outcomes over time, as shares, as they converge and as histograms; vehicle; drivers as swings

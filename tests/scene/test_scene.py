@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
 from sepmc.kernel.spec.parameter_layout import make_parameter_layout
-from sepmc.scene import model
+from sepmc.scene import design_tables, model
 from sepmc.scene.campaign_files import shipped_campaigns
 from sepmc.scene.fields import convert, fields_of
 from sepmc.scene.limits import check_tree
@@ -368,7 +368,9 @@ def test_every_key_stands_on_the_page():
     """docs/reference/keys.md names every key of the model, in one of its units at least."""
     page = Path(__file__).parents[2] / "docs" / "reference" / "keys.md"
     words = set(re.findall(r"\w+", page.read_text(encoding="utf-8")))
-    tables = [t for _, t in inspect.getmembers(model, inspect.isclass) if t is not msgspec.Struct]
+    modules = (model, design_tables)
+    classes = [t for one in modules for _, t in inspect.getmembers(one, inspect.isclass)]
+    tables = [t for t in classes if t is not msgspec.Struct]
     tables = [t for t in tables if issubclass(t, msgspec.Struct) and not t.__name__.startswith("_")]
     fields = [(t.__name__, field) for t in tables for field in fields_of(t).values()]
     assert len(fields) > 100

@@ -21,13 +21,15 @@ class Page:
 
     Parameters
     ----------
-    path : Path
-        HTML file.
+    path : Path or str
+        HTML file, or an address.
     scripts : bool
         Whether scripts of the page run.
     """
 
-    def __init__(self, path: Path, scripts: bool = True, size: tuple[int, int] = (1300, 1000)):
+    def __init__(
+        self, path: Path | str, scripts: bool = True, size: tuple[int, int] = (1300, 1000)
+    ):
         assert CHROMIUM is not None
         self.profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         to_child, self.write_end = os.pipe()
@@ -62,7 +64,8 @@ class Page:
         self.call("Emulation.setScriptExecutionDisabled", value=not scripts)
         start = time.perf_counter()
         self.loaded = False
-        self.call("Page.navigate", url=path.resolve().as_uri())
+        address = path if isinstance(path, str) else path.resolve().as_uri()
+        self.call("Page.navigate", url=address)
         while not self.loaded:
             self._read()
         if scripts:

@@ -29,9 +29,9 @@ def campaign(*requirements):
     return Campaign(parse_campaign(tree, "pusher.toml"))
 
 
-def risk(force, spread=1.0):
+def risk(force, spread=1.0, masses=MASSES):
     """Probability that the speed is below the bound, v^2 = 2 F s factor (1/m1 + 1/m2), with the
     spread of the factor multiplied."""
-    inverse = sum(1.0 / mass for mass in MASSES)
+    inverse = sum(1.0 / mass for mass in masses)
     factor = SPEED["at_least"] ** 2 / (2.0 * force * STROKE * inverse)
     return NormalDist(1.0, spread * SIGMA).cdf(factor)

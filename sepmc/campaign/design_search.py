@@ -1,0 +1,363 @@
+"""Search for the accepted design with the smallest cost, on common random numbers.
+
+A design is accepted if each requirement holds in so many of its cases that a fresh run is likely to
+show it (`accepted_violations`). One variable: a grid, a closer look where designs are nearly
+accepted, and the border of the accepted designs. Several: a Sobol sequence, then COBYLA of scipy.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis.proportions import allowed_violations, binomial_cdf
+from sepmc.analysis.requirements import margins
+from sepmc.campaign.session import Session
+from sepmc.scene.design_tables import Variable
+from sepmc.scene.formula import Node, evaluate
+from sepmc.scene.messages import InputError
+from sepmc.scene.model import VIOLATION, Requirement
+from sepmc.schema import Status, is_yes_or_no
+
+Run = Callable[[np.ndarray], pd.DataFrame]  # designs (m, variables) to costs and margin of each
+
+MAX_TRIES = 3
+VERDICT_CASES = 4  # times the cases of the search
+TOLERANCE = 1e-4  # of the range of a variable
+_LIKELY = 0.95  # probability that the run for the verdict shows a design at the edge
+_GRID, _ROOTS = 13, 24  # one variable: points of the grid, and steps to the border, at most
+_ZOOMS, _PEAKS, _CLOSER = (
+    3,
+    3,
+    9,
+)  # closer looks, at peaks of the margin, designs between neighbours
+_FINE = 2001  # costs between two neighbours of a point of the grid
+_STEPS = 40  # several variables: designs for each, at most, after the first ones
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Cost of a search, from the costs of a design.
+
+    The value is the largest of ``weights * (costs - low)``, where a weight is not 0, and the sum of
+    ``shares * costs``. Each is a number for each cost.
+    """
+
+    shares: np.ndarray
+    weights: np.ndarray
+    low: np.ndarray
+
+    @classmethod
+    def weighted(cls, shares: Sequence[float]) -> "Goal":
+        """The weighted sum of costs alone."""
+        none = np.zeros(len(shares))
+        return cls(np.asarray(shares, dtype=float), none, none)
+
+    def terms(self, costs: np.ndarray) -> np.ndarray:
+        """Terms (m, k) of which the largest counts, of costs (m, n); k may be 0."""
+        used = self.weights != 0.0
+        return np.asarray(self.weights[used] * (costs[:, used] - self.low[used]))
+
+    def of(self, costs: np.ndarray) -> np.ndarray:
+        """Values (m,) of costs (m, n)."""
+        terms = self.terms(costs)
+        largest = terms.max(axis=1) if terms.shape[1] else 0.0
+        return np.asarray(largest + costs @ self.shares)
+
+
+def accepted_violations(
+    item: Requirement, cases: int, fraction: float = 1.0, tries: int = MAX_TRIES
+) -> int:
+    """Largest number of violations in the search with which a design is accepted.
+
+    With a true probability of violation of that number over ``cases``, the run for the verdict
+    shows the requirement with a probability of `_LIKELY` at least.
+
+    Parameters
+    ----------
+    item : Requirement
+    cases : int
+    fraction : float
+        Of the number.
+    tries : int
+        Runs for verdicts, for which the confidence is raised.
+
+    Returns
+    -------
+    int
+    """
+    count, raised = VERDICT_CASES * cases, 1.0 - (1.0 - item.confidence) / tries
+    allowed = allowed_violations(count, item.probability, raised)
+    low, high = 0, cases  # the first is accepted, the last is not
+    while high - low > 1:
+        middle = (low + high) // 2
+        likely = binomial_cdf(allowed, count, middle / cases) >= _LIKELY
+        low, high = (middle, high) if likely else (low, middle)
+    return int(fraction * low)
+
+
+class DesignSearch:
+    """Search for accepted designs; all designs that it has run serve each goal."""
+
+    def __init__(
+        self,
+        session: Session,
+        variables: Sequence[Variable],
+        costs: Sequence[Node],
+        items: Sequence[Requirement],
+        cases: int,
+        seed: int,
+        tries: int,
+    ):
+        self.session, self.variables, self.items = session, variables, items
+        self.cost_trees, self.cases, self.seed, self.tries = costs, cases, seed, tries
+        self.names = cost_names(len(costs))
+        outcomes = {column.name for column in session.box.outcome_columns}
+        self.metrics = [item.metric for item in items if item.metric in outcomes]
+        self.scales: dict[str, float] = {}
+        self._searched: dict[float, list[pd.DataFrame]] = {}  # by fraction of violations
+
+    def optimum(self, goal: Goal, fraction: float) -> tuple[dict[str, float], pd.DataFrame]:
+        """Accepted design with the smallest value of a goal, and all designs of the search.
+        ``fraction`` of the accepted violations is accepted. Raises InputError if none is."""
+        run = self._runner(fraction)
+        first, refine = (
+            (self._first_of_one, self._by_root)
+            if len(self.variables) == 1
+            else (self._first_of_several, self._by_steps)
+        )
+        if not self._searched[fraction]:
+            first(run)
+        refine(run, goal, self._table(fraction))
+        searched = self._table(fraction)
+        accepted = searched[searched["margin"] >= 0.0]
+        if accepted.empty:
+            nearest_one = design_text(self._design(searched, searched["margin"].idxmax()))
+            raise InputError(
+                "no design of the ranges passes all requirements with the margin that a fresh run "
+                f"needs; the nearest is {nearest_one}"
+            )
+        best = int(goal.of(accepted[self.names].to_numpy(float)).argmin())
+        return self._design(accepted, accepted.index[best]), searched
+
+    def spread_of_costs(self, fraction: float) -> np.ndarray:
+        """Range (n,) of each cost over the first designs."""
+        if not self._searched.get(fraction):
+            run = self._runner(fraction)
+            (self._first_of_one if len(self.variables) == 1 else self._first_of_several)(run)
+        spread = np.ptp(self._table(fraction)[self.names].to_numpy(float), axis=0)
+        return np.where(spread > 0.0, spread, 1.0)
+
+    @property
+    def searched(self) -> pd.DataFrame:
+        """Designs of all searches."""
+        frames = [frame for each in self._searched.values() for frame in each]
+        return pd.concat(frames, ignore_index=True)
+
+    def costs(self, designs: np.ndarray) -> np.ndarray:
+        """Costs (m, n) of designs (m, variables). Raises InputError."""
+        named = {one.name: x for one, x in zip(self.variables, designs.T, strict=True)}
+        costs = np.empty((len(designs), len(self.cost_trees)))
+        for k, tree in enumerate(self.cost_trees):
+            costs[:, k] = evaluate(tree, named)
+        finite = np.isfinite(costs).all(axis=1)
+        if not finite.all():
+            values = designs[np.argmin(finite)]
+            design = {one.key: value for one, value in zip(self.variables, values, strict=True)}
+            raise InputError(f"minimise: has no value at {design_text(design)}; use where(...)")
+        return costs
+
+    def _runner(self, fraction: float) -> Run:
+        """Function that runs designs and keeps them."""
+        frames = self._searched.setdefault(fraction, [])
+        allowed = [
+            accepted_violations(item, self.cases, fraction, self.tries) for item in self.items
+        ]
+
+        def run(designs: np.ndarray) -> pd.DataFrame:
+            frames.append(self._run(designs, allowed))
+            return frames[-1]
+
+        return run
+
+    def _table(self, fraction: float) -> pd.DataFrame:
+        """All designs run with a fraction of the violations."""
+        return pd.concat(self._searched[fraction], ignore_index=True)
+
+    def _design(self, table: pd.DataFrame, row: Any) -> dict[str, float]:
+        values = table.loc[row].to_dict()
+        return {one.key: float(values[one.key]) for one in self.variables}
+
+    def _run(self, designs: np.ndarray, allowed: Sequence[int]) -> pd.DataFrame:
+        """Costs and margin of designs (m, variables)."""
+        columns = list(dict.fromkeys(self.metrics))
+        table = self.session.run_many(designs, self.cases, self.seed, columns or ["error"])
+        frame = pd.DataFrame(designs, columns=[one.key for one in self.variables])
+        frame[self.names] = self.costs(designs)
+        margin = np.full(len(designs), np.inf)
+        for item, most in zip(self.items, allowed, strict=True):
+            margin = np.minimum(margin, self._margin(item, most, table.columns))
+        frame["margin"] = margin
+        return frame
+
+    def _margin(
+        self, item: Requirement, most: int, columns: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        """Margin (m,) of each design to a requirement: that of its case of rank ``most``, from the
+        worst. Cases without the outcome are worse than all others."""
+        status = columns["status"]
+        if item.metric in columns and not is_yes_or_no(item.metric):
+            values = margins(columns[item.metric], item)
+            values = np.where((status == Status.OK) & ~np.isnan(values), values, -np.inf)
+            if item.name not in self.scales:
+                finite = values[np.isfinite(values)]
+                spread = float(finite.std()) if len(finite) else 1.0
+                self.scales[item.name] = spread or 1.0
+            ranked = np.partition(values, most, axis=1)[:, most]
+            return np.asarray(ranked / self.scales[item.name])
+        violates = self._violations(item, columns)
+        return np.asarray((most - violates.sum(axis=1)) / max(1.0, 0.01 * self.cases))
+
+    def _violations(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Mask (m, cases) of the cases that violate a requirement on a status, a yes-or-no outcome
+        or any violation; cases without a result count as violations, as in a verdict."""
+        status = columns["status"]
+        if item.metric == VIOLATION:
+            others = [one for one in self.items if one.metric != VIOLATION]
+            return np.any([self._violations(one, columns) for one in others], axis=0)
+        if item.metric in columns:
+            values = margins(columns[item.metric], item)
+            return np.asarray(~((status == Status.OK) & (values >= 0.0)))
+        return np.asarray(status != Status.OK)  # one with another status shows nothing
+
+    def _first_of_one(self, run: Run) -> None:
+        """Run a grid of one variable, then designs between the neighbours of peaks of the margin at
+        which no design is accepted: an accepted range may lie there that is narrower than the
+        grid."""
+        (variable,) = self.variables
+        frames = [run(np.linspace(variable.low, variable.high, _GRID)[:, None])]
+        for _ in range(_ZOOMS):
+            table = pd.concat(frames).sort_values(variable.key)
+            x, margin = (table[name].to_numpy(float) for name in (variable.key, "margin"))
+            before = np.concatenate([[-np.inf], margin[:-1]])
+            after = np.concatenate([margin[1:], [-np.inf]])
+            is_peak = (margin < 0.0) & (margin > -np.inf) & (margin >= before) & (margin >= after)
+            peaks = np.flatnonzero(is_peak)
+            if not len(peaks):
+                return
+            peaks = peaks[np.argsort(-margin[peaks], kind="stable")][:_PEAKS]
+            low, high = x[np.maximum(peaks - 1, 0)], x[np.minimum(peaks + 1, len(x) - 1)]
+            closer = np.linspace(low, high, _CLOSER + 2)[1:-1]
+            frames.append(run(np.setdiff1d(closer.ravel(), x)[:, None]))
+
+    def _by_root(self, run: Run, goal: Goal, table: pd.DataFrame) -> None:
+        """Search one variable: the cheapest design between the neighbours of the cheapest accepted
+        one; if it is not accepted, the border of the accepted designs before it.
+
+        The border is found by the Illinois method, and by bisection where that converges slowly."""
+        (variable,) = self.variables
+        table = table.drop_duplicates(variable.key).sort_values(variable.key)
+        x, margin = (table[name].to_numpy(float) for name in (variable.key, "margin"))
+        costs = goal.of(table[self.names].to_numpy(float))
+        if not (margin >= 0.0).any():
+            return
+        good = int(np.argmin(np.where(margin >= 0.0, costs, np.inf)))
+        ends = x[max(good - 1, 0)], x[min(good + 1, len(x) - 1)]
+        fine = np.append(np.linspace(*ends, _FINE), x[good])
+        fine_costs = goal.of(self.costs(fine[:, None]))
+        cheapest = fine[fine_costs.argmin()]
+        if fine_costs.min() >= costs[good]:
+            return
+        if cheapest in x:
+            value = margin[list(x).index(cheapest)]
+        else:
+            value = float(run(np.array([[cheapest]]))["margin"].iloc[0])
+        if value >= 0.0:
+            return
+        inside, outside = (x[good], margin[good]), (cheapest, value)
+        width = np.inf
+        for _ in range(_ROOTS):
+            last, width = width, abs(inside[0] - outside[0])
+            if width <= TOLERANCE * (variable.high - variable.low):
+                return
+            fall = max(inside[1] - outside[1], 1e-12)
+            share = min(max(inside[1] / fall, 0.05), 0.95) if width <= 0.5 * last else 0.5
+            middle = inside[0] + share * (outside[0] - inside[0])
+            value = float(run(np.array([[middle]]))["margin"].iloc[0])
+            if value >= 0.0:
+                inside, outside = (middle, value), (outside[0], 0.5 * outside[1])
+            else:
+                inside, outside = (inside[0], 0.5 * inside[1]), (middle, value)
+
+    def _first_of_several(self, run: Run) -> None:
+        """Run a Sobol sequence of 8 designs for each variable, or some more, and two corners of the
+        ranges."""
+        from scipy.stats.qmc import Sobol  # noqa: PLC0415
+
+        count = len(self.variables)
+        power = math.ceil(math.log2(8 * count))
+        unit = Sobol(count, rng=np.random.default_rng(self.seed)).random_base2(power)
+        low, span = self._ranges
+        run(low + span * np.vstack([unit, np.zeros(count), np.ones(count)]))
+
+    @property
+    def _ranges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Low end and width (variables,) of the ranges."""
+        low = np.array([one.low for one in self.variables])
+        return low, np.array([one.high for one in self.variables]) - low
+
+    def _by_steps(self, run: Run, goal: Goal, table: pd.DataFrame) -> None:
+        """Search several variables by COBYLA of scipy, from the cheapest accepted design (or the
+        nearest to be accepted). The largest of several terms is a variable of its own."""
+        from scipy.optimize import minimize  # noqa: PLC0415
+
+        low, span = self._ranges
+        count = len(self.variables)
+        margin = table["margin"].to_numpy(float)
+        all_costs = table[self.names].to_numpy(float)
+        values, accepted = goal.of(all_costs), margin >= 0.0
+        first = int(
+            np.argmin(np.where(accepted, values, np.inf)) if accepted.any() else margin.argmax()
+        )
+        scale = float(np.ptp(values)) or 1.0
+        known: dict[bytes, float] = {}
+
+        def design(x: np.ndarray) -> np.ndarray:
+            return np.asarray((low + span * np.clip(x[:count], 0.0, 1.0))[None, :])
+
+        def margin_at(x: np.ndarray) -> float:
+            values = design(x)
+            if values.tobytes() not in known:
+                known[values.tobytes()] = float(run(values)["margin"].iloc[0])
+            return known[values.tobytes()]
+
+        def terms(x: np.ndarray) -> np.ndarray:
+            return goal.terms(self.costs(design(x)))[0] / scale
+
+        start = (table[[one.key for one in self.variables]].to_numpy(float)[first] - low) / span
+        constraints = [{"type": "ineq", "fun": margin_at}]
+        has_terms = bool((goal.weights != 0.0).any())
+        if has_terms:
+            start = np.append(start, terms(start).max())
+            constraints.append({"type": "ineq", "fun": lambda x: x[count] - terms(x)})
+        minimize(
+            lambda x: float(self.costs(design(x))[0] @ goal.shares) / scale + sum(x[count:]),
+            start,
+            method="COBYLA",
+            bounds=[(0.0, 1.0)] * count + [(None, None)] * has_terms,
+            constraints=constraints,
+            options={"rhobeg": 0.15, "tol": TOLERANCE, "maxiter": _STEPS * count},
+        )
+
+
+def cost_names(count: int) -> list[str]:
+    """Columns of the costs of a search."""
+    return ["cost"] if count == 1 else [f"cost_{k + 1}" for k in range(count)]
+
+
+def design_text(design: Mapping[str, float]) -> str:
+    """Values of a design in words."""
+    return ", ".join(f"{key} = {value:.6g}" for key, value in design.items())

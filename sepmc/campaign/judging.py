@@ -1,0 +1,74 @@
+"""Campaigns for verdicts that are reached in several steps: with some of the requirements, and with
+a raised confidence."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from sepmc.analysis.proportions import required_cases
+from sepmc.analysis.requirements import PASS
+from sepmc.scene.design_tables import check_subject_to
+from sepmc.scene.messages import InputError, Log
+from sepmc.scene.model import Requirement
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign
+
+
+def raised_confidence(campaign: Any, looks: int) -> dict[str, float]:
+    """Settings with the confidence of each requirement raised for a number of looks: all together
+    are then wrong no more often than one at the confidence of the file (Bonferroni)."""
+    return {
+        f"requirement.{item.name}.confidence": 1.0 - (1.0 - item.confidence) / looks
+        for item in campaign.file.requirements
+    }
+
+
+def with_requirements(campaign: "Campaign", names: Sequence[str]) -> "Campaign":
+    """Campaign with the named requirements alone; unchanged without names. Raises InputError."""
+    if not names:
+        return campaign
+    check_subject_to(names, campaign.file.requirements)
+    items = [one for one in campaign.file.tree["requirement"] if one["name"] in names]
+    settings: dict[str, Any] = {"requirement": items}
+    if campaign.file.size is not None:
+        settings["size.subject_to"] = list(names)
+    return campaign.with_settings(settings)
+
+
+def checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement, ...]:
+    """Requirements of a campaign, which so many random cases of different seeds can show. Raises
+    InputError."""
+    items = campaign.file.requirements
+    if not items:
+        raise InputError(f"{campaign.name}: has no requirement to judge by: give [[requirement]]")
+    run = campaign.scene.run
+    if run.samples is not None:
+        raise InputError("run.samples: gives the run for the verdict the cases of the search")
+    if run.sampler != "random":
+        raise InputError(f"run.sampler = {run.sampler!r}: verdicts need random cases")
+    for item in items:
+        needed = required_cases(0, item.probability, item.confidence)
+        if cases < needed:
+            raise InputError(
+                f"cases = {cases}: requirement {item.name} cannot be shown with fewer than {needed}"
+            )
+    return items
+
+
+def fresh_verdict(
+    campaign: "Campaign",
+    settings: dict[str, Any],
+    cases: int,
+    seed: int,
+    tries: int,
+    threads: int | None,
+    announce: Log | None,
+) -> tuple[bool, pd.DataFrame]:
+    """True if a run with other values shows all requirements, and its verdicts. Their confidence is
+    raised for a number of such tries."""
+    settings = settings | raised_confidence(campaign, tries)
+    run = campaign.with_settings(settings).run(cases, seed, threads, announce=announce)
+    verdicts = run.requirements()
+    return bool((verdicts["verdict"] == PASS).all()), verdicts

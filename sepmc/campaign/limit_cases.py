@@ -1,0 +1,268 @@
+"""Limit cases: every dispersed input at its low and high end, one at a time with the others
+nominal, and the combination of ends found worst for each requirement.
+
+The ends are those of the distribution; a normal one ends at 3 sigma (0.135 and 99.865 %) or at its
+truncation, whichever is nearer. An angle that varies by more than a quarter turn is also simulated
+between its ends. Combinations take each input at its low end, nominal or high end, and such angles
+between. A combination is sought by changing one input at a time, always that with the largest loss
+of margin, from some starts: each input at its worst end by itself, the worst of some random
+corners, and the nominal case. Others may be worse. Correlations are not considered: ends may be
+together that hardly ever occur so.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis.requirements import margins
+from sepmc.campaign.execution.integration import integrate
+from sepmc.campaign.execution.step_selection import select_steps
+from sepmc.engine.dispatch import check_threads, using_threads
+from sepmc.scene import parameters
+from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.messages import InputError, Log
+from sepmc.scene.model import VIOLATION, Requirement
+from sepmc.scene.units import UNITS
+from sepmc.schema import STATUS_LABELS, Status
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign
+
+Score = Callable[[np.ndarray], np.ndarray]  # of levels (n, d)
+
+MET, VIOLATED, UNKNOWN = "met", "violated", "no outcome"
+NOMINAL, WORST = "nominal", "worst of "
+_WIDE_ANGLE = 0.5 * math.pi  # an angle with a wider range can have extremes anywhere
+_SIGMAS = 3.0  # ends of a normal distribution
+_BETWEEN = 7  # values between the ends of a wide angle
+_CORNERS, _STARTS = 64, 4  # random corners, and the worst of them, which are starts
+_ROUNDS = 200  # changes from a start, at most
+
+
+@dataclass(frozen=True)
+class LimitCases:
+    """Limit cases of a campaign.
+
+    Attributes
+    ----------
+    table : DataFrame
+        A row per case: ``case``, ``limit`` (its name), ``low`` and ``high`` (keys of the inputs at
+        these ends), ``between`` (angles between their ends), the inputs by column, ``status``, and
+        of each requirement ``NAME`` (met, violated or no outcome), ``NAME_outcome`` and
+        ``NAME_margin`` (negative if violated; NaN for a requirement on a status). It is a table for
+        ``run.samples``.
+    requirements : tuple of Requirement
+        Those that the table judges.
+    """
+
+    table: pd.DataFrame
+    requirements: tuple[Requirement, ...]
+
+
+def limit_ends(dispersion: Dispersion) -> tuple[float, float]:
+    """Low and high end of a dispersed input, in the unit of its key."""
+    numbers = dispersion.numbers
+    if dispersion.distribution == "normal":
+        mean, sigma, cut = numbers
+        width = min(_SIGMAS, cut) * sigma
+        return mean - width, mean + width
+    if dispersion.distribution == "discrete" and dispersion.weights:
+        numbers = tuple(x for x, w in zip(numbers, dispersion.weights, strict=True) if w > 0.0)
+    return min(numbers), max(numbers)
+
+
+def limit_cases(
+    campaign: "Campaign", threads: int | None = None, announce: Log | None = None
+) -> LimitCases:
+    """Simulate the limit cases of a campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    threads : int, optional
+    announce : callable (text), optional
+        Called with messages.
+
+    Returns
+    -------
+    LimitCases
+
+    Raises
+    ------
+    InputError
+        If the campaign has no requirement or no input that varies.
+    """
+    items = tuple(item for item in campaign.file.requirements if item.metric != VIOLATION)
+    if not items:
+        raise InputError(f"{campaign.name}: limit cases are judged: give [[requirement]]")
+    search = _LimitSearch(campaign, items, check_threads(threads), announce)
+    if not search.varied:
+        raise InputError(f"{campaign.name}: no input has two ends: give [dispersion]")
+    names = [NOMINAL, *(search.text(level, k) for k in search.varied for level in search.ends(k))]
+    levels = np.vstack([search.nominal, search.single])
+    worst = [search.worst(item) for item in items]
+    names += [f"{WORST}{item.name}" for item in items]
+    return LimitCases(search.table(names, np.vstack([levels, *worst])), items)
+
+
+class _LimitSearch:
+    """Simulates inputs at their ends, each combination once."""
+
+    def __init__(
+        self,
+        campaign: "Campaign",
+        items: tuple[Requirement, ...],
+        threads: int | None,
+        announce: Log | None,
+    ):
+        self.campaign, self.items, self.threads = campaign, items, threads
+        dispersions = campaign.file.dispersions
+        ends = np.array([limit_ends(one) for one in dispersions]).reshape(-1, 2)
+        nominal = np.array(
+            [
+                parameters.value(campaign.scene, one.parameter.path) / one.parameter.factor
+                for one in dispersions
+            ]
+        )
+        outside = (nominal < ends[:, 0]) | (nominal > ends[:, 1])
+        middle = np.where(outside, ends.mean(axis=1), nominal)
+        # by level + 1; not all levels are used
+        between = np.linspace(ends[:, 0], ends[:, 1], _BETWEEN + 2, axis=1)[:, 1:-1]
+        self.values = np.column_stack([ends[:, 0], middle, ends[:, 1], between])
+        self.varied = [k for k, (low, high) in enumerate(ends) if low < high]
+        # a failure is no end of a tolerance: it stays out of combinations
+        self.combined = [
+            k for k in self.varied if not dispersions[k].parameter.path.endswith(".fails")
+        ]
+        with using_threads(threads):
+            self.integration = select_steps(campaign, announce=announce)
+        self.columns = [column.name for column in campaign.result_columns]
+        self.results: dict[bytes, tuple[int, np.ndarray]] = {}  # status and outcomes by levels
+
+    @property
+    def nominal(self) -> np.ndarray:
+        """Levels (d,) of the nominal case."""
+        return np.zeros(len(self.values), dtype=int)
+
+    @cached_property
+    def single(self) -> np.ndarray:
+        """Levels (n, d) with one input at a time at each of its `ends`."""
+        rows = [self._changed(self.nominal, k, to) for k in self.varied for to in self.ends(k)]
+        return np.array(rows)
+
+    def ends(self, k: int) -> tuple[int, ...]:
+        """Levels of an input besides its nominal value."""
+        parameter = self.campaign.file.dispersions[k].parameter
+        width = (self.values[k, 2] - self.values[k, 0]) * parameter.factor
+        is_wide = parameter.unit in UNITS["angle"] and width > _WIDE_ANGLE
+        return (-1, 1, *range(2, 2 + _BETWEEN)) if is_wide else (-1, 1)
+
+    def text(self, level: int, k: int) -> str:
+        """Input at a level, in words."""
+        key = self.campaign.file.dispersions[k].parameter.key
+        words = {-1: "low", 1: "high"}
+        return f"{key} {words.get(level) or f'= {self.values[k, level + 1]:.6g}'}"
+
+    @staticmethod
+    def _changed(levels: np.ndarray, k: int, to: int) -> np.ndarray:
+        """Levels (d,) with another level of one input."""
+        changed = levels.copy()
+        changed[k] = to
+        return changed
+
+    def inputs(self, levels: np.ndarray) -> np.ndarray:
+        """Inputs (n, d) at levels (n, d) of -1, 0, 1, in the units of their keys."""
+        return self.values[np.arange(len(self.values)), levels + 1]
+
+    def run(self, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Status (n,) and outcomes (n, o), in their units, of levels (n, d)."""
+        keys = [row.tobytes() for row in levels]
+        new = {key: row for key, row in zip(keys, levels, strict=True) if key not in self.results}
+        if new:
+            inputs = self.inputs(np.array(list(new.values())))
+            with using_threads(self.threads):
+                block = integrate(self.campaign, self.integration, self.campaign.in_si(inputs))
+            scales = np.array([column.scale for column in self.campaign.result_columns])
+            outcomes = block.outcomes[:, : len(scales)] * scales
+            for key, status, row in zip(new, block.status, outcomes, strict=True):
+                self.results[key] = int(status), row
+        rows = [self.results[key] for key in keys]
+        return np.array([status for status, _ in rows]), np.array([row for _, row in rows])
+
+    def judge(
+        self, item: Requirement, status: np.ndarray, outcomes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Outcome, margin and score (n,) of a requirement. A score is negative if it is violated,
+        and minus infinity without the outcome."""
+        is_ok = status == Status.OK
+        if item.metric not in self.columns:
+            violates = status == STATUS_LABELS.index(item.metric)
+            score = np.where(violates, -1.0, np.where(is_ok, 1.0, -math.inf))
+            nothing = np.full(len(status), np.nan)
+            return nothing, nothing, score
+        values = np.where(is_ok, outcomes[:, self.columns.index(item.metric)], np.nan)
+        margin = margins(values, item)
+        return values, margin, np.where(np.isnan(margin), -math.inf, margin)
+
+    def worst(self, item: Requirement) -> np.ndarray:
+        """Levels (d,) of the worst combination found for a requirement."""
+
+        def score(levels: np.ndarray) -> np.ndarray:
+            return self.judge(item, *self.run(levels))[2]
+
+        random = np.random.Generator(np.random.Philox(key=22))
+        corners = np.tile(self.nominal, (_CORNERS, 1))
+        alone, scores = self.nominal, score(self.single)
+        for k in self.combined:
+            corners[:, k] = random.choice(self.ends(k), _CORNERS)
+            mine = np.flatnonzero(self.single[:, k])
+            lowest = mine[scores[mine].argmin()]
+            if scores[lowest] < score(self.nominal[None])[0]:
+                alone = self._changed(alone, k, self.single[lowest, k])
+        lowest_corners = corners[np.argsort(score(corners), kind="stable")[:_STARTS]]
+        starts = [alone, *lowest_corners, self.nominal]
+        combinations = np.array([self._descend(start, score) for start in starts])
+        return np.asarray(combinations[score(combinations).argmin()])
+
+    def _descend(self, levels: np.ndarray, score: Score) -> np.ndarray:
+        """Change one input at a time while that lowers the score."""
+        lowest = score(levels[None])[0]
+        for _ in range(_ROUNDS):
+            near = [
+                self._changed(levels, k, to)
+                for k in self.combined
+                for to in (0, *self.ends(k))
+                if to != levels[k]
+            ]
+            scores = score(np.array(near)) if near else np.array([math.inf])
+            if not scores.min() < lowest:
+                break
+            lowest, levels = scores.min(), near[int(scores.argmin())]
+        return levels
+
+    def table(self, names: list[str], levels: np.ndarray) -> pd.DataFrame:
+        """`LimitCases.table` of named levels (n, d)."""
+        dispersions = self.campaign.file.dispersions
+        keys = np.array([one.parameter.key for one in dispersions], dtype=object)
+        status, outcomes = self.run(levels)
+        columns: dict[str, object] = {"case": np.arange(len(names)), "limit": names}
+        for word, level in (("low", -1), ("high", 1)):
+            columns[word] = ["; ".join(keys[row == level]) for row in levels]
+        columns["between"] = [
+            "; ".join(self.text(row[k], k) for k in np.flatnonzero(row > 1).tolist())
+            for row in levels
+        ]
+        names_of_inputs = [column.name for column in self.campaign.input_columns]
+        columns |= dict(zip(names_of_inputs, self.inputs(levels).T, strict=True))
+        columns["status"] = [STATUS_LABELS[code] for code in status]
+        for item in self.items:
+            values, margin, score = self.judge(item, status, outcomes)
+            verdict = np.where(score >= 0.0, MET, np.where(np.isneginf(score), UNKNOWN, VIOLATED))
+            columns |= {item.name: verdict, f"{item.name}_outcome": values}
+            columns[f"{item.name}_margin"] = margin
+        return pd.DataFrame(columns)

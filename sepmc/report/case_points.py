@@ -1,0 +1,104 @@
+"""Values of some cases for the figure of a report that zooms, which `points.js` draws."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from sepmc.analysis.statistics import column, ok_rows
+from sepmc.report.style import to_words
+
+MAX_POINTS = 2000
+_BINS = 480  # of a histogram of all cases
+_EXTREMES = 24  # lowest and highest cases of each outcome among the points
+_DIGITS = 4  # of the range of a column
+
+
+def case_points(
+    cases: Mapping[str, Any],
+    outcomes: Sequence[str],
+    inputs: Sequence[str],
+    units: Mapping[str, str],
+    bounds: Mapping[str, Sequence[float]],
+) -> dict[str, Any]:
+    """Return values of at most `MAX_POINTS` cases, and histograms of all.
+
+    Parameters
+    ----------
+    cases : mapping of name to column, shape (n_cases,)
+        Read one column at a time.
+    outcomes, inputs : sequence of str
+        Columns.
+    units : mapping of column to unit
+    bounds : mapping of outcome to required bounds
+
+    Returns
+    -------
+    dict
+        ``total``, number of completed cases; ``cases`` (m), numbers of the points: cases with
+        extremes of the outcomes, and others at equal distances; ``columns``: ``name``, ``words``,
+        ``unit``, ``kind``, ``bounds``, ``values`` (m), and ``counts`` of all cases between ``low``
+        and ``high``. Values that are not finite are None. Columns without two values are left out.
+    """
+    ok = ok_rows(cases)
+    rows = np.flatnonzero(ok)
+    chosen = _points(cases, rows, outcomes)
+    columns = [
+        drawn
+        for kind, names in (("outcome", outcomes), ("input", inputs))
+        for name in names
+        if (drawn := _column(cases, ok, chosen, name, kind, units.get(name, ""), bounds))
+    ]
+    return {
+        "total": len(rows),
+        "cases": np.asarray(cases["case"])[chosen].tolist(),
+        "columns": columns,
+    }
+
+
+def _points(cases: Mapping[str, Any], rows: np.ndarray, outcomes: Sequence[str]) -> np.ndarray:
+    """Return the indices of the rows to draw, in order."""
+    if len(rows) <= MAX_POINTS:
+        return rows
+    extremes = [np.empty(0, dtype=np.int64)]
+    for name in outcomes:
+        values = column(cases, name)[rows]
+        known = np.flatnonzero(np.isfinite(values))
+        order = known[np.argsort(values[known], kind="stable")]
+        extremes += [order[:_EXTREMES], order[-_EXTREMES:]]
+    first = np.unique(np.concatenate(extremes))[:MAX_POINTS]
+    others = np.setdiff1d(np.arange(len(rows)), first)
+    count = MAX_POINTS - len(first)
+    spaced = others[np.linspace(0, len(others) - 1, count).round().astype(np.int64)]
+    return rows[np.sort(np.concatenate([first, spaced]))]
+
+
+def _column(
+    cases: Mapping[str, Any],
+    ok: np.ndarray,
+    chosen: np.ndarray,
+    name: str,
+    kind: str,
+    unit: str,
+    bounds: Mapping[str, Sequence[float]],
+) -> dict[str, Any] | None:
+    """Return a column for the figure; None if it has no two different finite values."""
+    values = column(cases, name)
+    finite = values[ok & np.isfinite(values)]
+    if not len(finite) or (low := float(finite.min())) == (high := float(finite.max())):
+        return None
+    counts = np.histogram(finite, _BINS, (low, high))[0]
+    decimals = _DIGITS - int(np.floor(np.log10(high - low)))
+    return {
+        "name": name,
+        "words": to_words(name.removeprefix("in_") if kind == "input" else name, unit),
+        "unit": "" if unit == "1" else unit,
+        "kind": kind,
+        "bounds": list(bounds.get(name, ())),
+        "values": [
+            round(x, decimals) + 0.0 if np.isfinite(x) else None for x in values[chosen].tolist()
+        ],
+        "low": low,
+        "high": high,
+        "counts": counts.tolist(),
+    }

@@ -1,0 +1,108 @@
+"""Forces of springs and loads over the history of a case, for replays."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from sepmc.report.poses import Poses
+from sepmc.scene.model import GROUND, ForceTable, Load, Scene, Spring
+
+
+def driven(history: pd.DataFrame, scene: Scene, path: str, value: float) -> np.ndarray:
+    """Return a number of the scene (n,), SI: a constant, or what the signal gives that drives it.
+
+    Parameters
+    ----------
+    history : DataFrame, n rows
+    scene : Scene
+    path : str
+        Path without units.
+    value : float
+        If nothing drives it, SI.
+    """
+    drive = scene.driven.get(path)
+    if drive is None:
+        return np.full(len(history), float(value))
+    return np.asarray(history[f"signal_{drive.signal}"] * drive.factor, dtype=float)
+
+
+def load_forces(
+    history: pd.DataFrame, scene: Scene, motion: Poses
+) -> Iterator[tuple[Load, np.ndarray]]:
+    """Yield each load that has a force, and the force (n, 3), N, in the axes of the motion."""
+    time = history["time_s"].to_numpy()
+    for load in scene.load:
+        components = [
+            driven(history, scene, f"load.{load.name}.force.{axis}", value)
+            for axis, value in zip("xyz", load.force, strict=True)
+        ]
+        acts = (time >= load.start) & (time < load.end)
+        force = np.column_stack(components) * acts[:, None]
+        axes = motion.ground if load.frame == "ground" else motion.rotations[load.body]
+        if force.any():
+            yield load, axes.apply(force)
+
+
+def spring_forces(
+    history: pd.DataFrame, scene: Scene, motion: Poses
+) -> Iterator[tuple[Spring, np.ndarray]]:
+    """Yield each spring between two bodies, and its force (n, 3) on the second one, N, in the axes
+    of the motion."""
+    time, ends = history["time_s"].to_numpy(), history.attrs["springs"]
+    for spring in scene.spring:
+        if GROUND in spring.bodies:
+            continue
+        line, length, rate = _line(history, scene, spring, motion)
+        extension = length - length[0]
+        path = f"spring.{spring.name}"
+        force, stiffness, damping, factor = (
+            driven(history, scene, f"{path}.{name}", getattr(spring, name))
+            for name in ("force", "stiffness", "damping", "factor")
+        )
+        force = force - stiffness * extension - damping * rate
+        if spring.table is not None:
+            force = force + _of_table(spring.table, extension, rate)
+        end = ends.get(spring.name, np.nan)
+        acts = np.isnan(end) | (time < end)
+        yield spring, (factor * force * acts)[:, None] * line
+
+
+def _of_table(table: ForceTable, extension: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Return the force (n,) of a table, N."""
+    points, values = np.array(table.extension), np.array(table.force)
+    within = np.clip(extension, points[0], points[-1])
+    kinds = {"cubic": CubicSpline, "monotone": PchipInterpolator}
+    if table.interpolation in kinds and len(points) > 1:
+        force = kinds[table.interpolation](points, values)(within)
+    else:
+        force = np.interp(within, points, values)
+    return np.asarray(force * np.where(rate < 0.0, table.return_factor, 1.0))
+
+
+def _line(
+    history: pd.DataFrame, scene: Scene, spring: Spring, motion: Poses
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the direction (n, 3) of the force on the second body, and length (n,) in m and its
+    rate, m/s."""
+    ends, velocities, spins = [], [], []
+    for body, point in zip(
+        spring.bodies, (spring.point, spring.second_point or spring.point), strict=True
+    ):
+        rotation = motion.rotations[body]
+        arm = (np.array(point) - scene.body[body].cg) * [-1.0, 1.0, 1.0]
+        spin = np.radians(history[[f"{body}_omega_{a}_deg_s" for a in "xyz"]].to_numpy())
+        velocity = motion.ground.apply(np.array(history[[f"{body}_v{a}_m_s" for a in "xyz"]]))
+        ends.append(motion.positions[body] + rotation.apply(arm))
+        velocities.append(velocity + rotation.apply(np.cross(spin, arm)))
+        spins.append(rotation.apply(spin))
+    gap, gap_rate = ends[1] - ends[0], velocities[1] - velocities[0]
+    if spring.axis is None:
+        length = np.linalg.norm(gap, axis=1)
+        line = gap / np.where(length > 0.0, length, 1.0)[:, None]
+        return line, length, np.einsum("ij,ij->i", gap_rate, line)
+    axis = np.array(spring.axis) / np.linalg.norm(spring.axis)
+    line = motion.rotations[spring.bodies[0]].apply(np.tile(axis, (len(gap), 1)))
+    rate = np.einsum("ij,ij->i", gap_rate - np.cross(spins[0], gap), line)
+    return line, np.einsum("ij,ij->i", gap, line), rate

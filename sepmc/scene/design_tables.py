@@ -1,0 +1,242 @@
+"""Tables of a campaign file that no row depends on: ``[map]`` and ``[size]``, the defaults of the
+commands of these names."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from sepmc.scene.formula import CONSTANTS, FormulaError, Node, names, parse
+from sepmc.scene.limits import CASES
+from sepmc.scene.messages import InputError, Problems, nearest
+from sepmc.scene.model import Requirement, Scene
+from sepmc.scene.parameters import Parameter, UnknownPath, find
+from sepmc.scene.setting_checks import matching_keys
+from sepmc.scene.tables import read_table
+
+MAX_VARIABLES = 6  # of a sizing
+MAX_COSTS = 3
+_MAX_POINTS = 1000  # of an axis
+_AXIS_EXAMPLE = "spring.*.force_N=600:1200:41"
+_VARIABLE_EXAMPLE = "push=spring.*.force_N=600:1200"
+_Cases = Annotated[int, Meta(ge=1, le=CASES)]
+
+
+class MapTable(Struct, frozen=True, kw_only=True):
+    """``[map]``: axes as ``KEY=LOW:HIGH:COUNT``, cases of every design, and at most of one that is
+    open with fewer."""
+
+    x: str
+    y: str | None = None
+    cases: _Cases | None = None
+    max_cases: _Cases | None = None
+
+
+class SizeTable(Struct, frozen=True, kw_only=True):
+    """``[size]``: costs, design variables ``KEY=LOW:HIGH`` by name, names of the requirements (all
+    if empty), and cases of every design of the search."""
+
+    minimise: tuple[str, ...] | str
+    vary: dict[str, str]
+    subject_to: tuple[str, ...] = ()
+    cases: _Cases | None = None
+
+
+@dataclass(frozen=True)
+class MapAxis:
+    """Design variable of a map, and its values.
+
+    Attributes
+    ----------
+    key : str
+        TOML path with its unit; ``*`` stands for any name.
+    low, high : float
+        Ends, in that unit.
+    count : int
+        Number of values, evenly spaced, ends included.
+    """
+
+    key: str
+    low: float
+    high: float
+    count: int
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values (count,), rising."""
+        return np.linspace(self.low, self.high, self.count)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Design variable: its name in the cost, TOML path with unit, and ends of its range."""
+
+    name: str
+    key: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class MapPlan:
+    """``[map]``, parsed."""
+
+    axes: tuple[MapAxis, ...]
+    cases: int | None
+    max_cases: int | None
+
+
+@dataclass(frozen=True)
+class SizePlan:
+    """``[size]``, parsed."""
+
+    variables: tuple[Variable, ...]
+    minimise: tuple[str, ...]
+    subject_to: tuple[str, ...]
+    cases: int | None
+
+
+def parse_axis(text: str, name: str) -> MapAxis:
+    """Parse ``KEY=LOW:HIGH:COUNT``; ``name`` is that of the option or key. Raises InputError."""
+    key, separator, ends = text.partition("=")
+    numbers = ends.split(":")
+    try:
+        low, high, count = float(numbers[0]), float(numbers[1]), int(numbers[2])
+        if not separator or len(numbers) != 3:
+            raise ValueError
+    except (ValueError, IndexError):
+        raise InputError(
+            f"{name} = {text}: must be KEY=LOW:HIGH:COUNT, as {_AXIS_EXAMPLE}"
+        ) from None
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise InputError(f"{name} = {text}: LOW and HIGH must be finite, and rise")
+    if not 2 <= count <= _MAX_POINTS:
+        raise InputError(f"{name} = {text}: COUNT must lie in 2 to {_MAX_POINTS}")
+    return MapAxis(key.strip(), low, high, count)
+
+
+def parse_variable(text: str, name: str = "--vary") -> Variable:
+    """Parse ``NAME=KEY=LOW:HIGH``; ``name`` is that of the option or key. Raises InputError."""
+    own, _, rest = text.partition("=")
+    key, _, ends = rest.rpartition("=")
+    try:
+        low, high = (float(end) for end in ends.split(":"))
+        if not (own.strip().isidentifier() and key.strip()):
+            raise ValueError
+    except ValueError:
+        raise InputError(
+            f"{name} = {text}: must be NAME=KEY=LOW:HIGH, as {_VARIABLE_EXAMPLE}"
+        ) from None
+    return Variable(own.strip(), key.strip(), low, high)
+
+
+def check_variables(variables: Sequence[Variable]) -> None:
+    """Check the number and names of design variables. Raises InputError."""
+    known = [one.name for one in variables]
+    if not 1 <= len(known) <= MAX_VARIABLES:
+        raise InputError(f"vary: has {len(known)} variables: must be 1 to {MAX_VARIABLES}")
+    if len(set(known)) < len(known):
+        raise InputError(f"vary: names a variable twice: {', '.join(known)}")
+    if taken := sorted(CONSTANTS.keys() & known):
+        raise InputError(f"vary: {taken[0]} is a number in formulas: choose another name")
+
+
+def cost_tree(minimise: str, variables: Sequence[Variable]) -> Node:
+    """Syntax tree of a cost, a formula of the names of the variables. Raises InputError."""
+    known = [one.name for one in variables]
+    try:
+        tree = parse(minimise)
+    except FormulaError as error:
+        raise InputError(f"minimise = {minimise}: {error}") from None
+    for name in names(tree):
+        if name not in known:
+            raise InputError(f"minimise = {minimise}: {name!r} is none; {nearest(name, known)}")
+    if not names(tree):
+        raise InputError(f"minimise = {minimise}: must contain a variable: {', '.join(known)}")
+    return tree
+
+
+def check_subject_to(chosen: Sequence[str], requirements: Sequence[Requirement]) -> None:
+    """Check names of requirements. Raises InputError."""
+    known = [item.name for item in requirements]
+    for name in chosen:
+        if name not in known:
+            raise InputError(f"subject_to = {name}: no such requirement; {nearest(name, known)}")
+
+
+def named_parameters(tree: Mapping[str, Any], scene: Scene, key: str) -> Iterator[Parameter]:
+    """Parameters that a path with wildcards names. Raises UnknownPath, with the path in its
+    message."""
+    keys = matching_keys(dict(tree), key)
+    if not keys:
+        raise UnknownPath(f"{key}: no table has such a name")
+    for one in keys:
+        try:
+            yield find(scene, one)
+        except UnknownPath as error:
+            raise UnknownPath(f"{one}: {error.args[0]}") from None
+
+
+def read_map(tree: Any, scene: Scene, problems: Problems) -> MapPlan | None:
+    """Convert ``[map]`` of a whole tree; None without one, and if there were problems."""
+    table = read_table(MapTable, tree["map"], "map", problems) if "map" in tree else None
+    if table is None:
+        return None
+    count, axes = len(problems), []
+    for name, text in (("x", table.x), ("y", table.y)):
+        if text is None:
+            continue
+        try:
+            axes.append(parse_axis(text, f"map.{name}"))
+            list(named_parameters(tree, scene, axes[-1].key))
+        except (InputError, UnknownPath) as error:
+            _note(error, f"map.{name}", problems)
+    if table.max_cases is not None and table.max_cases < (table.cases or 1):
+        problems.add("map.max_cases", f"must be at least cases = {table.cases}", table.max_cases)
+    return MapPlan(tuple(axes), table.cases, table.max_cases) if len(problems) == count else None
+
+
+def read_size(
+    tree: Any, scene: Scene, requirements: Sequence[Requirement], problems: Problems
+) -> SizePlan | None:
+    """Convert ``[size]`` of a whole tree; None without one, and if there were problems."""
+    written = tree.get("size")
+    if isinstance(written, dict) and written.get("subject_to") == "all":
+        written = {key: value for key, value in written.items() if key != "subject_to"}
+    table = read_table(SizeTable, written, "size", problems) if "size" in tree else None
+    if table is None:
+        return None
+    count, variables = len(problems), []
+    for name, text in table.vary.items():
+        key_path = f"size.vary.{name}"
+        try:
+            variables.append(parse_variable(f"{name}={text}", key_path))
+            list(named_parameters(tree, scene, variables[-1].key))
+        except (InputError, UnknownPath) as error:
+            _note(error, key_path, problems)
+    costs = (table.minimise,) if isinstance(table.minimise, str) else table.minimise
+    if not 1 <= len(costs) <= MAX_COSTS:
+        reason = f"must be a formula, or a list of up to {MAX_COSTS}"
+        problems.add("size.minimise", reason, list(costs))
+    if len(problems) > count:
+        return None
+    try:
+        check_variables(variables)
+        for cost in costs:
+            cost_tree(cost, variables)
+        check_subject_to(table.subject_to, requirements)
+    except InputError as error:
+        problems.append(f"size.{error}")
+        return None
+    return SizePlan(tuple(variables), costs, table.subject_to, table.cases)
+
+
+def _note(error: Exception, key_path: str, problems: Problems) -> None:
+    """Note a fault of a key; that of a parser names the key already."""
+    if isinstance(error, UnknownPath):
+        problems.add(key_path, str(error.args[0]))
+    else:
+        problems.append(str(error))

@@ -1,0 +1,269 @@
+"""Answers to the page: cases with changed settings, their histograms and verdicts, a case over
+time, and verdicts over two values."""
+
+import math
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from sepmc.analysis.constant_outcomes import collapse_constant
+from sepmc.analysis.requirements import required_bounds
+from sepmc.campaign.design_map import MapAxis, map_designs
+from sepmc.campaign.run_statistics import RunStatistics, evaluate
+from sepmc.report.page import verdict_row
+from sepmc.scene.messages import Log, no_log
+from sepmc.schema import Status
+from sepmc.studio.sliders import (
+    Slider,
+    available_keys,
+    changed_campaign,
+    make_slider,
+    moved_campaign,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sepmc.campaign.campaign import Campaign
+    from sepmc.campaign.result import Result
+
+MAX_CASES = 100_000  # of an answer
+_GRID = (13, 9)  # designs of a map
+_MAP_S, _MAP_CASES = 4.0, 50  # time that a map may take; its fewest cases of a design
+# seconds of a run on one thread: threads of a shorter one wait for each other when other programs
+# run (2,000 cases of table2 on two busy cores: 0.88 s on both, 0.27 s on one)
+_SHORT_S = 0.1
+_DRAWN = 6  # outcomes at the start
+_ROWS = 400  # of a history
+_ACCURACY = 1e-5  # relative, of a history that is looked at
+_STATISTICS = (
+    "n", "mean", "sigma", "min", "max", "p1", "p5", "p50", "p95", "p99", "case_min", "case_max",
+)  # fmt: skip
+
+
+class Question(msgspec.Struct, forbid_unknown_fields=True):
+    """Positions of the sliders, and what is asked.
+
+    Attributes
+    ----------
+    values, spreads : dict of str to float
+        See `sepmc.studio.sliders.moved_campaign`.
+    cases, seed : int
+    outcomes : tuple of str
+        Outcomes to draw.
+    case : int
+        Case to simulate over time.
+    axes : tuple of (key, low, high)
+        Two values to map.
+    key : str
+        Parameter that gets a slider.
+    """
+
+    values: dict[str, float] = {}
+    spreads: dict[str, float] = {}
+    cases: int = 2000
+    seed: int = 0
+    outcomes: tuple[str, ...] = ()
+    case: int = 0
+    axes: tuple[tuple[str, float, float], ...] = ()
+    key: str = ""
+
+
+class Studio:
+    """Runs a campaign with other settings; its methods answer the page, as data for JSON.
+
+    A run is that of ``campaign.with_settings(settings).run(cases, seed)``, bit by bit. Runs follow
+    one another; histories and maps are computed in a second process meanwhile.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    sliders : list of Slider
+        At the start.
+    rank : callable (campaign, statistics)
+        Names of the outcomes, the most important ones first.
+    command : callable (settings, cases, seed)
+        Command line of a run.
+    second : Executor
+        Second process.
+    cases, seed : int
+    threads : int, optional
+    """
+
+    def __init__(
+        self,
+        campaign: "Campaign",
+        sliders: list[Slider],
+        rank: "Callable[[Campaign, pd.DataFrame], list[str]]",
+        command: Callable[[dict[str, Any], int, int], str],
+        second: Executor,
+        cases: int,
+        seed: int,
+        threads: int | None = None,
+    ):
+        self.campaign, self.sliders, self._rank, self._second = campaign, sliders, rank, second
+        self.cases, self.seed, self._threads = cases, seed, threads
+        self._command = command
+        self.message = ""  # of the run in progress
+        self._running = threading.Lock()
+        self._case_s = 1.0  # seconds of a case in the last run
+
+    def prepare(self, announce: Log) -> None:
+        """Compile the kernel, with messages, and run the cases of the file."""
+        result = self.campaign.run(self.cases, self.seed, self._threads, announce=announce)
+        self._case_s = result.timing["kernel"] / self.cases
+
+    def start(self) -> dict[str, Any]:
+        """Content of the page at the start."""
+        return {
+            "name": self.campaign.name,
+            "title": self.campaign.file.title,
+            "cases": self.cases,
+            "max_cases": MAX_CASES,
+            "seed": self.seed,
+            "sliders": [one.as_json() for one in self.sliders],
+            "keys": available_keys(self.campaign),
+            "requirements": [one.name for one in self.campaign.file.requirements],
+        }
+
+    def slider(self, question: Question) -> dict[str, Any]:
+        """Slider of a parameter."""
+        return make_slider(self.campaign, question.key).as_json()
+
+    def run(self, question: Question) -> dict[str, Any]:
+        """Run the cases; histograms, statistics and verdicts."""
+        begin = perf_counter()
+        campaign, settings, notes = self._changed(question)
+        cases = min(question.cases, MAX_CASES)
+        with self._running:
+            threads = 1 if cases * self._case_s < _SHORT_S else self._threads
+            result = campaign.run(cases, question.seed, threads, announce=self._announce)
+            self.message = ""
+            self._case_s = result.timing["kernel"] / cases
+        accuracy = {"errors": result.accuracy.errors if result.accuracy else {}}
+        run = evaluate(campaign, result.kept.summary, {"accuracy": accuracy})
+        ranked = self._rank(campaign, run.table)
+        wanted = [name for name in question.outcomes if name in run.table.index] or ranked[:_DRAWN]
+        units = result.units
+        return {
+            "settings": settings,
+            "cases": cases,
+            "seed": question.seed,
+            "counts": _counts(result),
+            "notes": [*notes, *result.notes],
+            "audit_failed": bool((run.audit["beyond"] > 0).any()),
+            "verdicts": [
+                {"name": v.name, **verdict_row(v, units.get(v.metric, ""))} for v in run.verdicts
+            ],
+            "ranked": ranked,
+            "outcomes": {name: _outcome(campaign, run, name, units[name]) for name in wanted},
+            "seconds": perf_counter() - begin,
+        }
+
+    def replay(self, question: Question) -> list[dict[str, Any]]:
+        """Data of the replays of a case and of the nominal case."""
+        campaign = self._changed(question)[0]
+        work = self._second.submit(
+            replays_of, campaign, question.case, question.seed, min(question.cases, MAX_CASES)
+        )
+        return work.result()
+
+    def map(self, question: Question) -> dict[str, Any]:
+        """Verdicts over two values."""
+        campaign = self._changed(question)[0]
+        axes = [MapAxis(*axis, n) for axis, n in zip(question.axes, _GRID, strict=False)]
+        designs = math.prod(axis.count for axis in axes)
+        most = _MAP_S / (designs * max(self._case_s, 1e-9))
+        cases = min(question.cases, max(int(min(most, MAX_CASES)), _MAP_CASES))
+        return self._second.submit(verdicts_over, campaign, axes, cases, question.seed).result()
+
+    def settings(self, question: Question) -> dict[str, Any]:
+        """Changed settings, as a command, in Python and as a campaign file; both runs have cases
+        that did not choose them."""
+        campaign, settings, _ = self._changed(question)
+        cases, seed = question.cases, question.seed + 1
+        return {
+            "command": self._command(settings, cases, seed),
+            "python": f"sepmc.load({self.campaign.name!r}, {settings!r}).run({cases}, seed={seed})",
+            "toml": campaign.file.toml,
+        }
+
+    def _changed(self, question: Question) -> tuple["Campaign", dict[str, Any], list[str]]:
+        """Campaign with the settings of the sliders, these settings, and warnings."""
+        with self._running:  # warnings are caught by one thread at a time
+            return moved_campaign(self.campaign, question.values, question.spreads)
+
+    def _announce(self, text: str) -> None:
+        self.message = text
+
+
+def _counts(result: "Result") -> list[str]:
+    """Number of cases of each status, in words."""
+    sentences = {status.label: status.sentence for status in Status}
+    return [
+        f"{count:,} {label}" + ("" if label == Status.OK.label else f": {sentences[label]}")
+        for label, count in result.status_counts.items()
+    ]
+
+
+def _outcome(campaign: "Campaign", run: RunStatistics, name: str, unit: str) -> dict[str, Any]:
+    """Histogram, statistics and bounds of an outcome."""
+    histogram = collapse_constant(run.summary.histogram(name), run.table, name)
+    return {
+        "unit": "" if unit == "1" else unit,
+        "bounds": required_bounds(campaign.file.requirements).get(name, []),
+        "edges": [] if histogram is None else histogram.edges.tolist(),
+        "counts": [] if histogram is None else histogram.counts.tolist(),
+    } | {key: _number(run.table.at[name, key]) for key in _STATISTICS}
+
+
+def _number(x: Any) -> float | None:
+    """Number for JSON; None if it is not finite."""
+    return float(x) if np.isfinite(x) else None
+
+
+def replays_of(campaign: "Campaign", number: int, seed: int, total: int) -> list[dict[str, Any]]:
+    """Data of the replays of the nominal case and of a case; for another process."""
+    from sepmc.report.replay_data import replay_data  # noqa: PLC0415  (matplotlib)
+
+    if campaign.scene.solver.step is None and campaign.scene.solver.accuracy < _ACCURACY:
+        campaign = changed_campaign(campaign, {"solver.accuracy": _ACCURACY})[0]
+    every_s = campaign.scene.run.end_time / _ROWS
+    data: list[dict[str, Any]] = []
+    for title, case in (
+        ("nominal case", campaign.nominal()),
+        (f"case {number}", campaign.case(number, seed, total)),
+    ):
+        history = campaign.simulate(case, every_s, no_log)
+        if len(history):
+            data.append(replay_data(history, case.scene, title, case.number if data else None))
+    return data
+
+
+def verdicts_over(
+    campaign: "Campaign", axes: list[MapAxis], cases: int, seed: int
+) -> dict[str, Any]:
+    """Verdict and fraction of violating cases of each requirement over two values; for another
+    process."""
+    designs = map_designs(campaign, axes, cases, seed, announce=no_log)
+    return {
+        "cases": cases,
+        "axes": [{"key": axis.key, "values": axis.values.tolist()} for axis in axes],
+        "requirements": {
+            item.name: {
+                "verdicts": designs.grid(item.name).tolist(),
+                "fractions": (designs.grid(f"{item.name}_violations") / cases).tolist(),
+            }
+            for item in campaign.file.requirements
+        },
+    }
+
+
+def as_json(data: Mapping[str, Any] | list[Any]) -> bytes:
+    """JSON text of an answer."""
+    return msgspec.json.encode(data)

@@ -1,0 +1,156 @@
+"""HTTP server of the page, on this machine alone.
+
+Every request needs the token of the address and the host that the server is bound to: another page
+in the same browser knows neither (DNS rebinding), and no other machine can connect.
+"""
+
+import secrets
+from collections.abc import Callable
+from http import HTTPStatus as Http
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import msgspec
+
+from sepmc.report.page import resource, templates
+from sepmc.scene.messages import InputError
+from sepmc.studio.answers import Question, Studio, as_json
+
+HOST = "127.0.0.1"
+_MAX_BODY = 1_000_000  # bytes of a question
+_IDLE_S = 60.0  # a connection without a request is closed
+_JSON, _SCRIPT, _PAGE = "application/json", "text/javascript", "text/html"
+# the page may load nothing but its own scripts and answers
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'unsafe-inline'; connect-src 'self'; "
+    "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": _POLICY,
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+_SCRIPTS = {
+    "replay.js": "sepmc.report",
+    "figures.js": "sepmc.studio",
+    "studio.js": "sepmc.studio",
+}
+_QUESTIONS = ("run", "replay", "map", "slider", "settings")
+
+
+class Server(ThreadingHTTPServer):
+    """Server of a studio; bound to a port of this machine, and not yet serving.
+
+    Parameters
+    ----------
+    studio : Studio
+    port : int
+        0: any that is free.
+
+    Raises
+    ------
+    InputError
+        If the port cannot be used.
+    """
+
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, studio: Studio, port: int = 0):
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            reason = error.strerror or error
+            raise InputError(f"--port = {port}: cannot be used: {reason}") from None
+        self.studio, self.token = studio, secrets.token_urlsafe(32)
+        number = self.server_address[1]
+        self.hosts = (f"{HOST}:{number}", f"localhost:{number}")
+        page = templates("sepmc.studio").get_template("studio.html.j2").render(studio.start())
+        self.files: dict[str, tuple[str, bytes]] = {"": (_PAGE, page.encode())}
+        for name, package in _SCRIPTS.items():
+            self.files[name] = (_SCRIPT, resource(name, package).encode())
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Ignore a connection that the browser has closed."""
+
+    @property
+    def address(self) -> str:
+        """Address of the page, with the token."""
+        return f"http://{self.hosts[0]}/{self.token}/"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers a request."""
+
+    protocol_version, server_version, sys_version = "HTTP/1.1", "sepmc", ""
+    timeout = _IDLE_S
+    server: Server
+
+    def parse_request(self) -> bool:
+        """Read a request; refuse it without the token and the host of this server."""
+        if not super().parse_request():
+            return False
+        empty, _, path = self.path.partition("/")
+        token, _, self.name = path.partition("/")
+        origin = self.headers.get("Origin")
+        allowed = (
+            not empty
+            and secrets.compare_digest(token.encode(), self.server.token.encode())
+            and self.headers.get_all("Host") in [[host] for host in self.server.hosts]
+            and origin in (None, *(f"http://{host}" for host in self.server.hosts))
+        )
+        if not allowed:
+            self._refuse(Http.FORBIDDEN, "the address needs the token that sepmc printed")
+        return allowed
+
+    def do_GET(self) -> None:
+        """Send the page or a script, or the message of the run in progress."""
+        if self.name == "message":
+            self._send(Http.OK, _JSON, as_json({"message": self.server.studio.message}))
+        elif self.name in self.server.files:
+            self._send(Http.OK, *self.server.files[self.name])
+        else:
+            self._refuse(Http.NOT_FOUND, "no such page")
+
+    def do_POST(self) -> None:
+        """Answer a question."""
+        size = self.headers.get("Content-Length", "")
+        if self.name not in _QUESTIONS:
+            return self._refuse(Http.NOT_FOUND, "no such question")
+        if not (size.isascii() and size.isdigit() and int(size) <= _MAX_BODY):
+            return self._refuse(Http.REQUEST_ENTITY_TOO_LARGE, "a question has a short body")
+        body = self.rfile.read(int(size))
+        ask: Callable[[Question], Any] = getattr(self.server.studio, self.name)
+        try:
+            answer = as_json(ask(msgspec.json.decode(body, type=Question)))
+        except (InputError, msgspec.ValidationError, msgspec.DecodeError) as error:
+            self._send(Http.BAD_REQUEST, _JSON, as_json({"error": str(error)}))
+        except Exception as error:  # the page shows it, and the next question is answered
+            text = f"{type(error).__name__}: {error}"
+            self._send(Http.INTERNAL_SERVER_ERROR, _JSON, as_json({"error": text}))
+        else:
+            self._send(Http.OK, _JSON, answer)
+        return None
+
+    def _refuse(self, status: Http, reason: str) -> None:
+        """Send a reason, and close the connection, whose body was not read."""
+        self.close_connection = True
+        self._send(status, "text/plain", reason.encode())
+
+    def _send(self, status: Http, kind: str, body: bytes) -> None:
+        """Send an answer."""
+        self.send_response(status)
+        for name, value in _HEADERS.items():
+            self.send_header(name, value)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Log nothing."""

@@ -1,0 +1,229 @@
+"""Sliders of the page: values and spreads of parameters, and the settings that they stand for."""
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sepmc.campaign.allocation import SCALED, scaled_distribution
+from sepmc.campaign.design_box import design_variables
+from sepmc.scene.dispersion import Dispersion, is_structure
+from sepmc.scene.fields import allowed
+from sepmc.scene.messages import InputError, SceneWarning
+from sepmc.scene.parameters import Parameter, all_parameters, value
+from sepmc.scene.units import unit_text
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign
+
+_REACH = 3.0  # half range of a slider / half width of the distribution
+_PART = 0.25  # half range of a slider / size of a value without distribution
+_HALVINGS = 40
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A parameter that the page changes.
+
+    Attributes
+    ----------
+    key : str
+        TOML path with its unit; ``*`` stands for any name.
+    unit : str
+    value, low, high : float
+        Nominal value in the file, and ends of the slider, in that unit.
+    distribution : str
+        Of the file, in words; empty if it is not dispersed.
+    spread : str
+        Key of the distribution whose spread can be scaled; empty if there is none.
+    """
+
+    key: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    distribution: str = ""
+    spread: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """Fields by name."""
+        return asdict(self)
+
+
+def available_keys(campaign: "Campaign") -> list[str]:
+    """Keys of the parameters that can have a slider."""
+    numbers = all_parameters(campaign.scene, campaign.file.tree)
+    own = {d.parameter.path: d.parameter.key for d in campaign.file.dispersions}
+    return [
+        own.get(one.path, one.key)
+        for one in numbers
+        if not is_structure(one.path) and math.isfinite(value(campaign.scene, one.path))
+    ]
+
+
+def first_sliders(
+    campaign: "Campaign", vary: Mapping[str, tuple[float, float] | None]
+) -> list[Slider]:
+    """Sliders at the start: those of ``vary``, with their ends if given; by default all dispersed
+    parameters that can have one."""
+    if vary:
+        return [make_slider(campaign, key, ends) for key, ends in vary.items()]
+    return [
+        make_slider(campaign, one.parameter.key)
+        for one in campaign.file.dispersions
+        if not one.column and one.distribution != "discrete"
+    ]
+
+
+def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None = None) -> Slider:
+    """Slider of a parameter.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    key : str
+        TOML path with its unit; ``*`` stands for any name.
+    ends : (float, float), optional
+        Ends of the slider; about the distribution or the value if None.
+
+    Returns
+    -------
+    Slider
+
+    Raises
+    ------
+    InputError
+        If there is no such number, or its cases have separate or given values.
+    """
+    (variable,) = design_variables(campaign, {key: ends or (0.0, 1.0)})
+    parameter = variable.parameters[0]
+    nominal = value(campaign.scene, parameter.path) / parameter.factor
+    if is_structure(parameter.path) or not math.isfinite(nominal):
+        raise InputError(f"{key}: cannot have a slider: it is not a finite number of the scene")
+    by_path = {d.parameter.path: d for d in campaign.file.dispersions}
+    dispersion = by_path.get(parameter.path)
+    if dispersion and (dispersion.column or dispersion.distribution == "discrete"):
+        reason = "its cases have separate values" if dispersion.weights else "its cases are given"
+        raise InputError(f"{key}: cannot have a slider: {reason}; change the file")
+    low, high = ends or _ends(parameter, nominal, dispersion)
+    has_spread = dispersion and _has_spread(dispersion) and len(variable.parameters) == 1
+    return Slider(
+        key,
+        unit_text(parameter.unit) if parameter.unit else "",
+        nominal,
+        low,
+        high,
+        dispersion.sentence.partition(": ")[2] if dispersion else "",
+        dispersion.parameter.key if dispersion and has_spread else "",
+    )
+
+
+def _ends(
+    parameter: Parameter, nominal: float, dispersion: Dispersion | None
+) -> tuple[float, float]:
+    """Ends of a slider about a nominal, within the bounds of the parameter."""
+    half = _PART * abs(nominal) or 1.0
+    if dispersion and dispersion.reach[0] < dispersion.reach[1]:
+        half = _REACH * 0.5 * (dispersion.reach[1] - dispersion.reach[0])
+    ends = []
+    for end in (nominal - half, nominal + half):
+        for _ in range(_HALVINGS):
+            field = parameter.field
+            if field is None or allowed(field.type, np.array([end * parameter.factor]))[0]:
+                break
+            end = 0.5 * (end + nominal)
+        else:
+            end = nominal
+        ends.append(float(f"{end:.6g}"))
+    return min(ends[0], nominal), max(ends[1], nominal)
+
+
+def _has_spread(dispersion: Dispersion) -> bool:
+    """Return True if the spread of a distribution can be scaled."""
+    return (
+        dispersion.distribution in SCALED
+        and not dispersion.column
+        and dispersion.reach[0] < dispersion.reach[1]
+    )
+
+
+def moved_campaign(
+    campaign: "Campaign", values: Mapping[str, float], spreads: Mapping[str, float]
+) -> tuple["Campaign", dict[str, Any], list[str]]:
+    """Campaign at positions of sliders.
+
+    A distribution follows its nominal value, one that the file gives by absolute numbers too.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    values : mapping of key to float
+        In the units of the keys.
+    spreads : mapping of key to float
+        Factor of the spread of each dispersed parameter, about its centre.
+
+    Returns
+    -------
+    moved : Campaign
+    settings : dict
+        Values by TOML path that give it by `Campaign.with_settings`.
+    notes : list of str
+        Warnings about it.
+
+    Raises
+    ------
+    InputError
+        If a key or a value is not allowed.
+    """
+    settings: dict[str, Any] = dict(values)
+    moved, notes = changed_campaign(campaign, settings)
+    if distributions := _distributions(campaign, moved, spreads):
+        settings |= distributions
+        moved, notes = changed_campaign(campaign, settings)
+    return moved, settings, notes
+
+
+def _distributions(
+    campaign: "Campaign", at: "Campaign", spreads: Mapping[str, float]
+) -> dict[str, Any]:
+    """Settings of the distributions that do not follow by themselves from a campaign to that ``at``
+    other values, or are scaled."""
+    known = {d.parameter.key for d in at.file.dispersions if _has_spread(d)}
+    for key in spreads:
+        if key not in known:
+            raise InputError(f"{key}: has no spread to scale")
+    settings: dict[str, Any] = {}
+    for before, one in zip(campaign.file.dispersions, at.file.dispersions, strict=True):
+        key, path, own = one.parameter.key, one.parameter.path, one
+        change = value(at.scene, path) - value(campaign.scene, path)
+        is_absolute = change and one.numbers == before.numbers
+        if is_absolute and one.distribution in (*SCALED, "constant"):
+            own = _shifted(one, change / one.parameter.factor)
+        factor = spreads.get(key, 1.0)
+        if own.distribution == "constant":
+            if own is not one:
+                settings[f"dispersion.{key}"] = {"constant": own.numbers[0]}
+        elif own is not one or factor != 1.0:
+            settings[f"dispersion.{key}"] = scaled_distribution(own, factor)
+    return settings
+
+
+def _shifted(dispersion: Dispersion, change: float) -> Dispersion:
+    """Dispersion with another centre."""
+    numbers = dispersion.numbers
+    fixed = 1 if dispersion.distribution == "normal" else len(numbers)  # sigma and its limit stay
+    shifted = tuple(x + change if k < fixed else x for k, x in enumerate(numbers))
+    return replace(dispersion, numbers=shifted)
+
+
+def changed_campaign(
+    campaign: "Campaign", settings: Mapping[str, Any]
+) -> tuple["Campaign", list[str]]:
+    """Campaign with settings, and the warnings about it."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SceneWarning)
+        return campaign.with_settings(dict(settings)), [str(one.message) for one in caught]
