@@ -1,5 +1,6 @@
 """Force of a spring that only pushes, with its motion: it is slack where the force is below zero."""
 
+import functools
 import math
 from typing import Any
 
@@ -18,8 +19,8 @@ from sepmc.scene.signals import Quantity
 
 
 def slack_force(signals: Signals, kink: SlackKink) -> tuple[Jet, list[Any]]:
-    """Force of a spring before it is cut at zero, N, with its rate, and its forces at the start; 0
-    after the stroke.
+    """Force of a spring before it is cut at zero, N, with its rate, and the sizes of the forces
+    that it is the sum of; 0 after the stroke.
 
     Parameters
     ----------
@@ -29,16 +30,14 @@ def slack_force(signals: Signals, kink: SlackKink) -> tuple[Jet, list[Any]]:
     Returns
     -------
     force : Jet
-    forces : list
-        N, that it is the sum of
+    sizes : list
+        N
     """
     s = signals.s
     i, spring = next(
         (i, one) for i, one in enumerate(s.spec.scene.spring) if one.name == kink.spring
     )
-    preload = _number(signals, spring, i, "force", at.SPRING_FORCE)
-    jet = preload
-    path = f"spring.{spring.name}"
+    path, terms = f"spring.{spring.name}", [_number(signals, spring, i, "force", at.SPRING_FORCE)]
     for key, slot, motion in (
         ("stiffness", at.STIFFNESS, "extension"),
         ("damping", at.DAMPING, "rate"),
@@ -47,15 +46,18 @@ def slack_force(signals: Signals, kink: SlackKink) -> tuple[Jet, list[Any]]:
         if driven or s.spec.may_occur(f"{path}.{key}", getattr(spring, key) != 0.0):
             of_motion = signals.quantity(Quantity("spring", spring.name, motion, 1.0))
             coefficient = _number(signals, spring, i, key, slot)
-            jet = jets.add(jet, jets.negative(jets.multiply(coefficient, of_motion)))
+            terms.append(jets.negative(jets.multiply(coefficient, of_motion)))
+    sizes = [term.value for term in terms]
     if spring.table is not None:
-        jet = jets.add(jet, _of_table(signals, spring))
-    jet = jets.multiply(_number(signals, spring, i, "factor", at.SPRING_FACTOR), jet)
+        terms.append(_of_table(signals, spring))
+        sizes.append(max(map(abs, spring.table.force)))
+    factor = _number(signals, spring, i, "factor", at.SPRING_FACTOR)
+    jet = jets.multiply(factor, functools.reduce(jets.add, terms))
     jet = jet._replace(value=spring_force(s, spring, i))
     if s.spec.may_occur(f"{path}.stroke", math.isfinite(spring.stroke)):
         s.c.start(stroke_flag(spring.name), 0.0)
         jet = jets.select(s.scope.load(stroke_flag(spring.name)) > 0.0, Jet(0.0), jet)
-    return jet, [preload.value]
+    return jet, [factor.value * size for size in sizes]
 
 
 def _number(signals: Signals, spring: Spring, i: int, key: str, slot: int) -> Jet:
