@@ -77,7 +77,9 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
     if not known:
         return
     size = c.spec.active_size(segment)
-    docstring = "Points in tables with kinks, and some looked-up values, at Y; their rates along K1."
+    docstring = (
+        "Points in tables with kinks, and some looked-up values, at Y; their rates along K1."
+    )
     text = out.function(f"table_rates_{segment.name}(w)", docstring)
     text.block(f"for e in range({size} * LANES):")(f"w[S + e] = w[Y + e] + {_MOMENT} * w[K1 + e]")
     text.lanes()(f"w[CLOCK + l] = w[T + l] + {_MOMENT}")

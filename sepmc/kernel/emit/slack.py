@@ -1,4 +1,4 @@
-"""Force of a spring that only pushes, with its motion: it is slack where the force is below zero."""
+"""Force of a spring that only pushes, with its rate: it is slack where that is below zero."""
 
 import functools
 import math
