@@ -280,8 +280,8 @@ class Definition:
     @property
     def ordered_text(self) -> bytes:
         """Text of all that determines the outcomes of a case, in the order of the file, in which
-        parameters and columns are."""
-        return msgspec.json.encode(self._contents)
+        parameters and columns are; the same for its resolved file."""
+        return msgspec.json.encode(_as_written(self._contents))
 
     @property
     def _contents(self) -> dict[str, Any]:
@@ -521,3 +521,21 @@ class Definition:
                 principal = np.linalg.eigvalsh(tensors)
                 is_broken |= (principal[:, 0] > 0.0) & breaks_triangle(principal)
         return int(np.count_nonzero(is_broken))
+
+
+def _as_written(value: Any) -> Any:
+    """A tree in the order in which a resolved campaign file has it: tables after other values,
+    arrays of tables between them. Tables keep their order; arrays of tables have none."""
+    if isinstance(value, list):
+        return [_as_written(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+
+    def order(item: tuple[str, Any]) -> tuple[int, str]:
+        key, content = item
+        if isinstance(content, dict):
+            return 2, ""
+        is_array_of_tables = isinstance(content, list) and any(isinstance(x, dict) for x in content)
+        return (1, key) if is_array_of_tables else (0, "")
+
+    return {key: _as_written(content) for key, content in sorted(value.items(), key=order)}

@@ -341,8 +341,8 @@ def test_until_holds_what_it_states(name):
         ("separation_speed_m_s", "must be METRIC:TOLERANCE"),
         ("separation_speed_m_s:-1", "must be METRIC:TOLERANCE"),
         ("separation_sped_m_s:1", "did you mean 'separation_speed_m_s'"),
-        ("separation_speed_m_s.p98:1", "no such statistic as 'p98'; mean, sigma"),
-        ("never-released.mean:1", "no such statistic as 'mean'; share"),
+        ("separation_speed_m_s.p98:1", "no such statistic as 'p98'; allowed: mean, sigma"),
+        ("never-released.mean:1", "no such statistic as 'mean'; allowed: share"),
     ],
 )
 def test_what_until_refuses(file, text, message):
