@@ -6,15 +6,15 @@ OF_NOTES = {
     "key, such as `cg_mm` for `cg_m`",
     r"with relative = true": "a width in the unit of the key was probably meant as a fraction: add "
     "`relative = true`, or change the width",
-    r"can hold its bodies still": "`return_factor = 1`, or forces of at least 0",
+    r"can hold its bodies still": "`return_factor = 1`, forces of at least 0, or `push_only`",
     r"the weights add up to": "they are normalised; change them if that is not meant",
     r"may not have, and are not run": "bound the distribution with `truncate_sigma`",
     r"overlap at the start": "move a station, or give the clearance `after`",
     r"nearly level along its x axis": "give `apart = 1` or `-1`: the sign of the separation is "
     "otherwise decided by a few millimetres",
     r"is it the other way round": "turn the axis of the spring, or the sign of its force",
-    r"pulls with .* before its stroke": "shorten the stroke, or raise the force; a spring that "
-    "fails has `factor = 0`",
+    r"pulls with .* before its stroke": "shorten the stroke, raise the force, or give "
+    "`push_only = true`; a spring that fails has `factor = 0`",
     r"but the flight begins at": "add rows of the wind up to the flight, or a last one of speed 0",
     r"so a case that turns below it": "`mirror`, or a deck with rows on both sides",
     r"does nothing|there is no thrust before": "give the key that is missing, or remove the entry",

@@ -68,6 +68,8 @@ def _unloading(scene: Scene) -> Iterator[str]:
     bodies at a standstill."""
     for spring in scene.spring:
         table = spring.table
+        if spring.push_only and spring.force <= 0.0:  # no force then, on either way
+            continue
         if table is not None and table.return_factor < 1.0 and min(table.force) < 0.0:
             yield (
                 f"spring.{spring.name}.table: pulls with {-min(table.force):g} N, less on the way "
@@ -274,7 +276,7 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
     by_path = {d.parameter.path: d for d in dispersions}
     for spring in scene.spring:
         key_path = f"spring.{spring.name}"
-        if spring.force <= 0.0 or math.isinf(spring.stroke):
+        if spring.push_only or spring.force <= 0.0 or math.isinf(spring.stroke):
             continue
         nominal = {"force": spring.force, "stiffness": spring.stiffness, "stroke": spring.stroke}
         tries: list[tuple[str, dict[str, float]]] = [("", nominal)]
@@ -289,7 +291,8 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
                 yield (
                     f"{key_path} pulls with {pull:.4g} N before its stroke is over{where}: "
                     f"force_N = {of['force']:.4g} less stiffness_N_per_m = {of['stiffness']:.4g} "
-                    f"times stroke_m = {of['stroke']:.4g}; one that fails has factor = 0"
+                    f"times stroke_m = {of['stroke']:.4g}; give push_only = true if it cannot "
+                    "pull, and factor = 0 to one that fails"
                 )
                 break
 

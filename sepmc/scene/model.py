@@ -250,8 +250,9 @@ class Spring(_Table, frozen=True, kw_only=True):
 
     With ``axis`` (fixed in the first body) it acts along that axis, otherwise along the line
     between its points. The force is ``factor (force - stiffness x - damping x' + table(x))`` at
-    extension x from the start; ``factor`` is 0 for a failed spring. Beyond ``stroke`` (the last row
-    of its table, if it has one and no stroke) the force is zero for the rest of the flight.
+    extension x from the start; ``factor`` is 0 for a failed spring. One that is ``push_only`` has
+    no force where that is below zero. Beyond ``stroke`` (the last row of its table, if it has one
+    and no stroke) the force is zero for the rest of the flight.
     """
 
     name: Name
@@ -264,6 +265,7 @@ class Spring(_Table, frozen=True, kw_only=True):
     damping: Annotated[float, NotNegative, Quantity("damping")] = 0.0
     stroke: Annotated[float, Positive, Quantity("length")] = math.inf
     factor: Annotated[float, NotNegative] = 1.0
+    push_only: bool = False
     table: ForceTable | None = None
 
 

@@ -314,7 +314,7 @@ def _unknown_of_item(head: list[str], last: str, scene: Scene, items: Items) -> 
     elif len(head) == 1 and head[0] in scene.body:
         kinds = OF_BODY
     elif head[0] == "clearance":
-        return "a distance of outlines is no quantity of signals; use a stroke or positions"
+        return "a clearance is no quantity of signals; use a stroke, a hinge angle or positions"
     else:
         return "no such body; " + nearest(head[0], [*scene.body, *_OF_ITEM])
     stem, key = ".".join(head) + ".", split_unit(last)[0]

@@ -243,6 +243,18 @@ def test_a_spring_pushes_its_second_body_along_its_axis(pair):
     assert slower.simulate().attrs["outcomes"]["separation_speed_m_s"] < 0.13
 
 
+def test_a_spring_that_only_pushes_ends_where_its_force_does(pair):
+    """12 N less 600 N/m part 3 kg and 1 kg: 0.12 J up to 20 mm, v^2 = 2 x 0.12 x 4 / 3."""
+    spring = {
+        "name": "push", "bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0],
+        "axis": [-1, 0, 0], "force_N": 12.0, "stiffness_N_per_m": 600.0, "push_only": True,
+    }  # fmt: skip
+    settings = {"spring": [spring], "phase": [{"name": "guided", "joints": {"pins": "slider"}}]}
+    settings |= {"run.end_time_s": 0.2, "solver.step_s": 0.01}
+    outcomes = pair(settings).simulate().attrs["outcomes"]
+    close(outcomes["separation_speed_m_s"], math.sqrt(0.32))
+
+
 def test_a_stroke_ends_at_its_extension(pair):
     """12 N part 3 kg and 1 kg at 16 m/s2: 20 mm take 0.05 s, 600 mm more than the 0.2 s there are.
     The joint leaves its slider at 0.1 s for a cylindrical one, whose rotation it frees too."""

@@ -79,6 +79,7 @@ def test_work_is_counted_alike_each_time(pair):
         texts.append(str(caught.value))
     assert texts[0] == texts[1]
     assert "steps a phase takes too long here" in texts[0]
+    assert texts[0].endswith("give solver.step_s, or compile: sepmc run")
 
 
 def test_a_step_that_is_far_too_short(pair):

@@ -213,3 +213,4 @@ def test_a_table_that_pulls_less_on_the_way_back_is_noted():
     table = {"extension_m": [0.0, 0.1], "force_N": [100.0, -50.0], "return_factor": 0.6}
     assert any("can hold its bodies" in one for one in file_notes(campaign(table)))
     assert not any("can hold" in one for one in file_notes(campaign(table | {"return_factor": 1})))
+    assert not any("can hold" in one for one in file_notes(campaign(table, {"push_only": True})))

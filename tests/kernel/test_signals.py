@@ -327,7 +327,7 @@ def test_a_kernel_without_signals_is_unchanged(pair):
         (pushed("for.pitch_deg"), "for.pitch_deg: no such body; did you mean 'fore'?"),
         (
             pushed("clearance.gap_mm"),
-            "clearance.gap_mm: a distance of outlines is no quantity of signals",
+            "clearance.gap_mm: a clearance is no quantity of signals",
         ),
         (pushed("joint.pin.stroke_m"), "write joint.NAME.QUANTITY with the name of a joint"),
         (pushed("joint.pins.stroke"), "allowed: joint.pins.stroke_m, joint.pins.stroke_mm"),

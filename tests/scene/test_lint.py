@@ -170,11 +170,12 @@ PUSHER = "spring.upper_left"
             "at an end of its distribution for force: force_N = 0 less",
         ),
         ({f"dispersion.{PUSHER}.factor": {"discrete": [1.0, 0.0], "weights": [0.99, 0.01]}}, None),
+        ({f"{PUSHER}.stiffness_N_per_m": 60_000.0, f"{PUSHER}.push_only": True}, None),
     ],
 )
 def test_a_pusher_that_pulls(settings, message):
-    """Stiffer than its force over its stroke; failed by its force, which leaves the stiffness; and
-    failed by its factor, as it should be."""
+    """Stiffer than its force over its stroke; failed by its force, which leaves the stiffness;
+    failed by its factor, as it should be; and one that cannot pull."""
     results = [
         one for one in file_notes(loaded("spring-pushers", settings)) if " pulls with " in one
     ]

@@ -524,7 +524,7 @@ class _SingleRun:
         if self.completed and self.completed[-1][0].max() < self.steps.max():
             most = self.completed[-1][0].max()
             reason += f"; in {most} it reached its end, but its outcomes had not converged"
-        return f"{reason}; look at the warnings, or give solver.step_s"
+        return f"{reason}; look at the warnings, give solver.step_s, or compile: sepmc run"
 
 
 def _instants(

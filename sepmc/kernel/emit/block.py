@@ -168,12 +168,12 @@ def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
         c.workspace.add(name, count)
         text.block(f"for e in range({count} * LANES):")(f"w[{name} + e] = 0.0")
     text.block("for e in range(SIZE_Y):")("w[K1 + e] = 0.0")
-    text(f"cell_points_{segment.name}(w)", f"enter_cells_{segment.name}(w, 0.0)")
+    text(f"table_rates_{segment.name}(w)", f"enter_cells_{segment.name}(w, 0.0)")
     text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text(f"rates_{segment.name}(w)")
     text.block("for e in range(SIZE_Y):")("w[K1 + e] = w[D + e]")
-    text(f"cell_points_{segment.name}(w)", f"enter_cells_{segment.name}(w, 1.0)")
+    text(f"table_rates_{segment.name}(w)", f"enter_cells_{segment.name}(w, 1.0)")
 
 
 def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:

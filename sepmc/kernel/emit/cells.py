@@ -9,7 +9,14 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, component, rejection_unless
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.emit.tables import axis_ends, force_table_start, proximity_start, table_start
+from sepmc.kernel.emit.tables import (
+    axis_ends,
+    force_table_start,
+    proximity_start,
+    slack_tables,
+    table_force,
+    table_start,
+)
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.spec.step_cells import force_cell, proximity_cell
 from sepmc.kernel.tracer.text import Text
@@ -50,31 +57,44 @@ def _kinked_tables(c: Context) -> list[_KinkedTable]:
     return [table for table in tables if table.cell in c.spec.step_cells]
 
 
+def call_table_rates(text: Text, c: Context, segment: Segment) -> None:
+    """Append the call for the rates of what is looked up, if conditions need them."""
+    if _kinked_tables(c) or slack_tables(c.spec):
+        text(f"table_rates_{segment.name}(w)")
+
+
 def emit_cells(out: Text, c: Context, segment: Segment) -> None:
     """Write the functions for the ends of cells of tables with kinks: the points in a segment with
-    their rates, and the entry into the next cells.
+    their rates, and the entry into the next cells. The first also gives the rates of the forces of
+    tables of springs that only push.
 
     The rate is the difference quotient over `_MOMENT` along the derivative K1, wind and air at that
     place included.
     """
     tables = _kinked_tables(c)
-    if not tables:
+    known = [(table.cell, table.point, 3) for table in tables]
+    known += [(field, field, count) for field, count in _slack_forces(c)]
+    if not known:
         return
     size = c.spec.active_size(segment)
-    docstring = "Points in tables with kinks at the state Y, and their rates along K1."
-    text = out.function(f"cell_points_{segment.name}(w)", docstring)
-    _look_up_at_state(text, segment)
-    for table in tables:
-        c.workspace.add(f"NOW_{table.cell}", 3), c.workspace.add(f"RATE_{table.cell}", 3)
-        inner = text.block("for e in range(3 * LANES):")
-        inner(f"w[NOW_{table.cell} + e] = w[{table.point} + e]")
+    docstring = (
+        "Points in tables with kinks, and some looked-up values, at Y; their rates along K1."
+    )
+    text = out.function(f"table_rates_{segment.name}(w)", docstring)
     text.block(f"for e in range({size} * LANES):")(f"w[S + e] = w[Y + e] + {_MOMENT} * w[K1 + e]")
     text.lanes()(f"w[CLOCK + l] = w[T + l] + {_MOMENT}")
     text(f"look_up_{segment.name}(w)")
-    for table in tables:
-        cell, point = table.cell, table.point
-        inner = text.block("for e in range(3 * LANES):")
-        inner(f"w[RATE_{cell} + e] = (w[{point} + e] - w[NOW_{cell} + e]) / {_MOMENT}")
+    for name, field, count in known:
+        c.workspace.add(f"NOW_{name}", count), c.workspace.add(f"RATE_{name}", count)
+        inner = text.block(f"for e in range({count} * LANES):")
+        inner(f"w[RATE_{name} + e] = w[{field} + e]")
+    _look_up_at_state(text, segment)  # last: kinks of formulas read values that are looked up
+    for name, field, count in known:
+        inner = text.block(f"for e in range({count} * LANES):")
+        inner(f"w[NOW_{name} + e] = w[{field} + e]")
+        inner(f"w[RATE_{name} + e] = (w[RATE_{name} + e] - w[NOW_{name} + e]) / {_MOMENT}")
+    if not tables:
+        return
     _emit_second_rates(out, c, segment, tables)
     docstring = (
         "Move points that have left the cell of their table into the one that holds them or, with "
@@ -100,6 +120,15 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
             rejection_unless("inside", table.leaves),
             f"w[{flag} + l] = 0.0 if ahead > 0.0 else 1.0",
         )
+
+
+def _slack_forces(c: Context) -> list[tuple[str, int]]:
+    """Fields of the forces of tables of springs that only push, and their sizes."""
+    numbers = c.spec.layout.model.numbers
+    return [
+        (table_force(spring.name), int(numbers[force_table_start(c, i)]))
+        for i, spring in slack_tables(c.spec)
+    ]
 
 
 def _look_up_at_state(text: Text, segment: Segment) -> None:

@@ -10,7 +10,7 @@ condition (`emit_event_step`); the remaining microseconds are one RK4 step
 import math
 from typing import Any
 
-from sepmc.kernel.emit.cells import BESIDE, cell_end
+from sepmc.kernel.emit.cells import BESIDE, call_table_rates, cell_end
 from sepmc.kernel.emit.context import Context, component, height, reject_if, stroke_end_time
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.kinks import set_mode, time_to_kink
@@ -45,8 +45,7 @@ def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
     text = out.function(
         f"event_step_{segment.name}(w, typical: float)", docstring + " of each condition."
     )
-    if any(event.is_cell_end for event in segment.events):
-        text(f"cell_points_{segment.name}(w)")
+    call_table_rates(text, c, segment)
     s = State(c, c.scope(), segment, "Y")
     step = s.scope.load("END") - s.time
     for event in segment.events:

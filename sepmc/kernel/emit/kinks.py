@@ -1,4 +1,4 @@
-"""Kinks of formulas as events, as lines of a kernel.
+"""Kinks of formulas, and of springs that only push, as events, as lines of a kernel.
 
 The sign of the switching function of a kink is fixed within an interval (its mode: -1, 0 or 1; 0
 while the function stays at zero), so that a formula is smooth within a step. A step ends where the
@@ -10,10 +10,12 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, component, reject_if
 from sepmc.kernel.emit.geometry import State
+from sepmc.kernel.emit.jets import Jet
 from sepmc.kernel.emit.signals import Signals, mode_field
+from sepmc.kernel.emit.slack import slack_force
 from sepmc.kernel.emit.tables import call_look_up, has_tables
 from sepmc.kernel.spec.kernel_spec import Event
-from sepmc.kernel.spec.kinks import Kink, kink_name
+from sepmc.kernel.spec.kinks import Kink, SlackKink, kink_name
 from sepmc.kernel.tracer.formulas import scalar
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import NUMBER, Expr, Scope, where
@@ -55,9 +57,9 @@ def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
         c.workspace.add(f"{stem}_{name}", count)
     c.workspace.add(event.flag(s.segment.name), 1)
     c.start(time_field(kink), -math.inf)
-    scope.comment(f"{kink} of a formula")
-    signals = _moving(s)
-    jet, numbers = signals.switching(_kink(s, kink))
+    switches = _kink(s, kink)
+    scope.comment(f"{kink} of a {'formula' if isinstance(switches, Kink) else 'spring'}")
+    jet, numbers = _switching(_moving(s), switches)
     value = _expression(s, jet.value).called("switching")
     rate = _expression(s, jet.rate).called("switching_rate")
     time, mode = s.time, scope.load(field)
@@ -122,7 +124,12 @@ def _moving(s: State) -> Signals:
     return known
 
 
-def _kink(s: State, name: str) -> Kink:
+def _switching(signals: Signals, kink: Kink | SlackKink) -> tuple[Jet, list[Any]]:
+    """Switching function of a kink, and the numbers that it is the difference of."""
+    return slack_force(signals, kink) if isinstance(kink, SlackKink) else signals.switching(kink)
+
+
+def _kink(s: State, name: str) -> Kink | SlackKink:
     """Kink by its name."""
     return next(kink for k, kink in enumerate(s.spec.formulas.kinks) if kink_name(k) == name)
 
@@ -151,7 +158,7 @@ def emit_modes(out: Text, c: Context) -> None:
     kinks = c.spec.formulas.kinks
     if not kinks:
         return
-    text = out.function("set_modes(w)", "Set the modes of the kinks of formulas at the start.")
+    text = out.function("set_modes(w)", "Set the modes of kinks at the start.")
     segment = c.spec.segments[0]
     if has_tables(c.spec):
         text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
@@ -162,7 +169,7 @@ def emit_modes(out: Text, c: Context) -> None:
     for k, kink in enumerate(kinks):
         field = mode_field(kink_name(k))
         c.workspace.add(field, 1)
-        jet, numbers = signals.switching(kink)
+        jet, numbers = _switching(signals, kink)
         value, tolerance = _expression(s, jet.value), _tolerance(numbers)
         mode = where(value > tolerance, 1.0, where(value < -tolerance, -1.0, 0.0))
         s.scope.store(field, mode)

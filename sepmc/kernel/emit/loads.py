@@ -389,6 +389,18 @@ def _weight(s: State, body: str) -> Any:
 
 def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> None:
     """Force along the line of a spring on both of its bodies; none after its stroke."""
+    force = spring_force(s, spring, i)
+    path = f"spring.{spring.name}"
+    if spring.push_only:
+        force = scalar.larger(0.0, force)
+    if s.spec.may_occur(f"{path}.stroke", math.isfinite(spring.stroke)):
+        s.c.start(stroke_flag(spring.name), 0.0)
+        force = where(s.scope.load(stroke_flag(spring.name)) > 0.0, 0.0, force)
+    _add_pair(s, spring.bodies, s.spring(spring), force.called("force"), loads_of)
+
+
+def spring_force(s: State, spring: Spring, i: int) -> Expr:
+    """Force of a spring within its stroke, N, that of one that only pushes below zero too."""
     p = int(s.c.model.springs_p) + at.SPRING_SIZE * i
     line = s.spring(spring)
     path = f"spring.{spring.name}"
@@ -410,11 +422,7 @@ def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> No
             force = force + lost * s.scope.load(component(table_force(spring.name), 1))
     if s.spec.may_occur(f"{path}.factor", spring.factor != 1.0):
         force = number(s, f"{path}.factor", p + at.SPRING_FACTOR) * force
-    if s.spec.may_occur(f"{path}.stroke", math.isfinite(spring.stroke)):
-        s.c.start(stroke_flag(spring.name), 0.0)
-        force = where(s.scope.load(stroke_flag(spring.name)) > 0.0, 0.0, force)
-    force = force.called("force")
-    _add_pair(s, spring.bodies, line, force, loads_of)
+    return force
 
 
 def _add_pair(

@@ -130,7 +130,7 @@ class Signals:
                 values += self.inputs(other) if at_once else [self.of(other).value]
             elif node.path not in self.formulas.signals[signal].constants:
                 quantity = self.formulas.quantity(node)
-                value = self._quantity(quantity).value
+                value = self.quantity(quantity).value
                 if quantity.table != "time" and isinstance(value, Expr):
                     values.append(value)
         return values
@@ -156,7 +156,7 @@ class Signals:
         if other := self.formulas.other(signal, node):
             return self.of(other)
         quantity = self.formulas.quantity(node)
-        jet = self._quantity(quantity)
+        jet = self.quantity(quantity)
         if quantity.factor == 1.0:
             return jet
         return Jet(*(None if x is None else x * (1.0 / quantity.factor) for x in jet))
@@ -170,7 +170,7 @@ class Signals:
         path = f"signal.{signal}.{node.path.removeprefix(OWN)}"
         return Jet(self.s.case.number(self.s.spec.layout.slots[path]))
 
-    def _quantity(self, quantity: Quantity) -> Jet:
+    def quantity(self, quantity: Quantity) -> Jet:
         """Jet of a quantity, SI."""
         key = quantity._replace(factor=1.0)
         if key not in self._quantities:

@@ -18,7 +18,7 @@ from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr
 from sepmc.routines import layout as at
-from sepmc.scene.model import XYZ, Proximity
+from sepmc.scene.model import XYZ, Proximity, Spring
 from sepmc.schema import Status
 
 COEFFICIENTS = 6
@@ -181,6 +181,12 @@ def table_force(spring: str) -> str:
     """Workspace field of the force of a spring from its table, N; with unloading also of that force
     while the extension shrinks, else 0."""
     return f"TABLE_FORCE_{spring}"
+
+
+def slack_tables(spec: KernelSpec) -> list[tuple[int, Spring]]:
+    """Springs with a table that only push, with their numbers."""
+    springs = enumerate(spec.scene.spring)
+    return [(i, one) for i, one in springs if one.push_only and one.table is not None]
 
 
 def _store_point(s: State, field: str, point: tuple[Any, Any, Any]) -> None:

@@ -1,5 +1,6 @@
-"""Kinks of the signals of a scene: places at which a formula is not smooth. They are events, so
-that no step passes one, and the branch of the formula is fixed within a step."""
+"""Kinks of the signals of a scene, and of springs that only push: places at which a number is not
+smooth. They are events, so that no step passes one; the branch of a formula is fixed within a
+step."""
 
 import math
 from dataclasses import dataclass
@@ -54,6 +55,13 @@ class Kink:
 
     signal: str
     node: Call
+
+
+@dataclass(frozen=True)
+class SlackKink:
+    """A spring that only pushes, which is not smooth where its force reaches zero."""
+
+    spring: str
 
 
 @dataclass(frozen=True)
@@ -156,11 +164,12 @@ class Formulas:
         return False
 
     @cached_property
-    def kinks(self) -> tuple[Kink, ...]:
-        """Kinks of the signals in use, each after those that its switching function depends on."""
-        found: dict[Kink, None] = {}
+    def kinks(self) -> tuple[Kink | SlackKink, ...]:
+        """Kinks of the signals in use, each after those that its switching function depends on,
+        and of springs that only push."""
+        of_signals: dict[Kink, None] = {}
         for signal in self.used:
             for node in walk(self.tree(signal)):
                 if isinstance(node, Call) and node.function in KINKS and self.varies(signal, node):
-                    found.setdefault(Kink(signal, node))
-        return tuple(found)
+                    of_signals.setdefault(Kink(signal, node))
+        return (*of_signals, *(SlackKink(s.name) for s in self.scene.spring if s.push_only))

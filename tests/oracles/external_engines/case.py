@@ -156,6 +156,7 @@ class Case:
         """Refuse features that no external engine simulates."""
         lost = [f"[{key}]" for key, table in self.data.items() if table and key not in _TABLES]
         lost += [f"the table of {s['name']}" for s in self.data.get("spring", ()) if s.get("table")]
+        lost += [f"slack of {s['name']}" for s in self.data.get("spring", ()) if s.get("push_only")]
         lost += [f"axes of {p['name']}" for p in self.data.get("proximity", ()) if p.get("axes")]
         lost += [
             f"friction of {n}"

@@ -51,7 +51,8 @@ PROFILE = {"time": REQUIRED, "fraction": REQUIRED}
 SPRING = {
     "name": REQUIRED, "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "axis": None,
     "force": 0.0, "stiffness": 0.0,
-    "damping": 0.0, "stroke": math.inf, "factor": 1.0, "table": None,
+    "damping": 0.0, "stroke": math.inf, "factor": 1.0, "push_only": False,
+    "table": None,
 }  # fmt: skip
 FORCE_TABLE = {
     "extension": REQUIRED, "force": REQUIRED, "return_factor": 1.0, "interpolation": "cubic",

@@ -108,6 +108,7 @@ class Simulation:
             functions.append((partial(formulas.excess, key), partial(self._pass_kink, key)))
         for spring in self.loads.springs:
             functions += spring.kinks()
+        functions += self.loads.slack_kinks()
         for flow in self.loads.flows:
             for side in (-1, 1):
                 functions.append(
@@ -247,6 +248,7 @@ class Simulation:
         observed = self.sequence.observed.items()
         instants |= {("event", name): event.time for name, event in observed}
         self._set_modes()
+        self.loads.set_slack(self.t, self.state(self.t, self.y))
         for pair in self.sequence.loosened():
             self.loosened.setdefault(pair, self.t)
         for name, event in self.sequence.observed.items():

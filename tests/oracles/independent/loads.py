@@ -17,6 +17,7 @@ from sepmc.validation.classical_loads import EARTH_RADIUS
 
 GRAIN = 1e-12  # s: times closer than this are equal
 _PAST_ROW = 1e-10  # m beyond a row of a force table, m/s beyond rest: it is passed
+_PAST_ZERO = 1e-10  # of its initial force, or of 1 N, beyond zero: a spring is slack, or no longer
 
 
 class Motor:
@@ -120,6 +121,8 @@ class Spring:
             self.rows = np.array(known["extension"], float)
             self.curve = curve(self.rows, known["force"], known["interpolation"])
             self.return_factor = known["return_factor"]
+        # without the force below zero of one that only pushes
+        self.is_slack, self.past_zero = False, _PAST_ZERO * (1.0 + abs(table["force"]))
         gap = (np.array(points[1], float) - np.array(points[0], float)) * (-1.0, 1.0, 1.0)
         self.start = float(np.linalg.norm(gap) if self.axis is None else gap @ self.axis)
 
@@ -174,17 +177,25 @@ class Spring:
         value = float(self.curve(min(max(extension, self.rows[0]), self.rows[-1])))
         return value * (self.return_factor if self.shrinks else 1.0)
 
+    def size(self, s: State, number: Callable[[str, float], float]) -> float:
+        """Force, N, below zero too where the spring only pushes; ``number`` gives the numbers that
+        signals may give."""
+        _, extension, rate, _ = self.line(s)
+        push, stiffness, damping, factor = (
+            number(f"spring.{self.name}.{key}", self.table[key])
+            for key in ("force", "stiffness", "damping", "factor")
+        )
+        return factor * (push - stiffness * extension - damping * rate + self.tabled(extension))
+
     def push(
         self, s: State, force: Array, moment: Array, number: Callable[[str, float], float]
     ) -> None:
         """Add the spring's loads to forces (n + 1, 3), ground axes, and moments (n + 1, 3) about
         the mass centres, body axes; ``number`` gives those that signals may give."""
-        e, extension, rate, d = self.line(s)
-        push, stiffness, damping, factor = (
-            number(f"spring.{self.name}.{key}", self.table[key])
-            for key in ("force", "stiffness", "damping", "factor")
-        )
-        size = factor * (push - stiffness * extension - damping * rate + self.tabled(extension))
+        if self.is_slack:
+            return
+        e, _, _, d = self.line(s)
+        size = self.size(s, number)
         act(
             s,
             self.a,
@@ -321,6 +332,29 @@ class Loads:
         return switches + [
             t for load in self.constants for t in (load.table["start"], load.table["end"])
         ]
+
+    def spring_force(self, spring: Spring, t: float, s: State) -> float:
+        """Force of a spring, N, below zero too where it only pushes."""
+        return spring.size(s, lambda path, other: self.formulas.number(path, t, s, other))
+
+    def set_slack(self, t: float, s: State) -> None:
+        """Set which springs that only push are slack, where their force is not zero."""
+        for spring in self.springs:
+            if spring.table["push_only"]:
+                force = self.spring_force(spring, t, s)
+                if abs(force) > 0.5 * spring.past_zero:
+                    spring.is_slack = force < 0.0
+
+    def slack_kinks(self) -> list[tuple[Callable[[float, State], float], Callable[[], None]]]:
+        """Functions that become positive where springs that only push become slack or cease to be;
+        `set_slack` changes that."""
+
+        def beyond(spring: Spring, t: float, s: State) -> float:
+            force = self.spring_force(spring, t, s)
+            return (force if spring.is_slack else -force) - spring.past_zero
+
+        springs = [one for one in self.springs if one.table["push_only"] and not one.spent]
+        return [(partial(beyond, one), lambda: None) for one in springs]
 
     def set_interval(self, middle: float) -> None:
         """Select the loads that act in the interval around a time, s, which contains no switch."""

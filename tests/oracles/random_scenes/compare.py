@@ -463,6 +463,7 @@ def _late_features(tree: Tree) -> set[str]:
         "return factor": any(
             "return_factor" in spring.get("table", {}) for spring in tree.get("spring", [])
         ),
+        "push only": any(spring.get("push_only") for spring in tree.get("spring", [])),
         "guide": guides,
         "guide friction": any(guide.get("friction") for guide in guides),
         "clearance": tree.get("clearance"),

@@ -57,6 +57,13 @@ def add_force_tables(draft: Draft) -> None:
         }
 
 
+def cut_pulls(draft: Draft) -> None:
+    """Let most springs only push."""
+    for spring in draft.tree.get("spring", []):
+        if "push only" in draft.late and draft.rng.chance(0.8):
+            spring["push_only"] = True
+
+
 def _force(draft: Draft, body: str) -> float:
     """Thrust, N, that accelerates a body by 1 to 25 m/s2."""
     return rounded(draft.mass(body) * draft.rng.uniform(1.0, 25.0))

@@ -27,7 +27,12 @@ from oracles.random_scenes.dispersions import add_dispersions
 from oracles.random_scenes.draft import GROUND, Draft, Tree
 from oracles.random_scenes.guides import add_guides, add_outputs
 from oracles.random_scenes.joints import add_joints
-from oracles.random_scenes.loads import add_force_tables, add_late_profiles, add_loads
+from oracles.random_scenes.loads import (
+    add_force_tables,
+    add_late_profiles,
+    add_loads,
+    cut_pulls,
+)
 from oracles.random_scenes.names import Names
 from oracles.random_scenes.outlines import add_clearances, add_sectors, name_parts
 from oracles.random_scenes.phases import add_allowances, add_instants, add_phases, add_triggers
@@ -67,6 +72,7 @@ LATE = {
     "sector": 0.0,  # sectors of frustums as outlines
     "table variant": 0.0,  # interpolations, corners, return factors, axes of relative motion
     "control derivative": 0.0,  # coefficients by signals
+    "push only": 0.0,  # springs that never pull
 }
 _LATE_PROBABILITY = 0.3
 _TRANSVERSE = 0.15  # probability of transverse rates as outputs
@@ -149,6 +155,8 @@ def scene(seed: int, late: Iterable[str] | None = None, kinds: Iterable[str] = (
     vary_tables(draft)
     draft.rng = RandomStream(seed, 23)
     add_control_terms(draft)
+    draft.rng = RandomStream(seed, 24)
+    cut_pulls(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # refused scenes are counted
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, rng)

@@ -1,0 +1,80 @@
+"""Force of a spring that only pushes, with its rate: it is slack where that is below zero."""
+
+import functools
+import math
+from typing import Any
+
+from sepmc.kernel.emit import jets
+from sepmc.kernel.emit.context import component
+from sepmc.kernel.emit.jets import Jet
+from sepmc.kernel.emit.loads import spring_force
+from sepmc.kernel.emit.signals import Signals
+from sepmc.kernel.emit.tables import table_force
+from sepmc.kernel.spec.kernel_spec import stroke_flag
+from sepmc.kernel.spec.kinks import SlackKink
+from sepmc.kernel.spec.step_cells import has_unloading, unloading_path
+from sepmc.routines import layout as at
+from sepmc.scene.model import Spring
+from sepmc.scene.signals import Quantity
+
+
+def slack_force(signals: Signals, kink: SlackKink) -> tuple[Jet, list[Any]]:
+    """Force of a spring before it is cut at zero, N, with its rate, and the sizes of the forces
+    that it is the sum of; 0 after the stroke.
+
+    Parameters
+    ----------
+    signals : Signals
+    kink : SlackKink
+
+    Returns
+    -------
+    force : Jet
+    sizes : list
+        N
+    """
+    s = signals.s
+    i, spring = next(
+        (i, one) for i, one in enumerate(s.spec.scene.spring) if one.name == kink.spring
+    )
+    path, terms = f"spring.{spring.name}", [_number(signals, spring, i, "force", at.SPRING_FORCE)]
+    for key, slot, motion in (
+        ("stiffness", at.STIFFNESS, "extension"),
+        ("damping", at.DAMPING, "rate"),
+    ):
+        driven = f"{path}.{key}" in s.spec.scene.driven
+        if driven or s.spec.may_occur(f"{path}.{key}", getattr(spring, key) != 0.0):
+            of_motion = signals.quantity(Quantity("spring", spring.name, motion, 1.0))
+            coefficient = _number(signals, spring, i, key, slot)
+            terms.append(jets.negative(jets.multiply(coefficient, of_motion)))
+    sizes = [term.value for term in terms]
+    if spring.table is not None:
+        terms.append(_of_table(signals, spring))
+        sizes.append(max(map(abs, spring.table.force)))
+    factor = _number(signals, spring, i, "factor", at.SPRING_FACTOR)
+    jet = jets.multiply(factor, functools.reduce(jets.add, terms))
+    jet = jet._replace(value=spring_force(s, spring, i))
+    if s.spec.may_occur(f"{path}.stroke", math.isfinite(spring.stroke)):
+        s.c.start(stroke_flag(spring.name), 0.0)
+        jet = jets.select(s.scope.load(stroke_flag(spring.name)) > 0.0, Jet(0.0), jet)
+    return jet, [factor.value * size for size in sizes]
+
+
+def _number(signals: Signals, spring: Spring, i: int, key: str, slot: int) -> Jet:
+    """Number of a spring, SI: from its signal if it has one, else from the case."""
+    s = signals.s
+    drive = s.spec.scene.driven.get(f"spring.{spring.name}.{key}")
+    if drive is None:
+        return Jet(s.case.number(int(s.c.model.springs_p) + at.SPRING_SIZE * i + slot))
+    return jets.multiply(Jet(drive.factor), signals.of(drive.signal))
+
+
+def _of_table(signals: Signals, spring: Spring) -> Jet:
+    """Force of the table of a spring; its second rate is not known."""
+    s, field = signals.s, table_force(spring.name)
+    value, rate = (s.scope.load(name) for name in (field, f"RATE_{field}"))
+    if has_unloading(spring, s.spec.dispersed):
+        lost = s.case.number(s.spec.layout.slots[unloading_path(spring.name)]) - 1.0
+        value = value + lost * s.scope.load(component(field, 1))
+        rate = rate + lost * s.scope.load(component(f"RATE_{field}", 1))
+    return Jet(value, rate, None) if signals.moving else Jet(value)
