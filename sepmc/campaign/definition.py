@@ -41,6 +41,7 @@ _NO_OUTCOME = (
     "requirement",
     "reference",
     "scenario",
+    "measurement",
 )  # keys of a file that change no row
 _NOT_IN_DIGEST = ("cases", "seed", "chunk", "samples")
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))

@@ -25,6 +25,7 @@ from sepmc.scene.formula_outcomes import check_formula_outcomes
 from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.input_table import CASE, InputTable, Reader
 from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, read_limited
+from sepmc.scene.measurements import Measurement, check_measurements
 from sepmc.scene.messages import (
     Problems,
     SceneError,
@@ -55,6 +56,7 @@ from sepmc.schema import NOT_OK_LABELS, is_yes_or_no, outcome_columns
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _OWN_TABLES = (
     *("name", "title", "dispersion", "correlation", "requirement", "reference", "scenario"),
+    "measurement",
 )
 
 
@@ -85,6 +87,8 @@ class CampaignFile:
         Sentences on data that were brought in other conventions or from other files.
     scenarios : tuple of Scenario
         Failure cases by name.
+    measurements : tuple of Measurement
+        Telemetry that parameters are estimated from.
     """
 
     name: str
@@ -100,6 +104,7 @@ class CampaignFile:
     folder: Path = Path()
     understood: tuple[str, ...] = ()
     scenarios: tuple[Scenario, ...] = ()
+    measurements: tuple[Measurement, ...] = ()
 
     @property
     def toml(self) -> str:
@@ -254,6 +259,7 @@ def _parse(
     requirements = read_array(Requirement, tree.get("requirement", []), "requirement", problems)
     correlations = read_array(Correlation, tree.get("correlation", []), "correlation", problems)
     scenarios = read_scenarios(tree.get("scenario", []), problems)
+    measurements = read_array(Measurement, tree.get("measurement", []), "measurement", problems)
     problems.raise_if_any(source)
     scene = _with_strokes(scene)
     if signals or driven:
@@ -296,6 +302,7 @@ def _parse(
         _check_reference(reference, outcomes, problems)
     for requirement in requirements:
         _check_requirement(requirement, requirements, outcomes, problems)
+    check_measurements(measurements, contents(scene, dispersed), problems)
     for scenario in scenarios:
         scenario_tree(tree, scene, scenario, problems)
     problems.raise_if_any(source)
@@ -315,6 +322,7 @@ def _parse(
         folder,
         tuple(understood),
         scenarios,
+        measurements,
     )
 
 
