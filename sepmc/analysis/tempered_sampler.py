@@ -4,11 +4,10 @@ normal: tempered sequential Monte Carlo.
 The likelihood is raised to powers (temperatures) from 0 to 1, each chosen so that half of the
 particles stay effective (Del Moral, Doucet and Jasra, J. R. Stat. Soc. B 68 (2006) 411). At each
 one, particles are resampled and then moved until they have forgotten where they started, by two
-Metropolis moves. One proposes from the local normal approximation of Gauss and Newton, so that it
-follows curved ridges; its Jacobian is that of a quadratic regression of the residuals over the
-particles. The other, for what a regression does not see, is a Crank-Nicolson proposal that keeps a
-t distribution with mean and covariance of the particles (Grumitt, Karamanis and Seljak, Inverse
-Problems 40 (2024) 125023). Approximations shape proposals alone; the likelihood is the model's.
+Metropolis moves: chains on a surrogate (`sepmc.analysis.surrogate_moves`), and, for what a
+regression does not see, a Crank-Nicolson proposal that keeps a t distribution with mean and
+covariance of the particles (Grumitt, Karamanis and Seljak, Inverse Problems 40 (2024) 125023).
+Approximations shape proposals alone; the likelihood is the model's.
 
 The sampler is our own: a likelihood here is one call of a kernel for all particles, of a model that
 no library can trace. blackjax needs one in JAX; pocoMC needs torch, and is under the GPL; emcee has
@@ -22,6 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sepmc.analysis.surrogate_moves import Coordinates, SurrogateMove
+
 _EFFECTIVE = 0.5  # fraction of the particles that a temperature leaves effective
 _FREEDOM = 5.0  # degrees of freedom of the t distribution: tails heavier than those of a posterior
 _ACCEPTED = 0.5  # acceptance rate below which proposals become shorter
@@ -30,10 +31,6 @@ _SHORTEST = 1e-2  # proposal
 _GLOBAL = 4  # one in so many sweeps proposes by the t distribution
 _CORRELATED = 0.5  # with the start of a temperature, at which moves end
 _SWEEPS, _LAST_SWEEPS = 20, 100  # at most, of a temperature and of the last one
-_COMPONENTS = 40  # principal components of the residuals, at most
-_NEGLIGIBLE = 1e-3  # variance of a component, at the temperature
-_POINTS_PER_TERM = 3  # of the regression, at least
-
 # maps scores (n, d) to residuals (n, m) in sigma, NaN where a case has none
 Residuals = Callable[[np.ndarray], np.ndarray]
 
@@ -75,6 +72,7 @@ def sample_posterior(
     dimensions: int,
     size: int,
     random: np.random.Generator,
+    coordinates: Coordinates | None = None,
     report: Callable[[float, int], None] | None = None,
 ) -> PosteriorSample:
     """Sample a posterior whose prior is standard normal.
@@ -86,6 +84,8 @@ def sample_posterior(
     dimensions, size : int
         Of the scores, d and n.
     random : Generator
+    coordinates : Coordinates, optional
+        In which the residuals are nearly quadratic; default the scores.
     report : callable (temperature, sweeps), optional
 
     Returns
@@ -96,6 +96,8 @@ def sample_posterior(
     ------
     NoLikelihoodError
     """
+    if coordinates is None:
+        coordinates = Coordinates(np.tile(Coordinates.knots()[:, None], dimensions))
     scores = random.standard_normal((size, dimensions))
     rest = residuals(scores)
     logs = _log_likelihood(rest)
@@ -109,8 +111,8 @@ def sample_posterior(
         log_evidence += _log_mean_exp(increment * logs)
         temperature = min(temperature + increment, 1.0)
         temperatures.append(temperature)
-        moves: tuple[_Move, _Move] = (
-            _LocalMove.of(scores, rest, temperature),
+        moves: tuple[SurrogateMove | _GlobalMove, ...] = (
+            SurrogateMove.of(scores, rest, weights, temperature, coordinates),
             _GlobalMove.of(scores, weights),
         )
         chosen = _resample(weights, random)
@@ -122,7 +124,7 @@ def sample_posterior(
             proposal, context = moves[which].propose(scores, rest, lengths[which], random)
             new = residuals(proposal)
             proposed = _log_likelihood(new)
-            log_ratio = moves[which].log_ratio(proposal, new, context)
+            log_ratio = moves[which].log_ratio(proposal, context)
             with np.errstate(invalid="ignore"):
                 log_ratio += temperature * (proposed - logs)
                 log_ratio += 0.5 * ((scores**2).sum(axis=1) - (proposal**2).sum(axis=1))
@@ -182,7 +184,7 @@ class _GlobalMove:
         proposal = self.mean + math.sqrt(1.0 - length**2) * (scores - self.mean)
         return proposal + length * np.sqrt(scale)[:, None] * noise, distance
 
-    def log_ratio(self, proposal: np.ndarray, _: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    def log_ratio(self, proposal: np.ndarray, distance: np.ndarray) -> np.ndarray:
         """Logs (n,) of the ratio of the densities of proposing back and forth."""
         new, half = self._distance(proposal), 0.5 * (_FREEDOM + proposal.shape[1])
         return np.asarray(half * (np.log1p(new / _FREEDOM) - np.log1p(distance / _FREEDOM)))
@@ -193,99 +195,6 @@ class _GlobalMove:
 
         offsets = solve_triangular(self.factor, (scores - self.mean).T, lower=True)
         return np.asarray((offsets**2).sum(axis=0))
-
-
-@dataclass(frozen=True)
-class _LocalMove:
-    """Proposals from the local normal approximation of a posterior at a temperature.
-
-    Attributes
-    ----------
-    basis : ndarray, shape (k, m)
-        Principal components of the residuals, orthonormal.
-    slope : ndarray, shape (k, d)
-        Derivatives of the components at scores 0.
-    curvature : ndarray, shape (d, k, d)
-        Second derivatives.
-    temperature : float
-    """
-
-    basis: np.ndarray
-    slope: np.ndarray
-    curvature: np.ndarray
-    temperature: float
-
-    @classmethod
-    def of(cls, scores: np.ndarray, residuals: np.ndarray, temperature: float) -> "_LocalMove":
-        """Regression over particles (n, d) with residuals (n, m)."""
-        known = np.isfinite(residuals).all(axis=1)
-        scores, offsets = scores[known], residuals[known]
-        count, dimensions = scores.shape
-        offsets = offsets - offsets.mean(axis=0)
-        _, sizes, basis = np.linalg.svd(offsets, full_matrices=False)
-        kept = sizes[:_COMPONENTS] ** 2 * temperature > _NEGLIGIBLE * count
-        basis = basis[:_COMPONENTS][kept]
-        components = offsets @ basis.T
-        terms = [np.ones((count, 1)), scores]
-        linear = np.linalg.lstsq(np.hstack(terms), components, rcond=None)[0][1:]
-        most = int(math.sqrt(2.0 * max(count / _POINTS_PER_TERM - dimensions, 0.0)))
-        curved = np.sort(np.argsort(-(linear**2).sum(axis=1), kind="stable")[: max(most - 1, 0)])
-        first, second = (curved[k] for k in np.triu_indices(len(curved)))
-        terms.append(scores[:, first] * scores[:, second])
-        fit = np.linalg.lstsq(np.hstack(terms), components, rcond=None)[0]
-        curvature = np.zeros((dimensions, len(basis), dimensions))
-        np.add.at(curvature, (first, slice(None), second), fit[1 + dimensions :])
-        np.add.at(curvature, (second, slice(None), first), fit[1 + dimensions :])
-        return cls(basis, fit[1 : 1 + dimensions].T, curvature, temperature)
-
-    def propose(
-        self, scores: np.ndarray, residuals: np.ndarray, length: float, random: np.random.Generator
-    ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
-        """Proposals (n, d), and what `log_ratio` needs. A ``length`` of 1 goes to the local
-        maximum before the random step."""
-        centre, factor = self._approximation(scores, residuals, length)
-        noise = random.standard_normal(scores.shape)
-        step = np.linalg.solve(np.swapaxes(factor, 1, 2), noise[:, :, None])[:, :, 0]
-        proposal = centre + length * step
-        forth = _log_density(noise, factor)
-        return proposal, (scores, residuals, forth, length)
-
-    def log_ratio(
-        self,
-        proposal: np.ndarray,
-        residuals: np.ndarray,
-        context: tuple[np.ndarray, np.ndarray, np.ndarray, float],
-    ) -> np.ndarray:
-        """Logs (n,) of the ratio of the densities of proposing back and forth."""
-        scores, _, forth, length = context
-        centre, factor = self._approximation(proposal, np.nan_to_num(residuals), length)
-        noise = (np.swapaxes(factor, 1, 2) @ (scores - centre)[:, :, None])[:, :, 0] / length
-        return _log_density(noise, factor) - forth
-
-    def _approximation(
-        self, scores: np.ndarray, residuals: np.ndarray, length: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Centres (n, d) of proposals, and Cholesky factors (n, d, d) of the local precision."""
-        size, dimensions = scores.shape
-        components = len(self.basis)
-        bend = (scores @ self.curvature.reshape(dimensions, -1)).reshape(size, components, -1)
-        jacobian = self.slope + bend
-        transposed = np.swapaxes(jacobian, 1, 2)
-        precision = np.eye(dimensions) + self.temperature * (transposed @ jacobian)
-        gradient = transposed @ (residuals @ self.basis.T)[:, :, None]
-        newton = np.linalg.solve(precision, self.temperature * gradient + scores[:, :, None])
-        stride = 1.0 - math.sqrt(1.0 - length**2)
-        return scores - stride * newton[:, :, 0], np.linalg.cholesky(precision)
-
-
-_Move = _GlobalMove | _LocalMove
-
-
-def _log_density(noise: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """Logs (n,) of normal densities, but for a constant, from standard noise (n, d) and Cholesky
-    factors (n, d, d) of the precision."""
-    log_diagonal = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-    return np.asarray(log_diagonal - 0.5 * (noise**2).sum(axis=1))
 
 
 def _weights(logs: np.ndarray) -> np.ndarray:

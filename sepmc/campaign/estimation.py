@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.model_check import ModelCheck, check_model
+from sepmc.analysis.surrogate_moves import Coordinates
 from sepmc.analysis.tempered_sampler import NoLikelihoodError, PosteriorSample, sample_posterior
 from sepmc.campaign import cases as sampling
 from sepmc.campaign.execution.batch_histories import BatchHistories
@@ -119,7 +120,9 @@ def estimate(
     seed = campaign.checked_seed(seed)
     random = sampling.generator(seed, "estimation")
     try:
-        sample = sample_posterior(model.residuals, model.dimensions, cases, random, report)
+        sample = sample_posterior(
+            model.residuals, model.dimensions, cases, random, model.coordinates, report
+        )
     except NoLikelihoodError:
         raise InputError(
             f"{campaign.name}: none of {cases} cases of the distributions reaches the end of the "
@@ -221,6 +224,16 @@ class _Model:
         file = self.campaign.file
         own = scores[:, : len(file.dispersions)]
         return sampling.inputs_at_scores(file.dispersions, own, file.copulas)
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Inputs as functions of their scores, which histories are nearly quadratic in."""
+        knots = Coordinates.knots()
+        values = np.tile(knots[:, None], self.dimensions)
+        values[:, : len(self.campaign.file.dispersions)] = self.inputs(values)
+        for copula in self.campaign.file.copulas:  # functions of several scores
+            values[:, list(copula.places)] = knots[:, None]
+        return Coordinates(values)
 
     def _delay_of(self, channel: MeasuredChannel, scores: np.ndarray) -> np.ndarray | None:
         """Deviations (n,) of a delay from that of the file, s; None if it is known."""

@@ -13,6 +13,7 @@ from sepmc.cli.compare import compare
 from sepmc.cli.compile import compile_
 from sepmc.cli.doctor import doctor
 from sepmc.cli.draw import draw
+from sepmc.cli.estimate import estimate
 from sepmc.cli.exits import MEANINGS, Program
 from sepmc.cli.export import export
 from sepmc.cli.fit import fit
@@ -95,6 +96,7 @@ for _command in (
     map_,
     size,
     allocate,
+    estimate,
     scenarios,
     report,
     export,
