@@ -168,4 +168,4 @@ def _test(values: np.ndarray, posterior: np.ndarray) -> ChiSquareTest:
     return ChiSquareTest(value, freedom, float(chi2.sf(value, freedom)) if freedom else 1.0)
 
 
-__all__ = ["LEVEL", "ModelCheck", "ChiSquareTest", "TimeBlock", "check_model"]
+__all__ = ["LEVEL", "ChiSquareTest", "ModelCheck", "TimeBlock", "check_model"]

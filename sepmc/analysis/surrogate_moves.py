@@ -30,14 +30,11 @@ class Coordinates:
     """
 
     def __init__(self, values: np.ndarray):
-        knots = self.knots()
-        spread = np.interp(1.0, knots, knots)  # of the scores
-        one = (np.abs(knots) <= spread).nonzero()[0]
-        size = values[one[-1]] - values[one[0]]
-        rises = (np.diff(values, axis=0) > 0.0).all(axis=0) & (size > 0.0)
-        middle = values[len(knots) // 2]
-        scaled = 2.0 * (values - middle) / np.where(rises, size, 1.0)
-        rises &= (np.diff(scaled, axis=0) > 0.0).all(axis=0)
+        knots, middle = self.knots(), len(values) // 2
+        unit = int(np.searchsorted(knots, 1.0)) - middle
+        size = values[middle + unit] - values[middle - unit]  # of two standard deviations
+        scaled = 2.0 * (values - values[middle]) / np.where(size > 0.0, size, np.inf)
+        rises = (np.diff(scaled, axis=0) > 0.0).all(axis=0)
         self._values = np.where(rises, scaled, knots[:, None])
         self._slopes = np.diff(self._values, axis=0) / (knots[1] - knots[0])
 
@@ -109,7 +106,7 @@ class SurrogateMove:
         """Regression over particles (n, d) with residuals (n, m) and weights (n,)."""
         known = np.isfinite(residuals).all(axis=1)
         values, residuals = coordinates.of(scores[known]), residuals[known]
-        weights = weights[known] / weights[known].sum()
+        weights = np.asarray(weights[known] / weights[known].sum())
         count, dimensions = values.shape
         offsets = residuals - residuals.mean(axis=0)
         _, sizes, basis = np.linalg.svd(offsets, full_matrices=False)
@@ -135,23 +132,23 @@ class SurrogateMove:
         size, dimensions = scores.shape
         values = self.coordinates.of(scores)
         start = self._log_likelihood(values)
-        before, ends, logs = scores, scores, start + self.coordinates.log_density(scores)
+        ends, logs = scores, start + self.coordinates.log_density(scores)
         likelihood = start
-        moves = (np.abs(before) < _REACH).all(axis=1)
-        turns = [random.permutation(dimensions) for _ in range(_TURNS)]
-        for k in np.concatenate(turns)[: math.ceil(length * _TURNS * dimensions)]:
+        moves = (np.abs(scores) < _REACH).all(axis=1)
+        turns = np.concatenate([random.permutation(dimensions) for _ in range(_TURNS)])
+        for k in turns[: math.ceil(length * len(turns))]:
             step = _STEP * random.standard_normal(size)
             uniform = random.random(size)
             trial = values + step[:, None] * self.lines[k]
             trial_scores, within = self.coordinates.scores(trial)
             trial_likelihood = self._log_likelihood(trial)
             trial_logs = trial_likelihood + self.coordinates.log_density(trial_scores)
-            accepted = moves & within & (np.log(uniform) < trial_logs - logs)
+            accepted: np.ndarray = moves & within & (np.log(uniform) < trial_logs - logs)
             values = np.where(accepted[:, None], trial, values)
             ends = np.where(accepted[:, None], trial_scores, ends)
             logs = np.where(accepted, trial_logs, logs)
             likelihood = np.where(accepted, trial_likelihood, likelihood)
-        prior = 0.5 * ((before**2).sum(axis=1) - (ends**2).sum(axis=1))
+        prior = 0.5 * ((scores**2).sum(axis=1) - (ends**2).sum(axis=1))
         return ends, start - likelihood - prior
 
     def log_ratio(self, _: np.ndarray, log_ratio: np.ndarray) -> np.ndarray:

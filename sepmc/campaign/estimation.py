@@ -3,7 +3,7 @@ measurements give the likelihood, and a sample of the posterior is a table of in
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,6 +65,7 @@ class Estimation:
         Fraction of the prior without a history at the times of all samples.
     understood, notes : list of str
     seed : int
+    model : Model
     """
 
     table: pd.DataFrame
@@ -79,6 +80,13 @@ class Estimation:
     understood: list[str]
     notes: list[str]
     seed: int
+    model: "Model" = field(repr=False)
+
+    def density_at(self, scores: np.ndarray) -> float:
+        """Logarithm of the posterior density at scores (d,) of parameters and delays, but for the
+        constant that `sample` leaves out too."""
+        residuals = self.model.residuals(scores[None])[0]
+        return float(-0.5 * (residuals**2).sum() - 0.5 * (scores**2).sum())
 
 
 def estimate(
@@ -114,7 +122,7 @@ def estimate(
         If there are no measurements or distributions, or no case comes near the measurements.
     """
     check_threads(threads)
-    model = _Model(campaign, threads, announce)
+    model = Model(campaign, threads, announce)
     fewest = max(_MIN_CASES, _MIN_PER_PARAMETER * model.dimensions)
     cases = check_int("cases", cases, fewest, _MOST_CASES)
     seed = campaign.checked_seed(seed)
@@ -151,14 +159,24 @@ def estimate(
         model.understood,
         model.notes,
         seed,
+        model,
     )
 
 
-class _Model:
+class Model:
     """Predictions of the measurements of a campaign at normal scores: those of its dispersed
-    parameters, then those of the clocks with estimated delays."""
+    parameters, then those of the clocks with estimated delays.
 
-    def __init__(self, campaign: "Campaign", threads: int | None, announce: Log | None):
+    Parameters
+    ----------
+    campaign : Campaign
+    threads : int, optional
+    announce : callable (text), optional
+    """
+
+    def __init__(
+        self, campaign: "Campaign", threads: int | None = None, announce: Log | None = None
+    ):
         file = campaign.file
         if not file.measurements:
             raise InputError(

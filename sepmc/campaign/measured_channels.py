@@ -51,9 +51,7 @@ class MeasuredChannel:
 
     def only(self, kept: np.ndarray) -> "MeasuredChannel":
         """The channel with some of its samples (m,)."""
-        return replace(
-            self, time=self.time[kept], values=self.values[kept], sigma=self.sigma[kept]
-        )
+        return replace(self, time=self.time[kept], values=self.values[kept], sigma=self.sigma[kept])
 
 
 def read_measurements(campaign: Definition) -> tuple[list[MeasuredChannel], list[str]]:

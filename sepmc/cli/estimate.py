@@ -21,7 +21,6 @@ from sepmc.cli.options import (
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
-    from sepmc.campaign.estimation import Estimation
     from sepmc.scene.messages import Log
 
 
@@ -92,9 +91,7 @@ def estimate(
     sys.exit(int(estimation.check.is_short))
 
 
-def _run(
-    campaign: "Campaign", table: Path, threads: int | None, folder: Path, log: "Log"
-) -> None:
+def _run(campaign: "Campaign", table: Path, threads: int | None, folder: Path, log: "Log") -> None:
     """Run the cases of a posterior sample into a folder, and show verdicts."""
     from sepmc.analysis.requirements_text import render_verdicts
     from sepmc.campaign.run_options import RunOptions

@@ -1,7 +1,8 @@
 """Files and screen of `sepmc estimate`."""
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,8 @@ def write_samples(estimation: Estimation, campaign: Campaign, path: Path) -> Pat
     """Write the sample of the posterior as a table for ``run.samples``; return its path."""
     about = {"campaign": campaign.name, "digest": campaign.digest, "sepmc": __version__}
     inputs = estimation.inputs
-    columns = [column for column in campaign.input_columns if column.name in inputs]
-    data = {name: inputs[name].to_numpy() for name in inputs}
+    columns = campaign.input_columns
+    data = {column.name: inputs[column.name].to_numpy() for column in columns}
     shards.write_parquet(path, columns, data, about)
     return path
 
@@ -121,10 +122,8 @@ def _parameters(estimation: Estimation) -> list[str]:
         [
             row["parameter"],
             row["unit"],
-            *(
-                f"{row[name]:.5g}"
-                for name in ("prior_mean", "prior_std", "mean", "std", "low", "high")
-            ),
+            *_rounded(row, "prior_std", ("prior_mean", "prior_std")),
+            *_rounded(row, "std", ("mean", "std", "low", "high")),
             f"{row['std_ratio']:.2f}",
         ]
         for row in informed.to_dict("records")
@@ -138,6 +137,14 @@ def _parameters(estimation: Estimation) -> list[str]:
     if len(others):
         lines.append(f"hardly known better: {', '.join(others)}")
     return lines
+
+
+def _rounded(row: Mapping[Any, Any], spread: str, names: Sequence[str]) -> list[str]:
+    """Values of a row, to two digits of a standard deviation."""
+    digits = 0
+    if row[spread] > 0.0:
+        digits = min(max(1 - math.floor(math.log10(row[spread])), 0), 12)
+    return [f"{row[name]:.{digits}f}" for name in names]
 
 
 def _test_text(test: ChiSquareTest) -> str:

@@ -45,20 +45,14 @@ def posterior_figure(estimation: Estimation, about: str, path: Path) -> Path:
                 time, own[f"{stem}_low"], own[f"{stem}_high"], color=tint, linewidth=0, label=text
             )
         upper.plot(time, own["posterior_median"], color=BLACK, linewidth=0.9, label="median after")
-        dots = {"marker": ".", "markersize": 3.0} if len(own) <= _DOTS else {"linewidth": 0.7}
+        few = len(own) <= _DOTS
         upper.plot(
-            time,
-            own["measured"],
-            color=VERMILION,
-            label="measured",
-            **({"linestyle": ""} if len(own) <= _DOTS else {}),
-            **dots,
-        )
+            time, own["measured"], color=VERMILION, linestyle="" if few else "-", linewidth=0.7,
+            marker="." if few else "", markersize=3.0, label="measured",
+        )  # fmt: skip
         words = to_words(channel.column, channel.unit)
         upper.set_ylabel(f"{words} ({channel.unit})" if channel.unit != "1" else words)
-        lower.axhspan(
-            -_SIGMAS, _SIGMAS, color="#e8e8e8", linewidth=0, label=f"{_SIGMAS:g} sigma"
-        )
+        lower.axhspan(-_SIGMAS, _SIGMAS, color="#e8e8e8", linewidth=0, label=f"{_SIGMAS:g} sigma")
         lower.plot(
             time, own["residual"] / sigma, color="#999999", linestyle="", marker=".", markersize=2.5
         )
