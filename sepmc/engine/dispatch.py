@@ -257,6 +257,7 @@ def integrate_histories(
     slots: np.ndarray,
     samples: np.ndarray,
     instants: np.ndarray,
+    rows: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Integrate cases with a kernel written for full histories, in one call.
 
@@ -273,6 +274,8 @@ def integrate_histories(
         Sampled values in SI units.
     instants : ndarray, shape (m, 3)
         Time of a row, s; number of its segment; 1 for the state just after that time, -1 before.
+    rows : ndarray, shape (n, m, columns), optional
+        Memory for the rows.
 
     Returns
     -------
@@ -289,7 +292,9 @@ def integrate_histories(
     outcomes = np.full((columns + kernel.n_indicators, n), np.nan)
     status = np.zeros(n, dtype=np.int64)
     ends = np.empty((kernel.n_segments + kernel.n_changes, n))
-    rows = np.full((n, len(instants), len(schema.history_columns(layout.contents))), np.nan)
+    if rows is None:
+        rows = np.empty((n, len(instants), len(schema.history_columns(layout.contents))))
+    rows.fill(np.nan)
     _call(
         kernel, layout, steps, typical, slots, samples, instants, outcomes, ends, rows, status,
     )  # fmt: skip

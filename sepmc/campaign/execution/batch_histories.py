@@ -19,7 +19,7 @@ from sepmc.schema import Status
 _FIRST_STEPS, _MOST_STEPS = 8, 1024  # of a segment
 _TRIALS = 64  # cases that steps are selected with
 _FINER = (4, 16)  # times the steps, for cases that the kernel rejects
-_BYTES = 2**22  # of the rows of one call; 8 times as many take twice the time, in page faults
+_BYTES = 2**25  # of the rows of one call
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,7 @@ class BatchHistories:
         # a number of every row
         self._always = positions[f"{campaign.layout.bodies[0]}_omega_x_deg_s"]
         self._times, self.error = times, 0.0
+        self._rows = np.empty((0, 0, 0))  # of a call; new memory would take as long as the kernel
         spec = kernel_spec(campaign)
         self._fallbacks = fallbacks(campaign, spec, FULL_HISTORY)
         text = written(spec, campaign.scene.solver.method, FULL_HISTORY)
@@ -167,6 +168,9 @@ class BatchHistories:
         status = np.empty(len(samples), dtype=np.int64)
         histories = np.full((len(samples), len(self._columns), len(self._times)), np.nan)
         ends = np.empty((segments, len(samples)))
+        shape = (min(per_call, len(samples)), len(way.instants), width)
+        if self._rows.shape[1:] != shape[1:] or len(self._rows) < shape[0]:
+            self._rows = np.empty(shape)
         for first in range(0, len(samples), per_call):
             part = slice(first, first + per_call)
             _, status[part], times, rows = integrate_histories(
@@ -177,6 +181,7 @@ class BatchHistories:
                 campaign.slots,
                 samples[part],
                 way.instants,
+                self._rows[: len(samples[part])],
             )
             ends[:, part] = times[:segments]
             rows = rows.reshape(len(rows), segments, len(self._times), width)
