@@ -14,9 +14,9 @@ _WRITABLE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def cache_folder(name: str) -> Path:
-    """Folder of a name in the user's cache, created if missing.
+    """Folder ``kernels/NAME`` in the user's cache, created if missing.
 
-    If it can be read but not written, a folder of this name in the temporary folder gets links to
+    If it cannot be written, a folder of this name in a temporary folder replaces it, with links to
     its files. A cache that other users can write is neither read nor written.
 
     Parameters
@@ -27,6 +27,7 @@ def cache_folder(name: str) -> Path:
     Returns
     -------
     Path
+        A folder that this process can write.
 
     Raises
     ------
@@ -55,7 +56,8 @@ def cache_folder(name: str) -> Path:
 
 
 def _create(folder: Path) -> bool:
-    """Create a folder if it is missing. Returns True if it is writable, by its user only."""
+    """Create a folder and its parents if missing; take the right to write it and its parent from
+    other users. Returns True if it is writable, by its user only."""
     try:
         folder.parent.parent.mkdir(parents=True, exist_ok=True)
         for part in (folder.parent, folder):
@@ -77,8 +79,8 @@ def _is_safe(folder: Path) -> bool:
 
 
 def _temporary() -> Path:
-    """Private temporary folder of the user: one of a fixed name, kept for later commands, or one
-    that is deleted at exit."""
+    """Private temporary folder of the user: one of a fixed name, which stays for later commands,
+    or, if another user owns or can open that, a new one that is deleted at exit."""
     folder = Path(tempfile.gettempdir()) / f"sepmc-kernels-{_user()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -93,5 +95,5 @@ def _temporary() -> Path:
 
 
 def _user() -> int:
-    """User number; 0 on systems without."""
+    """Number of the user (uid); 0 on systems without user numbers."""
     return os.getuid() if hasattr(os, "getuid") else 0

@@ -38,9 +38,11 @@ class DaskExecutor:
     Attributes
     ----------
     client : distributed.Client
+        Connection to the scheduler.
     address : str or None
         Of the scheduler; None: workers of this machine.
     workers : int
+        Number of worker processes.
     threads : int or None
         Per worker; None: as it was started.
     """
@@ -56,10 +58,12 @@ class DaskExecutor:
         function: Callable[[Any, int, int, int], Any],
         ranges: Iterable[tuple[int, int]],
     ) -> Generator[Any]:
-        """As `sepmc.campaign.execution.work_ranges.Executor.map`.
+        """Call ``function(job, first, end, threads)`` in the workers for every range (first, end)
+        of case numbers; yield the results as they complete, in any order.
 
         Dask resubmits the range of a lost worker (``distributed.scheduler.allowed-failures``). If
         the scheduler was lost, all ranges that are not done are submitted again once it is back.
+        Raises ClusterError if the scheduler or all workers stay away, or a range ends every worker.
         """
         source = iter(ranges)
         remaining: dict[int, tuple[int, int]] = {}
@@ -95,7 +99,8 @@ class DaskExecutor:
         return self.client.submit(_run, function, job, first, end, self.threads, pure=False)
 
     def _completed(self, futures: dict[Any, int]) -> list[Any]:
-        """Completed futures, at least one. Raises ClusterError if there are no workers for a
+        """Wait until at least one of the futures has completed; return those that have. Without
+        futures it returns an empty list at once. Raises ClusterError if there are no workers for a
         minute."""
         if not futures:
             return []
@@ -115,7 +120,11 @@ class DaskExecutor:
                 )
 
     def _result(self, future: Any, cases: tuple[int, int]) -> Any:
-        """Result of a future. Raises ClusterError if its range ended every worker."""
+        """Result of a completed future, whose range of case numbers is ``cases``.
+
+        Raises the error of its function, ClusterError if its range ended every worker, or
+        _SchedulerLostError if the scheduler no longer has it.
+        """
         if future.status == "finished":
             return future.result()
         if future.status in ("lost", "cancelled"):
@@ -129,7 +138,10 @@ class DaskExecutor:
         raise error
 
     def _reconnect(self, error: BaseException) -> None:
-        """Wait for a scheduler at the same address."""
+        """Connect again to a scheduler at the same address, for at most a minute.
+
+        Raises ClusterError if none comes back, or if the workers were those of this machine.
+        """
         if self.address is None:
             raise ClusterError(f"the workers of this machine are gone: {error}") from error
         with suppress(Exception):
@@ -154,7 +166,8 @@ class _SchedulerLostError(Exception):
 
 
 def _run(function: Any, job: Any, first: int, end: int, threads: int | None) -> Any:
-    """Run a range in a worker."""
+    """Call ``function(job, first, end, threads)`` in a worker; by default with its own number of
+    threads."""
     return function(job, first, end, threads or get_worker().state.nthreads)
 
 
@@ -167,9 +180,9 @@ def dask_executor(
     Parameters
     ----------
     workers : int, optional
-        Number of processes on this machine.
+        Number of processes on this machine; required without ``address``, else ignored.
     address : str, optional
-        Of a Dask scheduler.
+        Of a Dask scheduler that runs already, such as ``tcp://HOST:8786``.
     threads : int, optional
         Per worker; by default the cores of this machine divided by the workers, or as workers were
         started.
@@ -181,7 +194,7 @@ def dask_executor(
     Raises
     ------
     ClusterError
-        If there is no such scheduler, or no worker.
+        If there is no scheduler at the address, or it has no worker.
     """
     if address is None:
         assert workers is not None

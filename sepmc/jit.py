@@ -81,13 +81,15 @@ def _features() -> str:
 
 
 def vector_extension() -> str:
-    """Widest vector instructions that code is compiled for; "none known" if not in the list."""
+    """Name of the widest vector instructions that code is compiled for, such as "AVX2"; "none
+    known" if it is none of the names in this module."""
     features = _features().split(",")
     return next((name for flag, name in _VECTORS.items() if f"+{flag}" in features), "none known")
 
 
 def sources_digest() -> str:
-    """Digest of all compiled sources, of the compilers' versions and of the processor."""
+    """Digest (16 hex digits) of all compiled sources, of the versions of the compilers and of the
+    processor: the name of the cache folder."""
     versions = (
         numba.__version__,
         llvmlite.__version__,
@@ -100,7 +102,8 @@ def sources_digest() -> str:
 
 
 def digest_of(patterns: Sequence[str]) -> bytes:
-    """Digest of files of this package, given by patterns with wildcards."""
+    """SHA-256 digest of the paths and contents of files of this package, given by patterns with
+    wildcards relative to its folder."""
     digest = hashlib.sha256()
     for path in sorted(path for pattern in patterns for path in _HERE.glob(pattern)):
         digest.update(path.relative_to(_HERE).as_posix().encode())
@@ -113,16 +116,16 @@ CACHE_FOLDER = cache_folder(sources_digest())
 
 @contextlib.contextmanager
 def cache_lock(name):
-    """Let one process at a time fill a part of the cache: several at once can damage it (numba
-    #4807), and would each take as long."""
+    """Context in which no other process has the lock ``name`` of the cache: several processes that
+    compile the same code at once can damage it (numba #4807), and would each take as long."""
     path = CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{name}.lock"
     with locked(path, os.O_WRONLY | os.O_CREAT):
         yield
 
 
 def compile_command(program: str) -> dict[str, Any]:
-    """Arguments of `subprocess.Popen` for a program that only fills the cache. It imports nothing
-    from the working folder."""
+    """Arguments of `subprocess.Popen` (by keyword) for a Python program, given as source text, that
+    only fills the cache. It imports nothing from the working folder."""
     path = os.pathsep.join(folder for folder in sys.path if folder)
     return {
         "args": [sys.executable, "-P", "-c", program],
@@ -238,10 +241,10 @@ def for_any_numbers(function):
 
 
 def formula(function) -> Any:
-    """Compile a formula on scalars and tuples.
+    """Decorator that compiles a formula on scalars and tuples.
 
-    It can be called from Python, in tests, and is always inlined: a loop over cases with a call in
-    it is not vectorised.
+    The result can be called from Python, in tests. Compiled code always inlines it: a loop over
+    cases with a call in it is not vectorised.
     """
     return for_any_numbers(numba.njit(forceinline=True, **_CALLED, **_WRAPPED)(function))
 
@@ -271,7 +274,8 @@ def _add_noinline(context, builder, signature, arguments):
 
 
 def compiled(function, signature, **options: Any) -> Any:
-    """Compile a function to be called by its address."""
+    """Compile a function of a Numba signature as a C function (`numba.cfunc`), which is called by
+    its address; ``options`` are Numba's."""
     return numba.cfunc(signature, fastmath=_FASTMATH, error_model="numpy", **options)(function)
 
 

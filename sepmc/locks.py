@@ -22,15 +22,17 @@ if hasattr(os, "register_at_fork"):
 
 @contextlib.contextmanager
 def locked(path: Path, flags: int, wait: bool = True) -> Iterator[None]:
-    """Lock a file or folder, opened by ``flags``, inside the context, on systems that can lock it.
+    """Context in which no other process has the lock of a file or folder.
+
+    Without effect on systems and network folders that cannot lock.
 
     Parameters
     ----------
     path : Path
     flags : int
-        Of `os.open`.
+        Flags of `os.open`, such as ``os.O_WRONLY | os.O_CREAT``.
     wait : bool
-        Wait for another process to release the lock.
+        Wait until another process releases the lock.
 
     Raises
     ------

@@ -67,7 +67,7 @@ def as_path(name: str | Path) -> Path:
 
 
 def is_storage_error(error: Exception) -> bool:
-    """Return True for errors of the clients of object storage."""
+    """Return True for an error raised by a client library of object storage."""
     modules = (base.__module__.partition(".")[0] for base in type(error).__mro__)
     return any(module in _CLIENTS for module in modules)
 
@@ -78,7 +78,8 @@ def is_local(path: Path) -> bool:
 
 
 def readable(path: Path) -> Any:
-    """Argument for readers of files: the path, or the content of an object as a buffer."""
+    """What readers of files (pandas, pyarrow) take: a local path itself, or the content of an
+    object in object storage as a `BytesIO`."""
     if is_local(path):
         return path
     return BytesIO(path.read_bytes())

@@ -31,10 +31,10 @@ def _begin() -> None:
 
 @contextmanager
 def processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Pool of ``count`` worker processes; with 0, one that starts on demand.
+    """Context of a pool of ``count`` worker processes; with 0, of one that starts on demand.
 
-    The processes are killed if this one is interrupted or fails; only this one reports an
-    interruption.
+    The workers are killed if an exception, Ctrl-C included, leaves the context. They ignore Ctrl-C
+    themselves.
     """
     others = set(active_children())
     with ProcessPoolExecutor(

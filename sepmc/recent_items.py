@@ -8,7 +8,7 @@ V = TypeVar("V")
 
 
 class RecentItems(Generic[K, V]):
-    """Items by key, of which those used last stay.
+    """Cache of a limited number of items by key; the least recently used item is removed first.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class RecentItems(Generic[K, V]):
         return len(self._items)
 
     def get(self, key: K) -> V | None:
-        """Return an item, which counts as used; None if it is missing."""
+        """Return the item of a key, which counts as a use of it; None if it is missing."""
         try:
             self._items.move_to_end(key)
         except KeyError:
@@ -32,7 +32,7 @@ class RecentItems(Generic[K, V]):
         return self._items.get(key)  # another thread may have removed it
 
     def put(self, key: K, item: V) -> None:
-        """Store an item; remove the one whose use is longest ago if there are too many."""
+        """Store an item; if there are then too many, remove the least recently used ones."""
         self._items[key] = item
         self._items.move_to_end(key)
         while len(self._items) > self.max_items:

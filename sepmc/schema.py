@@ -49,17 +49,17 @@ class Status(IntEnum):
 
     @property
     def meaning(self) -> str:
-        """What the status says of a case."""
+        """How a case with this status ended, as text for users."""
         return _MEANINGS[self][0]
 
     @property
     def remedy(self) -> str:
-        """What to do about it; empty for ``OK``."""
+        """Advice on a case with this status, as text for users; empty for ``OK``."""
         return _MEANINGS[self][1]
 
     @property
     def sentence(self) -> str:
-        """Meaning and remedy."""
+        """Meaning and remedy, joined by a colon; the meaning alone for ``OK``."""
         return ": ".join(filter(None, _MEANINGS[self]))
 
 
@@ -78,8 +78,9 @@ _MEANINGS = {
         "remedy. Such cases are not in the statistics",
     ),
     Status.INVALID_INPUT: (
-        "a mass is not positive, an inertia not positive definite, or a number not allowed",
-        "narrow the dispersion, or truncate its normal distribution (truncate_sigma)",
+        "an input is outside the range that its key allows, a mass is not positive, or an inertia "
+        "tensor not positive definite",
+        "narrow the distribution of that input, or truncate it if it is normal (truncate_sigma)",
     ),
     Status.OUTSIDE_ATMOSPHERE: (
         "a body left the heights where the atmosphere is defined (0 to 86 km for us1976)",
@@ -87,41 +88,36 @@ _MEANINGS = {
     ),
     Status.SINGULAR_JOINT: (
         "the constraint force equations have no solution",
-        "look for a rod of no length, or an axis parallel to another",
+        "look for a rod of length zero, or for two axes of a joint that become parallel",
     ),
     Status.NOT_FINITE: (
         "the motion became NaN or infinite",
-        "shorten solver.step_s and check the loads",
+        "check the size of the loads; if solver.step_s is given, make it shorter or remove it",
     ),
-    Status.NO_ROOT: (
-        "an event could not be located in its step",
-        "shorten solver.step_s",
-    ),
+    Status.NO_ROOT: ("an event could not be located in its step", "shorten solver.step_s"),
     Status.UNRESOLVED: (
-        "attitude or energy drifted by more than 1e-6, or a body turned more than 2 rad in a step",
-        "shorten solver.step_s, or remove it",
+        "the steps were too long: attitude or energy drifted by more than 1e-6, a body turned by "
+        "more than 2 rad in a step, or an event was missed",
+        "make solver.step_s shorter, or remove it, so that the steps follow from solver.accuracy",
     ),
-    Status.NOT_FLOWN: (
-        "the kernel did not reach this case",
-        "run it again",
-    ),
+    Status.NOT_FLOWN: ("the run ended before this case was integrated", "run the case again"),
     Status.INCONSISTENT_START: (
         "the initial state violates a joint of the first phase",
-        "compare it with rods, joints to the ground, and axes of joints with omega_deg_s",
+        "compare the initial attitude and rates with the joints: rods, joints to the ground, and "
+        "joints with omega_deg_s",
     ),
     Status.OUTSIDE_TABLE: (
-        "Mach, alpha or beta left an aerodynamic table, which is not extrapolated",
-        "widen the table",
+        "Mach number, alpha or beta left an aerodynamic table, which is not extrapolated",
+        "add rows to the table that cover the Mach numbers and angles that the case reaches",
     ),
     Status.JAMMED: (
-        "guide friction grows faster than the load that drives it, so the pins jam",
-        "look at JOINT_jam_friction",
+        "the pins of a guide jam: their friction grows faster than the force that drives the slide",
+        "give the guide a friction below the outcome JOINT_jam_friction of cases that do not jam",
     ),
     Status.TOO_MANY_EVENTS: (
-        "events at one instant did not end",
-        "look for conditions that are met again and again; a formula that switches a load by the "
-        "motion that the load causes needs a smooth passage, as x / sqrt(x**2 + 0.01**2) for "
-        "sign(x)",
+        "a formula switched to and fro at one instant without end",
+        "make the formula smooth there: if it switches a load by the motion that the load causes, "
+        "use x / sqrt(x**2 + 0.01**2) instead of sign(x)",
     ),
     Status.NO_CLEARANCE: (
         "the minimum distance of two outlines was not found in a step",
@@ -130,20 +126,22 @@ _MEANINGS = {
     Status.UNDEFINED_FORMULA: (
         "the formula of a signal or outcome divided by zero, overflowed, or left the domain of a "
         "function",
-        "limit the argument, as in sqrt(max(x, 0)), or narrow the dispersion of its constants",
+        "limit the argument of the function, as in sqrt(max(x, 0)), or narrow the distributions of "
+        "the constants in the formula",
     ),
 }
 
 
 @dataclass(frozen=True)
 class Column:
-    """Column of the case table.
+    """Column of the table of results.
 
     Attributes
     ----------
     name : str
-        Ends in the unit.
+        Ends in the unit, as ``pitch_deg``.
     unit, meaning : str
+        Unit and explanation, as text for users.
     scale : float
         Factor from SI to the unit.
     """
@@ -330,7 +328,8 @@ def _columns(rows, prefix: str, name: str) -> list[Column]:
 
 
 class Formula(NamedTuple):
-    """Outcome by a formula of outcomes before it: name, formula, and unit as in `FORMULA_UNITS`."""
+    """Outcome of the file: its name, formula (``text``) of the outcomes before it, and unit, a key
+    of `FORMULA_UNITS`."""
 
     name: str
     text: str
@@ -352,20 +351,14 @@ class Contents:
         rates: the names.
     guides, pins : dict of str to int
         Number of pins by joint: ``guides`` has the guides with outputs, ``pins`` all guides.
-    ignitions : tuple of str
-        Motors with an ignition event.
-    springs : tuple of str
-        Springs with a stroke.
-    partial_releases : tuple of (str, str)
-        Joint and kind of each ``[[release]]`` to another kind than free.
+    ignitions, springs, signals, hinges : tuple of str
+        Motors with an ignition event, springs with a stroke, signals (in histories), joints with a
+        hinge angle: the names.
+    partial_releases, relative : tuple of (str, str)
+        Joint and kind of each ``[[release]]`` to another kind than free; pairs of bodies with their
+        relative attitude and distance.
     formulas : tuple of Formula
         Outcomes by formulas.
-    signals : tuple of str
-        Signals, which histories have.
-    hinges : tuple of str
-        Joints with a hinge angle.
-    relative : tuple of (str, str)
-        Pairs of bodies with their relative attitude and distance.
     """
 
     bodies: list[str]
@@ -387,12 +380,14 @@ class Contents:
 
 
 def is_yes_or_no(outcome: str) -> bool:
-    """Return True if an outcome is 1 or 0: it has a fraction, but no sigma or density."""
+    """Return True if an outcome, given by its column, is 1 or 0 in every case: statistics then give
+    its fraction of ones, but no sigma or density."""
     return outcome.endswith("_recontact")
 
 
 def outcome_columns(contents: Contents) -> list[Column]:
-    """Outcomes of a case, in kernel order. A single joint has no prefix in its columns."""
+    """Columns of the outcomes of a case, in the order in which kernels write them. The columns of a
+    joint begin with its name if there are several joints."""
     columns = [column for body in contents.bodies for column in _columns(_BODY, f"{body}_", body)]
     for joint in contents.joints:
         columns += _columns(_JOINT, _joint_prefix(contents, joint), joint)
@@ -455,7 +450,8 @@ def outcome_columns(contents: Contents) -> list[Column]:
 
 
 def relative_columns(contents: Contents, event: str = "") -> list[Column]:
-    """Angles of hinges, and distances and attitudes of pairs of bodies, at the end or an event."""
+    """Columns of angles of hinges, and of distances and relative attitudes of pairs of bodies, at
+    the end of a case or, with its name, at an ``event``."""
     start, when = (f"{event}_", f", at {event}") if event else ("", "")
     columns = [x for joint in contents.hinges for x in _columns(_HINGE, f"{joint}_", joint)]
     for first, body in contents.relative:
@@ -466,32 +462,32 @@ def relative_columns(contents: Contents, event: str = "") -> list[Column]:
 
 
 def _joint_prefix(contents: Contents, joint: str) -> str:
-    """Prefix of the columns of a joint: its name, if there are several joints."""
+    """Prefix of the columns of a joint: its name and an underscore; empty for a single joint."""
     return "" if len(contents.joints) == 1 else f"{joint}_"
 
 
 def release_columns(contents: Contents) -> dict[str, str]:
-    """Column of the release time of each joint."""
+    """Name of the column of the release time, by joint."""
     return {joint: f"{_joint_prefix(contents, joint)}release_time_s" for joint in contents.joints}
 
 
 def event_columns(contents: Contents) -> dict[str, str]:
-    """Column of the time of each event."""
+    """Name of the column of the time of an event, by event."""
     return {event: f"{event}_time_s" for event in contents.events}
 
 
 def ignition_columns(contents: Contents) -> dict[str, str]:
-    """Column of the ignition time of each motor with an ignition event."""
+    """Name of the column of the ignition time, by motor with an ignition event."""
     return {motor: f"{motor}_ignition_time_s" for motor in contents.ignitions}
 
 
 def stroke_columns(contents: Contents) -> dict[str, str]:
-    """Column of the time at which the stroke of each spring ends."""
+    """Name of the column of the time at which the stroke of a spring ends, by spring."""
     return {spring: f"{spring}_stroke_end_time_s" for spring in contents.springs}
 
 
 def partial_release_columns(contents: Contents) -> dict[tuple[str, str], str]:
-    """Column of the time of each partial release, by joint and kind."""
+    """Name of the column of the time of a partial release, by joint and kind after it."""
     return {
         (joint, kind): f"{_joint_prefix(contents, joint)}release_to_{kind.replace('-', '_')}_time_s"
         for joint, kind in contents.partial_releases
@@ -499,8 +495,8 @@ def partial_release_columns(contents: Contents) -> dict[tuple[str, str], str]:
 
 
 def _transverse_rates(contents: Contents) -> Iterator[tuple[str, str, str, str]]:
-    """For each transverse rate: the prefix of its column, the prefix of the columns of its
-    components, the body, and the phrase that tells when (empty for the end of the case)."""
+    """For each transverse rate (of yaw and pitch together): prefix of its column, prefix of the
+    columns of its components, body, and phrase for its time (empty: the end of the case)."""
     for body in contents.transverse:
         yield f"{body}_", f"{body}_omega_", body, ""
         for joint in contents.tip_off:
@@ -513,7 +509,8 @@ def _transverse_rates(contents: Contents) -> Iterator[tuple[str, str, str, str]]
 
 
 def transverse_components(contents: Contents) -> list[tuple[int, int]]:
-    """Indices of the yaw and pitch rate outcomes of each transverse rate, in order."""
+    """Indices, in `outcome_columns`, of the yaw and the pitch rate of each transverse rate, in
+    their order there."""
     names = {column.name: k for k, column in enumerate(outcome_columns(contents))}
     return [
         (names[f"{start}y_deg_s"], names[f"{start}z_deg_s"])
@@ -522,7 +519,7 @@ def transverse_components(contents: Contents) -> list[tuple[int, int]]:
 
 
 def _event_columns(contents: Contents, event: str) -> list[Column]:
-    """Time of an event, and rates, attitudes and separations at that time."""
+    """Columns of the time of an event, and of rates, attitudes, separations, clearances then."""
     columns = [Column(f"{event}_time_s", "s", f"time of {event}")]
     for body in contents.bodies:
         for column in _columns(_BODY[3:], f"{event}_{body}_", body):
@@ -538,7 +535,7 @@ def _event_columns(contents: Contents, event: str) -> list[Column]:
 
 
 def _distance_columns(contents: Contents) -> list[Column]:
-    """Distance of each clearance at an instant."""
+    """Column of the distance of the bodies of each clearance at one instant."""
     meaning = "distance of {0}; NaN before it counts, or while no rim is within a shell"
     return [
         Column(f"{name}_clearance_mm", "mm", meaning.format(name), 1000.0)
@@ -547,7 +544,7 @@ def _distance_columns(contents: Contents) -> list[Column]:
 
 
 def audit_columns() -> list[Column]:
-    """Audit columns, in the order of the outcomes; the kernel writes all but ``error``."""
+    """Audit columns of a case, after its outcomes; kernels write all but the last, ``error``."""
     return [Column(name, unit, meaning) for name, unit, meaning, _ in _AUDIT]
 
 
@@ -557,7 +554,8 @@ def result_columns(contents: Contents) -> list[Column]:
 
 
 def separation_columns(joints: list[str]) -> list[Column]:
-    """Columns of stored histories after ``case`` and ``time_s``: speed, distance of each joint."""
+    """Columns of stored histories after ``case`` and ``time_s``: separation speed and distance of
+    each of the ``joints``, given by name."""
     columns = []
     for joint in joints:
         columns += _columns(_JOINT[:2], "" if len(joints) == 1 else f"{joint}_", joint)

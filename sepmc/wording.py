@@ -9,7 +9,8 @@ _commands = 0  # nested commands that are running
 
 @contextmanager
 def on_command_line() -> Iterator[None]:
-    """Write option names as on the command line within this context."""
+    """Context in which the functions of this module give names as on the command line, not as in
+    Python."""
     global _commands  # noqa: PLW0603
     _commands += 1
     try:
@@ -19,7 +20,8 @@ def on_command_line() -> Iterator[None]:
 
 
 def option(name: str, value: object = "") -> str:
-    """Return an option, with its value if given: ``--keep-columns`` or ``keep_columns``."""
+    """Return an option as text for a message, with its value if given: ``--keep-columns error`` on
+    the command line, else ``keep_columns=error``."""
     text = str(value)
     if _commands:
         return f"--{name.replace('_', '-')}" + (f" {text}" if text else "")
@@ -27,17 +29,19 @@ def option(name: str, value: object = "") -> str:
 
 
 def switch(name: str) -> str:
-    """Return an option that is on: ``--resume`` or ``resume=True``."""
+    """Return an option that is on as text for a message: ``--resume`` or ``resume=True``."""
     return option(name) if _commands else f"{name}=True"
 
 
 def setting(path: str, value: object) -> str:
-    """Return a setting: ``--set run.cases=100`` or ``settings {"run.cases": 100}``."""
+    """Return a setting of a campaign, by its path in the file, as text for a message: ``--set
+    run.cases=100`` or ``settings {"run.cases": 100}``."""
     return option("set", f"{path}={value}") if _commands else f'settings {{"{path}": {value}}}'
 
 
 def another_place() -> str:
-    """Return the advice for a folder with other content."""
+    """Return the advice, for messages, to overwrite a folder with other content or choose
+    another."""
     return f"use {switch('overwrite')} or another {option('out')}"
 
 
@@ -57,8 +61,8 @@ def exists(path: Path, resume: str = "", other: str | None = None) -> str:
 
 
 def flying_again(folder: Path, file: str | None = None) -> str:
-    """Return the command that runs the missing cases of a folder, by its own campaign or by another
-    file."""
+    """Return the command (in Python: the call) that runs the missing cases of the run in a folder:
+    with the campaign stored there, or with that of another ``file``."""
     if _commands:
         return f"sepmc campaign {file or folder} --out {folder} --resume"
     return f'sepmc.load("{file or folder}").run(out="{folder}", resume=True)'

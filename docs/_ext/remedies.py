@@ -21,25 +21,28 @@ OF_NOTES = {
     r"is never released|is free in all phases": "give the release, or remove the output",
     r"constraint rows are redundant": "the motion is unique; use other kinds of joint if their "
     "loads matter",
-    r"give more rows where it changes": "more rows of the table there, or `interpolation`; "
-    "distances between rows that differ much make a spline swing",
+    r"give more rows where it changes": "add rows to the table where its values change fast, or "
+    'give `interpolation = "monotone"` or `"linear"`: a cubic spline overshoots where distances '
+    "between rows differ much",
     r"is it in the other unit": "check whether the key ends in `_deg` or `_rad`",
-    r"is it per degree": 'give the slope per rad, or `per = "deg"`',
-    r"points left here": 'turn the sign of `side`, or give `convention = "datcom"`',
+    r"is it per degree": 'give the slope per rad, or `per = "deg"` beside it',
+    r"points left here": 'change the sign of `side`, or give `convention = "datcom"`',
     r"statically stable in alpha": "check the signs of `side` and `yaw`, and `moment_point_m`",
-    r"is the table transposed": "rows are those of the first axis, of mach, alpha and beta",
-    r"are they reversed": "stations are positive aft of the nose",
-    r"mirrored they would have the other": "turn the signs of the products named",
-    r"is shorter than build_up_s": "check both times: `build_up_s` is a time constant",
+    r"is the table transposed": "nest the lists of the table in the order mach, alpha, beta: the "
+    "outermost list has a row for each value of the first axis given",
+    r"are they reversed": "count stations from the nose, positive aft",
+    r"mirrored they would have the other": "change the signs of the named products of inertia of "
+    "one body",
+    r"is shorter than build_up_s": "check both times: `build_up_s` is the time constant of the "
+    "rise of thrust, not its duration",
     r"applies to the nominal case only": "set the distribution instead: `--set dispersion.KEY=...`",
-    r"the nominal case has no|the nominal case violates it": "check the bound and its unit; if "
-    "both are right, most cases will violate it",
+    r"the nominal case has no|the nominal case violates it": "check the bound of the requirement "
+    "and its unit; if both are right, most cases will violate it",
     r"should separate": "turn an axis of the joint or of a spring, or set `apart`",
     r"toward the other": "`cant_deg` of the motor is probably reversed",
-    r"outcomes that wait for it|KEY in the nominal case": "expected if the file disperses a "
-    "failure; else "
-    "look at such a case: `sepmc replay`",
-    r"is smallest when": "give a longer `run.end_time_s`",
+    r"outcomes that wait for it|KEY in the nominal case": "nothing if a failure is "
+    "dispersed, else look at a case in which it happens: `sepmc replay`",
+    r"is smallest when": "give a longer `run.end_time_s`: the minimum may come later",
     r"rows of the table are independent|only cases NUMBERS|are a part of a design": "for intervals "
     "and verdicts, run random cases, from the first on",
     r"run\.sampler = ": 'for verdicts on requirements use `sampler = "random"`',
@@ -52,32 +55,37 @@ OF_NOTES = {
     "machines of one kind",
     r"no calibration case reached|numerical error of NAME is not known": "look at the status of "
     "the nominal case: `sepmc run FILE`",
-    r"requested accuracy ASKED is not met": "look at what the named outcomes have in common: a "
-    "kink, or a limit near which events barely occur",
-    r"did not converge to the requested|a shorter step changes": "their error is part of the "
-    "reported one; look at such cases by `status` and `error`",
-    r"statistics leave out": "look at the other cases by `status`: `sepmc sensitivity RUN`",
+    r"requested accuracy ASKED is not met": "look for what limits the named outcomes: a kink in a "
+    "table or load, or a threshold that is only just reached",
+    r"did not converge to the requested|a shorter step changes": "nothing if the reported error is "
+    "small enough: it includes these cases; else look at them by the columns `status` and `error`",
+    r"statistics leave out": "look at the cases left out, by `status`: `sepmc sensitivity RUN`",
     r"the run is not complete": "`sepmc campaign` with `--resume` runs the missing cases",
-    r"the run was made with VERSIONS": "other versions can give other bits",
-    r"satisfied by none|none of them has": "give another condition",
-    r"nominal case did not reach": "it needs more work than a rough run; `sepmc run FILE`",
+    r"the run was made with VERSIONS": "nothing, unless rows must agree to the last bit: then "
+    "install the versions that the run was made with",
+    r"satisfied by none|none of them has": "give another filter: no case with the status ok "
+    "satisfies this one",
+    r"nominal case did not reach": "run the nominal case in full, `sepmc run FILE`: a check limits "
+    "its work",
     r"can give a case that|breaks the triangle": "an inertia of no solid body: narrow the "
     "distribution, or correlate the moments",
     r"made by fork": "start processes by spawn or forkserver",
-    r"trial chains|replicas disagree|descend from": "more cases: `--cases 1e6`",
-    r"chains hardly move": "more cases; the margin may have jumps",
-    r"did not reach their end": "look at them by `status` in `rare.parquet`; the interval with "
-    "unknown cases includes them",
+    r"trial chains|replicas disagree|descend from": "give more cases: `--cases 1e6`",
+    r"chains hardly move": "give more cases, or look for jumps of the margin: an outcome that "
+    "changes by steps",
+    r"did not reach their end": "look at the cases without a result by `status` in `rare.parquet`; "
+    "the interval with unknown cases includes them",
     r"the audit failed": "shorten `solver.step_s`, or remove it",
-    r"this is not rare": "a plain campaign is enough",
+    r"this is not rare": "run a plain campaign, without `--rare`",
     r"nearer to the bound than|two levels lie about as near": "give a smaller `solver.accuracy`",
 }
 
 # errors of run folders, tables, workers and paths
 OF_FOLDERS = {
-    r"is a file|contains other files|exists; add|contains a bench|is a file where": "another "
-    "`--out`; `--overwrite` replaces a run, nothing else",
-    r"another process writes": "wait for it; a process that was killed leaves no lock",
+    r"is a file|contains other files|exists; add|contains a bench|is a file where": "choose "
+    "another `--out`; `--overwrite` replaces a run or a bench, nothing else",
+    r"another process writes": "wait until the other process ends; one that was killed leaves no "
+    "lock",
     r"free there": "free the disk, or store less: `--stats-only`, `--keep`, a larger "
     "`run.history_step_s`",
     r"cannot be written|cannot be reached|PATH: (ERROR|FAULT)$": "check permissions, disk and "
@@ -89,19 +97,20 @@ OF_FOLDERS = {
     r"cannot be repaired": "run it again, into another folder",
     r"hard link|is a link|neither a file nor a folder": "copy the file there: a run folder "
     "contains its own files only",
-    r"another version of sepmc|counted less": "read it with the version that wrote it (its "
+    r"another version of sepmc": "read it with the version that wrote it (its "
     "manifest names it), or run it again",
     r"with another campaign|with another seed|Latin hypercube|Saltelli design|"
     r"is to be continued|leave some out": "`--resume` needs the same campaign, seed and mode; for "
     "another run choose another `--out`",
-    r"estimate": "an estimate is a folder of its own; its cases become a run by `--samples "
-    "RUN/rare.parquet`",
-    r"contains no|contains a single case|is a single case": "give the folder of a campaign",
+    r"estimate": "give an estimate (`--rare`) a folder of its own; its cases become a run by "
+    "`--samples RUN/rare.parquet`",
+    r"contains no|contains a single case|is a single case": "give the folder of a run of several "
+    "cases, written by `sepmc campaign`",
     r"does not contain case|is none of them": "`sepmc stats RUN` shows how many cases there are",
     r"needs all rows": "run again without `--stats-only` or `--keep`, or use `statistics.csv`",
     r"needs a local folder": "give `--out` a local folder",
     r"no such outcome|is yes or no": "`sepmc stats RUN` lists the outcomes",
-    r"no longer waits for this worker": "nothing: another worker runs these cases",
+    r"no longer waits for this worker": "nothing to do: another worker runs these cases",
     r"a worker on NODE": "give `--out` a folder that every machine sees under the same path",
     r"ended every worker": "give workers more memory, or fewer cases at a time (`run.chunk`)",
     r"workers|no Dask scheduler": "start the scheduler or its workers again, then `--resume`",

@@ -42,12 +42,12 @@ def tree_differences(
     path : tuple of str
         TOML path of the trees, put before the keys.
     units : bool
-        True if a number in another unit differs even where its value in SI agrees to 1e-12.
+        True to list a number given in another unit even if its value in SI agrees to 1e-12.
 
     Returns
     -------
     list of str
-        ``path: old -> new`` for each value that differs.
+        ``path: old -> new`` for each value that differs; ``-`` for an absent one.
     """
     sentences = []
     other_key = {_without_units(path, key): key for key in two}
@@ -80,7 +80,7 @@ def _factor(path: tuple[str, ...], key: str) -> float:
 
 
 def _same_in_si(a: Any, b: Any, factor: float) -> bool:
-    """Return True if a value times ``factor`` is another one: a number, a list of them, the
+    """Return True if ``a`` times ``factor`` equals ``b``, to 1e-12: numbers, lists of them, the
     components of a vector or the numbers of a distribution."""
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         scaled = {key: 1.0 if key in _UNSCALED or a.get("relative") else factor for key in a}

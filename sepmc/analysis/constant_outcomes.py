@@ -85,7 +85,8 @@ def _size(name: str, errors: Mapping[str, tuple[float, float]], largest: float) 
 
 
 def _extreme(name: str) -> str | None:
-    """Return the outcome whose extreme this one is the time or place of; None if there is none."""
+    """Return the extreme (peak force, peak moment, clearance) of which an outcome is the time or
+    place; None for other outcomes."""
     return next(
         (name.removesuffix(end) + of for end, of in _EXTREME_OF.items() if name.endswith(end)), None
     )
@@ -151,7 +152,8 @@ def joint_error(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
 
 
 def round_to_error(value: float, error: float) -> float:
-    """Round a value to the digits that its numerical error leaves; 0 if it leaves none."""
+    """Round a value to the digits that its numerical error, in its unit, leaves (at most seven); 0
+    if it leaves none."""
     if not np.isfinite(value) or abs(value) <= error:
         return 0.0 if abs(value) <= error else float(value)
     digits = np.log10(abs(value) / error) if error > 0.0 else np.inf
@@ -185,7 +187,7 @@ def with_constant_values(table: pd.DataFrame) -> pd.DataFrame:
 
 def render_constants(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> list[str]:
     """Render the constant outcomes of a table of `with_constants`, a line each, without yes-or-no
-    ones."""
+    ones; ``units`` by outcome."""
     return [
         f"{name}: {render_constant(table, name, units)}"
         for name in map(str, table.index)
@@ -194,7 +196,8 @@ def render_constants(table: pd.DataFrame, units: Mapping[str, str] | None = None
 
 
 def render_constant(table: pd.DataFrame, name: str, units: Mapping[str, str] | None = None) -> str:
-    """Describe the value of a constant outcome."""
+    """Render the value of a constant outcome, or that it is undetermined, with the reason why it
+    counts as constant."""
     mean, error, n = (float(table[key][name]) for key in ("mean", "error_size", "n"))
     unit = (units or {}).get(name, "")
     unit = "" if unit == "1" else f" {unit}"

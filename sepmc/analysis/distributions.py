@@ -57,7 +57,8 @@ class Distribution:
         return getattr(stats, self.scipy_name)(location, scale)
 
     def fit(self, values: np.ndarray) -> tuple[float, float]:
-        """Return location and scale of maximum likelihood."""
+        """Return location and scale of maximum likelihood for values (n,), or for their logarithms
+        if ``of_logarithm``."""
         from scipy import stats  # noqa: PLC0415
 
         location, scale = getattr(stats, self.scipy_name).fit(self(values))
@@ -165,7 +166,8 @@ def _fit_nearest(values: np.ndarray) -> dict[str, Any]:
 
 
 def _anderson_darling(distribution: Any, x: np.ndarray) -> float:
-    """Return the Anderson-Darling statistic A^2 of sorted values (n,)."""
+    """Return the Anderson-Darling statistic A^2 of sorted values (n,) for a `scipy.stats`
+    distribution."""
     n = len(x)
     weights = (2.0 * np.arange(1, n + 1) - 1.0) / n
     return float(-n - weights @ (distribution.logcdf(x) + distribution.logsf(x[::-1])))
@@ -190,7 +192,11 @@ def render_fits(
     width : int
         Characters in a line.
     sampler : str
-        Value of ``run.sampler``.
+        Value of ``run.sampler``; a note follows if its cases are not independent.
+
+    Returns
+    -------
+    str
     """
     rows = [["outcome", "unit", "skewness", "kurtosis", "normal, p", "nearest distribution", "p"]]
     for end in ENDS:

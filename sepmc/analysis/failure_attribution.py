@@ -178,8 +178,8 @@ def _partition(
 
 
 class _Partition:
-    """Partition of an input into parts of equally many cases; ``index`` (n,) is the part of each
-    case."""
+    """Partition of an input with ``values`` (n,) into ``number`` parts of about equally many cases;
+    ``index`` (n,) is the part of each case."""
 
     def __init__(self, values: np.ndarray, max_parts: int):
         edges = np.unique(values)
@@ -196,7 +196,8 @@ def _information(cells: np.ndarray, number: int, violates: np.ndarray) -> float:
 
 
 def _mutual_information(counts: np.ndarray) -> np.ndarray:
-    """Return the mutual information of the first two axes of counts (2, cells, ...), in nats."""
+    """Return the mutual information (...) of the first two axes of counts (2, cells, ...), in
+    nats."""
     fractions = counts / counts.sum(axis=(0, 1))
     expected = fractions.sum(axis=0) * fractions.sum(axis=1, keepdims=True)
     numerator = np.where(fractions > 0.0, fractions, 1.0)
@@ -250,8 +251,8 @@ def _attribution(
 
 
 def _odds(inside: np.ndarray, cases: np.ndarray) -> np.ndarray:
-    """Return the odds of a violation, with half a case added on either side (Haldane, Ann. Hum.
-    Genet. 20, 1956)."""
+    """Return the odds of a violation from counts of violations and cases, with half a case added on
+    either side (Haldane, Ann. Hum. Genet. 20, 1956)."""
     return np.asarray((inside + 0.5) / (cases - inside + 0.5))
 
 

@@ -105,13 +105,13 @@ def _newcombe_interval(
 
 
 def upper_bound(k: int, n: int, confidence: float = CONFIDENCE) -> float:
-    """Return the one-sided upper confidence bound of a probability; 1 - (1 - confidence)^(1 / n) at
-    k = 0."""
+    """Return the one-sided upper confidence bound of a probability with k successes in n trials;
+    1 - (1 - confidence)^(1 / n) at k = 0."""
     return _upper(k, n, 1.0 - confidence)
 
 
 def lower_bound(k: int, n: int, confidence: float = CONFIDENCE) -> float:
-    """Return the one-sided lower confidence bound of a probability."""
+    """Return the one-sided lower confidence bound of a probability with k successes in n trials."""
     return _lower(k, n, 1.0 - confidence)
 
 

@@ -29,7 +29,8 @@ _NO_GRID = np.empty(0)
 
 
 class QuantileSketch:
-    """Sketch of the values of one outcome, without NaN."""
+    """Streamed values of one outcome, without NaN: stored up to `EXACT_VALUES`, from then on
+    counted in bins."""
 
     def __init__(self) -> None:
         self._buffer = np.empty(EXACT_VALUES)
@@ -125,7 +126,7 @@ class QuantileSketch:
 
 
 class ValueList(list[np.ndarray]):
-    """Values stored as they come."""
+    """Values of cases to `QuantileSketch.merge`, as arrays in the order they were added."""
 
     def add(self, values: np.ndarray) -> None:
         """Add values, as `QuantileSketch.add`."""
@@ -272,8 +273,8 @@ class _Grid:
         return result
 
     def counts_below(self, edges: np.ndarray) -> np.ndarray:
-        """Return the number of finite values below each edge, spread evenly over their bins; all of
-        them at the last edge."""
+        """Return the number of finite values below each of increasing edges, spread evenly over
+        their bins; a last edge at the largest value counts all."""
         left, right, counts = self.bins()
         # a value at an edge is not below it
         right = np.where(left == right, np.nextafter(right, np.inf), right)

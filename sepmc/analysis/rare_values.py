@@ -67,7 +67,8 @@ class Occurrence(NamedTuple):
 def rare_values(
     dispersions: Sequence[Dispersion], copulas: Sequence[Copula] = ()
 ) -> tuple[RareValue, ...]:
-    """List the values, and pairs of values, of probability below 1.
+    """List the values of discrete distributions, and the pairs of values of correlated ones, that a
+    sample may lack.
 
     Parameters
     ----------
@@ -78,6 +79,8 @@ def rare_values(
     Returns
     -------
     tuple of RareValue
+        Values of probability below 1, then pairs that the correlation makes more probable than
+        independence.
     """
     discrete = [each if each.distribution == "discrete" else None for each in dispersions]
     result = [

@@ -40,7 +40,10 @@ Errors = Mapping[str, tuple[float, float]]
 
 
 class RequirementCounter:
-    """Accumulator of the cases that violate a requirement, in case order."""
+    """Accumulator of the cases that violate a requirement, added in case order.
+
+    ``cases``, ``violations`` (unknown cases included) and ``missing`` (unknown cases) are counts.
+    """
 
     def __init__(self, requirement: Requirement):
         self.requirement = requirement
@@ -139,7 +142,7 @@ class RequirementCounter:
     @property
     def extreme(self) -> tuple[float, int]:
         """Worst value and its case. For a requirement on a status, on an outcome that is 0 or 1, or
-        without any value: NaN and the first violating case, -1 if there is none."""
+        without any value: NaN and the first violating case, else the first unknown one, else -1."""
         item = self.requirement
         on_status = item.at_least is item.at_most is None
         if on_status or is_yes_or_no(item.metric) or self.worst[1] < 0:
@@ -259,6 +262,8 @@ class Verdict:
     verdict : str
         ``pass``; ``fail``: refuted with the same confidence; ``not shown``: neither;
         ``no verdict``: see ``why``.
+    why : str
+        Reason if there is no verdict, else empty.
     cases, violations, allowed : int
         Cases, violations among them, and allowed violations (-1: too few cases).
     missing, lacking : int
@@ -439,8 +444,8 @@ def _error_at(item: Requirement, errors: Errors) -> float:
 def _verdict(
     counter: RequirementCounter, bounded: Sequence[tuple[RequirementCounter, float]], reason: str
 ) -> tuple[str, str]:
-    """Return the verdict, and the reason if there is none; ``bounded`` are the counters with their
-    errors."""
+    """Return ``verdict`` and ``why`` of `Verdict`; ``bounded`` are counters with the numerical
+    errors at their bounds, ``reason`` that of the caller to give no verdict."""
     item, n = counter.requirement, counter.cases
     if not n:
         return NONE, "no case was run"

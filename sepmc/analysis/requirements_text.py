@@ -115,7 +115,7 @@ def _render_verdict(v: Verdict, unit: str, width: int, population: str) -> str:
 
 
 def render_missing(v: Verdict) -> str:
-    """Describe how many violating cases are unknown, and why."""
+    """Render how many of the violating cases are unknown, and why: ``3 of them did not finish``."""
     ended = v.missing - v.lacking
     if v.metric == VIOLATION:
         unknown = {"did not finish or have no such outcome": v.missing}
@@ -127,7 +127,8 @@ def render_missing(v: Verdict) -> str:
 
 
 def _designed(v: Verdict, unit: str) -> str:
-    """Describe the design value."""
+    """Render the design value: as a bound of the outcome, or of its distance from the nearer of two
+    bounds."""
     value = v.design_value or 0.0
     if has_two_bounds(v):
         size = f"{_number(abs(value))}{_spaced(unit)}"

@@ -104,7 +104,8 @@ def _meets(
 
 
 def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], str, float]:
-    """Parse one alternative of a term into columns, comparison and number."""
+    """Parse one alternative of a term into columns, comparison and number; ``text`` is the whole
+    term, for messages. Raises InputError."""
     match = _TERM.fullmatch(term)
     if not match:
         raise InputError(

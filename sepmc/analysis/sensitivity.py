@@ -181,7 +181,8 @@ def order_description(table: pd.DataFrame, count: int) -> str:
 
 
 def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
-    """Set the rank correlations of inputs (d, n) with an outcome (n,)."""
+    """Set the columns ``rank``, ``rank_low``, ``rank_high`` and ``partial`` of a table, from inputs
+    (d, n) and an outcome (n,)."""
     # as scipy.stats.rankdata, which takes 1 s to import
     ranks = pd.DataFrame(np.vstack([x, y]).T).rank()
     correlation = np.corrcoef(ranks.to_numpy().T)
@@ -219,7 +220,8 @@ def _end_means(x: np.ndarray, y: np.ndarray, few: bool) -> tuple[float, float, f
 
 
 def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, has_few_values: np.ndarray) -> None:
-    """Set the first-order indices from independent cases."""
+    """Set the first-order indices, with intervals, in a table from inputs (d, n) and an outcome
+    (n,) of independent cases; ``has_few_values`` (d,) marks inputs whose values form groups."""
     estimators = [grouped_index if few else ordered_index for few in has_few_values]
     indices = np.array([estimate(row, y) for estimate, row in zip(estimators, x, strict=True)])
     _set_index(table, "first", *indices.T)
@@ -228,8 +230,9 @@ def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, has_few_values: 
 def _by_saltelli(
     table: pd.DataFrame, numbers: np.ndarray, x: np.ndarray, varied: list[int], y: np.ndarray
 ) -> str:
-    """Set first-order and total indices from complete groups of a Saltelli design; return the
-    note."""
+    """Set first-order and total indices of the ``varied`` inputs in a table from complete groups of
+    a Saltelli design: inputs (inputs, n), and outcome (n,), NaN where absent. Return a note on
+    groups left out, or on why there are no indices; empty without one."""
     try:
         groups = saltelli_groups(numbers, x, y)
     except ValueError as error:

@@ -64,6 +64,7 @@ class StoppingRule:
     tolerance : float
         In the unit of the statistic, or a fraction of its size if ``relative``.
     relative : bool
+        True if the tolerance was given in percent.
     text : str
         The text that `parse_stopping_rule` parses to this rule.
     """
@@ -81,7 +82,7 @@ class StoppingRule:
 
     @property
     def is_moment(self) -> bool:
-        """True for a mean or a sigma, which depend on values that did not occur."""
+        """True for a mean or a sigma, which depend on rare values that may not have occurred."""
         return self.statistic in ("mean", "sigma")
 
     def first(self, values: Sequence[RareValue]) -> int:
@@ -156,7 +157,7 @@ class StoppingRule:
         return max(high - value, value - low) <= allowed
 
     def sentence(self, look: InterimEstimate, completed: int, cases: int) -> str:
-        """Describe an estimate after ``completed`` of ``cases`` cases."""
+        """Describe an estimate (from `look`) after ``completed`` of ``cases`` cases."""
         tolerance_text = f"{100 * self.tolerance:g} %" if self.relative else f"{self.tolerance:g}"
         not_met = (
             f": NOT MET{'; ' if look.shortfall else ''}{look.shortfall}"
@@ -234,6 +235,6 @@ def parse_stopping_rule(text: str, outcomes: Collection[str]) -> StoppingRule:
     statistic = (statistic if dot else allowed[0]).replace(".", "_")
     if statistic not in allowed:
         raise InputError(
-            f"until = {text}: no such statistic as {statistic!r}; {', '.join(allowed)}"
+            f"until = {text}: no such statistic as {statistic!r}; allowed: {', '.join(allowed)}"
         )
     return StoppingRule(metric, statistic, tolerance, relative, text)

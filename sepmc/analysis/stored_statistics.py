@@ -13,7 +13,8 @@ _COLUMNS = ["outcome", "from", "to", "cases"]
 
 @dataclass(frozen=True)
 class StoredStatistics:
-    """Stored statistics: a ``table`` with a row per outcome, and the ``bins`` of histograms."""
+    """Stored statistics: a ``table`` with a row per outcome, and the ``bins`` of histograms (see
+    `histogram_table`)."""
 
     table: pd.DataFrame
     bins: pd.DataFrame
@@ -37,7 +38,7 @@ class StoredStatistics:
 
 
 def histogram_table(histograms: Mapping[str, Histogram | None]) -> pd.DataFrame:
-    """Return histograms as a table with a row per bin."""
+    """Return histograms by outcome as a table with a row per bin: outcome, from, to, cases."""
     tables = [
         pd.DataFrame({"outcome": name, "from": h.edges[:-1], "to": h.edges[1:], "cases": h.counts})
         for name, h in histograms.items()

@@ -102,7 +102,8 @@ class _BlockCounters:
             worst.add(column[ok], numbers)
 
     def merge(self, other: "_BlockCounters") -> None:
-        """Add the counts of cases that follow; what depends on blocks is left out."""
+        """Add the statuses, requirements and audits of cases that follow; their moments and
+        sketches are merged by the caller."""
         self.by_code += other.by_code
         for label, numbers in other.failed.items():
             self._name(label, np.array(numbers, dtype=np.int64))

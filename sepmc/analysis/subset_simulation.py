@@ -39,9 +39,9 @@ NamedGenerator = Callable[[str], np.random.Generator]  # random generators by na
 
 @dataclass(frozen=True)
 class ChainStates:
-    """States of chains: ``scores`` (n, d), ``margin`` (n,), ``records`` (n, k), ``number`` (n,) of
-    the case, ``level`` (n,) it was run for, and ``origin`` (n,), the index of the first
-    ancestor."""
+    """States of chains: ``scores`` (n, d), ``margin`` (n,) and ``records`` (n, k) of the cases run
+    there, ``number`` (n,) of the case in the order run, ``level`` (n,) it was run for, and
+    ``origin`` (n,), the index of its first ancestor."""
 
     scores: np.ndarray
     margin: np.ndarray
@@ -232,6 +232,7 @@ def estimate(
     random : NamedGenerator
         A name that was used before starts anew.
     max_cases : int
+        Largest number of cases to run.
 
     Returns
     -------
@@ -258,13 +259,14 @@ def estimate(
 
 
 def _depth(n_cases: int, trial_cases: int) -> int:
-    """Return the number of levels that ``n_cases`` allow."""
+    """Return the number of levels that ``n_cases`` allow, with ``trial_cases`` a level of the trial
+    chains and the smallest replicas."""
     levels = (n_cases / (trial_cases + _MIN_CASES * REPLICAS) - 1.0) / (1.0 - 1.0 / LENGTH)
     return max(0, min(_MAX_LEVELS, int(levels)))
 
 
 def estimate_warnings(estimate: Estimate) -> list[str]:
-    """Return warnings on a doubtful estimate."""
+    """Return warnings on an estimate, a sentence each; empty if there is no reason for doubt."""
     warnings, low, high = [], float(estimate.known.min()), float(estimate.known.max())
     if not estimate.reached:
         threshold = estimate.levels[-2].threshold if len(estimate.levels) > 1 else math.inf
@@ -304,7 +306,8 @@ class _CaseCounter:
         self.limit, self.count = limit, 0
 
     def evaluate(self, scores: np.ndarray, level: int, origin: np.ndarray) -> ChainStates:
-        """Return the states of scores (n, d)."""
+        """Run the cases of scores (n, d) for a level and return their states; ``origin`` (n,) are
+        the indices of their first ancestors."""
         margin, records = self.limit(scores)
         number = np.arange(self.count, self.count + len(scores))
         self.count += len(scores)
@@ -389,8 +392,8 @@ def _moved(
 
 
 def _level_size(schedule: LevelSchedule, n_cases: int) -> int:
-    """Return the cases of a level of a replica for a number of cases; seeds are not run
-    again."""
+    """Return the number of cases of a level of a replica, a multiple of `LENGTH`, for about
+    ``n_cases`` in all; the seeds of a level are not run again."""
     cases_per_seed = 1.0 + len(schedule.thresholds) * (1.0 - 1.0 / LENGTH)
     return LENGTH * max(1, int(n_cases / REPLICAS / cases_per_seed / LENGTH))
 
@@ -464,7 +467,9 @@ def _level(
     levels: Sequence[Level],
     acceptance: float,
 ) -> Level:
-    """Build the level that some cases (n,) of the one before reach."""
+    """Build the level of a threshold: ``mask`` (n,) are the cases of the level before, ``states``,
+    that reach it, and ``reached`` (r,) the fraction of all cases by replica; ``levels`` are those
+    before it."""
     mean = float(reached.mean())
     previous = levels[-1].reached if levels else 1.0
     return Level(

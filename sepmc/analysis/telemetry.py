@@ -50,15 +50,15 @@ class Histories:
     Attributes
     ----------
     numbers : ndarray of int, shape (n,)
-        Of the cases.
+        Case numbers.
     names : tuple of str, length c
-        Of the columns.
+        Column names.
     step : float
-        Of the grid, which starts at 0, s.
+        Step of the time grid, which starts at 0, s.
     values : ndarray, shape (n, c, t)
-        NaN after the end of a case.
+        In the units of the columns; NaN after the end of a case.
     nominal : ndarray, shape (c, t)
-        Of the nominal case.
+        The same of the nominal case.
     """
 
     numbers: np.ndarray
@@ -221,7 +221,8 @@ def compare_flight(
 
 
 def _scales(channels: Sequence[Channel], histories: Histories) -> list[float]:
-    """Scale of the difference of each channel: spread of the cases and noise."""
+    """Scale of the difference of each channel, in its unit: root of the sum of squares of the
+    spread of the cases, averaged over time, and the noise of the channel."""
     scales = []
     for i, channel in enumerate(channels):
         values = histories.values[:, i]
@@ -233,7 +234,8 @@ def _scales(channels: Sequence[Channel], histories: Histories) -> list[float]:
 
 
 def _within(channel: Channel, shift: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times of the run and values of the samples of a channel within the run."""
+    """Times of the run, s, and values of the samples of a channel that lie within the run, 0 to
+    ``end``, at a clock shift, s."""
     time = channel.time - shift
     first, last = np.searchsorted(time, [-1e-9 * end, end * (1 + 1e-9)])
     return np.clip(time[first:last], 0.0, end), channel.values[first:last]
@@ -254,7 +256,8 @@ def _at(values: np.ndarray, step: float, times: np.ndarray) -> np.ndarray:
 
 
 def _sum_squares(differences: np.ndarray) -> np.ndarray:
-    """Sums (n,) of squares (n, m); where a case has no value, the mean of its others counts."""
+    """Sums (n,) of the squares of differences (n, m); where a case has none, the mean of its other
+    squares counts; infinite for a case without any."""
     squares = differences**2
     known = np.isfinite(squares)
     total, count = np.where(known, squares, 0.0).sum(axis=1), known.sum(axis=1)
@@ -268,12 +271,13 @@ class _Curves:
     Attributes
     ----------
     values : ndarray, shape (n, t)
+        A row per case, on the time grid.
     weights : ndarray, shape (n, t)
-        Of a sample after each row: 1 where the history is smooth; where it jumps or bends within
-        two rows, its time is not known better than they are apart, and a sample counts by the
-        ratio of the variance of the noise to that bend.
+        Weight of a flight sample between a grid time and the next: v / (v + b^2), with the variance
+        v of the noise and the second difference b of the history there. It is nearly 1 where the
+        history is smooth, and small where it jumps or bends, at a time known to a step only.
     step : float
-        s.
+        Step of the time grid, s.
     """
 
     values: np.ndarray
@@ -293,7 +297,9 @@ class _Curves:
     def differences(
         self, time: np.ndarray, flight: np.ndarray, shifts: np.ndarray | float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Differences (n, m) from a flight, and their weights, 0 where there is no value."""
+        """Differences (n, m) of the histories from the samples ``flight`` (m,) at times (m,) of the
+        flight's clock, at one shift or one of each case (n,), s; and their weights (n, m). Both are
+        0 where a history has no value."""
         times = _run_times(time, shifts)
         residual = _at(self.values, self.step, times) - flight
         index = np.clip((times / self.step).astype(np.int64), 0, self.values.shape[1] - 1)

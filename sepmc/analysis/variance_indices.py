@@ -91,8 +91,9 @@ def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 
 def grouped_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Return the first-order index of an input of few values, and half its 95 % interval: epsilon
-    squared, the variance between groups corrected for chance (Kelley, PNAS 21, 1935)."""
+    """Return the first-order index of an input (n,) of few values for an outcome (n,), and half its
+    95 % interval: epsilon squared, the variance between the groups of equal input, corrected for
+    chance (Kelley, PNAS 21, 1935)."""
     n, group, y = len(y), np.unique(x, return_inverse=True)[1], _standard(y)
     size = np.bincount(group)
     mean = np.bincount(group, y) / size

@@ -97,8 +97,8 @@ def bench(
 def _study(
     campaign: Campaign, cases: int | None, repeats: int, threads: int, quick: bool, say: Log
 ) -> Study:
-    """Select steps and sample cases. If no number of cases is given, fewer are sampled where the
-    reference would take too long."""
+    """Return the study of a campaign: selected steps and sampled cases. If no number of cases is
+    given, fewer are sampled where the reference would take too long."""
     bare = campaign.with_settings({"run.history_step_s": 0.0})
     integration = select_steps(bare, announce=say)
     requested = cases or (QUICK_CASES if quick else CASES)
@@ -123,7 +123,8 @@ def _parts(
     peers: Callable[[Study, Reference], pd.DataFrame] | None,
     folder: Path,
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
-    """Measure every part in turn; report and write each as soon as it is complete."""
+    """Measure every part in turn; report and write each as soon as it is complete. Return the
+    content of ``bench.json`` and the tables by part; ``history`` is the step of histories, s."""
     results: dict[str, Any] = {
         "campaign": study.campaign.name,
         "digest": study.campaign.digest,
@@ -188,7 +189,7 @@ def _parts(
 
 
 def _headlines(study: Study, frames: dict[str, pd.DataFrame]) -> dict[str, Any]:
-    """Return the most important numbers."""
+    """Return the most important numbers and names of a benchmark, by label with unit."""
     table = frames["work_precision"]
     default = table[table["default"]].iloc[0]
     headlines: dict[str, Any] = {

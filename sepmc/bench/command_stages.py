@@ -36,7 +36,8 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
     Returns
     -------
     DataFrame, a row per stage or command
-        Median and smallest time in s, repeats and their spread.
+        ``stage``, ``kind``; ``s`` and ``best_s``, median and smallest time in s; number of
+        ``repeats`` and their ``spread`` (interquartile range over the median).
     """
     campaign = study.with_settings({"run.history_step_s": history_step, "run.cases": study.cases})
     with tempfile.TemporaryDirectory() as folder:
@@ -83,7 +84,7 @@ def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]
 
 
 def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
-    """Build a row of the table."""
+    """Build the row of `measure` of a stage or command from its times, s."""
     return {
         "stage": name,
         "kind": kind,

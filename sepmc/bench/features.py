@@ -27,7 +27,8 @@ _HISTORY_ROWS = 50  # if the scene has no histories
 
 @dataclass(frozen=True)
 class Variant:
-    """A campaign without a feature, or with histories; ``change`` describes the difference."""
+    """A campaign without the ``feature`` of that name, or with histories; ``change`` is a text on
+    the difference from the scene."""
 
     feature: str
     change: str
@@ -48,8 +49,9 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
     Returns
     -------
-    DataFrame, a row per feature
-        With ratios to the whole scene.
+    DataFrame, a row for the whole scene, then one without each feature
+        Time ``ms`` of 10,000 cases, flops (NaN if not counted), and ``time_ratio`` and
+        ``flop_ratio``, over those of the whole scene.
     """
     variants = _variants(study, history_step)
     counts = _counts(study, variants)

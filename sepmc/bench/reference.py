@@ -27,7 +27,8 @@ class Reference:
     change : float
         Error by which the last doubling of the steps changed the outcomes.
     other, difference, checked : str, float, int
-        The second opinion, its error and its cases.
+        The other formulation, method and steps in words; the largest error between it and the
+        reference; and the number of cases it ran.
     """
 
     outcomes: np.ndarray
@@ -55,12 +56,13 @@ class Reference:
 
 
 def reference_times() -> int:
-    """Return the largest time of the reference, in times of the cases."""
+    """Return the largest time of `make_reference`, over that of one run of the cases."""
     return sum(2**k for k in range(_DOUBLINGS + 1))
 
 
 def make_reference(study: Study) -> Reference:
-    """Return the reference of a study."""
+    """Return the reference of a study: its cases at ever smaller steps, until halving these
+    changes the outcomes no less than before."""
     campaign = study.with_settings({"solver.method": METHOD})
     integration = (
         study.integration if study.method == METHOD else select_steps(campaign, announce=study.say)

@@ -18,6 +18,8 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
     frame : DataFrame, a row per case
         ``error``, ``true_error`` (largest of the outcomes that count) and its ``outcome``.
     summary : dict of str to float
+        Number of cases and of refined ones, largest errors, and quantiles of the true over the
+        estimated error.
     """
     block, names = study.default.fly(study.inputs), np.array(study.names)
     rows = np.flatnonzero(block.has_outcomes & reference.valid[: len(block.status)])
@@ -54,7 +56,7 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
 
 
 def sentence(summary: dict[str, float]) -> str:
-    """Describe the summary of `measure`."""
+    """Render the summary of `measure` as a sentence."""
     return (
         "column error: true errors are "
         f"{summary['true_over_told_median']:.2g} of it in the median case, "

@@ -86,7 +86,8 @@ def _by_threads(study: Study) -> list[dict[str, Any]]:
 def run_campaign(
     tree: dict[str, Any], name: str, cases: int, threads: int, repeats: int
 ) -> dict[str, float]:
-    """Run a campaign in this process; return times, s, and peak memory, MB."""
+    """Run a campaign ``repeats`` times in this process, statistics only; return the median times of
+    kernel and sampling, s, and the peak memory, MB, by name with unit."""
     campaign = Campaign(parse_campaign(tree, name))
     campaign.run(1, threads=threads, stats_only=True, announce=no_log)
     timings = [

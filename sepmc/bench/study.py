@@ -73,13 +73,14 @@ class Study:
         return (time.perf_counter() - start) / len(subset)
 
     def affordable(self, evaluations: int) -> int:
-        """Return the number of cases, of so many evaluations each, that take a third of a second,
-        at most all."""
+        """Return the number of cases that take a third of a second if each needs this number of
+        evaluations; at least 200, at most all."""
         seconds_per_case = self.seconds * evaluations / max(1, self.default.evaluations)
         return min(self.cases, max(_MIN_CASES, int(_MAX_VARIANT_S / seconds_per_case)))
 
     def part(self, formulation: str) -> int:
-        """Return the number of cases that a formulation runs."""
+        """Return the number of cases that a formulation runs: all, or a sixteenth (at least 16) of
+        them by the full one."""
         return (
             min(self.cases, max(_MIN_FULL_CASES, self.cases // _FULL_FRACTION))
             if formulation == FULL
@@ -117,9 +118,9 @@ class Study:
         return self.campaign.with_settings(settings)
 
     def error(self, block: Block, reference: np.ndarray, valid: np.ndarray) -> tuple[float, str]:
-        """Return the largest error of the outcomes of a block, and the outcome; over the cases that
-        finished in it and in the reference, without times and positions of extremes, which do not
-        converge with the steps."""
+        """Return the largest relative error of the outcomes of a block against ``reference`` (n, o)
+        and the name of the outcome; over the cases that finished in the block and are ``valid``
+        (n,), without times and positions of extremes, which do not converge with the steps."""
         n = min(len(block.status), len(valid))
         return self.error_of(
             block.outcomes[:n, : len(self.names)], block.status[:n] == Status.OK, reference, valid
@@ -128,8 +129,8 @@ class Study:
     def error_of(
         self, outcomes: np.ndarray, ok: np.ndarray, reference: np.ndarray, valid: np.ndarray
     ) -> tuple[float, str]:
-        """Return the same for outcomes (n, o) of the first n cases; scaled by the scatter over all
-        cases of the reference."""
+        """Return `error` for outcomes (n, o) of the first n cases, of which ``ok`` (n,) finished;
+        scaled by the scatter over all cases of the reference."""
         common = np.flatnonzero(ok & valid[: len(outcomes)])
         if not len(common):
             return np.inf, ""
@@ -147,7 +148,8 @@ class Study:
 
 @dataclass(frozen=True)
 class SolverVariant:
-    """Method, formulation and steps, and the number of cases to run."""
+    """Campaign with a method and formulation, selected or given steps, and number of cases to run;
+    ``default`` if the steps are those that a run of the campaign would take."""
 
     integration: Integration
     campaign: Campaign

@@ -12,7 +12,8 @@ _PROGRAM = "from sepmc.bench.subprocess_calls import main; main()"
 
 
 def environment(changes: dict[str, str] | None = None) -> dict[str, str]:
-    """Return the environment of a process with this one's import path."""
+    """Return the environment variables of a process that imports from the same path as this one,
+    with ``changes``."""
     return {
         **os.environ,
         "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
@@ -26,9 +27,15 @@ def call(function: str, arguments: list[Any], changes: dict[str, str] | None = N
     Parameters
     ----------
     function : str
+        Such as ``scaling:run_campaign``.
     arguments : list
     changes : dict, optional
-        Of the environment.
+        Environment variables to set.
+
+    Returns
+    -------
+    any
+        Result of the function.
 
     Raises
     ------
@@ -47,7 +54,7 @@ def run(command: list[str], changes: dict[str, str] | None = None, text: str = "
     ----------
     command : list of str
     changes : dict, optional
-        Of the environment.
+        Environment variables to set.
     text : str
         Standard input.
 

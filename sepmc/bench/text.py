@@ -72,7 +72,7 @@ def _cell(column: str, value: Any) -> str:
 
 
 def warnings(name: str, frame: pd.DataFrame) -> list[str]:
-    """Return the warnings on a part."""
+    """Return the warnings on a part of the benchmark and its table; empty if there are none."""
     return [warning for warning in (noise_warning(name, frame), threads_warning(frame)) if warning]
 
 

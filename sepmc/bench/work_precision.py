@@ -54,7 +54,8 @@ def _without_reference(
 
 
 def rows_of(study: Study, reference: Reference, variants: list[SolverVariant]) -> pd.DataFrame:
-    """Run and time variants in rounds; return a row each."""
+    """Run and time variants in rounds; return a row for each (see `_row`). Variants most of whose
+    cases are refined are left out, except the default one."""
     blocks, report = [], progress_reporter(study.say, _MESSAGE_S)
     for number, variant in enumerate(variants):
         block = variant.fly(study.inputs)
@@ -75,7 +76,7 @@ def rows_of(study: Study, reference: Reference, variants: list[SolverVariant]) -
 
 
 def _progress(done: int, total: int, seconds: float) -> str:
-    """Describe the progress."""
+    """Return the progress message."""
     return f"{done} of {total} variants run in {seconds:.0f} s ..."
 
 
@@ -88,7 +89,8 @@ def _refined_fraction(block: Block) -> float:
 def _row(
     variant: SolverVariant, times: list[float], error: float, worst: str, few: bool
 ) -> dict[str, Any]:
-    """Build a row of the table."""
+    """Build the row of `measure` of a variant from its times, s, and its largest error, of the
+    outcome ``worst``; ``few`` if it ran fewer than the study's cases."""
     scale = 1e3 * PER / variant.cases
     return {
         "formulation": variant.formulation,

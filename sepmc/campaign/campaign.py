@@ -77,7 +77,7 @@ def load(
     Raises
     ------
     SceneError
-        If the file has errors, with the place of each.
+        If the file has errors; the message lists each with the path of its key.
     StoreError
         If the campaign of a run folder was changed.
     """
@@ -107,8 +107,9 @@ class Campaign(Definition):
     Parameters
     ----------
     file : CampaignFile
+        Parsed campaign file.
     settings : mapping of str to str, optional
-        Texts of the values that replaced those of the file, by TOML path.
+        Texts of the values that replaced those of the file, by TOML path; for titles.
     """
 
     def __repr__(self) -> str:
@@ -130,6 +131,11 @@ class Campaign(Definition):
         Returns
         -------
         Campaign
+
+        Raises
+        ------
+        SceneError
+            If a path or value is not valid.
         """
         tree, folder, name = self.file.tree, self.file.folder, self.name
         read = parse_campaign(tree, name, settings, name, folder, read_input_table, read_files)
@@ -153,7 +159,7 @@ class Campaign(Definition):
         return {one.name: self._scenario(one) for one in self.file.scenarios}
 
     def _scenario(self, scenario: Scenario) -> "Campaign":
-        """Campaign of a scenario."""
+        """Campaign of a scenario. Raises SceneError if it gives no valid campaign."""
         problems = Problems()
         table = self.file.input_table
         tree = scenario_tree(self.file.tree, self.scene, scenario, problems, table)
@@ -183,6 +189,7 @@ class Campaign(Definition):
             the moment, N m; each a number or computed from quantities such as
             ``q.upper.pitch_rad`` with operators and functions of numpy.
         body : str
+            Body that the load acts on.
         frame : str
             Axes of the components: "body" or "ground".
         point_m : tuple of 3 float, optional
@@ -254,11 +261,13 @@ class Campaign(Definition):
         case : Case or int, optional
             Nominal case if None. A `Case` is simulated with its own ``scene``.
         step_s : float
-            Interval of history rows; there are also two rows at each phase boundary.
-        announce : Log, optional
-            Called with a message if a kernel is compiled.
+            Interval of history rows, s; there are also two rows at each phase boundary.
+        announce : callable (text), optional
+            Called with messages, such as on the compilation of a kernel, and with the notes. If
+            None, notes are issued as `sepmc.RunWarning`.
         plain_work : float, optional
-            Kernel lines that plain Python may run (1e7 in 5 s); nothing is compiled then.
+            Kernel lines that plain Python may run (1e7 in 5 s); with this limit nothing is
+            compiled.
 
         Returns
         -------
@@ -328,7 +337,7 @@ class Campaign(Definition):
         return frame
 
     def _invalid_values(self, case: Case | None) -> list[str]:
-        """Reasons why sampled values of a case are invalid."""
+        """Reasons why sampled values of a case are invalid; empty if they are valid."""
         reasons = []
         for dispersion in self.file.dispersions:
             parameter, field = dispersion.parameter, dispersion.parameter.field
@@ -433,7 +442,8 @@ class Campaign(Definition):
     def _run(
         self, folder: Path | None, spec: SampleSpec, resume: bool, options: ExecutionOptions
     ) -> Result:
-        """Run cases in memory or into an open folder."""
+        """Run the cases of ``spec`` in memory, or into ``folder``, which is open for writing; with
+        ``resume`` only those that are missing there."""
         seed, numbers = spec.seed, spec.numbers
         stats_only, announce, executor, stop = (
             options.stats_only,
@@ -517,14 +527,17 @@ class Campaign(Definition):
         )
 
     def _keep(self, options: RunOptions, out: Any) -> KeepRules | None:
-        """Parse the rules for rows to store. Raises InputError if they are not valid."""
+        """Rules for rows to store beside statistics; None if none is given. Raises InputError if
+        they are not valid, or there is no folder ``out``."""
         keep, columns = options.keep, options.keep_columns
         if keep is None:
             if columns or options.float32:
-                raise InputError("keep_columns and float32 are of rows that are kept by keep")
+                raise InputError(
+                    "keep_columns, float32: apply only to rows that keep selects; give keep too"
+                )
             return None
         if out is None:
-            raise InputError(f"keep = {keep}: rows are kept in a folder; give it as out")
+            raise InputError(f"keep = {keep}: rows are stored in a folder; give its path as out")
         check_text("keep", keep, "failed,worst:20")
         if columns is not None:
             check_text("keep_columns", columns, "in_*,separation_*")
@@ -555,7 +568,8 @@ class Campaign(Definition):
         requirement : str
             Name of a requirement on a numeric outcome or on contact.
         most : int
-            Maximum number of cases: 1e5 give a probability of 1e-6 within 25 % (95 % confidence).
+            Maximum number of cases, 1e4 to 1e7: 1e5 give a probability of 1e-6 within 25 % (95 %
+            confidence).
         seed, out, threads, overwrite, progress, announce
             As for `run`.
         resume : bool
@@ -600,33 +614,36 @@ class Campaign(Definition):
         Raises
         ------
         InputError
-            If it does not apply to these cases.
+            If it is no stopping rule of this campaign, or these cases cannot be stopped early.
         """
         check_text("until", text, "separation_speed_m_s:0.01")
         rule = parse_stopping_rule(text, [column.name for column in self.outcome_columns])
         if not numbers.are_first or self.scene.run.sampler in SIZE_DEPENDENT:
-            reason = "a sampler whose cases depend on how many there are"
-            reason = reason if numbers.are_first else "cases that are named"
-            raise InputError(f"until = {text}: excludes {reason}")
+            sampler = self.scene.run.sampler
+            reason = f"run.sampler = {sampler!r}, whose cases depend on their number; use random"
+            reason = reason if numbers.are_first else "case numbers; give a number of cases"
+            raise InputError(f"until = {text}: cannot be combined with {reason}")
         rule.check(self.rare_values, numbers.count)
         return rule
 
 
 def _check_executor(
-    executor: Executor | None, out: Any, until: str | None, some_counted: bool
+    executor: Executor | None, out: Any, until: str | None, is_counted_selection: bool
 ) -> None:
-    """Raise InputError if workers cannot run these cases."""
+    """Raise InputError if workers cannot run these cases. ``is_counted_selection`` is True if only
+    statistics are stored, of cases that are not the first ones."""
     if executor is None:
         return
     if out is None:
-        raise InputError("executor: workers write into a folder; give it as out")
+        raise InputError("executor: workers write into a run folder; give its path as out")
     if until is not None:
         raise InputError(
-            f"until = {until}: excludes workers, which run cases before it is known whether they "
-            "are needed"
+            f"until = {until}: cannot be combined with workers, which run cases before it is known "
+            "whether they are needed"
         )
-    if some_counted:
-        raise InputError("stats_only of cases that are named: excludes workers")
+    if is_counted_selection:
+        message = "cannot be combined with workers and case numbers; give a number of cases"
+        raise InputError(f"stats_only, keep: {message}")
 
 
 def _warn(notes: list[str], announce: Log | None) -> None:

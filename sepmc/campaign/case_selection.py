@@ -10,12 +10,14 @@ from sepmc.engine.dispatch import check_int
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError
 
-_ALLOWED = "must be how many, as 1000 or 1e6, or which, as 25:50,73 (25 to 49, and 73)"
+_ALLOWED = (
+    "must be a number of cases, as 1000 or 1e6, or case numbers, as 25:50,73 (25 to 49, and 73)"
+)
 
 
 @dataclass(frozen=True)
 class CaseSelection:
-    """Case numbers as sorted, separate ranges (first, end)."""
+    """Case numbers as sorted, separate ranges (first, end); ``end`` is not included."""
 
     ranges: tuple[tuple[int, int], ...]
 
@@ -57,7 +59,7 @@ class CaseSelection:
 
     @property
     def are_first(self) -> bool:
-        """True if all cases below the last one are selected."""
+        """True if the cases are 0, 1, 2, ... without a gap, or there are none."""
         return self.count == self.end
 
     def __contains__(self, number: int) -> bool:
@@ -117,22 +119,23 @@ class CaseSelection:
         return self.within(other).count
 
     def doubling(self, first: int) -> "Iterator[CaseSelection]":
-        """Consecutive ranges of all cases below the end: ``first`` cases, as many again, twice as
-        many, ..."""
+        """Consecutive selections that together are all cases below `end`: ``first`` cases, as many
+        again, twice as many, four times as many, ..."""
         start, end = 0, first
         while start < self.end:
             yield CaseSelection(((start, min(end, self.end)),))
             start, end = end, 2 * end
 
     def split(self, size: int) -> Iterator[tuple[int, int]]:
-        """Ranges (first, end) of at most ``size`` cases."""
+        """Split the selection into ranges (first, end) of at most ``size`` cases."""
         for first, end in self.ranges:
             for start in range(first, end, size):
                 yield start, min(start + size, end)
 
 
 def parse(text: str) -> CaseSelection:
-    """Selection from text: case numbers, ``25:50,73``, or a number of first cases."""
+    """Selection from text: case numbers, ``25:50,73``, or a number of first cases. Raises
+    InputError."""
     selection = read(text)
     return CaseSelection.first(selection) if isinstance(selection, int) else selection
 
@@ -143,17 +146,19 @@ def read(value: Any, name: str = "cases") -> int | CaseSelection:
     Parameters
     ----------
     value : int, str, iterable of int or CaseSelection
+        A number of cases, ``1000`` or ``"1e6"``; or case numbers, ``"25:50,73"`` or ``[3, 17]``.
     name : str
-        For errors.
+        Name of the value in errors.
 
     Returns
     -------
     int or CaseSelection
+        int for a number of cases, CaseSelection for case numbers.
 
     Raises
     ------
     InputError
-        With the allowed values.
+        If the value is neither, or a number is out of range; the message has the allowed values.
     """
     if isinstance(value, CaseSelection):
         return value

@@ -32,7 +32,17 @@ _MIN_PROBABILITY = 1e-300  # of a probability
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sampler of ``cases`` cases and correlations of parameters."""
+    """Sampler of a case table, and the correlations of its parameters.
+
+    Attributes
+    ----------
+    sampler : str
+        "random", "lhs", "sobol" or "saltelli".
+    cases : int
+        Number of cases of the whole sample, which the samplers of `SIZE_DEPENDENT` need.
+    copulas : tuple of Copula
+        Gaussian copulas of correlated parameters.
+    """
 
     sampler: str = "random"
     cases: int = 0
@@ -52,6 +62,7 @@ def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
     path : str
         TOML path of the parameter, without unit.
     first, count : int
+        Number of the first case, and number of cases.
 
     Returns
     -------
@@ -69,26 +80,27 @@ def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:
-    """Random generator for a purpose that is no parameter path."""
+    """Random generator that follows from a seed and a purpose, independent of all streams of
+    parameters."""
     return np.random.Generator(np.random.Philox(key=_key(seed, f"{purpose}:")))
 
 
 def _key(seed: int, path: str) -> int:
-    """Key of a random stream."""
+    """Key, 128 bits, of the random stream of a seed and a parameter path or purpose."""
     text = f"{seed}:{path}".encode()
     return int.from_bytes(hashlib.blake2b(text, digest_size=16).digest(), "little")
 
 
 @lru_cache(maxsize=64)
 def _strata(seed: int, path: str, cases: int) -> np.ndarray:
-    """Stratum (cases,) of each case of a Latin hypercube in one parameter."""
+    """Stratum (cases,), 0 to ``cases`` - 1, of each case of a Latin hypercube in one parameter."""
     generator = np.random.Generator(np.random.Philox(key=_key(seed, f"{path}:strata")))
     return generator.permutation(cases)
 
 
 def _sobol(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
-    """Points of a scrambled Sobol sequence (dimensions, count), at the centres of their cells:
-    never 0 or 1."""
+    """Points ``first`` to ``first + count`` - 1 of a scrambled Sobol sequence (dimensions, count),
+    at the centres of their cells: never 0 or 1."""
     from scipy.stats import qmc  # noqa: PLC0415  (1 s that other samplers do not need)
 
     points = qmc.Sobol(dimensions, bits=_SOBOL_BITS, rng=np.random.default_rng(seed))
@@ -100,7 +112,8 @@ def _sobol(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
 
 
 def _saltelli(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
-    """Cases of a Saltelli design (dimensions, count).
+    """Probabilities (dimensions, count) of cases ``first`` to ``first + count`` - 1 of a Saltelli
+    design.
 
     Group g uses both halves of point g // `REPLICATES` of Sobol sequence g % `REPLICATES`.
     """
@@ -122,7 +135,8 @@ def _saltelli(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
 
 
 def size_fault(sampling: Sampling, dimensions: int) -> str:
-    """Reason why a sampler cannot have this number of cases; empty if it can."""
+    """Reason why a sampler cannot sample its number of cases with this number of dispersed
+    parameters (``dimensions``); empty if it can."""
     size = dimensions + 2
     if sampling.sampler in SIZE_DEPENDENT and sampling.cases * dimensions > DESIGN_NUMBERS:
         max_cases = DESIGN_NUMBERS // dimensions
@@ -151,6 +165,7 @@ def probabilities(
     paths : sequence of str
         Of the parameters.
     seed, first, count : int
+        Seed, number of the first case, and number of cases.
     sampling : Sampling
 
     Returns
@@ -186,7 +201,8 @@ def _correlate(u: np.ndarray, copula: Copula) -> None:
 def _mix_scores(
     rows: np.ndarray, copula: Copula, scores: Sequence[np.ndarray] | np.ndarray
 ) -> list[int]:
-    """Write correlated scores into rows (d, n), made of independent ``scores``.
+    """Write correlated scores into ``rows`` (d, n), made of the independent ``scores`` (k, n) of
+    the k parameters of a copula.
 
     Returns the indices of the rows written; other rows keep their bits.
     """
@@ -254,6 +270,7 @@ def sample(
     ----------
     dispersions : tuple of Dispersion
     seed, first, count : int
+        Seed, number of the first case, and number of cases.
     sampling : Sampling
 
     Returns
@@ -310,7 +327,7 @@ def correlated_scores(scores: np.ndarray, copulas: Sequence[Copula]) -> np.ndarr
 
 def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ...]:
     """The scene with all dispersed parameters at their minimum, and at their maximum; empty without
-    dispersions."""
+    dispersions. Extremes of a continuous distribution are its quantiles at 1e-6 and 1 - 1e-6."""
     if not dispersions:
         return ()
     ends = [_range(d) * d.parameter.factor for d in dispersions]
@@ -322,7 +339,8 @@ def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ..
 
 
 def _range(dispersion: Dispersion) -> np.ndarray:
-    """Minimum and maximum (2,) of a distribution, in the unit of the parameter's key."""
+    """Minimum and maximum (2,) of a distribution, of a continuous one the quantiles at 1e-6 and 1 -
+    1e-6, in the unit of the parameter's key."""
     if dispersion.distribution == "discrete":
         return np.array([min(dispersion.numbers), max(dispersion.numbers)])
     return quantile(dispersion, np.array([_TAIL_PROBABILITY, 1.0 - _TAIL_PROBABILITY]))

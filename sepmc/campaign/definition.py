@@ -34,7 +34,6 @@ from sepmc.scene.read import CampaignFile
 from sepmc.scene.units import unit_text
 from sepmc.schema import Column
 
-# keys of [run] that change no row, and the path of the sample table, which has a digest of its own
 _NO_OUTCOME = (
     "title",
     "name",
@@ -43,6 +42,7 @@ _NO_OUTCOME = (
     "scenario",
     "measurement",
 )  # keys of a file that change no row
+# keys of [run] that change no row, and the path of the sample table, which has a digest of its own
 _NOT_IN_DIGEST = ("cases", "seed", "chunk", "samples")
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
@@ -95,13 +95,14 @@ def _without_none(node: Any) -> Any:
 
 
 class Definition:
-    """Definition of a campaign.
+    """Scene and dispersions of a campaign, and the columns and samples that follow from them.
 
     Parameters
     ----------
     file : CampaignFile
+        Parsed campaign file.
     settings : mapping of str to str, optional
-        Texts of the values that replaced those of the file, by TOML path.
+        Texts of the values that replaced those of the file, by TOML path; for titles.
     """
 
     def __init__(self, file: CampaignFile, settings: Mapping[str, str] | None = None):
@@ -144,7 +145,8 @@ class Definition:
 
     @cached_property
     def rare_values(self) -> tuple[RareValue, ...]:
-        """Values, and pairs of values, that have a probability in the file."""
+        """Values of discrete distributions, and pairs of values of correlated ones, whose
+        occurrences are counted; see `sepmc.analysis.rare_values`."""
         return rare_values(self.file.dispersions, self.file.copulas)
 
     @property
@@ -169,7 +171,8 @@ class Definition:
 
     @property
     def reference(self) -> dict[str, dict[str, float]] | None:
-        """Reference statistics by outcome: the given ones of mean, sigma, min and max."""
+        """Reference statistics of the file by outcome: those of mean, sigma, min and max that it
+        gives; None if it has no reference."""
         if self.file.reference is None:
             return None
         outcome = msgspec.to_builtins(self.file.reference.outcome)
@@ -197,7 +200,7 @@ class Definition:
 
     @cached_property
     def columns(self) -> list[Column]:
-        """Columns of the case table."""
+        """Columns of the case table: case number, status, inputs and results."""
         head = [
             Column("case", "1", "number of the case"),
             Column("status", "", "ok, or why the case failed"),
@@ -217,7 +220,7 @@ class Definition:
 
     @cached_property
     def slots(self) -> np.ndarray:
-        """Indices of the dispersed parameters in the parameter vector of the kernel."""
+        """Indices (d,) of the dispersed parameters in the parameter vector of the kernel."""
         return np.array(
             [self.layout.slots[d.parameter.path] for d in self.file.dispersions], dtype=np.int64
         )
@@ -248,7 +251,7 @@ class Definition:
         return inputs_si
 
     def ends_before_start(self, inputs_si: np.ndarray) -> np.ndarray:
-        """Find cases with a load that ends before it starts.
+        """Find cases with a load that ends before it starts, or at its start.
 
         Parameters
         ----------
@@ -258,6 +261,7 @@ class Definition:
         Returns
         -------
         ndarray of bool, shape (n,)
+            True for these cases.
         """
         index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         is_early = np.zeros(len(inputs_si), dtype=bool)
@@ -280,9 +284,9 @@ class Definition:
 
     @property
     def ordered_text(self) -> bytes:
-        """Text of all that determines the outcomes of a case, in the order of the file, in which
-        parameters and columns are."""
-        return msgspec.json.encode(self._contents)
+        """JSON text of all that determines the outcomes of a case, in the order of the file, which
+        is that of parameters and columns. A file and its resolved copy have the same text."""
+        return msgspec.json.encode(_as_written(self._contents))
 
     @property
     def _contents(self) -> dict[str, Any]:
@@ -295,7 +299,7 @@ class Definition:
 
     @property
     def inputs_digest(self) -> str:
-        """Digest of the sample table; empty without one."""
+        """Digest of the columns of the sample table that give inputs; empty without a table."""
         used = [d.column for d in self.file.dispersions if d.column]
         return self.file.input_table.digest(used) if self.file.input_table else ""
 
@@ -374,17 +378,19 @@ class Definition:
                 self.sampling_of(selection)
                 return CaseSelection.first(selection), selection
             if selection > of_file.count:
-                raise InputError(f"cases = {selection}: {inputs.path.name} has {of_file.count}")
+                table = inputs.path.name
+                raise InputError(f"cases = {selection}: {table} has only {of_file.count} cases")
             selection = CaseSelection.of(inputs.numbers[:selection])
         fixed = inputs is not None or self.scene.run.sampler in SIZE_DEPENDENT
         if fixed and (missing := selection.count - selection.count_common(of_file)):
-            raise InputError(f"cases = {selection}: {missing} of them are not among {of_file}")
+            message = f"{missing} of them are not among {of_file}, the cases of the file"
+            raise InputError(f"cases = {selection}: {message}")
         total = max(of_file.end, selection.end)
         self.sampling_of(total)
         return selection, total
 
     def sampling_of(self, total: int | None = None) -> cases.Sampling:
-        """Sampling of cases.
+        """Sampler, number of cases and correlations of a sample.
 
         Parameters
         ----------
@@ -409,14 +415,15 @@ class Definition:
 
     @property
     def design(self) -> str:
-        """Sampling design, a key of `sepmc.analysis.variance_indices.ESTIMATORS`: sampler or sample
-        table."""
+        """Sampling design, a key of `sepmc.analysis.variance_indices.ESTIMATORS`: the name of the
+        sampler, or `PLAN` if a sample table gives inputs that are otherwise random or a Latin
+        hypercube."""
         sampler = self.scene.run.sampler
         return PLAN if self.file.input_table and sampler in ("random", LHS) else sampler
 
     @property
     def correlated(self) -> list[list[str]]:
-        """Columns of correlated inputs, group by group."""
+        """Names of the columns of correlated inputs, a list for each group."""
         dispersions = self.file.dispersions
         return [[dispersions[k].parameter.column for k in c.places] for c in self.file.copulas]
 
@@ -453,8 +460,8 @@ class Definition:
         )
 
     def nominal(self) -> Case:
-        """Nominal case, with the values that all cases share: the zero of ``alpha_ref``, and the
-        separation signs.
+        """Nominal case, with the values that follow from the nominal scene and that all cases
+        share: the direction that ``alpha_ref`` counts from, and the separation signs of joints.
 
         Returns
         -------
@@ -522,3 +529,21 @@ class Definition:
                 principal = np.linalg.eigvalsh(tensors)
                 is_broken |= (principal[:, 0] > 0.0) & breaks_triangle(principal)
         return int(np.count_nonzero(is_broken))
+
+
+def _as_written(value: Any) -> Any:
+    """A tree of TOML values in the order of a resolved campaign file: values, arrays of tables,
+    tables. Values and tables keep their order; arrays of tables are sorted by key."""
+    if isinstance(value, list):
+        return [_as_written(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+
+    def order(item: tuple[str, Any]) -> tuple[int, str]:
+        key, content = item
+        if isinstance(content, dict):
+            return 2, ""
+        is_array_of_tables = isinstance(content, list) and any(isinstance(x, dict) for x in content)
+        return (1, key) if is_array_of_tables else (0, "")
+
+    return {key: _as_written(content) for key, content in sorted(value.items(), key=order)}

@@ -39,7 +39,7 @@ Settings = dict[str, float]
 
 @dataclass(frozen=True)
 class DesignVariable:
-    """A number of a design, and the parameters that take it.
+    """A design variable: its range, and the parameters that take its value.
 
     Attributes
     ----------
@@ -48,6 +48,7 @@ class DesignVariable:
     low, high : float
         Ends of its range, in that unit.
     parameters : tuple of Parameter
+        Several if the key has wildcards.
     """
 
     key: str
@@ -56,12 +57,13 @@ class DesignVariable:
     parameters: tuple[Parameter, ...]
 
     def at(self, share: float) -> float:
-        """Value at a fraction of the range."""
+        """Value at a fraction of the range: 0 is ``low``, 1 is ``high``."""
         return (1.0 - share) * self.low + share * self.high
 
 
 def design_variables(campaign: Definition, vary: Any) -> tuple[DesignVariable, ...]:
-    """Design variables from ranges by TOML path, which may have wildcards.
+    """Design variables, one for each entry of ``vary``: ranges (low, high) by TOML path, which may
+    have wildcards.
 
     Raises
     ------
@@ -87,14 +89,14 @@ def design_variables(campaign: Definition, vary: Any) -> tuple[DesignVariable, .
 
 
 def _range(key: str, ends: Any) -> tuple[float, float]:
-    """Lowest and highest value. Raises InputError."""
+    """Lowest and highest value of the range ``ends`` of a path ``key``. Raises InputError."""
     try:
         low, high = (float(end) for end in ends)
     except (TypeError, ValueError):
         reason = f"must be the lowest and the highest value, as in {_EXAMPLE}"
         raise InputError(f"vary, {key} = {shorten(ends)}: {reason}") from None
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise InputError(f"vary, {key} = ({low:g}, {high:g}): must be finite, and rise")
+        raise InputError(f"vary, {key} = ({low:g}, {high:g}): must be finite, lowest value first")
     return low, high
 
 
@@ -123,7 +125,7 @@ class DerivedNumber:
     slopes: tuple[float, ...]
 
     def at(self, shares: Sequence[float]) -> float:
-        """Value at fractions of the ranges."""
+        """Value (SI) at fractions of the ranges of the design variables."""
         return self.start + sum(s * t for s, t in zip(self.slopes, shares, strict=True))
 
 
@@ -144,7 +146,8 @@ class DesignBox(Definition):
 
     @classmethod
     def of(cls, campaign: Any, vary: Any) -> "DesignBox":
-        """Box of a campaign. Raises InputError or SceneError if there can be none."""
+        """Box of a campaign, for ranges ``vary`` as in `design_variables`. Raises InputError or
+        SceneError if the designs cannot share a kernel."""
         variables = design_variables(campaign, vary)
         low, high, middle = (
             campaign.with_settings({v.key: v.at(share) for v in variables})
@@ -174,12 +177,12 @@ class DesignBox(Definition):
         return box
 
     def layout_of(self, definition: Definition) -> ParameterLayout:
-        """Parameter vector of a design."""
+        """Layout of the parameter vector, with the nominal values of a design."""
         return make_parameter_layout(definition.scene, self.dispersed)
 
     @cached_property
     def variable_of_column(self) -> dict[int, int]:
-        """Design variable of each varied column of the inputs."""
+        """Index of the design variable, by the index of each input column that it gives."""
         columns = {d.parameter.path: k for k, d in enumerate(self.file.dispersions)}
         return {
             columns[parameter.path]: i
@@ -193,7 +196,8 @@ class DesignBox(Definition):
         return np.append(self.slots, np.array([d.index for d in self.derived], dtype=np.int64))
 
     def check_designs(self, designs: np.ndarray) -> np.ndarray:
-        """Designs (m, variables). Raises InputError if one is outside the box."""
+        """Return designs (m, variables), in the units of the variables, unchanged. Raises
+        InputError if one is outside the box."""
         if designs.ndim != 2 or not len(designs) or designs.shape[1] != len(self.variables):
             keys = ", ".join(v.key for v in self.variables)
             raise InputError(f"design: needs {len(self.variables)} values, of {keys}")
@@ -206,7 +210,8 @@ class DesignBox(Definition):
         return designs
 
     def values_of(self, design: Any) -> list[Any]:
-        """Values of a design in the order of the variables. Raises InputError."""
+        """Values of a design, given by key or in order, in the order of the variables. Raises
+        InputError if a key is missing or not varied."""
         if not isinstance(design, Mapping):
             return list(np.atleast_1d(design))
         keys = [v.key for v in self.variables]
@@ -219,7 +224,8 @@ class DesignBox(Definition):
 
 
 def _extent(low: Dispersion, high: Dispersion) -> list[float]:
-    """Range of a dispersed parameter whose nominal is varied, in the unit of its key."""
+    """Lowest and highest value of a dispersed parameter whose nominal is varied, in the unit of its
+    key; ``low`` and ``high`` are its distributions at the ends of the design variable."""
     u = np.array([_TAIL, 0.5, 1.0 - _TAIL])
     values = np.concatenate([quantile(low, u), quantile(high, u)])
     values = values[low.allowed(values)] if low.has_tails else values
@@ -236,7 +242,10 @@ def _check_signs(box: DesignBox) -> None:
         if any(p.path.startswith("joint.") or ".cg." in p.path for p in v.parameters)
     ]
     if len(variables) > _MAX_GEOMETRIC:
-        raise InputError(f"vary: at most {_MAX_GEOMETRIC} variables of mass centres and joints")
+        raise InputError(
+            f"vary: {len(variables)} variables of mass centres and joints: must be at most "
+            f"{_MAX_GEOMETRIC}"
+        )
     signs = {joint: separation_sign(box.scene, joint) for joint in box.scene.joint}
     for corner in itertools.product((0.0, 1.0), repeat=len(variables)):
         values = {
@@ -254,7 +263,8 @@ def _check_signs(box: DesignBox) -> None:
 
 
 def _check_distributions(box: DesignBox) -> None:
-    """Raise InputError if a dispersed parameter does not follow the value of a design."""
+    """Raise InputError if the quantiles of a varied dispersed parameter do not change in proportion
+    to the value of its design variable."""
     u = np.array([_TAIL, 0.3, 0.8])
     laws = [end.file.dispersions for end in box.ends]
     for k, i in box.variable_of_column.items():
@@ -285,7 +295,7 @@ def _derived_numbers(box: DesignBox, single: Sequence[ParameterLayout]) -> Itera
     if not all(_have_one_model(box.layout, layout) for layout in (low, high, middle, *single)):
         raise InputError(
             "vary: these designs change tables, outlines or the side to which a joint opens, "
-            "which all cases of a run share; run them by with_settings"
+            "which all cases of a run share; run each design with Campaign.with_settings"
         )
     layouts = [high, middle, *single]
     changes = [~_equal(layout.nominal, low.nominal) for layout in layouts]
@@ -301,8 +311,8 @@ def _derived_numbers(box: DesignBox, single: Sequence[ParameterLayout]) -> Itera
             size = max(abs(start), abs(value), *map(abs, slopes))
             if not abs(value - expected) <= LEVEL * size:
                 raise InputError(
-                    "vary: a number that follows from these designs is not linear in them; run "
-                    "them by with_settings"
+                    "vary: a number that is computed from these parameters is not linear in them; "
+                    "run each design with Campaign.with_settings"
                 )
         yield number
 

@@ -20,13 +20,15 @@ def of_run(manifest: Mapping[str, Any]) -> str:
 
 
 def of_case(campaign: str, number: int | None, settings: Mapping[str, str]) -> str:
-    """Title of one case, or of the nominal case."""
+    """Title of one case, or of the nominal case if ``number`` is None; a second line has the
+    settings by TOML path."""
     which = "nominal case" if number is None else f"case {number}"
     return f"{campaign}, {which}{of_settings(settings)}"
 
 
 def of_settings(settings: Mapping[str, str]) -> str:
-    """Line on settings by TOML path, with a leading line break; empty without settings."""
+    """Line on settings by TOML path, with a leading line break; empty without settings besides
+    number of cases, seed and sampler."""
     texts = [f"{path} = {text}" for path, text in settings.items() if path not in _IN_TITLE]
     n_more = len(texts) - _MAX_SETTINGS
     if n_more > 0:
@@ -35,7 +37,8 @@ def of_settings(settings: Mapping[str, str]) -> str:
 
 
 def as_text(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Texts of settings for titles: names of files, and other values cut to a maximum length."""
+    """Texts of settings by TOML path, for titles: the name of a sample table, and other values cut
+    to a maximum length."""
     shown = {}
     for path, value in settings.items():
         text = Path(value).name if path == "run.samples" else str(value)

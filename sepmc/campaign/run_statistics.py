@@ -44,11 +44,13 @@ class RunStatistics:
 
     @property
     def accuracy(self) -> Mapping[str, Any]:
-        """Accuracy record of the manifest."""
+        """Entry ``accuracy`` of the manifest, on steps and numerical error; empty if there is
+        none."""
         return self.manifest.get("accuracy") or {}
 
     def as_json(self, units: dict[str, str], table: pd.DataFrame | None = None) -> dict[str, Any]:
-        """Content of ``statistics.json``, or the same for some rows of the ``table`` only."""
+        """Content of ``statistics.json``. ``units`` are those of the outcomes, by name; ``table``
+        has some rows of the statistics, if not all are wanted."""
         return result_files.statistics_as_json(
             self.table if table is None else table,
             self.summary.counts,
@@ -61,7 +63,8 @@ class RunStatistics:
 
 
 def numerical_errors(accuracy: Mapping[str, Any]) -> dict[str, float]:
-    """Numerical error of each outcome by the accuracy record of a manifest; null is infinite."""
+    """Relative numerical error by outcome, from the accuracy record of a manifest, in which null
+    stands for an infinite error."""
     errors = accuracy.get("errors", {})
     return {name: math.inf if error is None else error for name, error in errors.items()}
 
@@ -83,6 +86,10 @@ def evaluate(
         Manifest of the run.
     with_reference : bool
         Put the reference values of the campaign beside the statistics.
+
+    Returns
+    -------
+    RunStatistics
     """
     errors = numerical_errors(manifest.get("accuracy") or {})
     table = summary.statistics(campaign.reference if with_reference else None)
@@ -111,7 +118,8 @@ def read_summary(folder: Path, campaign: Definition) -> TableStatistics | Stream
 
 
 def read_run(folder: Path, campaign: Definition) -> RunStatistics:
-    """Evaluate the case rows of a run folder."""
+    """Statistics, audit and verdicts of a run folder, computed from its case rows. Raises
+    StoreError."""
     manifest = manifests.read_manifest(folder)
     return evaluate(campaign, read_summary(folder, campaign), manifest)
 
@@ -119,8 +127,8 @@ def read_run(folder: Path, campaign: Definition) -> RunStatistics:
 def write(
     folder: Path, campaign: Definition, summary: TableStatistics | StreamingStatistics
 ) -> RunStatistics:
-    """Write ``statistics.csv`` and ``statistics.json`` of a run into its folder, and
-    ``histograms.csv`` if the folder has no case rows.
+    """Evaluate a run, and write ``statistics.csv`` and ``statistics.json`` into its folder, and
+    ``histograms.csv`` if it stores statistics instead of the rows of all cases.
 
     Raises
     ------

@@ -11,8 +11,9 @@ from sepmc.text_table import text_table
 
 
 def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]) -> str:
-    """Render the table of inputs, the proposal, its lines for the file, and the verdicts of the run
-    with fresh cases. ``settings`` are those of the command line."""
+    """Render an allocation as text: table of inputs, proposed spreads as lines for the campaign
+    file, verdicts of the run with fresh cases, and the command that repeats that run. ``file`` and
+    ``settings`` are those of the command line."""
     table = allocation.table
     head = [
         "input",
@@ -84,7 +85,8 @@ def _without_proposal(allocation: Allocation) -> str:
 
 
 def _change(row: Mapping[Any, Any], name: str) -> list[str]:
-    """Change of the probability, and its interval."""
+    """Texts of the change of the probability and of its interval, if the spread is halved (``name``
+    is "half") or doubled ("double"); dashes if it is not known."""
     if row[name] != row[name]:
         return ["-", "-"]
     interval = f"{row[f'{name}_low']:+.3g} to {row[f'{name}_high']:+.3g}"
@@ -96,7 +98,7 @@ def _passes(row: Mapping[Any, Any]) -> str:
 
 
 def _file_lines(settings: Mapping[str, Any]) -> list[str]:
-    """Lines of [dispersion] in a campaign file."""
+    """Lines of the table [dispersion] in a campaign file, from distributions by TOML path."""
     return [
         f'"{key.removeprefix("dispersion.")}" = {_inline(value)}' for key, value in settings.items()
     ]

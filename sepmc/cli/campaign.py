@@ -227,7 +227,8 @@ def _run(
 def _executor(
     workers: int | None, address: str | None, threads: int | None
 ) -> "AbstractContextManager[DaskExecutor | None]":
-    """Start the requested workers, or connect to them."""
+    """Context manager that starts ``workers`` processes or connects to those at ``address``, and
+    yields their executor; None if neither is given. Raises InputError without Dask."""
     if workers is None and address is None:
         return nullcontext()
     from sepmc.scene.messages import InputError

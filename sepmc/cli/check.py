@@ -138,8 +138,8 @@ def _input_warnings(campaign: "Campaign") -> list[str]:
 
 
 def _check_nominal(campaign: "Campaign", known: list[str]) -> bool:
-    """Simulate the nominal case roughly, and print warnings that are not ``known``. Returns whether
-    the case ended within the work that a check may take."""
+    """Simulate the nominal case roughly, and print warnings that are not ``known``. Returns False
+    if the case did not end within the work that a check may take."""
     from sepmc.campaign.execution.diagnostics import nominal_notes
     from sepmc.campaign.execution.single_case import UnknownError
     from sepmc.scene.messages import SceneWarning, no_log

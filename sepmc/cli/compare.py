@@ -177,7 +177,8 @@ def _resampled(
 
 
 def _sampling(manifest: Mapping[str, Any], campaign: "Campaign") -> tuple[Any, ...]:
-    """Return what determines the samples of a case, except the distributions."""
+    """Return seed, sampler, jointly sampled parameters and number of cases, as far as the samples
+    of a case depend on them; two runs with equal tuples have the same random numbers."""
     from sepmc.campaign.cases import SIZE_DEPENDENT
     from sepmc.scene.model import SALTELLI
 
@@ -190,7 +191,8 @@ def _sampling(manifest: Mapping[str, Any], campaign: "Campaign") -> tuple[Any, .
 
 
 def _distributions(campaign: "Campaign") -> dict[str, tuple[Any, ...]]:
-    """Return the distribution of each input, by column, with its correlations."""
+    """Return a tuple for each input, by column, that determines its distribution and its
+    correlations; equal tuples are equal distributions."""
     dispersions = campaign.file.dispersions
     distributions: dict[str, tuple[Any, ...]] = {
         d.parameter.column: (d.distribution, d.numbers, d.weights) for d in dispersions
@@ -204,7 +206,8 @@ def _distributions(campaign: "Campaign") -> dict[str, tuple[Any, ...]]:
 def _samples(
     rows: Sequence[Any], tables: Sequence[Any], names: list[str]
 ) -> "dict[str, tuple[np.ndarray, np.ndarray]]":
-    """Return the finite values of outcomes in both runs; constant outcomes at their value."""
+    """Return the finite values (n,) and (m,) of the ok cases of two runs by outcome; those of a
+    constant outcome are all its constant value."""
     import numpy as np
 
     from sepmc.analysis.constant_outcomes import constant_value, is_constant

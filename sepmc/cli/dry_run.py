@@ -25,8 +25,8 @@ def show_forecast(
     stats_only: bool,
     compile_command: Sequence[str],
 ) -> None:
-    """Show rows, disk, memory and time of a campaign; write nothing. If its kernel is not compiled,
-    ``compile_command`` is shown in place of the time."""
+    """Show rows, disk, memory and time of a run of a campaign into a folder; write nothing. If its
+    kernel is not compiled, the words ``compile_command`` are shown in place of the time."""
     from sepmc.campaign.execution.forecast import forecast, size_text, time_text
     from sepmc.campaign.execution.step_selection import kernel_text, select_steps, units_to_compile
 
@@ -74,7 +74,8 @@ def _time_per_case(
     total: int,
     separation: list[Any],
 ) -> tuple[float, int]:
-    """Measure the seconds to sample and integrate one case, and the number of cases measured."""
+    """Measure the seconds to sample and integrate one case, on the first cases of a selection;
+    returns them and the number of cases measured."""
     from sepmc.campaign.execution.integration import history_rows
     from sepmc.campaign.execution.integration import integrate as integrate_samples
 

@@ -42,7 +42,9 @@ def export(folder: Path, kind: str, histories: bool, out: Path | None, overwrite
     if histories:
         table = result.histories()
         if table is None:
-            raise folders.StoreError(f"{folder}: contains no histories; give run.history_step_s")
+            raise folders.StoreError(
+                f"{folder}: contains no histories; run it again with run.history_step_s > 0"
+            )
         name, values = "histories", {str(key): table[key].to_numpy() for key in table}
     units = shards.units(folder, folders.HISTORIES if histories else folders.CASES)
     meanings = {column.name: column.meaning for column in result.campaign.columns}

@@ -51,8 +51,8 @@ _EVENT_KINDS = (
 
 @contextmanager
 def drawing_process(wanted: bool) -> "Iterator[Executor | None]":
-    """Yield a second process that is ready to draw, or None if there is one core only; it takes a
-    second to start."""
+    """Context manager: yield an executor of one process that is ready to draw, after a second to
+    start; yield None if it is not ``wanted`` or there is one core only."""
     if not wanted or (os.cpu_count() or 1) == 1:
         yield None
         return
@@ -90,7 +90,9 @@ def draw_figures(
     table : DataFrame, optional
         Statistics with numerical errors; default those of ``summary``.
     verdicts : sequence of Verdict
+        Verdicts on requirements, whose figure is drawn if there are any.
     log : callable (text)
+        Called with a message if not all histograms are drawn.
     every : bool
         Draw a histogram of every outcome; otherwise of the first twelve by rank.
     separate : bool
@@ -107,6 +109,7 @@ def draw_figures(
     Returns
     -------
     list of Path
+        Files written.
     """
     from sepmc.analysis.constant_outcomes import collapse_constant, constant_value, is_constant
 
@@ -198,7 +201,7 @@ def _draw_histograms(*arguments: Any, **options: Any) -> list[Path]:
 def _draw_bands(
     folder: Path, into: Path, units: dict[str, str], about: str, suffix: str
 ) -> list[Path]:
-    """Draw bands of the histories stored in a run folder."""
+    """Draw percentile bands of the histories stored in a run folder; returns the files written."""
     from sepmc.campaign.store import shards
 
     below = shards.case_after(folder, _BANDED)
@@ -223,7 +226,7 @@ def draw_fractions(
 ) -> list[Path]:
     """Draw the fraction of cases beyond each requirement, and how the means of the ``converged``
     outcomes converge; nothing if the run has no rows. ``constants`` maps constant outcomes to their
-    values."""
+    values. Returns the files written into the folder ``into``."""
     import numpy as np
 
     from sepmc.analysis.statistics import column, ok_rows
@@ -291,8 +294,8 @@ def _distinct(names: list[str], table: "pd.DataFrame") -> list[str]:
 
 
 def _rank(outcome: str, events: tuple[str, ...]) -> float:
-    """Return the rank of an outcome. Outcomes of ``events`` (prefixes of their names) come just
-    before those of the same kind."""
+    """Return the rank of an outcome; the lowest comes first. Outcomes of ``events`` (prefixes of
+    their names) come just before those of the same kind."""
     if outcome.startswith(events):
         for part, kind in _EVENT_KINDS:
             if part in outcome:

@@ -38,7 +38,9 @@ def fit(folder: Path, outcomes: tuple[str, ...]) -> None:
     names = [str(name) for name in table.index if not is_yes_or_no(str(name))]
     for name in outcomes:
         if name not in names:
-            raise folders.StoreError(f"{name}: is yes or no, so it has no distribution to fit")
+            raise folders.StoreError(
+                f"{name}: is yes or no, so it has no distribution to fit; give another outcome"
+            )
     constants = [name for name in names if constant_outcomes.is_constant(table, name)]
     fits = distributions.fit_distributions(shards.CaseColumns(folder), names, constants)
     shown = list(outcomes) or ranked_outcomes(campaign, table)[:_SHOWN]

@@ -23,16 +23,32 @@ _DEFAULT = 4  # outcomes that are analysed unless some are named
 
 @dataclass
 class InputSensitivity:
-    """Sensitivities of outcomes, and attribution of failures."""
+    """Sensitivities of outcomes, and attribution of failures.
 
-    sensitivities: dict[str, pd.DataFrame]  # a row per input, by outcome
-    attributions: dict[str, list[failure_attribution.Attribution]]  # by kind of failure
-    failures: dict[str, str]  # sentence on the number of failed cases, by kind of failure
-    keys: dict[str, str]  # path of each input in the file, by column
-    design: str = "random"  # sampling design of the run
+    Attributes
+    ----------
+    sensitivities : dict of str to DataFrame
+        By outcome: a row per input.
+    attributions : dict of str to list of Attribution
+        By kind of failure (requirement, status, missing outcome): inputs that distinguish its
+        cases.
+    failures : dict of str to str
+        By kind of failure: sentence on the number of its cases.
+    keys : dict of str to str
+        TOML path of each input, by column.
+    design : str
+        Sampling design of the run; see `Definition.design`.
+    """
+
+    sensitivities: dict[str, pd.DataFrame]
+    attributions: dict[str, list[failure_attribution.Attribution]]
+    failures: dict[str, str]
+    keys: dict[str, str]
+    design: str = "random"
 
     def texts(self, width: int) -> tuple[list[str], list[str]]:
-        """Render sensitivities and attributions as tables of ``width`` characters."""
+        """Render tables of ``width`` characters: one for each outcome's sensitivities, and one for
+        each kind of failure."""
         return (
             [
                 sensitivity.render_sensitivities(table, name, self.keys, width=width)
@@ -72,8 +88,9 @@ def check_outcomes(campaign: Campaign, names: tuple[str, ...]) -> None:
 def analyse(
     folder: Path, campaign: Campaign, run: RunStatistics, names: tuple[str, ...] = ()
 ) -> InputSensitivity:
-    """Compute sensitivities of some outcomes, by default of the first four by rank, and attribute
-    violations and failures to inputs."""
+    """Compute the sensitivities of the outcomes ``names`` of a run, by default of the first four by
+    rank, and attribute violations and failures to inputs. Raises StoreError for an unknown
+    outcome."""
     rows, table, design = shards.CaseColumns(folder), run.table, campaign.design
     check_outcomes(campaign, names)
     keys = {d.parameter.column: d.parameter.key for d in campaign.file.dispersions}
@@ -119,7 +136,8 @@ def analyse(
 def draw_sensitivities(
     drivers: InputSensitivity, folder: Path, campaign: Campaign, into: Path, suffix: str = ".png"
 ) -> list[Path]:
-    """Draw tornado charts, and outcomes over their leading inputs, into a folder."""
+    """Draw tornado charts, and outcomes over their leading inputs, of the run in ``folder`` into
+    the folder ``into``; returns the files written."""
     if not drivers.sensitivities:
         return []
     units = {c.name: c.unit for c in campaign.outcome_columns}
@@ -145,7 +163,8 @@ def draw_sensitivities(
 def draw_attributions(
     drivers: InputSensitivity, folder: Path, into: Path, suffix: str = ".png"
 ) -> list[Path]:
-    """Draw the inputs that distinguish failed cases into a folder."""
+    """Draw the inputs that distinguish the failed cases of the run in ``folder`` into the folder
+    ``into``; returns the files written."""
     known = {name: drivers.attributions[name] for name in drivers.failures}
     shown = {name: each for name, each in known.items() if each}
     if not shown:

@@ -30,7 +30,7 @@ class CaseNumbers(click.ParamType):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> "int | CaseSelection":
-        """Parse a number of cases or a selection."""
+        """Parse a number of cases (int) or case numbers (CaseSelection)."""
         from sepmc.campaign.case_selection import read
         from sepmc.scene.messages import InputError
 
@@ -116,7 +116,8 @@ OVERWRITE = overwrite_option("the run in --out")
 
 
 def out_file_option(default: str, kinds: str) -> Any:
-    """Return the option ``--out`` for a file of one of some ``kinds``."""
+    """Return the option ``--out`` for a file to write, with the ``default`` name and the ``kinds``
+    of files that its help text lists."""
     return click.option(
         "--out",
         type=click.Path(path_type=Path),
@@ -127,8 +128,8 @@ def out_file_option(default: str, kinds: str) -> Any:
 def check_out_file(
     path: Path, endings: tuple[str, ...], overwrite: bool, other: str | None = None
 ) -> None:
-    """Raise InputError unless a file has one of some ``endings`` (any if empty) and may be written.
-    ``other`` is the argument that gives the path, by default ``--out``."""
+    """Raise InputError unless a file has one of some ``endings`` (any if empty), and does not exist
+    or may be overwritten. ``other`` is the argument that gives the path, by default ``--out``."""
     from sepmc.scene.messages import InputError
 
     if endings and path.suffix.lower() not in endings:
@@ -145,8 +146,9 @@ def load_campaign(
     samples: Path | None = None,
     verify: bool = True,
 ) -> "Campaign":
-    """Read and validate a campaign file, run folder or shipped campaign, and print its warnings if
-    ``warn``. The campaign of a run folder must be unchanged if ``verify``."""
+    """Read and validate a campaign file, run folder or shipped campaign, with ``settings`` of the
+    form PATH=VALUE, and print its warnings if ``warn``. The campaign of a run folder must be
+    unchanged if ``verify``."""
     from sepmc.scene.messages import SceneWarning
     from sepmc.scene.settings import parse_setting
 
@@ -171,14 +173,15 @@ def load_run(folder: Path) -> "Campaign":
 
 
 def redundant(campaign: "Campaign") -> list[str]:
-    """Return a message for each set of joints that constrain a degree of freedom twice."""
+    """Return a message for each set of joints that constrain a degree of freedom twice; empty if
+    there is none."""
     from sepmc.scene.redundancy import redundancies
 
     return [redundancy.sentence for redundancy in redundancies(campaign.scene)]
 
 
 def undispersed(campaign: "Campaign") -> list[str]:
-    """Return a message if no parameter of a campaign is dispersed."""
+    """Return a message if no parameter of a campaign is dispersed; else an empty list."""
     if campaign.file.dispersions:
         return []
     return ["nothing is dispersed, so every case is the nominal one; give [dispersion]"]

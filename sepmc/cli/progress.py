@@ -12,7 +12,8 @@ _EVERY_S = 5.0  # between lines of progress where there is no terminal
 
 @contextmanager
 def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
-    """Yield a function (done, total, failures) that shows a bar on a terminal, else lines."""
+    """Context manager: yield a function (done, total, failures), all numbers of cases, that shows a
+    bar on a terminal, else prints lines; yield None if ``quiet``."""
     if quiet:
         yield None
         return
@@ -53,7 +54,8 @@ def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], 
 
 @contextmanager
 def check_bar(total: int, quiet: bool) -> Iterator[Callable[[str], None] | None]:
-    """Yield a function (name) that advances a bar of named checks on a terminal; None elsewhere."""
+    """Context manager: yield a function (name) that advances a bar of ``total`` named checks on a
+    terminal; yield None if ``quiet`` or elsewhere."""
     if quiet or not sys.stderr.isatty():
         yield None
         return

@@ -23,7 +23,8 @@ _STAGES = {"text": "kernel text", "steps": "step selection"}
 
 
 def screen_width() -> int:
-    """Return the characters of a table line: of the terminal, of COLUMNS, or the default."""
+    """Return the width of tables in characters: that of the terminal, of the environment variable
+    COLUMNS, or the default."""
     from sepmc.analysis.statistics_text import WIDTH
 
     if not sys.stdout.isatty() and "COLUMNS" not in os.environ:
@@ -60,7 +61,7 @@ def warn(*messages: str) -> None:
 
 
 def render_timing(result: "Result") -> str:
-    """Return the number of cases of a run, and the seconds of each stage."""
+    """Return a line of text with the number of cases of a run, and the seconds of each stage."""
     total = sum(result.status_counts.values())
     n_run = f", {total - result.resumed} of them run now" if result.resumed else ""
     return f"{total} cases{n_run}: " + ", ".join(
@@ -109,7 +110,7 @@ def render_accuracy(accuracy: Mapping[str, Any], phases: Sequence[str]) -> str:
 
 
 def _error(number: float | None) -> str:
-    """Return an error of a manifest; null is infinite."""
+    """Return the text of a relative error of a manifest, in which None stands for infinity."""
     return f"{math.inf if number is None else number:.1e}"
 
 
@@ -137,7 +138,8 @@ def render_case_error(
 
 
 def render_rare_event(estimate: "RareEventEstimate") -> str:
-    """Return a rare-event estimate: levels, probability, and inputs of the violating cases."""
+    """Return the text of a rare-event estimate: levels, probability with its interval, and inputs
+    of the violating cases."""
     from sepmc.analysis.subset_simulation import equivalent_direct_cases
 
     unit = "" if estimate.unit == "1" else f" {estimate.unit}"

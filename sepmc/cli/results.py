@@ -76,13 +76,14 @@ def show_results(
 
 
 def phases(campaign: "Campaign", accuracy: Any) -> list[str]:
-    """Return the names of the phases of an accuracy record."""
+    """Return the names of the kernel segments, by default the phases, to which the steps of an
+    accuracy record of a manifest belong."""
     return accuracy.get("stages") or [phase.name for phase in campaign.scene.phase]
 
 
 def exit_code(run: "RunStatistics", must_pass: bool) -> int:
-    """Print the first fault of a run, and return its exit code; 0 if there is none. A requirement
-    that is not shown is a fault if it ``must_pass``."""
+    """Print the first fault of a run (no ok case, audit, accuracy), and return its exit code; 0 if
+    there is none. With ``must_pass`` a requirement whose verdict is not PASS is a fault, too."""
     from sepmc.analysis.requirements import PASS
     from sepmc.schema import Status
 
@@ -161,8 +162,9 @@ def show_selected(
 
 
 def matching(table: "pd.DataFrame", columns: str | None) -> "pd.DataFrame":
-    """Return the rows of statistics whose names match a pattern; ``columns`` are separated by
-    commas, None is all."""
+    """Return the rows of a table of statistics whose outcomes match one of the patterns
+    ``columns``, separated by commas; all rows if None. Raises InputError if a pattern matches
+    none."""
     from sepmc.scene.messages import InputError, nearest
 
     if columns is None:

@@ -61,8 +61,8 @@ def sample(
     inputs = campaign.input_columns
     if selection.count * len(inputs) > PLAN_NUMBERS:
         raise InputError(
-            f"cases = {selection.count:,}: a table has room for at most "
-            f"{PLAN_NUMBERS // len(inputs):,}"
+            f"cases = {selection.count:,}: a table of {len(inputs)} inputs can have at most "
+            f"{PLAN_NUMBERS // len(inputs):,} cases"
         )
     ranges = selection.ranges
     samples = np.concatenate([campaign.sample(a, b - a, seed, total) for a, b in ranges])

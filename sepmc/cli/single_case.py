@@ -25,16 +25,36 @@ _MANIFEST = (
 
 @dataclass(frozen=True)
 class SingleRun:
-    """Options of the simulation of a single case."""
+    """Options of the simulation of a single case.
 
-    number: int | None  # of the case; None is the nominal case
-    seed: int | None  # default: the seed of the campaign
-    every_s: float  # time between rows of the history
+    Attributes
+    ----------
+    number : int or None
+        Case number; None is the nominal case.
+    seed : int or None
+        Seed of the sample; that of the campaign if None.
+    every_s : float
+        Time between rows of the history, s.
+    out : Path or None
+        Folder to write; a new one in ``runs`` if None.
+    overwrite : bool
+        Replace the run in the folder.
+    plots : bool
+        Draw figures.
+    run : Path or None
+        Run folder whose row of the case is checked; figures then show the nominal case behind.
+    animate : str or None
+        "gif" or "mp4" to write an animation, too.
+    """
+
+    number: int | None
+    seed: int | None
+    every_s: float
     out: Path | None
     overwrite: bool
     plots: bool
-    run: Path | None = None  # whose row is checked, and whose nominal case is drawn behind
-    animate: str | None = None  # gif or mp4
+    run: Path | None = None
+    animate: str | None = None
 
 
 def simulate_single(campaign: "Campaign", single: SingleRun, log: "Log") -> int:
@@ -54,7 +74,7 @@ def simulate_single(campaign: "Campaign", single: SingleRun, log: "Log") -> int:
         campaign.name if number is None else f"{campaign.name}-case{number}"
     )
     if single.animate and not is_local(folder):
-        raise folders.StoreError(f"{folder}: an animation needs a local folder; give --out one")
+        raise folders.StoreError(f"{folder}: an animation needs a local folder; give another --out")
     with folders.opened(folder, single.overwrite, resumable=False):
         start = time.perf_counter()
         history = campaign.simulate(case, every_s, log)
@@ -133,7 +153,8 @@ def _write(
 
 
 def _check_row(campaign: "Campaign", run: Path, number: int, log: "Log") -> bool:
-    """Integrate the row of a case again, and show whether its bits are those of the run."""
+    """Integrate a case again as its run did, show whether its row has the same bits, and return
+    False if it has not; True, too, if the kernel is not compiled here."""
     from sepmc.campaign.execution import replay
     from sepmc.campaign.store import manifests
 
@@ -151,7 +172,8 @@ def _check_row(campaign: "Campaign", run: Path, number: int, log: "Log") -> bool
 
 
 def _other_versions(manifest: dict[str, Any]) -> str:
-    """Return the versions and the machine of a run that differ from the present ones."""
+    """Return a text of the versions and the machine of a run, from its manifest, that differ from
+    the present ones; empty if none does."""
     from sepmc.campaign.store import manifests
 
     before, present = (
@@ -164,8 +186,9 @@ def _other_versions(manifest: dict[str, Any]) -> str:
 def check_stored(
     path: Path, number: int | None, seed: int | None, has_samples: bool = False
 ) -> None:
-    """Raise StoreError if a path is a run folder without the case of a number; with a seed of its
-    own, any case is allowed. The cases of a rare-event folder need its table of inputs."""
+    """Raise StoreError if a path is a run folder without the case ``number``; with a ``seed`` of
+    its own, or the nominal case (None), any is allowed. The folder of a rare-event estimate has
+    cases only if its table of inputs is given (``has_samples``)."""
     from sepmc.campaign.case_selection import parse
     from sepmc.campaign.store import folders, manifests
 

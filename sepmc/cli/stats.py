@@ -46,7 +46,9 @@ def stats(
     from sepmc.campaign.store import folders, result_files
 
     if result_files.read_history(folder) is not None:
-        raise folders.StoreError(f"{folder}: is a single case, which has no statistics")
+        raise folders.StoreError(
+            f"{folder}: is a single case, which has no statistics; give the folder of a campaign"
+        )
     manifest = check_rows(folder)
     campaign = load_run(folder)
     check_required(campaign, must_pass)

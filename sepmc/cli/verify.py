@@ -60,8 +60,9 @@ def _run(
     quiet: bool,
     in_this_process: Iterable[str] = (),
 ) -> list[Any]:
-    """Run the groups of a suite with a bar, print its table, or one row per group, and return all
-    lines."""
+    """Run ``function(name)`` for each of the groups ``names`` of a suite, some ``in_this_process``
+    and the others beside it, with a bar; print the table, or one row per group if ``brief``, and
+    return the lines of all groups."""
     from sepmc.validation.groups import side_by_side
 
     names = list(names)

@@ -29,7 +29,8 @@ _calls = itertools.count()
 
 
 def _enter_intrinsic(typing_context, kernel, workspace, first, arguments):
-    """Call a kernel: void (double* workspace, int64 first, int64* arguments)."""
+    """Typer of a Numba intrinsic that calls a kernel at an address: void (double* workspace, int64
+    first, int64* arguments)."""
 
     def generate(context, builder, signature, values):
         from llvmlite import ir  # noqa: PLC0415
@@ -51,8 +52,9 @@ _enter: Any = intrinsic(_enter_intrinsic)
 
 
 def _run_blocks(kernel, blocks, workspaces, size, arguments):
-    """Integrate ``blocks`` blocks of LANES cases each with the kernel at an address. The workspaces
-    of the threads are ``size`` bytes apart."""
+    """Integrate ``blocks`` blocks of LANES cases each, in parallel, with the kernel at the address
+    ``kernel``. The first workspace is at the address ``workspaces``, those of the other threads are
+    ``size`` bytes apart; ``arguments`` is the address of the sizes of all arrays."""
     for number in prange(blocks):
         _enter(kernel, workspaces + get_thread_id() * size, number * LANES, arguments)
 
@@ -86,19 +88,21 @@ def integrate(
         Numbers of steps of an interval are multiples of this.
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s.
-    history_times : float or ndarray, shape (rows, 2)
-        Interval between rows of a separation history, s, or time and segment of every row of a full
-        history.
+    history_times : float or ndarray, shape (rows, 3)
+        Interval between rows of a separation history, s. For a full history the instants of its
+        rows: time, s; number of the segment; -1 for the state just before that time, 1 for that
+        just after it, 0 where they do not differ.
     outcomes : ndarray, shape (o, n)
-        Output.
+        Output: outcomes, audit columns and error indicators, SI units.
     ends : ndarray, shape (segments, n)
-        Output: times at which segments end, s.
+        Output: times at which segments end, s. With a full history, rows for the times of changes
+        within segments follow.
     history : ndarray, shape (n, rows, columns)
         Output: for separation histories speed and distance of every joint.
     status : ndarray of int, shape (n,)
         Output: status of each case; below 0 if the kernel rejects it.
     methods : ndarray of int, shape (segments,)
-        Number of the integration method of each segment.
+        Number of the integration method among those of each segment; 0: the most accurate one.
 
     Raises
     ------
@@ -137,8 +141,9 @@ def integrate(
 
 
 def _run_serial(kernel: int, blocks: int, workspace: int, arguments: int) -> None:
-    """Run the blocks on the thread of the caller, outside of Numba's threads: the same machine code
-    of the kernel, so the same bits."""
+    """Integrate all blocks on the thread of the caller, outside of Numba's threads, by the same
+    machine code, so with the same bits. ``kernel``, ``workspace`` and ``arguments`` are addresses,
+    as in `_run_blocks`."""
     enter = CFUNCTYPE(None, *3 * (c_int64,))(kernel)
     for number in range(blocks):
         enter(workspace, number * LANES, arguments)
@@ -160,14 +165,15 @@ def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
 
 
 def compile_blocks() -> None:
-    """Compile the loop over blocks into the cache folder."""
+    """Compile the parallel loop over blocks and store its object file in the cache folder."""
     signature = types.void(*5 * (types.int64,))
     cache_files.store(NAME, *machine_code(compiled(_run_blocks, signature, parallel=True)))
 
 
 @cache
 def _loop() -> Any:
-    """Load the loop over blocks, after compiling it if it is not in the cache folder."""
+    """The loop over blocks, `_run_blocks`, as a callable: loaded from the cache folder, after
+    compiling it if it is missing there."""
     threads.in_use()  # starts the threads that the machine code uses
     return PYFUNCTYPE(None, *5 * (c_int64,))(cache_files.link_or_make(NAME, compile_blocks))
 

@@ -29,7 +29,8 @@ def put(path: Path, content: bytes) -> None:
     Raises
     ------
     OSError
-        With the reason, the folder and the setting that moves the cache.
+        If it cannot be written; with the reason, the path, and the environment variable that moves
+        the cache.
     """
     draft = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
     try:
@@ -48,7 +49,7 @@ def put_sealed(path: Path, content: bytes) -> None:
 
 
 def read_sealed(path: Path) -> bytes | None:
-    """Content of a sealed file; None if it is missing or damaged."""
+    """Content of a file that `put_sealed` wrote; None if it is missing or damaged."""
     try:
         written = path.read_bytes()
     except OSError:
@@ -95,7 +96,8 @@ def link(name: str) -> int:
 
 
 def link_or_make(name: str, make: Callable[[], None]) -> int:
-    """Link an object file, after making it if it is missing."""
+    """Address, in this process, of the function of an object file; if the file is missing or
+    damaged, ``make()`` writes it first."""
     if not is_stored(name):
         make()
     return link(name)
@@ -127,7 +129,8 @@ def _path(name: str) -> Path:
 
 
 def _read(name: str) -> tuple[list[str], bytes] | None:
-    """Symbols and machine code of an object file, read once; None if it is missing or damaged."""
+    """Symbols (as in `store`) and content of an object file, read once; None if it is missing or
+    damaged."""
     if name not in _seen:
         content = read_sealed(_path(name))
         if content is None:
@@ -138,10 +141,11 @@ def _read(name: str) -> tuple[list[str], bytes] | None:
 
 
 def _link(objects: Sequence[tuple[list[str], bytes]]) -> tuple[list[int], binding.ExecutionEngine]:
-    """Load machine code, each with its symbols; return the address of the function of each, and the
-    engine that keeps them.
+    """Load object files, each given with its symbols (as in `store`). Returns the address of the
+    function of each, and the engine that owns their code and must stay referenced.
 
-    Raises RuntimeError if symbols are missing: LLVM would load it without an error.
+    Raises RuntimeError if a symbol that they need is missing: LLVM would load them without an
+    error.
     """
     load_helpers()
     target = binding.Target.from_default_triple().create_target_machine(jit=True)

@@ -10,7 +10,8 @@ from numba.core.types.functions import BaseFunction
 
 
 def cache_call_types() -> None:
-    """Let Numba cache the types it finds, for the life of the process."""
+    """Let Numba cache, for the life of the process, the signature that it finds for a call of a
+    function with given argument types."""
     find_type = BaseFunction.get_call_type
 
     def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:

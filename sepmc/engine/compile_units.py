@@ -21,7 +21,8 @@ ALIGNMENT = 8  # addresses: the workspace behind the padded table stays aligned
 
 @formula
 def workspace(address):
-    """View of the workspace (1-D array) at a pointer; its length is not checked."""
+    """View of the workspace at a pointer to its first number, as a 1-D array of floats; its length
+    is not checked."""
     return carray(address, (_LENGTH,))
 
 
@@ -31,26 +32,32 @@ def compile_unit(codes: str) -> Any:
     Parameters
     ----------
     codes : str
-        A letter for each number: "i" integer, "f" floating point, "a" pointer to arrays.
+        A letter for each argument after the workspace: "i" integer, "f" floating point, "a" pointer
+        to arrays.
+
+    Returns
+    -------
+    callable
+        From a Python function to its compiled form, which has an address.
     """
     signature = types.void(types.CPointer(types.float64), *(_TYPES[code] for code in codes))
     return partial(compiled, signature=signature, pipeline_class=Lean)
 
 
 def callee(position: int, codes: str) -> Any:
-    """Create the function that calls a compile unit.
+    """Create the function by which compiled code calls a compile unit.
 
     Parameters
     ----------
     position : int
-        Position of the unit's address in the table.
+        Number of the unit in the order of `table`'s ``addresses``.
     codes : str
-        Types of its numbers, as in `compile_unit`.
+        Types of its arguments after the workspace, as in `compile_unit`.
 
     Returns
     -------
     intrinsic
-        Takes the workspace and the numbers.
+        Takes the workspace and these arguments.
     """
 
     def typer(typing_context, w, *numbers):
@@ -88,8 +95,8 @@ def _with_arity(arity: int, typer: Any) -> Any:
 
 
 def table(addresses: list[int]) -> np.ndarray:
-    """Addresses in the order in which they are stored in front of a workspace: padding to a whole
-    cache line, then the last unit first."""
+    """Addresses of compile units in the order in which they are stored in front of a workspace:
+    zeros up to a whole cache line, then the addresses from the last unit to the first."""
     padding = -len(addresses) % ALIGNMENT
     return np.array([*padding * [0], *reversed(addresses)], dtype=np.int64)
 

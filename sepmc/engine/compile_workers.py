@@ -26,7 +26,7 @@ _end: threading.Timer | None = None
 
 
 class Compiler:
-    """A process that compiles one module after the other."""
+    """Process that compiles modules of the cache folder, one after the other."""
 
     def __init__(self) -> None:
         self.process = subprocess.Popen(
@@ -38,8 +38,8 @@ class Compiler:
         )
 
     def compile_from(self, names: deque[str], on_done: Callable[[], None]) -> bool:
-        """Compile modules from a shared queue until it is empty. Returns True if the process
-        survived."""
+        """Compile modules, named in a queue that several threads share, until it is empty; call
+        ``on_done`` after each. Returns True if the process survived."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         while True:
@@ -54,8 +54,8 @@ class Compiler:
             on_done()
 
     def detach(self) -> None:
-        """Close the pipes without writing what they buffer, and leave the process to its parent:
-        this process is a fork of the parent."""
+        """Close this process's copies of the pipes without writing what they buffer, and forget the
+        compiling process: it belongs to the parent that this process was forked from."""
         for pipe in (self.process.stdin, self.process.stdout):
             assert pipe is not None
             nowhere = os.open(os.devnull, os.O_RDWR)
@@ -72,7 +72,8 @@ class Compiler:
 
 
 def _forget_parent() -> None:
-    """Drop the compilers of the parent process, and a lock that may be taken, after a fork."""
+    """After a fork, drop the compilers of the parent process, the timer that ends them, and a lock
+    that a thread of the parent may have taken."""
     global _compiling, _end
     _compiling, _end = threading.Lock(), None
     while _compilers:
@@ -116,7 +117,8 @@ def compile_all(names: Sequence[str], progress: Progress = lambda done, total: N
 
 
 def _compile_queue(queue: deque[str], on_done: Callable[[], None]) -> bool:
-    """Let the processes compile the modules of a queue. Returns True if all of them survived."""
+    """Compile the modules of a queue in one process for each core, and call ``on_done`` after each
+    module. Returns True if all processes survived."""
     compilers = _ready(min(os.cpu_count() or 1, len(queue)))
     with ThreadPoolExecutor(len(compilers)) as threads:
         try:
@@ -131,19 +133,20 @@ def _compile_queue(queue: deque[str], on_done: Callable[[], None]) -> bool:
 
 
 def running() -> list[Compiler]:
-    """Return the processes that are running."""
+    """Return the compiling processes that this process has started and not ended."""
     return list(_compilers)
 
 
 @atexit.register
 def end_all() -> None:
-    """End all processes."""
+    """End all compiling processes of this process."""
     while _compilers:
         _compilers.pop().end()
 
 
 def _ready(count: int) -> list[Compiler]:
-    """Return ``count`` processes: running ones first, then new ones."""
+    """Return ``count`` compiling processes that are alive: those that are running, then new
+    ones."""
     for compiler in running():
         if compiler.process.poll() is not None:
             compiler.end()
@@ -154,6 +157,6 @@ def _ready(count: int) -> list[Compiler]:
 
 
 def _end_idle() -> None:
-    """End all processes once none is compiling."""
+    """End all compiling processes, after waiting for a compilation in progress."""
     with _compiling:
         end_all()

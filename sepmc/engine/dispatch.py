@@ -75,7 +75,8 @@ class RefinementSummary:
     indicators: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def merged(self, other: "RefinementSummary") -> "RefinementSummary":
-        """Summary of the cases of this one and of another one."""
+        """Summary of the cases of this one and of another one; the indicators are those of this
+        one, or of the other one if this one has none."""
         return RefinementSummary(
             np.maximum(self.error, other.error),
             self.n_refined + other.n_refined,
@@ -87,7 +88,8 @@ class RefinementSummary:
 
 @dataclass
 class Block:
-    """Arrays that one call of a kernel fills, and the summary of the cases integrated again.
+    """Results of n cases that one call of a kernel integrated, and the summary of those that were
+    integrated again; o columns, g error indicators.
 
     Attributes
     ----------
@@ -126,20 +128,22 @@ class Block:
 
     @property
     def has_indicators(self) -> np.ndarray:
-        """Mask (n,) of the cases with all error indicators known; others are integrated again."""
+        """Mask (n,) of the cases with all error indicators known; the error of another case is only
+        known once it has been integrated again."""
         assert self.indicators is not None
         return np.asarray((self.indicators >= 0.0).all(axis=1))
 
     @property
     def turns_unclear(self) -> np.ndarray:
-        """Mask (n,) of the cases whose full turns of pitch and roll need shorter steps."""
+        """Mask (n,) of the cases whose steps were too long to count the full turns of pitch and
+        roll."""
         if self.indicators is None:
             return np.zeros(len(self.status), dtype=bool)
         return np.asarray(np.isneginf(self.indicators).any(axis=1))
 
     @property
     def has_outcomes(self) -> np.ndarray:
-        """Mask (n,) of the cases that have outcomes."""
+        """Mask (n,) of the cases that have outcomes: their status is ok or never-released."""
         return status_in(self.status, (Status.OK, Status.NEVER_RELEASED))
 
 
@@ -160,8 +164,8 @@ def integrate_cases(
     kernel : Kernel
     layout : ParameterLayout
     steps : ndarray of int, shape (segments,)
-        Steps of each segment. With a ``solver.step`` in the scene that is the length of the
-        segments' steps, and ``steps`` divide it.
+        Number of steps of each segment. If the scene gives ``solver.step``, steps are at most that
+        length divided by the largest of these numbers.
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s (`sepmc.engine.blocks.integrate`).
     slots : ndarray of int, shape (d,)
@@ -218,6 +222,7 @@ def integrate_nominal(
     kernel : Kernel
     layout : ParameterLayout
     steps : ndarray of int, shape (segments,)
+        As in `integrate_cases`.
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s.
     instants : ndarray, shape (m, 3)
@@ -232,7 +237,8 @@ def integrate_nominal(
     turns_unclear : bool
         The steps were too long to count the full turns of pitch and roll.
     ends : ndarray, shape (segments + changes,)
-        Times at which segments end, then times of the releases within segments, s.
+        Times at which segments end, then times of the changes of joints and the ends of strokes
+        within segments, s.
     rows : ndarray, shape (m, columns)
         History rows in SI units; NaN if the case ended before.
     """
@@ -315,7 +321,9 @@ def _call(
     status,
     methods=None,
 ) -> None:
-    """Call the block loop with the arrays of a parameter layout."""
+    """Integrate cases with the arrays of a parameter layout (`sepmc.engine.blocks.integrate`), then
+    compute the outcomes by formulas; ``outcomes``, ``ends``, ``history`` and ``status`` are
+    filled."""
     from sepmc.engine.blocks import integrate  # noqa: PLC0415
 
     model, nominal, sampled = (
@@ -368,28 +376,27 @@ def check_int(name: str, value: Any, minimum: float, maximum: float | None = Non
     except TypeError:
         raise InputError(f"{name} = {value!r}: must be a whole number") from None
     if number < minimum or (maximum is not None and number > maximum):
-        raise InputError(
-            f"{name} = {number}: must be >= {minimum}"
-            + (f" and <= {maximum}" if maximum is not None else "")
-        )
+        allowed = f">= {minimum}" if maximum is None else f">= {minimum} and <= {maximum}"
+        raise InputError(f"{name} = {number}: must be {allowed}")
     return number
 
 
 def check_text(name: str, value: Any, example: str) -> str:
-    """Return a value that is text.
+    """Return ``value`` if it is text.
 
     Raises
     ------
     InputError
-        A ValueError with the name, the value and an example, if it is anything else.
+        A ValueError with the name, the value and an example of a text, if it is anything else.
     """
     if not isinstance(value, str):
-        raise InputError(f"{name} = {shorten(value)}: must be text, as {example!r}")
+        raise InputError(f"{name} = {shorten(value)}: must be text, such as {example!r}")
     return value
 
 
 def check_history_step(step_s: float, scene: Scene, name: str = "step_s") -> None:
-    """Raise InputError, a ValueError, if a history cannot have a row every ``step_s`` seconds."""
+    """Raise InputError, a ValueError, unless ``step_s`` is a number of seconds that can be the
+    interval between the rows of a history of the scene; ``name`` is its name in the message."""
     limit = 10 * MOST_ROWS
     if isinstance(step_s, bool) or not isinstance(step_s, Real):
         raise InputError(f"{name} = {shorten(step_s)}: must be a number of seconds")
@@ -401,12 +408,13 @@ def check_history_step(step_s: float, scene: Scene, name: str = "step_s") -> Non
 
 
 def check_threads(threads: int | None) -> int | None:
-    """Return ``threads`` if compiled code can use that many on this machine.
+    """Return ``threads`` if compiled code can use that many threads in this process; None, for all
+    of them, is returned as it is.
 
     Raises
     ------
     InputError
-        If it cannot, or if Numba's settings allow no threads at all.
+        If it cannot, or if Numba's threading layer is unknown or not installed.
     """
     from sepmc.engine import threads as pool  # noqa: PLC0415  (numba)
 
@@ -423,7 +431,8 @@ def check_threads(threads: int | None) -> int | None:
 
 
 def thread_notes(threads: int | None) -> list[str]:
-    """Notes on the number of threads for the user (`sepmc.engine.threads.fork_notes`)."""
+    """Notes for the user if fewer than the requested ``threads`` (None: all) will be used; see
+    `sepmc.engine.threads.fork_notes`."""
     from sepmc.engine import threads as pool  # noqa: PLC0415
 
     return pool.fork_notes(threads)
@@ -452,8 +461,8 @@ _interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
 
 @contextlib.contextmanager
 def interpreted(wanted: bool = True) -> Iterator[None]:
-    """Run kernels that are loaded inside the context as plain Python: nothing is compiled, a case
-    takes milliseconds instead of microseconds."""
+    """Context in which kernels are loaded as plain Python if ``wanted`` (else as compiled code):
+    nothing is compiled, and a case takes milliseconds instead of microseconds."""
     before = _interpreting.set(wanted)
     try:
         yield
@@ -540,5 +549,5 @@ def load_kernel(text: str, log: Log | None = None) -> Kernel:
 
 
 def compile_wait_s() -> float:
-    """Time for which this process has waited for compilers, s."""
+    """Total time for which this process has waited for the compilation of kernels, s."""
     return sum(_waited)

@@ -13,7 +13,7 @@ FLOPS = 2 * STEPS * CHAINS * NUMBERS  # in a pass over a block
 
 @formula
 def _one(x, a, b):
-    """Eight multiply-adds, one on each number."""
+    """Multiply-add x a + b of each of the eight numbers in ``x``."""
     return (
         x[0] * a + b, x[1] * a + b, x[2] * a + b, x[3] * a + b, x[4] * a + b, x[5] * a + b,
         x[6] * a + b, x[7] * a + b,
@@ -22,19 +22,19 @@ def _one(x, a, b):
 
 @formula
 def _four(x, a, b):
-    """Four rounds of `_one`."""
+    """Four multiply-adds x a + b in succession on each of the eight numbers in ``x``."""
     return _one(_one(_one(_one(x, a, b), a, b), a, b), a, b)
 
 
 @formula
 def _sixteen(x, a, b):
-    """Sixteen rounds of `_one`."""
+    """Sixteen multiply-adds x a + b in succession on each of the eight numbers in ``x``."""
     return _four(_four(_four(_four(x, a, b), a, b), a, b), a, b)
 
 
 @njit(parallel=True, fastmath={"contract"}, error_model="numpy")
 def multiply_add(blocks, passes, a, b):
-    """Apply x = x a + b ``passes`` times STEPS times to every number; one block a thread.
+    """Apply x = x a + b ``passes`` * STEPS times to every number; each row is one thread's.
 
     The numbers are independent, so the loop over them is vectorised and the processor's pipelines
     are full.
@@ -70,5 +70,5 @@ def multiply_add(blocks, passes, a, b):
 
 
 def blocks(threads: int) -> np.ndarray:
-    """Numbers to work on, shape (threads, CHAINS * NUMBERS)."""
+    """Array of ones for `multiply_add`, shape (threads, CHAINS * NUMBERS)."""
     return np.ones((threads, CHAINS * NUMBERS))

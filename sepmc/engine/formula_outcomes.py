@@ -7,16 +7,17 @@ from sepmc.schema import Contents, Status, outcome_columns, result_columns
 
 
 def fill_formulas(contents: Contents, outcomes: np.ndarray, status: np.ndarray) -> None:
-    """Fill the outcomes that a file defines by formulas, and fail the cases in which one is
-    undefined although all outcomes that it names are known.
+    """Compute the outcomes that a file defines by formulas of others. A case fails (status
+    UNDEFINED_FORMULA, outcomes NaN) if a formula is undefined although the outcomes in it are not.
 
     Parameters
     ----------
     contents : Contents
+        Of the scene; gives the formulas and the order of the columns.
     outcomes : ndarray, shape (columns, n)
-        Result columns in SI units, and more; changed in place.
+        A row for each result column, SI units, and more rows after these; changed in place.
     status : ndarray of int, shape (n,)
-        Changed in place; cases that are to be integrated again (below 0) keep theirs.
+        Changed in place; cases that a kernel has rejected (below 0) keep theirs.
     """
     if not contents.formulas:
         return

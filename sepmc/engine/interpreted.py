@@ -31,7 +31,7 @@ _BETWEEN = "\n\n\n"  # two functions of a kernel
 
 
 class Numbers(list[Any]):
-    """Numbers of an array with one axis."""
+    """List with the numbers of an array with one axis, and its shape."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -40,7 +40,7 @@ class Numbers(list[Any]):
 
 
 class Table:
-    """An array of several axes with elements read and written as Python's numbers."""
+    """Array whose elements are read as Python's numbers and written through."""
 
     def __init__(self, array: np.ndarray):
         self.array, self.shape, self.item = array, array.shape, array.item
@@ -59,13 +59,13 @@ def as_python(array: np.ndarray, writable: bool = False) -> Any:
     ----------
     array : ndarray
     writable : bool
-        Write the elements through to the array.
+        True if the kernel writes elements that have to arrive in ``array``.
 
     Returns
     -------
     Numbers, Table or list
-        A list, fast to read, if the array has one axis and is not to be written; a list of
-        namespaces for records.
+        Numbers, fast to read, if the array has one axis and is not to be written; else a Table. For
+        an array of records, a list of namespaces with the fields as attributes.
     """
     if array.dtype.names is not None:
         return [
@@ -76,7 +76,8 @@ def as_python(array: np.ndarray, writable: bool = False) -> Any:
 
 
 def _over(a: float, b: float) -> float:
-    """Divide a number by zero, as IEEE 754 does."""
+    """Quotient of a number ``a`` and a zero ``b`` of either sign, as in IEEE 754: NaN or an
+    infinity."""
     return (
         math.nan
         if a == 0.0 or math.isnan(a)
@@ -97,7 +98,8 @@ def _power(a: float, b: float) -> float:
 
 
 def _rounded(rounding: Any) -> Any:
-    """Make a rounding function return a float with the sign of its argument."""
+    """Version of a rounding function (`math.floor`, `math.ceil`) that returns a float with the sign
+    of its argument, as numpy's; NaN and infinity stay as they are."""
     return lambda x: math.copysign(rounding(x), x) if math.isfinite(x) else x
 
 
@@ -106,8 +108,8 @@ _NUMPY = SimpleNamespace(**vars(np) | {"floor": _rounded(math.floor), "ceil": _r
 
 
 class _Divisions(ast.NodeTransformer):
-    """Replace ``a / b`` by ``a / d if (d := b) else _over(a, d)``, ``a ** 2`` by ``(c := a) * c``,
-    as it is compiled, and other powers by ``_power(a, b)``."""
+    """Replace ``a / b`` by ``a / d if (d := b) else _over(a, d)``, unless b is a constant, ``a **
+    2`` by ``(c := a) * c``, as it is compiled, and other powers by ``_power(a, b)``."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -153,7 +155,8 @@ class _Divisions(ast.NodeTransformer):
 
 
 def _compiled(text: str, name: str) -> Any:
-    """Compile a text into Python code whose functions divide safely."""
+    """Compile Python source into code whose functions divide safely (`_Divisions`); ``name`` is its
+    file name."""
     tree, divisions, lines = ast.parse(text), _Divisions(), text.splitlines()
     for k, node in enumerate(tree.body):
         if isinstance(node, ast.FunctionDef) and any(
@@ -165,12 +168,14 @@ def _compiled(text: str, name: str) -> Any:
 
 @lru_cache(maxsize=2000)
 def _function_code(text: str) -> Any:
-    """Compile a function of a kernel: scenes that are alike share most of them."""
+    """Compile the source of a function of a kernel with safe divisions; cached, since scenes that
+    are alike share most functions."""
     return _compiled(text, "<kernel>")
 
 
 def _run_module(text: str, names: dict[str, Any]) -> None:
-    """Run the text of a kernel function by function; the functions keep their line numbers."""
+    """Run the source of a kernel, function by function, in the namespace ``names``. The functions
+    get the line numbers that they have in ``text``."""
     line = 0
     for part in text.split(_BETWEEN):
         before = set(names)
@@ -192,7 +197,7 @@ class _Loader(importlib.machinery.SourceFileLoader):
     """Import a module of formulas with safe divisions, without a cache file."""
 
     def get_code(self, fullname: str) -> Any:
-        """Compile the module from its text."""
+        """Code of the module, compiled from its text with safe divisions."""
         path = self.get_filename(fullname)
         return _compiled(self.get_data(path).decode(), path)
 
@@ -223,13 +228,15 @@ def _is_copied(name: str) -> bool:
 
 
 def _copied() -> dict[str, ModuleType]:
-    """Imported modules that have second copies."""
+    """Modules of formulas and routines in `sys.modules`, by name: those that are imported a second
+    time."""
     return {name: module for name, module in sys.modules.items() if _is_copied(name)}
 
 
 @contextlib.contextmanager
 def _without_compiler() -> Iterator[None]:
-    """Replace formulas and routines by their second copies for imports inside the context."""
+    """Context in which imports of formulas and routines give second copies that are not compiled;
+    the compiled ones are back in `sys.modules` afterwards."""
     compiled, switch, finder = _copied(), config.DISABLE_JIT, _Finder()
     package = sys.modules["sepmc"]
     for name in compiled:
@@ -275,7 +282,9 @@ def load(text: str) -> Kernel:
 
 
 def _in_python(module: ModuleType) -> None:
-    """Let a module calculate with Python's numbers."""
+    """Change the names of a module so that it calculates with Python's numbers: replace math, numpy
+    and arrays by versions for these, `linear.eliminate` by LAPACK, and wrap searches so that they
+    count their lines."""
     for name, value in vars(module).items():
         if value is math:
             setattr(module, name, _MATH)
@@ -294,7 +303,8 @@ def _eliminate(
     routine: Any, dependent: float, w: list[float], start: int, n: int, scratch: int, out: int
 ) -> float:
     """`linear.eliminate` for one lane by LAPACK, with the same pivoting: ten times as fast. Systems
-    with NaN or infinity go to the routine itself."""
+    with NaN or infinity go to the ``routine`` itself; a pivot of at most ``dependent`` means a
+    singular system."""
     from scipy.linalg import lapack  # noqa: PLC0415  (few scenes need it)
 
     numbers = np.array(w[start : start + n * n + n])

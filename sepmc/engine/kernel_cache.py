@@ -29,11 +29,13 @@ class CompileUnits(msgspec.Struct, frozen=True):
     Attributes
     ----------
     names : tuple of str
-        Modules in the cache folder, in the order of the table of addresses.
+        Modules in the cache folder, in the order of the table of addresses; the last one is the
+        entry.
     size : int
-        How many numbers the workspace contains.
+        Number of floats in the workspace.
     n_indicators, n_segments, n_changes : int
-        Counts of error indicators, of segments and of reported times of releases within segments.
+        Counts of error indicators, of segments, and of reported times within segments (changes of
+        joints, ends of strokes).
     methods : tuple
         For each segment, the names of its integration methods.
     """
@@ -47,7 +49,8 @@ class CompileUnits(msgspec.Struct, frozen=True):
 
 
 def compile_units_of(text: str) -> CompileUnits:
-    """Split a kernel into compile units and write their modules into the cache folder.
+    """Split the source of a kernel into compile units and write their modules into the cache
+    folder; nothing is compiled yet.
 
     Splitting takes as long as writing the kernel, so the result is stored.
     """
@@ -98,7 +101,7 @@ def _is_written(name: str) -> bool:
 
 
 def load_module(name: str) -> ModuleType:
-    """Import a module of the cache folder, which compiles its unit."""
+    """Import a module of the cache folder, which compiles its compile unit; return the module."""
     spec = importlib.util.spec_from_file_location(name, CACHE_FOLDER / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
@@ -108,7 +111,8 @@ def load_module(name: str) -> ModuleType:
 
 
 def _compile(name: str) -> None:
-    """Compile the loop over blocks or a compile unit into the cache folder."""
+    """Compile a compile unit, by the name of its module, or the loop over blocks
+    (`sepmc.engine.blocks.NAME`), and store the object file in the cache folder."""
     if name == blocks.NAME:
         blocks.compile_blocks()
     else:
@@ -116,7 +120,8 @@ def _compile(name: str) -> None:
 
 
 def load(units: CompileUnits) -> Kernel:
-    """Load a kernel from its compile units; units missing in the cache folder are compiled here."""
+    """Load a kernel from the object files of its compile units; units whose files are missing in
+    the cache folder are compiled in this process first."""
     for name in units.names:
         if not cache_files.is_stored(name):
             _compile(name)
@@ -133,14 +138,16 @@ def load(units: CompileUnits) -> Kernel:
 
 
 def missing_units(units: CompileUnits) -> list[str]:
-    """Names of the modules that are not compiled, the block loop included; slowest first."""
+    """Names of the modules of compile units that are not compiled yet, slowest first; before them
+    that of the loop over blocks, if it is not."""
     absent = [name for name in dict.fromkeys(units.names) if not cache_files.is_stored(name)]
     absent.sort(key=_compile_order, reverse=True)
     return absent if cache_files.is_stored(blocks.NAME) else [blocks.NAME, *absent]
 
 
 def _compile_order(name: str) -> tuple[bool, int]:
-    """Key that sorts units by compile time: calls of slow routines, then length."""
+    """Sort key of a compile unit by its compile time: if it calls slow routines, then its
+    length."""
     text = (CACHE_FOLDER / f"{name}.py").read_text(encoding="utf-8")
     return any(module in text for module in _SLOW), len(text)
 

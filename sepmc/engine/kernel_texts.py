@@ -56,7 +56,8 @@ def written(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> st
 
 
 def _stored_or_emitted(digest: str, spec: KernelSpec, method_name: str, history: int) -> str:
-    """Text from the cache folder; emitted and stored if it is missing there."""
+    """Text of a kernel from the cache folder, by the digest of its structure; emitted and stored if
+    it is missing there."""
     # imported here: numba
     from sepmc.engine.cache_files import put_sealed, read_sealed  # noqa: PLC0415
     from sepmc.jit import CACHE_FOLDER  # noqa: PLC0415
@@ -93,6 +94,7 @@ def structure_of(spec: KernelSpec) -> bytes:
     Returns
     -------
     bytes
+        To be hashed: kernels with equal structures have the same text.
     """
     tree, layout = msgspec.to_builtins(spec.scene), spec.layout
     values = sorted({*_values(tree), *_COMPARED})
@@ -114,7 +116,7 @@ def structure_of(spec: KernelSpec) -> bytes:
 
 
 def _values(node: Any) -> Iterator[float]:
-    """Values in nested dicts and lists."""
+    """Floats in nested dicts and lists, NaN excepted."""
     if isinstance(node, float) and not math.isnan(node):
         yield node
     elif isinstance(node, dict | list | tuple):
@@ -123,7 +125,7 @@ def _values(node: Any) -> Iterator[float]:
 
 
 def _ranked(node: Any, ranks: dict[float, int]) -> Any:
-    """Nested dicts and lists with the rank of each value in its place."""
+    """Nested dicts and lists with each float replaced by its rank, or by -1 if it is NaN."""
     if isinstance(node, float):
         return ranks.get(node, -1)  # -1: NaN
     if isinstance(node, dict):

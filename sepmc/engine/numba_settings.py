@@ -9,8 +9,8 @@ _THREADS = "NUMBA_NUM_THREADS"
 
 
 def check() -> None:
-    """Raise InputError if Numba cannot be imported with its setting; do nothing if it is
-    imported."""
+    """Raise InputError if NUMBA_NUM_THREADS is no whole number >= 1, on which the import of Numba
+    fails; do nothing if Numba is imported already."""
     value = os.environ.get(_THREADS, "")
     if not value or "numba" in sys.modules:
         return

@@ -49,12 +49,18 @@ _forked = _threads_are_gone()
 
 
 def fork_notes(threads: int | None) -> list[str]:
-    """Note, once in a process, that a forked process has one thread only.
+    """Note for the user that a forked process has one thread only, once in a process.
 
     Parameters
     ----------
     threads : int, optional
         Requested number of threads; None: all.
+
+    Returns
+    -------
+    list of str
+        The note; empty if this process has all its threads, if one thread is all that is requested,
+        or if the note was returned before.
     """
     global _noted  # noqa: PLW0603
     if _noted or not _forked or (threads or max_threads()) == 1:
@@ -93,7 +99,8 @@ def in_use() -> int:
 
 
 def _fault(error: ValueError) -> InputError:
-    """Explain an error of Numba's threading layer by its settings."""
+    """InputError that explains an error of Numba's threading layer: which of its settings is wrong,
+    and what it may be."""
     layer = str(config.THREADING_LAYER)
     if "PRIORITY" in str(error):
         order = " ".join(config.THREADING_LAYER_PRIORITY)
@@ -103,7 +110,7 @@ def _fault(error: ValueError) -> InputError:
     if layer.lower() in _LAYERS:
         return InputError(
             f"NUMBA_THREADING_LAYER = {layer}: is not installed; must be default, workqueue or "
-            "another one that is"
+            "another installed layer"
         )
     return InputError(f"NUMBA_THREADING_LAYER = {layer}: must be one of {', '.join(_LAYERS)}")
 
@@ -131,7 +138,8 @@ def using_threads(count: int | None) -> Iterator[int]:
 
 @contextlib.contextmanager
 def parallel_region() -> Iterator[None]:
-    """Wait for other Python threads in a parallel loop if the threading layer allows only one."""
+    """Context of a parallel loop: if the threading layer allows only one loop at a time, it waits
+    until no other Python thread is in such a context."""
     if parallel._threading_layer == _EXCLUSIVE:
         with _region_lock:
             yield

@@ -28,7 +28,7 @@ SEARCHES = tuple(
 
 
 class WorkLimitError(Exception):
-    """A kernel in plain Python was stopped at its work limit."""
+    """A kernel in plain Python has executed more lines than `Work.limit`."""
 
 
 @dataclass
@@ -71,13 +71,19 @@ _counting: ContextVar[Work | None] = ContextVar("counting", default=None)
 
 
 def counting_lines(function: FunctionType, has_workspace: bool = False) -> Callable[..., Any]:
-    """Wrap a function so that it counts its lines at each call.
+    """Wrap a function so that each call adds its number of lines to the `Work` that is counting, if
+    any, and raises WorkLimitError beyond its limit.
 
     Parameters
     ----------
     function : function
+        Called with positional arguments.
     has_workspace : bool
-        The first argument is the workspace of a kernel.
+        True if the first argument is the workspace of a kernel, which then becomes `Work.numbers`.
+
+    Returns
+    -------
+    callable
     """
     lines = len({line for _, _, line in function.__code__.co_lines()})
 

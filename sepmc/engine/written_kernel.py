@@ -16,16 +16,17 @@ class Kernel:
     address : int
         Address of the entry function; 0 if there is no machine code.
     size : int
-        Numbers of the workspace.
+        Number of floats in the workspace.
     table : ndarray of int
         Addresses of the compile units, stored in front of the workspace (`compile_units.table`).
     n_indicators : int
-        Error indicators.
+        Number of error indicators of a case.
     n_segments : int
-        Segments: phases, and parts of phases with pending releases.
+        Number of segments: phases, and parts of phases in which delayed releases are pending.
     n_changes : int
-        Releases within segments with reported times.
-    methods : tuple
+        Number of reported times within segments: changes of joints and ends of strokes, which a
+        full history has rows for.
+    methods : tuple of tuple of str
         Names of the integration methods of each segment.
     plain : module, optional
         The kernel as a module of plain Python.

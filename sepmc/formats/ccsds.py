@@ -161,7 +161,8 @@ def _add_row(segment: Segment, line: str, n: int, kind: str) -> None:
 
 
 def _segment_at(segments: list[Segment], epoch: float, text: str) -> Segment:
-    """The segment that contains an epoch; raises FormatError."""
+    """The segment that contains an epoch; raises FormatError, with ``text`` as the epoch, if none
+    does."""
     for segment in segments:
         if segment.epochs[0] <= epoch <= segment.epochs[-1]:
             return segment
@@ -187,12 +188,14 @@ def read_initial(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], l
     Returns
     -------
     keys : dict
-        Of ``[initial]``.
+        Keys of ``[initial]`` and their values.
     understood : list of str
+        Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
+        With the reason why the file is refused.
     """
     _, segments = parse_message(read_text(path), "OEM")
     epoch, text = _epoch(options.get("epoch"), segments)
@@ -338,7 +341,8 @@ def _vertical(position: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 def _attitude(
     attitude: Any, epoch: float, text: str, frame: str
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Matrix from our body axes to the frame, rates in our body axes, rad/s, and sentences."""
+    """Matrix (3, 3) from body axes (forward, up, right) to the frame of the trajectory at an epoch,
+    angular rate (3,) in body axes, rad/s, and sentences."""
     if not isinstance(attitude, dict) or not isinstance(attitude.get("file"), str):
         raise FormatError('the attitude must be a table: { file = "NAME.aem", axes = "..." }')
     if unknown := [key for key in attitude if key not in ("file", "axes")]:
@@ -390,7 +394,8 @@ def _direction(segment: Segment, version: str, frame: str) -> bool:
 
 
 def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
-    """Rotations that take components of the second frame to the first one, and how they stand.
+    """Rotations that take components in frame B to components in frame A, one for each row, and a
+    text on how they are written.
 
     CCSDS turns frames: its rotation from A to B takes components in A to components in B, the
     inverse of the rotation of the axes, which is returned.

@@ -38,7 +38,7 @@ class Quantity:
     Attributes
     ----------
     kind : str
-        Of `sepmc.scene.units.UNITS`; empty without a unit.
+        Key of `sepmc.scene.units.UNITS`; empty for one without a unit.
     names : tuple of str
         Spellings of the column, in small letters without blanks.
     """
@@ -55,11 +55,13 @@ def split_header(title: str, kind: str) -> tuple[str, str]:
     ----------
     title : str
     kind : str
-        Of quantity, of `sepmc.scene.units.UNITS`; knots and kilonewtons are told apart by it.
+        Kind of quantity, a key of `sepmc.scene.units.UNITS`: it distinguishes knots from
+        kilonewtons.
 
     Returns
     -------
     name, unit : str
+        The unit as in keys, such as ``deg_s``; as written if it is none of the kind.
     """
     units = {**UNITS.get(kind, {}), **({"degC": 1.0} if kind == "temperature" else {})}
     for pattern in (_IN_BRACKETS, _AFTER_COMMA):
@@ -74,7 +76,8 @@ def split_header(title: str, kind: str) -> tuple[str, str]:
 
 
 def _unit(text: str, units: dict[str, float]) -> str:
-    """Unit of a key that a spelling stands for; the text itself if it is none."""
+    """Unit, as in keys, that a spelling such as ``m/s`` stands for; the text itself if it is none
+    of ``units``."""
     if text in units:
         return text
     spelling = _SPELLINGS.get(text.lower(), text)
@@ -109,7 +112,10 @@ class Columns:
             entry = value if isinstance(value, dict) else {"column": value}
             title, scale = entry.get("column"), entry.get("scale", 1.0)
             if not isinstance(title, str) or not isinstance(scale, int | float):
-                raise FormatError(f"columns.{key}: must be a column, or {{ column, scale }}")
+                raise FormatError(
+                    f"columns.{key}: must be the title of a column, or "
+                    "{ column = TITLE, scale = NUMBER }"
+                )
             if title not in table.columns:
                 raise FormatError(
                     f"columns.{key}: no column {shorten(title)}; {nearest(title, table.columns)}"
@@ -167,6 +173,6 @@ def values_in_si(values: np.ndarray, title: str, unit: str, kind: str) -> np.nda
         what = f"{unit!r} is no unit of {kind}" if unit else "has no unit"
         example = f"{split_header(title, kind)[0]}_{next(iter(units))}"
         raise FormatError(
-            f"column {shorten(title)}: {what}; name it as {example}, of {', '.join(units)}"
+            f"column {shorten(title)}: {what}; name it as {example}; units: {', '.join(units)}"
         )
     return values * units[unit]

@@ -43,10 +43,8 @@ _SIDESLIP = 30.0  # deg, to which slopes by beta are continued
 
 @dataclass
 class _Block:
-    """Values by alpha of one Mach number and sideslip.
-
-    ``values[title][alpha]``; ``per_degree`` of the titles that are slopes.
-    """
+    """Values of one Mach number and sideslip (deg), as printed: ``values[title][alpha]`` at alpha
+    in deg; ``per_degree`` are the titles of slopes per degree."""
 
     mach: float
     beta: float
@@ -56,11 +54,10 @@ class _Block:
 
 @dataclass
 class _Output:
-    """Blocks of a case, its references, and its titles that were not read."""
+    """Blocks of a case, and its reference quantities as printed, by their titles."""
 
     blocks: list[_Block] = field(default_factory=list)
     references: dict[str, str] = field(default_factory=dict)
-    title: str = ""
 
 
 def is_datcom(path: Path) -> bool:
@@ -89,15 +86,17 @@ def read_datcom(
     table : dict
         Keys of ``[body.NAME.aerodynamics.table]``.
     understood : list of str
+        Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
+        With the reason why the file is refused.
     """
     text = read_text(path)
     table, understood = parse_datcom(text, options)
     if aero.get("per") == "deg":
-        raise FormatError('says itself what is per degree: give no per = "deg" beside it')
+        raise FormatError('states what is per degree: give no per = "deg" beside it')
     if aero.get("convention") != "datcom":  # else its sign is turned with the polynomials
         for key in ("side", "side_p", "side_r"):
             if key in table:
@@ -177,10 +176,12 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
     table : dict
         Keys of ``[body.NAME.aerodynamics.table]``; signs and lengths as in the file.
     understood : list of str
+        Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
+        With the reason why the file is refused.
     """
     cases = _cases(text)
     if not cases:
@@ -201,7 +202,7 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
 
 
 def _cases(text: str) -> dict[int, _Output]:
-    """Outputs of the cases of a text, by number."""
+    """Outputs of the cases of a text that have coefficients, by number of the case."""
     cases: dict[int, _Output] = {}
     case, mach, beta, per_degree = 1, math.nan, 0.0, False
     titles: list[tuple[str, float]] = []
@@ -258,7 +259,8 @@ def _add_row(
     cells: list[tuple[str, float]],
     per_degree: bool,
 ) -> None:
-    """Put the values of a line under the titles that they stand below; blank ones are left out."""
+    """Put the values of a line into the block of its Mach number and sideslip, under the titles
+    that they stand below; blank ones are left out. Titles and cells have their middle column."""
     block = next((b for b in output.blocks if b.mach == mach and b.beta == beta), None)
     if block is None:
         block = _Block(mach, beta)
@@ -285,7 +287,8 @@ def _digital_references(output: _Output, line: str) -> None:
 
 
 def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]:
-    """Table over Mach number, alpha and, if there are slopes or values by it, beta."""
+    """Table over Mach number, alpha and, if there are slopes or values by it, beta (see
+    `parse_datcom`), and sentences; slopes by beta are lines to +-``sideslip``, deg."""
     understood = [f"{name} {value}" for name, value in output.references.items()]
     blocks = [b for b in output.blocks if "CN" in b.values and "CA" in b.values]
     if not blocks:
@@ -342,7 +345,7 @@ def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]
 
 
 def _common_alphas(blocks: list[_Block]) -> tuple[list[float], list[float]]:
-    """Angles of attack with CN and CA in all blocks, and those with one of them or neither."""
+    """Angles of attack, deg, that have CN and CA in all blocks, and the others."""
     all_alphas = sorted({a for b in blocks for column in b.values.values() for a in column})
     complete = [
         a for a in all_alphas if all(a in b.values["CN"] and a in b.values["CA"] for b in blocks)
@@ -351,7 +354,8 @@ def _common_alphas(blocks: list[_Block]) -> tuple[list[float], list[float]]:
 
 
 def _row(block: _Block, title: str, alphas: list[float]) -> np.ndarray | None:
-    """Values of a title over alpha, slopes per rad; one that is printed once is that of all."""
+    """Values of a title over alpha, slopes per rad; a derivative that is printed once is that of
+    all alpha. None if some values are blank."""
     column = block.values[title]
     factor = 180.0 / math.pi if title in block.per_degree else 1.0
     given = [column[a] for a in alphas if a in column]

@@ -35,7 +35,8 @@ _UNITS = {"deg": "deg", "d": "deg", "rad": "rad", "r": "rad"}
 
 @dataclass
 class _Function:
-    """A table: the variable that it gives, those that it depends on, and their points."""
+    """A gridded table: varIDs of its ``result`` and of the ``variables`` it depends on, ``points``
+    of each of these, and ``values`` in that shape, in the units of the file."""
 
     element: Element
     result: str
@@ -58,10 +59,12 @@ def read_daveml(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], li
     table : dict
         Keys of ``[body.NAME.aerodynamics.table]``, with ``interpolation = "linear"``.
     understood : list of str
+        Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
+        With the reason why the file is refused.
     """
     root = parse_xml(read_text(path))
     if root.tag != "DAVEfunc":
@@ -119,7 +122,7 @@ def read_daveml(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], li
 
 
 def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, float]]:
-    """Variable and scale by the key that the campaign names."""
+    """(varID, scale) of the variable that the campaign names for each coefficient or axis."""
     if columns is not None and not isinstance(columns, dict):
         raise FormatError("columns: must be variables by coefficient or axis")
     by_name = {element.attributes.get("name", ""): name for name, element in variables.items()}
@@ -207,7 +210,8 @@ def _points(reference: Element, breakpoints: dict[str, Element]) -> np.ndarray:
 def _long_table(
     functions: list[_Function], variables: dict[str, Element], axes: dict[str, str]
 ) -> tuple[TextTable, dict[str, str]]:
-    """Long table of all functions on the grid of all their points, and the titles of variables.
+    """Long table of all functions on the grid of all their points, and its column titles by varID;
+    ``axes`` has mach, alpha or beta by varID.
 
     Linear tables are the same on a finer grid.
     """

@@ -9,6 +9,7 @@ import numpy as np
 
 from sepmc.formats.columns import Columns, Quantity, plain, split_header
 from sepmc.formats.text_table import FormatError, TextTable, read_table
+from sepmc.scene.messages import nearest
 from sepmc.scene.model import COEFFICIENTS, DERIVATIVES
 
 AXES = {
@@ -49,10 +50,12 @@ def read_deck(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     table : dict
         Keys of ``[body.NAME.aerodynamics.table]``.
     understood : list of str
+        Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
+        With the reason why the file is refused.
     """
     named = options.get("columns")
     names = [str(x) for x in named] if isinstance(named, list) else None
@@ -96,14 +99,16 @@ def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], li
 
 
 def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns of the coefficients, by their keys, lift and drag."""
+    """Columns (n,) of coefficients and derivatives by key, ``lift`` and ``drag`` included; titles
+    of none of them are noted in ``columns.understood``."""
     values: dict[str, np.ndarray] = {}
     used = {title for title, _, _ in columns.named.values()}
     for name, (title, scale, _) in columns.named.items():
         if name in AXES:
             continue
         if name not in (*COEFFICIENTS, *DERIVATIVES, "lift", "drag"):
-            raise FormatError(f"columns.{name}: no such coefficient")
+            known = (*AXES, *COEFFICIENTS, *DERIVATIVES, "lift", "drag")
+            raise FormatError(f"columns.{name}: no such coefficient; {nearest(name, known)}")
         values[name] = scale * columns.table.columns[title]
     left = []
     for title, numbers in columns.table.columns.items():
@@ -132,7 +137,8 @@ def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np
 def _from_lift(
     values: dict[str, np.ndarray], axes: dict[str, np.ndarray], understood: list[str]
 ) -> None:
-    """Replace lift and drag by normal and axial force."""
+    """Replace lift and drag in ``values`` by normal and axial force, in place; a sentence is added
+    to ``understood``."""
     lift, drag = values.pop("lift", None), values.pop("drag", None)
     if lift is None and drag is None:
         return
@@ -150,7 +156,8 @@ def _from_lift(
 
 
 def _grid(axes: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Points of each axis, and the row of each combination of them."""
+    """Rising points of each axis, and the index of the row of each combination of them, the last
+    axis fastest. Raises FormatError if a combination is missing or there twice."""
     points = {name: np.unique(values) for name, values in axes.items()}
     shape = tuple(len(each) for each in points.values())
     if math.prod(shape) > _CELLS:

@@ -32,7 +32,7 @@ Read = Callable[[Path, dict[str, Any]], tuple[dict[str, Any], list[str]]]
 
 
 def file_places(tree: dict[str, Any]) -> Tables:
-    """Tables of a campaign tree that name a file.
+    """Yield the tables of a campaign tree that name a file.
 
     Parameters
     ----------
@@ -87,11 +87,12 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
     folder : Path
         Folder that relative paths start from.
     problems : Problems
+        Receives every file that cannot be read, with the reason.
 
     Returns
     -------
     list of str
-        What was understood of each, with its key path.
+        A sentence on what was read from each file, which begins with the TOML path of its table.
     """
     understood: list[str] = []
     for key_path, table, kind, owner in file_places(tree):
@@ -142,7 +143,8 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
 
 
 def _located(options: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Options with the file of an attitude in the folder of the campaign."""
+    """Options in which the path of the attitude file, if there is one, begins at the folder of the
+    campaign."""
     attitude = options.get("attitude")
     if isinstance(attitude, dict) and isinstance(attitude.get("file"), str):
         return options | {"attitude": attitude | {"file": str(folder / attitude["file"])}}
@@ -152,7 +154,8 @@ def _located(options: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _move(
     key_path: str, kind: str, owner: dict[str, Any], keys: dict[str, Any], problems: Problems
 ) -> None:
-    """Put what a file gives into the table that its own table belongs to, in place of it."""
+    """Put the keys read from a file into ``owner``, in place of the table at ``key_path`` within
+    it, which names the file."""
     parent, _, name = key_path.rpartition(".")
     for key in owner.pop(name):
         allowed = ", ".join(("file", *_OPTIONS_OF[kind]))
@@ -163,7 +166,8 @@ def _move(
 def _fill(
     key_path: str, table: dict[str, Any], table_read: dict[str, Any], problems: Problems
 ) -> None:
-    """Put what a file gives into its table; keys that both give are refused."""
+    """Put the keys read from a file (``table_read``) into its table; keys that both give are
+    noted."""
     own = {split_unit(key)[0] for key in table}
     for key, value in table_read.items():
         if split_unit(key)[0] in own:
@@ -179,7 +183,7 @@ def _thrust(
     options: dict[str, Any],
     problems: Problems,
 ) -> list[str]:
-    """Fill the profile of a motor, and its thrust if it has none."""
+    """Fill the profile of a motor from a file, and its thrust if it has none; return sentences."""
     curve = read_thrust(path, options)
     understood = curve.understood
     if any(split_unit(key)[0] == "build_up" and value for key, value in motor.items()):
@@ -194,7 +198,8 @@ def _thrust(
             problems.add(f"{key_path}.{wanted}", "must be an impulse > 0, total_impulse_N_s", value)
             return understood
         if curve.is_fraction or not curve.impulse > 0.0:
-            problems.add(f"{key_path}.{wanted}", "scales a curve of forces of a positive impulse")
+            reason = "scales a curve of forces: the file must have one, with a positive impulse"
+            problems.add(f"{key_path}.{wanted}", reason)
             return understood
         factor = value * size / curve.impulse
         if not math.isfinite(factor * max(map(abs, curve.thrust))):

@@ -40,11 +40,11 @@ class MassProperties:
     mass : float
         kg.
     center : ndarray, shape (3,)
-        Of mass, m.
+        Centre of mass, from the origin of the file, m.
     tensor : ndarray, shape (3, 3)
-        About it, kg m2.
+        Inertia tensor about the centre of mass, kg m2.
     sentence : str
-        What was understood.
+        What was read, for the user.
     """
 
     mass: float
@@ -70,10 +70,12 @@ def read_mass(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     keys : dict
         Of ``[body.NAME]``: ``mass_kg``, ``cg_m``, ``inertia_tensor_kg_m2``, ``inertia_axes``.
     understood : list of str
+        Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
+        With the reason why the file is refused.
     """
     root = parse_xml(read_text(path))
     readers: dict[str, Callable[[Element, Any], MassProperties]] = {
@@ -95,7 +97,7 @@ def read_mass(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     origin = _origin(options.get(_ORIGIN, [0.0, 0.0, 0.0]))
     center = matrix.T @ properties.center
     if not properties.mass > 0.0:
-        raise FormatError(f"has a mass of {properties.mass:g} kg")
+        raise FormatError(f"has a mass of {properties.mass:g} kg: must be > 0")
     keys = {
         "mass_kg": properties.mass,
         # stations are positive aft of the nose, x of the body is forward
@@ -124,7 +126,8 @@ def _origin(value: Any) -> list[float]:
 
 
 def _choose(elements: list[Element], name: Any, what: str) -> Element:
-    """The element of a name, or the only one."""
+    """The element called ``name``, or the only one if that is None; ``what`` is the noun of the
+    message. Raises FormatError."""
     names = [each.attributes.get("name", "") for each in elements]
     if not elements:
         raise FormatError(f"has no {what} with mass properties")

@@ -47,10 +47,12 @@ def read_air(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[
     table : dict
         Keys of ``[environment.air]``.
     understood : list of str
+        Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
+        With the reason why the file is refused.
     """
     columns, understood = _columns(path, options)
     columns_read = _find(
@@ -90,10 +92,12 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     table : dict
         Keys of ``[environment.wind.profile]``.
     understood : list of str
+        Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
+        With the reason why the file is refused.
     """
     columns, understood = _columns(path, options)
     columns_read = _find(
@@ -184,7 +188,8 @@ def _heights(columns_read: dict[str, np.ndarray]) -> dict[str, Any]:
 
 
 def _sorted(tree: dict[str, Any], understood: list[str]) -> tuple[dict[str, Any], list[str]]:
-    """Rows by rising height; a height that is there twice is refused."""
+    """Table with its rows by rising height, and the sentences with one on the rows. Raises
+    FormatError for a height that is there twice."""
     key = next(iter(tree))
     heights = np.array(tree[key])
     order = np.argsort(heights, kind="stable")

@@ -30,9 +30,9 @@ def write_table(
     kind : {"csv", "mat", "netcdf", "hdf5", "xlsx"}
     columns : sequence of Column
     values : mapping of str to ndarray (n,)
-        Numbers to the last bit, texts as texts.
+        Columns by name; numbers are written to the last bit, texts as texts.
     name : str
-        Of the table: a struct in MATLAB, a group in HDF5, a sheet in Excel.
+        Name of the table: of a struct in MATLAB, a group in HDF5, a sheet in Excel.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def write_table(
 
 
 def _plain(values: Any) -> Array:
-    """Numbers as they are, texts as objects."""
+    """Array (n,) of a column: numbers as they are, others as objects of type str."""
     array = np.asarray(values)
     return array if array.dtype.kind in "fiub" else array.astype(str).astype(object)
 
@@ -155,7 +155,10 @@ def _write_xlsx(path: Path, columns: Sequence[Column], table: dict[str, Array], 
 
     rows = len(next(iter(table.values())))
     if rows > _EXCEL_ROWS:
-        raise InputError(f"format = 'xlsx': has room for {_EXCEL_ROWS:,} rows, the run {rows:,}")
+        raise InputError(
+            f"format = 'xlsx': has room for {_EXCEL_ROWS:,} rows, the run has {rows:,}; choose "
+            "another format, such as 'csv'"
+        )
     listed = pd.DataFrame([(c.name, c.unit, c.meaning) for c in columns],
                           columns=["column", "unit", "meaning"])  # fmt: skip
     with pd.ExcelWriter(path, engine="openpyxl") as writer:

@@ -20,8 +20,9 @@ class Element:
         Without the prefix of a namespace.
     attributes : dict of str to str
     line : int
+        Line of its start, from 1.
     text : str
-        Within, without that of its children.
+        Text within it, without that of its children.
     children : list of Element
     """
 
@@ -72,7 +73,7 @@ class Element:
         what : str
             Name in messages.
         count : int
-            That is expected; 0 for any.
+            Expected number of numbers; 0 for any.
 
         Returns
         -------
@@ -81,6 +82,7 @@ class Element:
         Raises
         ------
         FormatError
+            If the text has another number of numbers, or anything else.
         """
         try:
             values = [number(cell) for cell in text.replace(",", " ").split()]

@@ -38,8 +38,9 @@ def flow_angles(u):
 def reported_angles(u, angles):
     """Flow angles for outcomes, NaN where they have no meaning.
 
-    Alpha is NaN below `STILL` in the plane of symmetry, beta below `STILL` in all. In flow from
-    behind alpha is pi, without the sign of a round-off.
+    Alpha is NaN where the speed in the x-y plane of the body is below `STILL`, beta where the whole
+    speed is. In flow from behind alpha is pi, never -pi, so that round-off does not change its
+    sign.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ def aero_force(qs, c):
     qs : float
         Dynamic pressure times reference area, N.
     c : sequence of float
-        C_A, C_N, C_Y first.
+        Coefficients, of which C_A, C_N and C_Y are the first three.
 
     Returns
     -------

@@ -16,7 +16,7 @@ NEAR = 500.0  # m: range of the series about a height
 
 
 def _bases() -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Temperature (K) and pressure (Pa) at the base of each layer, integrated from the ground."""
+    """Temperatures (K) and pressures (Pa) at the bases of all layers, from the lowest layer up."""
     temperature, pressure = [288.15], [101_325.0]
     for low, high, lapse in zip(BASES, BASES[1:-1], LAPSES, strict=False):
         t0, p0 = temperature[-1], pressure[-1]
@@ -84,10 +84,10 @@ def layer(height):
     Returns
     -------
     base : tuple of 4 float
-        Of the base of the layer: height, m'; lapse rate over temperature, 1/m'; one over
-        temperature, 1/K; pressure, Pa.
+        Geopotential height of the base of the layer, m'; lapse rate of the layer over the
+        temperature at its base, 1/m'; one over that temperature, 1/K; pressure there, Pa.
     top : float
-        Height of the top, m'.
+        Geopotential height of the top, m'.
     """
     h, k = geopotential(height), 0
     while k < 6 and h >= BASES[k + 1]:
@@ -214,7 +214,8 @@ def density_series(height, base):
 
 @formula
 def density_near(c, rise):
-    """Density, kg/m3, from a `density_series` at a rise of geopotential height, m'."""
+    """Density, kg/m3: the power series ``c`` of `density_series` at a rise of geopotential height,
+    m', from the height that it was expanded about."""
     tail = c[5] + rise * (c[6] + rise * (c[7] + rise * c[8]))
     return c[0] + rise * (c[1] + rise * (c[2] + rise * (c[3] + rise * (c[4] + rise * tail))))
 

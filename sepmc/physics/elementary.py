@@ -94,8 +94,8 @@ def arctan2(y, x):
 
 @formula
 def arctan2_of_two(y, x, v, u):
-    """`arctan2` of (x, y) and of (u, v) with one division; two divisions are a tenth of the time of
-    the rates of two bodies in air.
+    """Angles ``arctan2(y, x)`` and ``arctan2(v, u)`` with one division; two divisions are a tenth
+    of the time of the rates of two bodies in air.
 
     Parameters
     ----------
@@ -134,7 +134,8 @@ def _ratio(y, x):
 
 @formula
 def _angle(u, high, steep, y, x):
-    """Angle of the point (x, y) from the reduced ratio ``u``."""
+    """Angle of the point (x, y), rad, from the reduced ratio ``u`` of its coordinates, and
+    ``high``, ``steep`` of `_ratio`."""
     angle = u + u * (u * u) * _arctan_series(u * u)
     angle = 0.25 * math.pi + angle if high else angle
     angle = 0.5 * math.pi - angle if steep else angle

@@ -97,7 +97,8 @@ def gap(a, b):
 
 @formula
 def gap_bound(a, b):
-    """Lower bound of the distance of two parts, m, far cheaper than `gap`.
+    """Lower bound of the distance of two parts (start, axis, length, r0, r1), m, far cheaper than
+    `gap`; it may be negative.
 
     The distance of the axes minus the largest radii, or of the ends along the axis of either part.
     Nearest points a + s d1, b + t d2 of two segments: Ericson, Real-Time Collision Detection,
@@ -117,8 +118,8 @@ def gap_bound(a, b):
 
 @formula
 def _beyond(a, b):
-    """Distance of part b beyond the ends of part a along the axis of a, m; negative if it is
-    between."""
+    """Distance of part b beyond the ends of part a along the axis of a, m; negative if they overlap
+    along that axis."""
     first, cosine = dot(sub(b[0], a[0]), a[1]), dot(a[1], b[1])
     last, sine = first + cosine * b[2], math.sqrt(max(0.0, 1.0 - cosine * cosine))
     low, high = (
@@ -130,7 +131,7 @@ def _beyond(a, b):
 
 @formula
 def _limited_ratio(numerator, denominator, threshold):
-    """Ratio limited to 0 to 1; 0 if the denominator is not above a threshold."""
+    """Ratio limited to the range 0 to 1; 0 if the denominator is not above a threshold."""
     if not denominator > threshold:
         return 0.0
     ratio = numerator / denominator
@@ -144,17 +145,18 @@ def inside_gap(point, shell):
     Parameters
     ----------
     point : tuple of 3 float
+        m.
     shell : tuple
-        (start, axis, length, r0, r1).
+        Inner wall (start, axis, length, r0, r1).
 
     Returns
     -------
     distance : float
-        m; infinite before or beyond the ends. Inside positive. Up to `THROUGH` of the radius
-        outside, the point has passed the wall: negative. Further out it is beside the shell:
-        positive.
+        m; infinite before or beyond the ends. Inside positive. Outside by up to `THROUGH` (a
+        tenth) of the radius, the point has passed the wall: negative. Further out it is beside the
+        shell: positive.
     nearest : tuple of 3 float
-        Point of the wall.
+        Nearest point of the wall, m.
     """
     start, axis, length, r0, r1 = shell
     distance, nearest = wall_gap(point, shell)
@@ -168,11 +170,8 @@ def inside_gap(point, shell):
 
 @long_formula
 def wall_gap(point, shell):
-    """Distance of a point from the wall of a hollow frustum, from any side and beyond its ends,
-    too.
-
-    Returns m and the nearest point of the wall.
-    """
+    """Unsigned distance of a point from the wall of a shell (start, axis, length, r0, r1), m, and
+    the nearest point of the wall; for points on either side and beyond the ends, too."""
     start, axis, length, r0, r1 = shell
     along, across = split(sub(point, start), axis)
     rho = math.sqrt(dot(across, across))
@@ -256,8 +255,8 @@ def _nearest(n, e1, e2, e3, tiny):
 
 @routine
 def _better(best, t, v, n, e1, e2, e3):
-    """Nearer to the origin of the best so far (squared distance, t, v) and the point at t in
-    direction v."""
+    """The best so far, (squared distance, t, v), or the same of the point n + t1 e1 + t2 e2 + t3 e3
+    if that is nearer to the origin; v has the direction of the point."""
     point = _along(n, t, e1, e2, e3)
     square = dot(point, point)
     return (square, t, v) if square < best[0] else best
@@ -292,8 +291,9 @@ def _triangle(n, e1, e2):
 
 @routine
 def _origin_within(n, e1, e2, e3, tiny):
-    """Test if the tetrahedron contains the origin; returns that and the fractions of its edges
-    (Cramer's rule). ``tiny`` excludes flat ones."""
+    """Test if a tetrahedron (corner n, edges e1, e2, e3) contains the origin. Returns the answer,
+    and the fractions of the edges at the origin, by Cramer's rule. Flat tetrahedra, in which these
+    miss the origin by more than ``tiny`` m, count as not containing it."""
     c = cross(e2, e3)
     det = dot(e1, c)
     if det != 0.0:

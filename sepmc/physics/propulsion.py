@@ -12,9 +12,10 @@ def thrust_direction(cant, clock, deflection, deflection_clock):
     Parameters
     ----------
     cant, clock : float
-        zeta_x and zeta_gamma, angles of the nozzle, rad.
+        zeta_x and zeta_gamma, rad: angle of the nozzle axis from body x, and its direction about
+        x, from z towards -y. The axis is (cos cant, -sin cant sin clock, sin cant cos clock).
     deflection, deflection_clock : float
-        beta_F and phi_F, angles of the thrust to the nozzle axis, rad.
+        beta_F and phi_F, rad: the same angles of the thrust in the axes of the nozzle.
 
     Returns
     -------
@@ -42,9 +43,10 @@ def thrust_arm(cg, station, radius, clock, offset_y, offset_z):
     cg : tuple of 3 float
         Centre of mass, layout coordinates, m.
     station, radius, clock : float
-        Station of the thrust point, m; its distance from the axis, m; its angle, rad.
+        Station of the thrust point, m; its distance from the layout axis, m; its direction about
+        that axis, from z towards -y, rad.
     offset_y, offset_z : float
-        Offset of the thrust point, m.
+        Further offset of the thrust point, m.
 
     Returns
     -------

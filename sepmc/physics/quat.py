@@ -10,8 +10,8 @@ from sepmc.physics.elementary import arctan2, sine_cosine
 
 @formula
 def matrix(q):
-    """Attitude matrix (body to ground) of a quaternion, orthogonal for any length of the
-    quaternion: within a step it is not quite 1."""
+    """Attitude matrix (body to ground, 9-tuple by rows) of a quaternion (scalar first). It is
+    orthogonal for any length of the quaternion: within a step the length is not quite 1."""
     w, x, y, z = q
     two = 2.0 / (w * w + x * x + y * y + z * z)
     return (
@@ -41,6 +41,7 @@ def rate(q, omega):
     Parameters
     ----------
     q : tuple of 4 float
+        Scalar first, body to ground.
     omega : tuple of 3 float
         Angular rate, body axes, rad/s.
 
@@ -61,7 +62,8 @@ def rate(q, omega):
 
 @formula
 def from_angles(pitch, yaw, roll):
-    """Quaternion of Rz(pitch) Ry(yaw) Rx(roll), angles in rad."""
+    """Quaternion (scalar first, body to ground) of the attitude Rz(pitch) Ry(yaw) Rx(roll), angles
+    in rad."""
     sp, cp = sine_cosine(0.5 * pitch)
     sy, cy = sine_cosine(0.5 * yaw)
     sr, cr = sine_cosine(0.5 * roll)
@@ -75,7 +77,8 @@ def from_angles(pitch, yaw, roll):
 
 @formula
 def angles(m):
-    """Pitch, yaw and roll, rad, of an attitude matrix; singular at yaw = +-90 deg.
+    """Pitch, yaw and roll, rad, of an attitude matrix (9-tuple by rows); singular at yaw = +-90
+    deg.
 
     Eq (7) of the paper gives their rates.
     """
@@ -104,17 +107,18 @@ _THROUGH = 1e-9
 
 @formula
 def may_wind(u, v, deviation):
-    """Return True if a path from u to v may pass the origin on either side.
+    """Return True if a plane path from u to v comes so close to the origin that it may pass it on
+    either side.
 
-    Its angle about the origin is then not known. A path through the origin itself passes it on
-    neither side.
+    The change of its angle about the origin is then known only up to a full turn. A straight line
+    through the origin itself (to 1e-9) gives False.
 
     Parameters
     ----------
     u, v : tuple of 2 float
-        Points of the plane.
+        Ends of the path.
     deviation : float
-        Largest distance of the path from the straight line.
+        Largest distance of the path from the straight line between its ends.
     """
     along, across = v[0] - u[0], v[1] - u[1]
     square = along * along + across * across
@@ -128,8 +132,8 @@ def may_wind(u, v, deviation):
 
 @formula
 def heading(m):
-    """Pairs (cos, sin) up to a factor of pitch and roll: (m00, m10), and (m21, m22) in the order
-    (sin, cos).
+    """Elements (m00, m10, m21, m22) of an attitude matrix: the cosine and sine of the pitch, then
+    the sine and cosine of the roll, each pair times the cosine of the yaw.
 
     Parameters
     ----------

@@ -89,8 +89,9 @@ def rim_gap(rim, shell, margin):
 
 @routine
 def axes(normal, axis):
-    """Axes x and y of the ellipse (see the module), and sine and cosine of the angle between the
-    normal of the rim and the axis of the shell."""
+    """Axes in which a rim is seen along the axis of a shell: unit vectors e (x) and v (y) across
+    that axis, v in the plane of the rim. Also the sine and cosine of the angle between the normal
+    of the rim and the axis. Returns (e, v, sine, cosine)."""
     v = cross(normal, axis)
     sine, cosine = math.sqrt(dot(v, v)), dot(normal, axis)
     if sine > 1e-14:
@@ -103,8 +104,8 @@ def axes(normal, axis):
 
 @routine
 def _arc(z0, b, length, margin):
-    """Range of angles, in 0 to pi, for which the rim lies between the ends; empty (low > high) if
-    there is none."""
+    """Range (low, high) of angles, in 0 to pi, in which a rim with z = z0 + b cos(angle) lies
+    between the ends of a shell, extended by ``margin`` m; low > high if there is none."""
     highest, lowest = length + margin - z0, -margin - z0
     if not (highest >= -b and lowest <= b):
         return 1.0, 0.0
@@ -118,8 +119,12 @@ def _arc(z0, b, length, margin):
 
 @routine
 def rim_point(angle, side, ellipse):
-    """Point (x, y, z) of the rim at an angle, and its distance from the axis. ``side`` -1 is the
-    other half of the rim."""
+    """Point of a rim at an angle, rad, and its distance rho from the axis of the shell: (x, y, z,
+    rho), m.
+
+    ``ellipse`` is (x0, y0, z0, a, r, b): x = x0 + a cos, y = y0 + side r sin, z = z0 + b cos, z
+    along the axis. ``side`` 1 or -1 is the half of the rim.
+    """
     x0, y0, z0, a, r, b = ellipse
     s, c = sine_cosine(angle)
     x, y = x0 + a * c, y0 + side * r * s
@@ -128,8 +133,8 @@ def rim_point(angle, side, ellipse):
 
 @routine
 def _summit(ellipse, slope, low, high):
-    """Angle between two with the largest rho - slope z: the root of J by Newton's method with a
-    bracket, or an end."""
+    """Angle between ``low`` and ``high`` at which rho - slope z of `rim_point` is largest: a root
+    of its derivative, by Newton's method with a bracket, or an end."""
     x0, y0, _, a, r, b = ellipse
     mb = slope * b
     angle = arctan2(r * y0, a * x0 - mb * r)  # the root without the tilt of the rim
@@ -164,8 +169,8 @@ def _summit(ellipse, slope, low, high):
 
 @routine
 def steepest(ellipse, slope):
-    """Angle with the largest rho - slope z on the half of a rim with sin phi >= 0. Where y0 < 0,
-    its local maximum, or any angle if there is none.
+    """Angle at which rho - slope z of `rim_point` is largest on the half of a rim with sin phi >=
+    0. Where y0 < 0, its local maximum, or any angle if there is none.
 
     With y0 < 0, J / sin phi falls only where sin^3 phi > r |y0| / ((1 + m^2) b^2).
     """
@@ -182,8 +187,9 @@ def steepest(ellipse, slope):
 
 @routine
 def _signed(angle, side, ellipse, wall):
-    """Signed distance of a point of the rim from the wall.
+    """Signed distance (`outlines.inside_gap`) of a point of a rim from the wall of a shell.
 
+    ``angle``, ``side``, ``ellipse`` as in `rim_point`; ``wall`` is (r0, slope, length, margin).
     Returns the distance; the foot on the wall, along the axis; the excess outside the wall over the
     range that counts as passed (above 0: the point is beside the shell); and True if no other point
     of its arc can be nearer, provided that this one is nearest to the line of the wall and not
@@ -210,8 +216,9 @@ def _signed(angle, side, ellipse, wall):
 
 @routine
 def _search(ellipse, wall, low, high, summit):
-    """Angle and side of the nearest point if an edge of the shell is nearest, or some of the rim
-    has passed the wall or is beside it.
+    """Angle and side (`rim_point`) of the point of a rim that is nearest to a wall, where the
+    ``summit`` need not be it: an edge of the shell is nearest, or some of the rim has passed the
+    wall or is beside it.
 
     Every local minimum over equidistant points of the arc is refined, and the angles at which the
     rim changes between passed and beside.
@@ -253,8 +260,9 @@ def _search(ellipse, wall, low, high, summit):
 
 @routine
 def _border(ellipse, wall, side, a, excess_a, b, excess_b):
-    """Last angle at which the rim is not beside the wall, between two angles of which it is beside
-    at one: Illinois method, to round-off."""
+    """Last angle at which a rim is not beside the wall, between angles a and b of which it is
+    beside at one; ``excess_a``, ``excess_b`` are the excesses of `_signed` there. Illinois method,
+    to round-off."""
     if excess_a > 0.0:
         a, excess_a, b, excess_b = b, excess_b, a, excess_a
     last = 0
@@ -278,8 +286,8 @@ def _border(ellipse, wall, side, a, excess_a, b, excess_b):
 
 @routine
 def _narrow(ellipse, wall, side, low, high, angle, best):
-    """Smallest distance between two angles, and its angle: Brent's method (parabolas, with golden
-    section as a fallback) from a known point."""
+    """Smallest distance of `_signed` between two angles, and its angle: Brent's method (parabolas,
+    with golden section as a fallback) from an ``angle`` with the distance ``best``."""
     noinline()
     second, third, value2, value3 = angle, angle, best, best  # second and third best so far
     step = last = 0.0

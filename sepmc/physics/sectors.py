@@ -96,7 +96,8 @@ def sector_gap(sector, part):
 
 @long_formula
 def point_gap(point, sector):
-    """Distance of a point from a sector, m, and the nearest point of the sector."""
+    """Distance of a point from a sector (start, axis, length, r0, r1, x, y, width), m, and the
+    nearest point of the sector."""
     start, axis, length, r0, r1, x, y, width = sector
     from_axis = sub(point, start)
     angle = arctan2(dot(from_axis, y), dot(from_axis, x))
@@ -113,7 +114,8 @@ def point_gap(point, sector):
 
 @routine
 def _nearer(best, p, q, point, sector):
-    """Nearest points so far, or a point of the solid with the nearest one of the sector."""
+    """Nearer of two pairs of points, as (distance, on the sector, on the solid): the best so far,
+    (best, p, q), or a ``point`` of the solid with the point of the sector nearest to it."""
     distance, on_sector = point_gap(point, sector)
     if distance < best:
         return distance, on_sector, point
@@ -133,7 +135,8 @@ def _line(sector, angle):
 
 @routine
 def _line_gap(point, line):
-    """Distance of a point from a straight line between two ends, and the nearest point of it."""
+    """Distance of a point from a straight ``line`` between two ends (a part of `outlines`, whose
+    radii are ignored), m, and the nearest point of the line."""
     start, axis, length, _, _ = line
     along = min(max(dot(sub(point, start), axis), 0.0), length)
     nearest = add(start, scale(along, axis))
@@ -143,8 +146,9 @@ def _line_gap(point, line):
 
 @routine
 def _highest(rim, shell, side):
-    """Point of a rim that is the highest over the wall of a shell, and its height: on the half
-    further from the axis (side 0), or on the other half, if it has a local maximum."""
+    """Point of a rim that is the highest over the wall of a shell, and its height rho - r0 - slope
+    z, m: on the half of the rim further from the axis (side 0), or the local maximum on the other
+    half (side 1; any point if there is none)."""
     centre, normal, radius = rim
     start, axis, length, r0, r1 = shell
     e, v, sine, cosine = axes(normal, axis)
@@ -160,8 +164,9 @@ def _highest(rim, shell, side):
 
 @routine
 def _is_met(sector, part, distance):
-    """True if a solid meets the face of a sector, although the edges and all points of it that
-    could be nearest are at least ``distance`` from it: unless they meet, no line is nearer."""
+    """True if a solid part meets the face of a sector, given that the edges of the sector, and all
+    points of the solid that can be nearest to a face that it does not meet, are at least
+    ``distance`` m away. Straight lines of the face are compared: one that is nearer proves it."""
     noinline()
     radius, width, angle = max(sector[3], sector[4]), sector[7], 0.0
     for _ in range(_LINES):

@@ -101,8 +101,11 @@ def widest_gap(a, b, v, relative, round_off):
 
 @formula
 def _step(t, g, rim_a, rim_b, on_a, on_b):
-    """Newton step of the direction for a gradient t normal to it: along the tangent of a body to
-    whose side it is kept normal, or free."""
+    """Newton step of the unit direction u for the gradient t normal to it, with the width g.
+
+    ``rim_a``, ``rim_b``: (radius over the sine of u to the axis, tangent of the rim). The step is
+    along the tangent of the body to whose side u is kept normal (``on_a``, ``on_b``), else free.
+    """
     (radius_a, e_a), (radius_b, e_b) = rim_a, rim_b
     along_a, along_b, c = dot(e_a, t), dot(e_b, t), dot(e_a, e_b)
     if on_a:

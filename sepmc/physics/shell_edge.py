@@ -91,8 +91,8 @@ def arc_gap(arc, part, limit):
     Parameters
     ----------
     arc : tuple
-        (centre, x, y, radius, width): unit vectors towards its first point and, at right angles,
-        the way that the angle grows; width in rad.
+        (centre, x, y, radius, width): unit vectors from the centre to the first point of the arc
+        and, at right angles to that, in the direction in which the arc goes on; width in rad.
     part : tuple
         (start, axis, length, r0, r1).
     limit : float
@@ -156,7 +156,8 @@ def arc_gap(arc, part, limit):
 
 @long_formula
 def edge_gap_bound(edge, part):
-    """Lower bound of the distance of a circle from a solid part, m, far cheaper than `edge_gap`."""
+    """Lower bound of the distance of a circle from a solid part, m, far cheaper than `edge_gap`,
+    with the same arguments; it may be negative."""
     centre, normal, radius = edge
     start, axis, length, r0, r1 = part
     along, across = split(sub(centre, start), axis)
@@ -173,7 +174,10 @@ def edge_gap_bound(edge, part):
 
 @routine
 def _distance(angle, ellipse, section):
-    """Distance of a point of the circle from the part, m, and its slope, m/rad."""
+    """Distance of the point of a circle at an angle from a part, m, and its slope, m/rad.
+
+    ``ellipse`` as in `rims.rim_point`; ``section`` is (length, r0, r1) of the part.
+    """
     x0, y0, z0, a, r, b = ellipse
     s, c = sine_cosine(angle)
     x, y, z = x0 + a * c, y0 + r * s, z0 + b * c
@@ -190,7 +194,8 @@ def _distance(angle, ellipse, section):
 
 @routine
 def _nearest(along, rho, length, r0, r1):
-    """Nearest point (along, rho) of the trapezoid of a part in the half plane through its axis."""
+    """Point of a part nearest to the point (along, rho), both as coordinates along the axis of the
+    part and across it, m: the part is a trapezoid in the half plane through its axis."""
     rise = r1 - r0
     if 0.0 <= along <= length and (rho - r0) * length <= rise * along and rho <= max(r0, r1):
         return along, rho
@@ -208,11 +213,13 @@ def _nearest(along, rho, length, r0, r1):
 
 @routine
 def _bend(ellipse, section, distance):
-    """Largest rate at which the slope of the distance falls, m/rad, while the distance is at least
-    half of ``distance``.
+    """Bound D of the second derivative of the distance f by the angle: f'' >= -D, m/rad2, while the
+    distance is at least half of ``distance``.
 
-    f'' >= -r, and f'' >= -(b + g D): b bounds the second derivative of z, g the share of f along
-    rho, and rho'' >= -D. rho^2 = (x0 + a cos)^2 + (y0 + r sin)^2, so with r^2 - a^2 = b^2 its slope
+    ``ellipse`` and ``section`` as in `_distance`.
+
+    f'' >= -r, and f'' >= -(b + g E): b bounds the second derivative of z, g the fraction of f along
+    rho, and rho'' >= -E. rho^2 = (x0 + a cos)^2 + (y0 + r sin)^2, so with r^2 - a^2 = b^2 its slope
     is at most 2 |(a x0, r y0)| + b^2, its second derivative at most 2 |(a x0, r y0)| + 2 b^2, and
     rho'' = (rho^2)'' / (2 rho) - (rho^2)'^2 / (4 rho^3).
     """
@@ -257,7 +264,8 @@ def _descend(angle, distance, ellipse, section):
 @routine
 def _narrow(low, f_low, fall, high, rise, ellipse, section):
     """Smallest distance between two angles and its angle, by the root of the slope. From ``low``,
-    with the value ``f_low``, it falls towards ``high``, where it rises or is no smaller."""
+    with the value ``f_low`` and the slope ``fall``, it falls towards ``high``, where it has the
+    slope ``rise`` (counted from ``low`` to ``high``) or is no smaller."""
     noinline()
     best, angle, last = f_low, low, 0
     sign = 1.0 if high > low else -1.0
@@ -285,8 +293,9 @@ def _narrow(low, f_low, fall, high, rise, ellipse, section):
 
 @routine
 def _sweep(sign, angle, best, ellipse, section):
-    """Search half of the circle from its smallest distance for a smaller one: it and its angle; the
-    known one if there is none."""
+    """Search the half of a circle that begins at ``angle``, in the direction ``sign`` (1 or -1),
+    for a smaller distance than ``best``, which it has there. Returns the distance and its angle;
+    ``best`` and ``angle`` if none is smaller."""
     noinline()
     radius, bend = ellipse[4], _bend(ellipse, section, best)
     lowest, tolerance = best - _SAME * radius, best - 0.125 * bend * _FINEST * _FINEST
@@ -317,8 +326,9 @@ def _sweep(sign, angle, best, ellipse, section):
 
 @routine
 def _least(f0, slope0, f1, slope1, bend, step):
-    """Lower bound of the distance between two points: the intersection of the parabolas that fall
-    from its tangents there."""
+    """Lower bound of a function in an interval of length ``step``, from its values and slopes at
+    both ends and its second derivative, which is at least -bend: the parabolas that fall from both
+    tangents intersect there."""
     denominator = slope0 - slope1 - bend * step
     if not denominator < 0.0:
         return min(f0, f1)

@@ -132,9 +132,9 @@ def get(w, k):
 
 @routine
 def split(d, axis):
-    """Component of d along a unit vector, and the vector of the rest.
+    """Component of d along a unit vector (a number), and the vector d without it.
 
-    Projected twice, so that a short rest is normal to the axis, too.
+    Projected twice, so that a short second result is normal to the axis, too.
     """
     along = dot(d, axis)
     across = sub(d, scale(along, axis))
@@ -143,7 +143,7 @@ def split(d, axis):
 
 @formula
 def put(w, k, a):
-    """Store a vector at w[k], w[k + 1], w[k + 2]."""
+    """Store a vector ``a`` at w[k], w[k + 1], w[k + 2]."""
     w[k], w[k + 1], w[k + 2] = a
 
 

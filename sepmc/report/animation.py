@@ -91,7 +91,7 @@ def animate(
 
 
 def _rows(history: pd.DataFrame) -> list[int]:
-    """Return the rows of a history at equal time steps."""
+    """Return the indices of at most `FRAMES` rows of a history at about equal time steps."""
     times = history["time_s"].to_numpy()
     frame_times = np.linspace(times[0], times[-1], FRAMES)
     rows = np.clip(np.searchsorted(times, frame_times), 0, len(times) - 1)
@@ -136,7 +136,8 @@ class _Frame:
         return self.in_view(name, np.concatenate([*parts, _mark_points(name, body, self.scene)]))
 
     def draw(self, ax: Axes, up: int, max_force: float, length: float) -> None:
-        """Draw bodies, joints and forces into a view."""
+        """Draw bodies, joints and forces into a view with lateral coordinate ``up`` (1 or 2). A
+        constraint force of ``max_force`` (N) has an arrow of ``length`` (m)."""
         for number, (name, body) in enumerate(self.scene.body.items()):
             tint, edge = TINTS[number % len(TINTS)], EDGES[number % len(EDGES)]
             for part in body.outline:
@@ -160,7 +161,7 @@ class _Frame:
     def _joint(
         self, ax: Axes, up: int, name: str, joint: Joint, max_force: float, length: float
     ) -> None:
-        """Draw a joint and its constraint force."""
+        """Draw a joint and its constraint force; other arguments as for `draw`."""
         second = joint.bodies[1]
         if second == GROUND:
             return

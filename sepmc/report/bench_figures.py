@@ -52,7 +52,10 @@ def draw(
     Parameters
     ----------
     frames : mapping of part to DataFrame
+        Tables by part: work_precision, row_errors, features, stages, scaling, peers; parts that are
+        missing or empty are not drawn.
     folder : Path
+        Must exist.
     title : str
     threads : int
         Threads of all parts without their own number.
@@ -62,6 +65,7 @@ def draw(
     Returns
     -------
     list of Path
+        Files written, ``<part>.png``.
     """
     drawers = {
         "work_precision": _work_precision,
@@ -136,7 +140,8 @@ def _row_errors(frame: pd.DataFrame, title: str, floor: float) -> Figure:
 
 
 def _plain_decades(ax: Axes, which: str) -> None:
-    """Set plain numbers as ticks of a logarithmic axis of few decades."""
+    """Set plain numbers as ticks of a logarithmic axis (``which`` is "x" or "y") if it has at most
+    four decades; otherwise powers of ten."""
     axis = ax.xaxis if which == "x" else ax.yaxis
     low, high = axis.get_view_interval()
     if high > 1e4 * low:
@@ -186,7 +191,8 @@ def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
 
 
 def _scale_note(rows: pd.DataFrame) -> str:
-    """Return a note on the number of timed cases if fewer than all."""
+    """Return a note on the number of timed cases in rows whose times were scaled from fewer cases;
+    empty if there are none."""
     if not rows["scaled"].any():
         return ""
     count = int(rows["cases"].min())

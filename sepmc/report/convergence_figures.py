@@ -95,7 +95,8 @@ def exceedance_figure(
 
 
 def _exceedance(ax: Axes, values: np.ndarray, upper: bool) -> None:
-    """Draw the fraction of values above, or below, each of them, and its band."""
+    """Draw the fraction of cases above (``upper``) or below each of their values (n,), and its 95 %
+    band; NaN counts as beyond every value."""
     x, n = np.sort(values[~np.isnan(values)]), len(values)
     ranks = np.unique(np.geomspace(1, len(x), _POINTS).astype(int))
     points = np.union1d(x[ranks - 1], x[len(x) - ranks])

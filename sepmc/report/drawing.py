@@ -28,7 +28,8 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class _View:
-    """Coordinates of a layout point (station, y, z) along the axes of a view, and their labels."""
+    """View of layout points (station, y, z): indices of the coordinates to the right and up, and
+    labels of both axes."""
 
     across: int
     up: int
@@ -61,7 +62,7 @@ class _Labels:
         self.lines: list[np.ndarray] = []
 
     def add(self, at: tuple[float, float], name: str, colour: str) -> None:
-        """Add a label of a point."""
+        """Add the label ``name`` of a point, given by its coordinates in the view."""
         cell = (round(at[0] / self.merge_distance), round(at[1] / self.merge_distance), colour)
         self.names.setdefault(cell, (at, [], colour))[1].append(name)
         self.marks.append(at)
@@ -202,7 +203,7 @@ def draw_vehicle(scene: Scene, dispersions: Sequence[Dispersion], title: str, pa
 
 
 def _size(scene: Scene) -> float:
-    """Return the length of the vehicle, m."""
+    """Return the length of the vehicle along its stations, m; at least 1 mm."""
     stations = [body.cg[0] for body in scene.body.values()]
     stations += [motor.station for motor in scene.motor]
     stations += [joint.point[0] for joint in scene.joint.values()]
@@ -234,7 +235,8 @@ def _outlines(labels: _Labels, scene: Scene, view: _View) -> None:
 
 
 def _dots(part: Part, view: _View) -> list[tuple[float, float]]:
-    """Return the points of a part in a view, and a line seen end-on."""
+    """Return the coordinates in a view of what is drawn as dots: the points of a part, and a part
+    without radius (a line) that is seen end-on."""
     points = list(part.points)
     if view is _END and part.stations is not None and part.radii == (0.0, 0.0):
         points.append((part.stations[0], *part.offset))
@@ -242,7 +244,8 @@ def _dots(part: Part, view: _View) -> list[tuple[float, float]]:
 
 
 def _shapes(part: Part, view: _View, style: dict[str, object]) -> list[Patch]:
-    """Return the shapes of a part in a view."""
+    """Return the matplotlib shapes of a part in a view, with the given ``style``; none for a part
+    of points."""
     if part.stations is None or part.radii is None:
         return []
     y, z = part.offset
@@ -282,7 +285,8 @@ def _sector_shapes(part: Part, view: _View, style: dict[str, object]) -> list[Pa
 
 
 def _on_circle(part: Part, radius: float, angles: np.ndarray) -> np.ndarray:
-    """Return points (n, 2), y and z, of a circle of a part at angles about body x."""
+    """Return points (n, 2), y and z, m, of a circle of a part at angles (n,) about body x, rad: 0
+    toward z, 90 deg toward -y."""
     y, z = part.offset
     return np.column_stack([y - radius * np.sin(angles), z + radius * np.cos(angles)])
 
@@ -290,7 +294,8 @@ def _on_circle(part: Part, radius: float, angles: np.ndarray) -> np.ndarray:
 def _masses(
     labels: _Labels, scene: Scene, view: _View, reach: dict[str, tuple[float, float]]
 ) -> None:
-    """Draw the centres of mass and their dispersion."""
+    """Draw the centres of mass, and ellipses of their dispersion: ``reach`` has the ends of each
+    dispersed parameter by path, SI."""
     for number, (name, body) in enumerate(scene.body.items()):
         edge, at = EDGES[number % len(EDGES)], view.at(body.cg)
         labels.ax.plot(*at, marker="o", ms=9, mfc="white", mec=edge, mew=1.6, zorder=4)
@@ -321,7 +326,8 @@ def _joints(labels: _Labels, scene: Scene, view: _View) -> None:
 
 
 def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
-    """Draw springs, motors and loads as arrows of equal length in the direction of their force."""
+    """Draw springs between bodies, motors, and loads in body axes as arrows of a ``length`` (m) in
+    the direction of their force."""
     scene = with_sizes(scene)
     for spring in scene.spring:
         # body x points forward, stations count aft
@@ -339,7 +345,8 @@ def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
 def _arrow(
     labels: _Labels, view: _View, point: Point, along: Point, length: float, colour: str, name: str
 ) -> None:
-    """Draw a labelled arrow from a layout point."""
+    """Draw an arrow of a ``length`` (m) with the label ``name`` from a layout point, in the
+    direction ``along`` (body axes); a cross if it is seen end-on."""
     ax, start = labels.ax, view.at(point)
     step = view.at((-along[0] * length, along[1] * length, along[2] * length))
     if math.hypot(*step) < 0.05 * length:  # seen end-on
@@ -365,13 +372,14 @@ def nozzle_point(motor: Motor) -> Point:
 
 
 def _direction(first: Point, second: Point | None) -> Point:
-    """Return the unit vector from one layout point to another, body axes."""
+    """Return the unit vector, body axes, from one layout point to another; (1, 0, 0) if they
+    coincide or there is no second one."""
     end = second or first
     difference = (first[0] - end[0], end[1] - first[1], end[2] - first[2])
     return _unit(difference) if any(difference) else (1.0, 0.0, 0.0)
 
 
 def _unit(vector: Sequence[float]) -> Point:
-    """Return the unit vector."""
+    """Return the unit vector along a vector (3,)."""
     x, y, z = np.array(vector) / np.linalg.norm(vector)
     return float(x), float(y), float(z)

@@ -64,7 +64,8 @@ def band_figures(
     about: str = "",
     suffix: str = ".png",
 ) -> list[Path]:
-    """Draw separation over time as percentile bands over the cases.
+    """Draw separation speed and distance of every joint over time as percentile bands over the
+    cases, a file for each.
 
     Parameters
     ----------
@@ -77,11 +78,12 @@ def band_figures(
     about : str
         Second line of the titles.
     suffix : str
-        Of the files.
+        Ending of the files.
 
     Returns
     -------
     list of Path
+        Files written.
     """
     folder, labels, written = make_folder(folder), labels or {}, []
     for name, prefix, words, unit in separation_curves(histories):
@@ -119,10 +121,12 @@ def histogram_figures(
     required : mapping of outcome to bounds, optional
         Required bounds, marked in the histograms.
     alone : bool
+        Draw each histogram in a file of its own, ``hist_<outcome>`` + suffix, too.
 
     Returns
     -------
     list of Path
+        Files written.
     """
     folder, reference, labels = make_folder(folder), reference or {}, labels or {}
     required, written = required or {}, []
@@ -299,8 +303,8 @@ def _has_long_tail(histogram: Histogram) -> bool:
 
 
 def _is_bell(histogram: Histogram) -> bool:
-    """Return True if the shape of a histogram is that of a normal distribution, whatever the number
-    of cases."""
+    """Return True if the skewness and excess kurtosis of a histogram are near those of a normal
+    distribution: 0."""
     weights = histogram.counts / histogram.counts.sum()
     centres = 0.5 * (histogram.edges[1:] + histogram.edges[:-1])
     deviations = centres - weights @ centres

@@ -41,14 +41,16 @@ _TOO_FLAT = 0.05  # fraction of a shared scale below which a panel keeps its own
 
 
 class Panel(NamedTuple):
-    """One pair of axes over time.
+    """Content of one pair of axes over time.
 
     Parameters
     ----------
     label : str
         Of the ordinate.
     lines : list of (column, label)
+        Columns of the history, and their labels in the legend.
     styles : tuple of (colour, line style)
+        For the lines in order, repeated if there are more lines.
     small_counts : bool
         True if small values matter, which selects a logarithmic scale beside much larger ones.
     quantity : str
@@ -294,8 +296,8 @@ def _time_page(
     behind: pd.DataFrame | None,
     marks: Mapping[str, float],
 ) -> Path:
-    """Draw panels over one time axis, with the phases and the ``marks``, and the ``nominal`` case
-    behind."""
+    """Draw panels over one time axis into a file, with the phases and the ``marks`` (times, s, by
+    name), and the nominal case ``behind``; return the path of the file."""
     rows = -(-len(panels) // columns)
     figure, axes = make_axes(
         rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8)
@@ -389,7 +391,8 @@ _SHORT, _TALL = 26, 48  # 10 pt letters along the ordinate of stacked and of sin
 
 
 def _label(history: pd.DataFrame, panel: Panel, letters: int) -> str:
-    """Return the label of an ordinate, with the minimum if small values matter."""
+    """Return the label of an ordinate, folded to lines of so many ``letters``, with the minimum if
+    small values matter."""
     text, name = fill(panel.label, letters), panel.lines[0][0]
     if not panel.small_counts or not history[name].notna().any():
         return text

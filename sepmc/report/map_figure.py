@@ -30,6 +30,7 @@ def map_figure(
     Parameters
     ----------
     designs : DesignMap
+        With one or two axes.
     requirement : Requirement
     sentence : str
         The requirement in words.

@@ -22,13 +22,14 @@ _RELATIVE, _ABSOLUTE = 0.03, 1e-3
 
 @dataclass(frozen=True)
 class PlacedPart:
-    """A part of a body in body axes, relative to its centre of mass, m.
+    """A part of a body's outline in body axes, relative to the body's centre of mass, m.
 
     Parameters
     ----------
     start, end : tuple of 3 float
         Centres of the ends of a frustum.
     radii : tuple of 2 float
+        At the start and at the end.
     is_wall : bool
         True for a surface, hollow or a sector; False for a solid.
     sector : tuple of 2 float, optional
@@ -46,7 +47,8 @@ class PlacedPart:
 
 
 def placed_part(part: Part, cg: Vector) -> PlacedPart:
-    """Return a part of a body with a centre of mass at ``cg``, layout."""
+    """Return a part (layout coordinates) of a body with its centre of mass at ``cg`` (layout
+    coordinates, m) in body axes."""
     points = (np.array(part.points).reshape(-1, 3) - cg) * [-1.0, 1.0, 1.0]
     front, aft = part.stations or (0.0, 0.0)
     y, z = part.offset[0] - cg[1], part.offset[1] - cg[2]
@@ -62,8 +64,8 @@ def placed_part(part: Part, cg: Vector) -> PlacedPart:
 
 @dataclass(frozen=True)
 class MovingOutline:
-    """Some parts of a body over n instants: positions (n, 3) of its centre of mass, m, and
-    rotations from body axes to common axes."""
+    """Some parts of a body over n instants: positions (n, 3) of its centre of mass, m, and n
+    rotations from body axes to the common axes of all bodies."""
 
     parts: Sequence[PlacedPart]
     positions: np.ndarray
@@ -110,7 +112,8 @@ def nearest_lines(one: MovingOutline, two: MovingOutline, distances: np.ndarray)
 def _nearest_points(
     a: PlacedPart, one: MovingOutline, b: PlacedPart, two: MovingOutline
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest points (n, 3) of two parts."""
+    """Return the points (n, 3) of part ``a`` of one outline and of part ``b`` of the other that are
+    nearest to each other at each instant; not both parts may be walls."""
     at_walls = a.is_wall or b.is_wall
     starts, count = _starts(b if a.is_wall else a, at_walls), len(one.positions)
     first, second = (b, two) if a.is_wall else (a, one), (a, one) if a.is_wall else (b, two)
@@ -126,8 +129,8 @@ def _nearest_points(
 
 
 def _starts(part: PlacedPart, around: bool) -> np.ndarray:
-    """Return points (k, 3) of a part: its points, or the middle and the ends of its axis, or points
-    ``around`` its rims."""
+    """Return points (k, 3), body axes, of a part from which projections start: its points, or the
+    middle and the ends of its axis, or, if ``around``, points around its rims."""
     if len(part.points):
         return part.points
     ends = np.array([part.start, part.end])
@@ -139,7 +142,8 @@ def _starts(part: PlacedPart, around: bool) -> np.ndarray:
 
 
 def _project(points: np.ndarray, part: PlacedPart, outline: MovingOutline) -> np.ndarray:
-    """Return the points of a part nearest to points (k n, 3)."""
+    """Return the points (k n, 3) of a part nearest to ``points`` (k n, 3): n instants for each of k
+    starts, in common axes."""
     count = len(outline.positions)
     result = np.empty_like(points)
     for k in range(0, len(points), count):  # every start in turn

@@ -36,7 +36,7 @@ def rare_figure(
 
     Parameters
     ----------
-    result : Rare
+    result : RareEventEstimate
         From `sepmc.campaign.execution.rare_event`.
     folder : Path
         Created if missing.

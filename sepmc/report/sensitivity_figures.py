@@ -104,7 +104,8 @@ def tornado_figure(
 
 
 def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
-    """Draw first-order indices, and total ones if given, with their intervals."""
+    """Draw first-order indices, and total ones if given, of the inputs in the rows of ``top``, with
+    their 95 % intervals, at the ordinates ``places`` (n,)."""
     for name, aside, marker, colour, text in (
         ("first", 0.12, "o", BLACK, "first-order index"),
         ("total", -0.12, "s", GREEN, "total index"),
@@ -184,7 +185,8 @@ def attribution_figure(
 
 
 def _region_lines(one: Attribution, keys: Mapping[str, str]) -> list[str]:
-    """Return a line on the range of each input of an attribution."""
+    """Return a line for each input of an attribution: its TOML path and the range where most of the
+    failed cases are."""
     return [
         f"{keys.get(name, name)} {low:.5g}" + ("" if low == high else f" to {high:.5g}")
         for name, (low, high) in zip(one.inputs, one.region, strict=True)

@@ -76,6 +76,7 @@ def make_axes(
     -------
     figure : Figure
     axes : list of Axes
+        Row by row.
     """
     figure = Figure(figsize=(columns * size[0], rows * size[1]), layout="constrained")
     FigureCanvasAgg(figure)
@@ -101,7 +102,8 @@ def set_title(figure: Figure, text: str) -> None:
 
 
 def _columns(texts: Sequence[str], inches: float) -> int:
-    """Return the number of legend columns that fit into ``inches``, in rows as even as possible."""
+    """Return the largest number of legend columns for these texts that fit into ``inches``, in rows
+    as even as possible."""
     widths = 0.55 + 0.072 * np.array([len(text) for text in texts])  # a handle, and 9 pt letters
     for columns in range(len(texts), 1, -1):
         rows = -(-len(texts) // columns)

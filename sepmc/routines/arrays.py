@@ -14,7 +14,7 @@ _RECORD = numba.from_dtype(STRUCTURE)
 
 
 def _pointer_to(element: Any):
-    """Create an intrinsic that casts an address to a pointer."""
+    """Create an intrinsic that casts an integer address to a pointer to a Numba type."""
 
     def typer(typing_context, address):
         def generate(context, builder, signature, arguments):
@@ -36,39 +36,40 @@ Arrays = Any
 
 @formula
 def vector(a, k):
-    """Array k as a 1-D array of floats."""
+    """Array k of the arguments ``a`` of a kernel, as a 1-D array of floats."""
     return carray(_floats(a[4 * k]), (a[4 * k + 1],))
 
 
 @formula
 def indices(a, k):
-    """Array k as a 1-D array of integers."""
+    """Array k of the arguments ``a`` of a kernel, as a 1-D array of integers."""
     return carray(_integers(a[4 * k]), (a[4 * k + 1],))
 
 
 @formula
 def table(a, k):
-    """Array k as a 2-D array of floats."""
+    """Array k of the arguments ``a`` of a kernel, as a 2-D array of floats."""
     return carray(_floats(a[4 * k]), (a[4 * k + 1], a[4 * k + 2]))
 
 
 @formula
 def block(a, k):
-    """Array k as a 3-D array of floats."""
+    """Array k of the arguments ``a`` of a kernel, as a 3-D array of floats."""
     return carray(_floats(a[4 * k]), (a[4 * k + 1], a[4 * k + 2], a[4 * k + 3]))
 
 
 @formula
 def record(a, k):
-    """First record of array k, of type ``STRUCTURE``."""
+    """First record of array k of the arguments ``a`` of a kernel: an array of `layout.STRUCTURE`
+    records."""
     return carray(_records(a[4 * k]), (1,))[0]
 
 
 @for_any_numbers
 @routine
 def get_column(w, offset, table, k, first):
-    """Copy row k of a table, columns ``first`` to ``first`` + LANES, to w[offset]; lanes beyond the
-    last column get its number."""
+    """Copy LANES numbers from row k of a table, from column ``first`` on, to w[offset] and after
+    it; lanes beyond the last column get the number of that column."""
     last = table.shape[1] - 1
     if first + LANES <= table.shape[1]:
         for l in range(LANES):
@@ -81,8 +82,8 @@ def get_column(w, offset, table, k, first):
 @for_any_numbers
 @routine
 def put_columns(table, k, w, offset, count, first):
-    """Copy ``count`` quantities from w[offset] to rows k, k + 1, ... of a table, from column
-    ``first``; lanes beyond the last column are dropped."""
+    """Copy ``count`` quantities, LANES numbers each, from w[offset] on to rows k, k + 1, ... of a
+    table, from column ``first`` on; lanes beyond the last column are dropped."""
     if first + LANES <= table.shape[1]:
         for i in range(count):
             for l in range(LANES):

@@ -61,10 +61,11 @@ def search_clearance(w, job):
     job : int
         Position of the job (`layout.JOB_TIME`, ...):
 
+        JOB_TIME, JOB_LENGTH : start and length of the step, s
         JOB_PARTS : position and number of the parts of both outlines (`layout.PART_SIZE`)
-        JOB_CENTRES : layout points of the centres of mass
-        JOB_PATH : (order + 1, PATH), powers of the fraction of the step: vector from a to b (3),
-        attitudes of a and b (4, 4)
+        JOB_CENTRES : layout points of the centres of mass of bodies a and b
+        JOB_PATH : coefficients (JOB_POWERS, PATH) of the powers of the fraction of the step: of the
+        vector from a to b (3), and of the attitude quaternions of a and b (4, 4)
         JOB_RESULT : smallest distance, its time, nearest point of the first body (3, layout), 1 on
         contact; NaN at first; updated here
         JOB_DONE : set to 1 if the search was complete, else 0
@@ -108,6 +109,7 @@ def load_outline(w, out, source, parts):
     w : array
         Workspace.
     out : int
+        Position of the copy.
     source : int
         Position of the numbers of the parts, LANES apart. Of each part: hollow, layout point of its
         start, station of its other end (NaN: a point), radius at both ends.
@@ -126,7 +128,8 @@ def load_outline(w, out, source, parts):
 
 @routine
 def _part(p, cg, w):
-    """Part of a body's outline, stored at w[p], in body axes from the centre of mass."""
+    """Part (start, axis, length, r0, r1) of a body's outline, stored at w[p] in layout coordinates,
+    in body axes from the centre of mass ``cg``, m."""
     start = (cg[0] - w[p + 1], w[p + 2] - cg[1], w[p + 3] - cg[2])
     length = w[p + 4]
     return (start, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0), abs(length), w[p + 5], w[p + 6])
@@ -134,8 +137,9 @@ def _part(p, cg, w):
 
 @routine
 def _pose(theta, w, job, pose):
-    """Pose of body b relative to body a at a fraction of the step, to w[pose]: attitude (9), and
-    vector between the centres of mass in the axes of a."""
+    """Store in w[pose] the pose of body b relative to body a at the fraction ``theta`` of the step
+    of a job: matrix from the axes of b to those of a (9), and vector from the centre of mass of a
+    to that of b, axes of a (3)."""
     noinline()
     for n in range(at.PATH):
         w[pose + n] = 0.0
@@ -153,8 +157,9 @@ def _pose(theta, w, job, pose):
 
 @routine
 def _motion(w, poses, h):
-    """Bounds of the motion of body b relative to a: largest speeds (of b's origin seen from a, of
-    a's origin seen from b, of the axes), m/s, and the corresponding accelerations, m/s2."""
+    """Bounds of the motion of body b relative to a over a step of ``h`` s, from its poses: largest
+    speed of b's origin seen from a and of a's origin seen from b, m/s, and of the axes, 1/s; then
+    the corresponding accelerations, m/s2 and 1/s2."""
     noinline()
     dt = h / (at.POSES - 1)
     speed_a, speed_b, axis_speed, accel_a, accel_b, axis_accel = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -198,7 +203,7 @@ def _motion(w, poses, h):
 
 @routine
 def _back(w, pose):
-    """Origin of body a in the axes of b, without its sign."""
+    """Vector from the origin of body a to that of b, in the axes of b."""
     return vec3.unrotate(vec3.get_matrix(w, pose), vec3.get(w, pose + 9))
 
 
@@ -218,14 +223,14 @@ def _is_rim(kind):
 
 @routine
 def _is_through(shell, best):
-    """Return True if a rim has passed the wall of its shell by the largest depth
-    (`outlines.inside_gap`): no distance is smaller."""
+    """Return True if the smallest distance so far, ``best``, is that of a rim that has passed the
+    wall of the shell by the largest depth (`outlines.inside_gap`): no distance is smaller."""
     return best <= -_THROUGH * outlines.THROUGH * max(shell[3], shell[4])
 
 
 @routine
 def _placed(part, w, pose):
-    """Part of body b in the axes of body a."""
+    """Part of body b, given in its own axes, in the axes of body a; ``pose`` as in `_pose`."""
     start, axis, length, r0, r1 = part
     r = vec3.get_matrix(w, pose)
     return (
@@ -239,7 +244,7 @@ def _placed(part, w, pose):
 
 @routine
 def _from_other(part, w, pose):
-    """Part of body a in the axes of body b."""
+    """Part of body a, given in its own axes, in the axes of body b; ``pose`` as in `_pose`."""
     start, axis, length, r0, r1 = part
     r = vec3.get_matrix(w, pose)
     return (
@@ -253,7 +258,8 @@ def _from_other(part, w, pose):
 
 @routine
 def _sector(part, p, w):
-    """Sector of its body, stored at w[p], in body axes: see `sectors`."""
+    """Sector (start, axis, length, r0, r1, x, y, width; see `sectors`), in body axes, of a part
+    whose numbers, with the angles after them, are stored at w[p]."""
     start, axis, length, r0, r1 = part
     angles = p + at.PART_SIZE
     s, c = sine_cosine(w[angles + 1])
@@ -262,7 +268,7 @@ def _sector(part, p, w):
 
 @routine
 def _rim(part, end):
-    """Rim of a part: (centre, normal, radius)."""
+    """Rim of a part at its start (end 0) or its other end (1): (centre, normal, radius)."""
     start, axis, length, r0, r1 = part
     if end == 0:
         return start, axis, r0
@@ -271,7 +277,11 @@ def _rim(part, end):
 
 @routine
 def _distance(pair, w, pose, margin):
-    """Distance of a pair, m, and its nearest point on body a, axes of a."""
+    """Distance of a pair of parts at a pose, m, and its nearest point on body a, axes of a.
+
+    ``pair`` is (kind, end of the part with the rim or position of the sector, part of a, part of
+    b); ``margin`` as in `rims.rim_gap`.
+    """
     noinline()
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
@@ -295,8 +305,8 @@ def _distance(pair, w, pose, margin):
 
 @routine
 def _far(pair, w, pose):
-    """Lower bound of the distance of a pair, m, at low cost. For a rim and a shell of the distance
-    without sign."""
+    """Lower bound of the distance of a pair (`_distance`) at a pose, m, at low cost. For a rim and
+    a shell it is a bound of the unsigned distance."""
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
     if kind in (SOLIDS, SECTOR_ON_FIRST, SECTOR_ON_SECOND):
@@ -313,7 +323,7 @@ def _far(pair, w, pose):
 @routine
 def _along(pair, w, pose):
     """Smallest and largest coordinate of a rim along the axis of its shell, m, and an upper bound
-    of its distance from the axis."""
+    of the distance of its points from that axis, m, for a pair of a rim and a shell at a pose."""
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
     solid, shell = (part_b, part_a) if kind == SHELL_ON_FIRST else (part_a, part_b)
@@ -326,8 +336,8 @@ def _along(pair, w, pose):
 
 @routine
 def _least(d0, d1, curvature, dt):
-    """Lower bound of a distance during dt, from its values d0 and d1 at the ends, if its second
-    derivative, with sign, does not exceed ``curvature``."""
+    """Lower bound of a distance during an interval of length dt, from its values d0 and d1 at the
+    ends, if its second derivative, with its sign, does not exceed ``curvature``."""
     s, c = d1 - d0, 0.5 * curvature * dt * dt
     if abs(s) >= c:
         return min(d0, d1)
@@ -336,15 +346,16 @@ def _least(d0, d1, curvature, dt):
 
 @routine
 def _most(x0, x1, move, curvature, dt):
-    """Upper bound of a coordinate between two times, with a movement of at most ``move`` and a
-    second derivative of at most ``curvature``."""
+    """Upper bound of a coordinate during an interval of length dt, from its values x0 and x1 at the
+    ends, if it moves by at most ``move`` and the size of its second derivative is at most
+    ``curvature``."""
     return min(max(x0, x1) + move, -_least(-x0, -x1, curvature, dt))
 
 
 @routine
 def _note(distance, point, time, w, job):
-    """Store a new smallest distance with its time and the nearest point of the first body,
-    layout."""
+    """Store a new smallest distance, its time, the nearest point of the first body (given in its
+    axes, stored in layout coordinates), and 1 on contact, in the result of a job."""
     result, cg = job + at.JOB_RESULT, vec3.get(w, job + at.JOB_CENTRES)
     w[result], w[result + 1] = distance, time
     vec3.put(w, result + 2, (cg[0] - point[0], cg[1] + point[1], cg[2] + point[2]))
@@ -353,12 +364,12 @@ def _note(distance, point, time, w, job):
 
 @routine
 def _search(pair, motion, w, job):
-    """Search a step for a smaller distance of a pair, or an earlier contact. Returns True if the
-    search was complete.
+    """Search a step for a smaller distance of a pair (`_distance`) than the job's result, or for an
+    earlier contact, and store it there. Returns True if the search was complete.
 
-    From left to right, depth first: the first of the job's nodes is the left end of an interval,
-    node ``top`` its right end, and the nodes below that are the right ends of the following
-    intervals.
+    ``motion`` has the bounds of `_motion`. The interval is halved from left to right, depth first:
+    the first of the job's nodes is the left end of an interval, node ``top`` its right end, and the
+    nodes below that are the right ends of the following intervals.
     """
     noinline()
     kind, _, part_a, part_b = pair
@@ -430,8 +441,8 @@ def _search(pair, motion, w, job):
 
 @routine
 def _visit(pair, w, job, node, tiny):
-    """Evaluate the distance of a pair at the pose of a node, and store it if it is smaller, or an
-    earlier contact."""
+    """Evaluate the distance of a pair at the pose of a node, store it in the node and, if it is
+    smaller by more than ``tiny`` m, or an earlier contact, as the result of the job."""
     noinline()
     distance, point = _distance(pair, w, node + _POSE, _FLUSH * tiny)
     w[node + _VALUE] = distance
@@ -448,8 +459,12 @@ def _visit(pair, w, job, node, tiny):
 
 @routine
 def _worth_halving(pair, w, job, right, curvature, speed, dt, tiny):
-    """Return True if the pair may be nearer than known between the first node and the one at
-    ``right``, or in contact earlier."""
+    """Return True if, between the first node and the one at ``right``, the pair may be nearer than
+    the smallest distance so far by more than ``tiny`` m, or in contact earlier.
+
+    ``speed`` and ``curvature`` bound the relative motion, m/s and m/s2; ``dt`` is the length of the
+    interval, s.
+    """
     noinline()
     left, best = job + at.JOB_NODES, w[job + at.JOB_RESULT]
     kind, d0, d1, estimate = pair[0], w[left + _VALUE], w[right + _VALUE], w[right + _CURVATURE]
@@ -507,7 +522,9 @@ def _worth_halving(pair, w, job, right, curvature, speed, dt, tiny):
 
 @routine
 def _least_solids(d0, d1, curvature, estimate, move, dt):
-    """Lower bound of the distance of two solids, or an edge and a solid, between two times."""
+    """Lower bound of the distance of two solids, or an edge and a solid, between two times ``dt``
+    apart, from its values there, a bound of the relative movement, ``move`` m, and the bound and
+    the estimate of its second derivative, m/s2."""
     low = 0.5 * (d0 + d1 - move)
     if not low > 0.0:
         return low

@@ -18,9 +18,10 @@ def fit(w, points, joints, count, matrix, length, curves, stride):
     w : array
         Workspace.
     points : int
-        Position of the values at ``count`` points, the first and last at the ends of the step.
+        Position of the value, rate and acceleration of each joint at ``count`` points of the step,
+        the first and last at its ends.
     joints, count : int
-        Joints (curves), points.
+        Number of joints (curves), number of points.
     matrix : array, shape (count + 2, count + 2)
         Of the method (`sepmc.kernel.spec.methods.Method.curve`).
     length : int
@@ -61,8 +62,8 @@ def fit(w, points, joints, count, matrix, length, curves, stride):
 
 @routine
 def write(w, curves, joints, stride, begin, end, length, interval, history, first):
-    """Write speed and distance of every joint at the instants of the last step into rows of a
-    history.
+    """Write speed and distance of every joint into those rows of a history whose times are in the
+    last step.
 
     Parameters
     ----------

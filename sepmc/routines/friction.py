@@ -11,7 +11,8 @@ _ROUNDS, _TURNS = 40, 100  # Newton iterations of a guide; turns of all guides
 
 @routine
 def balance(w, system, ends, out):
-    """Solve for the friction of all guides, N, in equilibrium with the loads of their pins.
+    """Solve for the friction of all guides of a lane, N, in equilibrium with the loads of their
+    pins.
 
     Loads are convex in a friction force, so Newton's method from zero converges to the smallest
     solution; guides take turns.
@@ -27,7 +28,7 @@ def balance(w, system, ends, out):
     ends : tuple of int
         Pin ends of each guide.
     out : int
-        Position of the solution.
+        Position of the solution, LANES apart.
 
     Returns
     -------
@@ -57,8 +58,9 @@ def balance(w, system, ends, out):
 
 @routine
 def _solve_guide(w, guide, ends, j, count, out):
-    """Solve for the friction of guide ``j`` with that of the others fixed. Returns the load of its
-    pins, N; -1 if it jams."""
+    """Solve for the friction of guide ``j`` of ``count``, whose data begin at ``guide``, with that
+    of the others fixed, and store it at ``out``. Returns the sum of the loads of its ``ends`` pin
+    ends, N; -1 if it jams."""
     noinline()
     coefficient, friction = w[guide], out + j * LANES
     for _ in range(_ROUNDS):

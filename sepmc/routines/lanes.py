@@ -78,7 +78,8 @@ def put4(w, k, a):
 
 @formula
 def put6(w, k, m):
-    """Store the six numbers of a symmetric matrix of a lane, the first at w[k]."""
+    """Store the six numbers xx, xy, xz, yy, yz, zz of a symmetric matrix (tuple of 9) of a lane,
+    the first at w[k]."""
     put3(w, k, (m[0], m[1], m[2]))
     put3(w, k + 3 * LANES, (m[4], m[5], m[8]))
 
@@ -115,11 +116,11 @@ def time_left(value, rate, acceleration, jerk):
 
 @formula
 def nearest_turn(angle, last):
-    """Angle plus the full turns that bring it within half a turn of ``last``, rad."""
+    """Angle, rad, plus as many full turns as bring it within half a turn of the angle ``last``."""
     return angle + 2.0 * math.pi * np.floor((last - angle) / (2.0 * math.pi) + 0.5)
 
 
 @formula
 def larger(a, b):
-    """Larger of two numbers; NaN if the second is NaN."""
+    """Larger of two numbers; the second if any of them is NaN."""
     return a if a >= b else b

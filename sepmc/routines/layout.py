@@ -99,7 +99,8 @@ CELL_ENDS, CELL_BASIS, CELL_COEFFICIENTS = 0, 9, 57
 # nodes of a step for loads: a polynomial of degree seven, the order of the continuous extension of
 # dop853
 PEAK_NODES = 8
-# scratch numbers of `peaks.update_size`: coefficients of three components, sizes at the nodes
+PEAK_POINTS = 15  # points of a step for the mean of a magnitude
+# scratch numbers of `peaks.update_between`: coefficients of three components, sizes at the nodes
 PEAK_SCRATCH = 4 * PEAK_NODES
 
 # Content of a scene and positions of its blocks: integers that a kernel reads through one pointer

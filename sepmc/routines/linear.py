@@ -22,10 +22,10 @@ _CLEARLY_INDEPENDENT = 1e-9
 
 @long_formula
 def _factor_ldlt(w, a, n):
-    """Factor L D L^T of a symmetric positive definite matrix, given by its lower triangle, in
-    place.
+    """Factor a symmetric positive definite matrix (n x n, at w[a]), given by its lower triangle, as
+    L D L^T in place: L below the diagonal, D on it.
 
-    Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent.
+    Returns the smallest pivot relative to its diagonal element, or 0 if rows are dependent.
     """
     noinline()
     smallest = 1.0
@@ -51,7 +51,8 @@ def _factor_ldlt(w, a, n):
 
 @long_formula
 def _solve_factored(w, a, b, n):
-    """Solve a system with the factors L D L^T at w[a]."""
+    """Solve a system of size n with the factors L D L^T at w[a]; the right-hand side at w[b] is
+    replaced by the solution."""
     noinline()
     for i in range(n):
         for k in range(i):
@@ -70,9 +71,12 @@ def solve_ldlt(w, a, b, n):
     Parameters
     ----------
     w : array
+        Workspace.
     a, b : int
-        Positions of the matrix and of the right-hand side.
+        Positions of the matrix (by rows, replaced by its factors) and of the right-hand side
+        (replaced by the solution).
     n : int
+        Size of the system.
 
     Returns
     -------
@@ -128,8 +132,11 @@ def _factor_pivoted(w, a, n, used, rest):
 
 @routine
 def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
-    """Add A^+ b to w[out], for A = L L^T: L G^-1 G^-1 L^T b, given G = L^T L as L D L^T. ``t``: n
-    scratch numbers."""
+    """Add A^+ b to w[out], for a matrix A = L L^T of some rank: A^+ b = L G^-1 G^-1 L^T b.
+
+    ``factor`` is the position of L (n entries a row), ``gram`` that of the factors of G = L^T L, as
+    of `_factor_ldlt`, ``b`` that of b, ``t`` that of n scratch numbers.
+    """
     noinline()
     for r in range(rank):
         w[t + r] = 0.0
@@ -150,11 +157,13 @@ def solve_semidefinite(w, a, b, n):
     Parameters
     ----------
     w : array
+        Workspace.
     a : int
-        Position of the matrix, with space for 3 n^2 numbers.
+        Position of the matrix, by rows, with space for 3 n^2 numbers.
     b : int
-        Position of the right-hand side, with space for 5 n numbers.
+        Position of the right-hand side, with space for 5 n numbers; replaced by the solution.
     n : int
+        Size of the system.
 
     Returns
     -------
@@ -214,9 +223,11 @@ def solve_min_norm(w, source, n, scratch, out):
     Parameters
     ----------
     w : array
+        Workspace.
     source : int
         Position of the lower triangle by rows, then of the right-hand side, LANES apart.
     n : int
+        Size of the system.
     scratch : int
         Position of 3 n^2 + 5 n scratch numbers.
     out : int
@@ -248,9 +259,12 @@ def solve_lu(w, a, b, n):
     Parameters
     ----------
     w : array
+        Workspace.
     a, b : int
-        Positions of the matrix and of the right-hand side.
+        Positions of the matrix (by rows, overwritten) and of the right-hand side (replaced by the
+        solution).
     n : int
+        Size of the system.
 
     Returns
     -------
@@ -301,9 +315,11 @@ def eliminate(w, source, n, scratch, out):
     Parameters
     ----------
     w : array
+        Workspace.
     source : int
         Position of the matrix by rows, then of the right-hand side, LANES apart.
     n : int
+        Size of the system.
     scratch : int
         Position of n^2 + n scratch numbers.
     out : int

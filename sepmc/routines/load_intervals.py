@@ -45,7 +45,7 @@ def _ignition_time(i, m, w, case):
 
 @routine
 def _earlier(earliest, time, t):
-    """Earlier of two times; the second is ignored if it is not after t."""
+    """Earlier of two times; the second one, ``time``, is ignored if it is not after ``t``."""
     return min(earliest, time) if time > t + GRAIN else earliest
 
 
@@ -95,8 +95,9 @@ def next_load_switch(t, m, w, case):
 
 @routine
 def set_active_loads(middle, m, w, case):
-    """Set what is active in the interval around the time ``middle``, s: once, so that no stage of a
-    step sees a switch."""
+    """Set in ``w`` which motors and constant loads act in the interval around the time ``middle``,
+    s, and the lines of their thrust profiles. It is set once for the interval, so that no stage of
+    a step sees a switch."""
     noinline()
     for i in range(m.scene.n_motors):
         p, work = motor_params(i, m, case), motor_work(i, m, case)
@@ -125,8 +126,9 @@ def set_active_loads(middle, m, w, case):
 
 @routine
 def _set_profile(since, first, rows, work, m, w):
-    """Set the line of a thrust profile ``since`` seconds after ignition: zero before its first and
-    after its last row."""
+    """Set the line of a thrust profile (fraction of the thrust: level + slope t, t from ignition)
+    that holds ``since`` seconds after ignition; zero before its first and after its last row.
+    ``first`` and ``rows`` are the position and number of its rows, ``work`` that of the result."""
     w[work + at.LEVEL], w[work + at.SLOPE] = 0.0, 0.0
     for k in range(rows - 1):
         t0, f0 = m.numbers[first + 2 * k], m.numbers[first + 2 * k + 1]

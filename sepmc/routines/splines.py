@@ -16,7 +16,8 @@ from sepmc.routines.lanes import LANES
 
 @long_formula
 def in_cell(w, cell, x, y, z):
-    """Return True if a point is in the cell that a lane has loaded."""
+    """Return True if the point (x, y, z), in the units of the axes, is in the cell that a lane has
+    loaded at w[cell]."""
     return (
         w[cell] <= x < w[cell + LANES]
         and w[cell + 3 * LANES] <= y < w[cell + 4 * LANES]
@@ -40,6 +41,7 @@ def load_cell(w, cell, at, x, y, z):
     at : int
         Position of the pack.
     x, y, z : float
+        The point, in the units of the axes.
 
     Returns
     -------
@@ -97,7 +99,8 @@ def load_cell(w, cell, at, x, y, z):
 
 @routine
 def _span(numbers, axis, x):
-    """Number of the span of an axis that contains x; the first or the last beyond the ends."""
+    """Number (from 0) of the span of an axis that contains x; the first or the last span for x
+    beyond the ends. ``axis`` is the position of the data of the axis in ``numbers``."""
     low, high = 0, int(numbers[axis])
     while high - low > 1:
         middle = (low + high) // 2
@@ -110,7 +113,7 @@ def _span(numbers, axis, x):
 
 @routine
 def _coefficients(numbers, axis):
-    """Number of coefficients along an axis."""
+    """Number of coefficients along the axis whose data start at ``axis``."""
     return int(numbers[axis]) + 3 if numbers[axis] > 0.0 else 1
 
 

@@ -19,13 +19,15 @@ def convert_tree(tree: dict[str, Any], problems: Problems) -> list[str]:
     Parameters
     ----------
     tree : dict
-        Of a campaign file. Values of other types than expected stay, for the checks of the model.
+        Tables of a campaign file, changed in place. Values of other types than expected stay, for
+        the checks of the model.
     problems : Problems
+        Receives every problem.
 
     Returns
     -------
     list of str
-        A sentence for each conversion, with its key_path.
+        A sentence for each conversion, which begins with the TOML path of what it converted.
     """
     understood: list[str] = []
     bodies = tree.get("body")

@@ -19,8 +19,8 @@ _ZERO = 1e-9  # of the largest value: an odd coefficient at zero
 
 
 def convert_aerodynamics(key_path: str, aero: dict[str, Any], problems: Problems) -> list[str]:
-    """Write ``convention``, ``per``, ``mirror`` and a lateral length of the aerodynamics of a body
-    in the conventions of this project.
+    """Convert the aerodynamics of a body to the conventions of this project, and remove the keys
+    that describe others: ``convention``, ``per``, ``table.mirror`` and ``lateral_length_*``.
 
     Parameters
     ----------
@@ -29,10 +29,12 @@ def convert_aerodynamics(key_path: str, aero: dict[str, Any], problems: Problems
     aero : dict
         Changed in place.
     problems : Problems
+        Receives every problem.
 
     Returns
     -------
     list of str
+        A sentence for each conversion, and for each axis of a table that has one row.
     """
     understood: list[str] = []
     table = aero.get("table") if isinstance(aero.get("table"), dict) else None
@@ -68,7 +70,8 @@ def convert_aerodynamics(key_path: str, aero: dict[str, Any], problems: Problems
 def _option(
     key_path: str, tree: dict[str, Any], key: str, allowed: tuple[str, ...], problems: Problems
 ) -> Any:
-    """Remove an option and return its value, the first of ``allowed`` without one."""
+    """Remove an option and return its value: the first of ``allowed`` if it is not set; another
+    value than those allowed is noted as a problem."""
     value = tree.pop(key, allowed[0])
     if value not in allowed:
         problems.add(f"{key_path}.{key}", f"must be one of {', '.join(allowed)}", value)
@@ -79,7 +82,7 @@ def _lateral_length(
     key_path: str, aero: dict[str, Any], table: dict[str, Any] | None, problems: Problems
 ) -> list[str]:
     """Refer rolling and yawing moments, and p and r, to the reference length instead of a lateral
-    length (the span)."""
+    length (the span), which is removed. Return a sentence; empty without a valid lateral length."""
     key = next((k for k in aero if split_unit(k)[0] == "lateral_length"), None)
     if key is None:
         return []
@@ -87,7 +90,8 @@ def _lateral_length(
     known = next((k for k in aero if split_unit(k)[0] == "reference_length"), None)
     lengths = UNITS["length"]
     if not _positive(value) or unit not in lengths or known is None:
-        problems.add(f"{key_path}.{key}", "must be a length > 0 beside reference_length_m", value)
+        reason = "must be a length > 0 with a unit, as lateral_length_m, beside reference_length_m"
+        problems.add(f"{key_path}.{key}", reason, value)
         return []
     length = aero[known]
     if not _positive(length) or split_unit(known)[1] not in lengths:
@@ -112,7 +116,8 @@ def _lateral_length(
 
 
 def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problems) -> list[str]:
-    """Add the mirror image of a table whose rows of an angle begin at zero."""
+    """Add the mirror image of a table whose axis ``mirror`` (alpha or beta) begins at zero, in
+    place. Return a sentence; empty, with the problem noted, if it cannot be mirrored."""
     if mirror not in _ODD:
         problems.add(f"{key_path}.mirror", 'must be "alpha" or "beta"', mirror)
         return []
@@ -121,10 +126,11 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
     key = next((each for each in order if split_unit(each)[0] == mirror), None)
     rows = table.get(key or "")
     if not (isinstance(rows, list) and rows and all(isinstance(x, int | float) for x in rows)):
-        problems.add(f"{key_path}.mirror", f"needs the axis {mirror}_deg", mirror)
+        reason = f"needs the axis {mirror}_deg in this table, a list of numbers"
+        problems.add(f"{key_path}.mirror", reason, mirror)
         return []
     if rows[0] != 0.0:
-        problems.add(f"{key_path}.{key}", "must begin at 0 where it is mirrored", rows)
+        problems.add(f"{key_path}.{key}", "must begin at 0, as mirror adds its negatives", rows)
         return []
     assert key is not None
     number = order.index(key)
@@ -143,7 +149,7 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
         if odd and np.abs(grid[0]).max() > _ZERO * np.abs(grid).max():
             problems.add(
                 f"{key_path}.{name}",
-                f"is not 0 at {mirror} = 0, so the table is not that of a mirrored body",
+                f"is not 0 at {mirror} = 0, but its mirror image has the other sign there",
             )
             continue
         image = (-1.0 if odd else 1.0) * grid[:0:-1]
@@ -155,7 +161,8 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
 
 
 def _single_rows(key_path: str, table: dict[str, Any]) -> list[str]:
-    """Sentences on axes of a single row."""
+    """Sentence for each of the axes mach, alpha, beta with one row: the table does not depend on
+    it."""
     understood = []
     for key, rows in table.items():
         name = split_unit(key)[0]

@@ -25,10 +25,12 @@ def convert_air(key_path: str, environment: dict[str, Any], problems: Problems) 
     environment : dict
         With the table ``air``, changed in place.
     problems : Problems
+        Receives every problem.
 
     Returns
     -------
     list of str
+        A sentence for each conversion; empty without a table ``air``.
     """
     air = environment.get("air")
     if not isinstance(air, dict):
@@ -48,7 +50,8 @@ def _heights(key_path: str, air: dict[str, Any], problems: Problems) -> list[str
     unit = split_unit(key)[1]
     heights = _numbers(air[key])
     if heights is None or unit not in UNITS["length"]:
-        problems.add(f"{key_path}.{key}", "must be a list of heights, such as geopotential_m")
+        reason = "must be a list of heights with a unit, such as geopotential_m = [0.0, 1000.0]"
+        problems.add(f"{key_path}.{key}", reason)
         return []
     if any(split_unit(k)[0] == "altitude" for k in air):
         problems.add(f"{key_path}.{key}", "stands beside altitude_m: give one of them")
@@ -80,7 +83,8 @@ def _state(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
         return []
     temperatures, pressures = _numbers(air[key]), _numbers(air[keys["pressure"]])
     if temperatures is None or pressures is None or len(temperatures) != len(pressures):
-        problems.add(f"{key_path}.{key}", "must be as many numbers as there are of the pressure")
+        reason = "must be as many numbers as there are of the pressure, and both must be lists"
+        problems.add(f"{key_path}.{key}", reason)
         return []
     kelvin = [t + _CELSIUS for t in temperatures] if is_celsius else temperatures
     if not all(_COLD < t < _HOT for t in kelvin):
@@ -111,7 +115,8 @@ def _above(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
     columns = [keys.get(name) for name in ("altitude", "density")]
     values = [_numbers(air.get(key or "")) for key in columns]
     if values[0] is None or values[1] is None or len(values[0]) != len(values[1]):
-        problems.add(f"{key_path}.above", "needs the rows of altitude_m and density_kg_per_m3")
+        reason = "needs altitude_m and density_kg_per_m3, lists of equally many numbers"
+        problems.add(f"{key_path}.above", reason)
         return []
     (height_key, density_key), (heights, densities) = columns, values
     assert height_key is not None and heights is not None  # noqa: PT018
@@ -145,7 +150,8 @@ def _rising(top: float) -> list[float]:
 
 
 def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> list[str]:
-    """Write the compass direction from which the wind comes as the direction to which it blows.
+    """Write ``from_deg``, the compass direction from which the wind comes, as the direction to
+    which it blows, from ground x; geopotential heights of its profile as heights.
 
     Parameters
     ----------
@@ -154,10 +160,12 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
     wind : dict
         Changed in place.
     problems : Problems
+        Receives every problem.
 
     Returns
     -------
     list of str
+        A sentence for each conversion.
     """
     tables = [(key_path, wind)]
     if isinstance(profile := wind.get("profile"), dict):
@@ -166,7 +174,8 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
     azimuth = wind.pop("azimuth_deg", None)
     used = [(where, table) for where, table in tables if "from_deg" in table]
     if azimuth is not None and not used:
-        problems.add(f"{key_path}.azimuth_deg", "belongs to from_deg", azimuth)
+        reason = "belongs to from_deg: give it, or leave azimuth_deg out"
+        problems.add(f"{key_path}.azimuth_deg", reason, azimuth)
     for where, table in used:
         if not _is_number(azimuth):
             problems.add(

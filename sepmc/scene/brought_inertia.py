@@ -22,8 +22,8 @@ _SYMMETRIC = 1e-6  # of the largest entry: larger differences are no round-off
 
 
 def convert_inertia(key_path: str, body: dict[str, Any], problems: Problems) -> list[str]:
-    """Write ``inertia_tensor_*`` and ``inertia_axes`` of a body as moments and positive integrals
-    in its own axes.
+    """Write ``inertia_tensor_*`` and ``inertia_axes`` of a body as moments ``inertia_*`` and
+    products ``inertia_products_*`` (positive integrals) in body axes: forward, up, right.
 
     Parameters
     ----------
@@ -32,10 +32,12 @@ def convert_inertia(key_path: str, body: dict[str, Any], problems: Problems) -> 
     body : dict
         Changed in place.
     problems : Problems
+        Receives every problem.
 
     Returns
     -------
     list of str
+        A sentence for each conversion.
     """
     understood: list[str] = []
     key = next((key for key in body if split_unit(key)[0] == "inertia_tensor"), None)
@@ -46,19 +48,21 @@ def convert_inertia(key_path: str, body: dict[str, Any], problems: Problems) -> 
     if key is not None:
         if unit not in UNITS["inertia"]:
             allowed = ", ".join(f"inertia_tensor_{each}" for each in UNITS["inertia"])
-            problems.add(f"{key_path}.{key}", f"the unit is missing or none of inertia: {allowed}")
+            reason = f"the unit is missing or is no unit of inertia; allowed: {allowed}"
+            problems.add(f"{key_path}.{key}", reason)
             return understood
         tensor = _tensor(f"{key_path}.{key}", body[key], problems)
         others = [other for other in body if split_unit(other)[0] in _MOMENTS]
         if others:
-            problems.add(f"{key_path}.{others[0]}", f"is given by {key} too")
+            problems.add(f"{key_path}.{others[0]}", f"is given by {key} too: give one of them")
         if tensor is None or others:
             return understood
         del body[key]
     else:
         moments = _moments(body)
         if moments is None:
-            problems.add(f"{key_path}.inertia_axes", "needs the inertia that it belongs to", axes)
+            reason = "needs the inertia that it belongs to: three numbers, or an inertia_tensor"
+            problems.add(f"{key_path}.inertia_axes", reason, axes)
             return understood
         tensor, unit = moments
     if axes is not None:
@@ -83,7 +87,7 @@ _MOMENTS = ("inertia", "inertia_products")
 
 
 def _tensor(key_path: str, value: Any, problems: Problems) -> np.ndarray | None:
-    """Symmetric matrix of numbers; None, with the problem noted, if it is none."""
+    """Symmetric matrix (3, 3) of a TOML value; None, with the problem noted, if it is none."""
     try:
         tensor = np.array(value, dtype=float)
     except (ValueError, TypeError):
@@ -98,8 +102,8 @@ def _tensor(key_path: str, value: Any, problems: Problems) -> np.ndarray | None:
 
 
 def _moments(body: dict[str, Any]) -> tuple[np.ndarray, str] | None:
-    """Tensor of the moments and products of a body, removed from it, and their unit; None if they
-    are no numbers."""
+    """Tensor (3, 3) of the moments and products of a body, whose keys are removed, and the unit of
+    both; None, with nothing removed, if there are no moments or they are no numbers."""
     keys = {split_unit(key)[0]: key for key in body if split_unit(key)[0] in _MOMENTS}
     if "inertia" not in keys:
         return None
@@ -158,7 +162,8 @@ def axes_matrix(key_path: str, axes: Any, problems: Problems) -> np.ndarray | No
 
 
 def _map(axes: str) -> str:
-    """Map from named axes to body axes in words: ``xx, zz, yy and -xz, -xy, yz become ...``."""
+    """Text that maps moments and products in named axes to those in body axes: ``where xx, zz, yy
+    become Ixx, Iyy, Izz and ...``."""
     where = {number: (row, sign) for row, (number, sign) in
              enumerate(DIRECTIONS[word] for word in axes.split("-"))}  # fmt: skip
     moments = ", ".join(2 * "xyz"[where[k][0]] for k in range(3))

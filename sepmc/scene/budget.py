@@ -36,8 +36,12 @@ class MassProperties:
 
     @property
     def principal(self) -> tuple[Array, float]:
-        """Principal moments (3,), kg m2, in the order of the body axes that theirs are nearest to,
-        and the largest angle between a principal axis and that body axis, rad."""
+        """Principal moments (3,), kg m2, and the largest angle between a principal axis and the
+        body axis nearest to it, rad.
+
+        The moments are in the order of these body axes; rising if two axes have the same nearest
+        one. The angle is 0 if all moments are equal.
+        """
         moments, axes = np.linalg.eigh(self.inertia)
         order = np.argmax(np.abs(axes), axis=0)
         if len(set(order)) < 3:  # two are as near to one axis: in rising order
@@ -91,7 +95,7 @@ def impulse(motor: Motor, end: float) -> float:
     ----------
     motor : Motor
     end : float
-        s after the ignition at which one without a burn time ends.
+        Burn time, s, of a motor that has neither a burn time nor a profile.
 
     Returns
     -------
@@ -122,7 +126,8 @@ def impulse(motor: Motor, end: float) -> float:
 
 
 def _of_line(level: float, slope: float, t0: float, t1: float, build_up: float) -> float:
-    """Integral of (level + slope t) (1 - exp(-t / build_up)) from t0 to t1, s."""
+    """Integral of (level + slope t) (1 - exp(-t / build_up)) from t0 to t1, s; times in s, level
+    and slope in fractions of the thrust."""
     total = level * (t1 - t0) + slope * (t1 * t1 - t0 * t0) / 2.0
     if build_up <= 0.0:
         return total
@@ -144,7 +149,7 @@ def energy(spring: Spring) -> float:
     Returns
     -------
     float
-        J, without damping; infinite if it pushes on.
+        J, without damping; infinite if the spring has no stroke and its force never ends.
     """
     stroke = spring.stroke
     if math.isinf(stroke):
@@ -177,7 +182,7 @@ def _of_table(table: ForceTable | None, stroke: float) -> float:
 
 
 def budget_lines(scene: Scene) -> Iterator[str]:
-    """Sentences on the mass properties, impulses and energies of a scene.
+    """Lines of text on the mass properties, impulses and energies of a nominal scene.
 
     Parameters
     ----------
@@ -186,6 +191,7 @@ def budget_lines(scene: Scene) -> Iterator[str]:
     Yields
     ------
     str
+        First of all bodies as one, then of each body, motor, and spring of finite energy.
     """
     whole = mated(scene)
     yield "mated        " + _sentence(whole)

@@ -34,7 +34,7 @@ MOST_STEPS = 100_000_000  # steps of a case
 
 
 def check_scene(scene: Scene, problems: Problems) -> None:
-    """Note every problem of a scene whose tables are valid by themselves."""
+    """Note problems across the tables of a scene, each of which is valid by itself."""
     if not scene.body:
         problems.add("body", "at least one body is needed: [body.NAME]")
     for name, body in scene.body.items():
@@ -99,7 +99,7 @@ def _check_columns(scene: Scene, problems: Problems) -> None:
 
 
 def _check_body(name: str, body: Body, problems: Problems) -> None:
-    """Check the inertia of a body."""
+    """Note an inertia tensor that no solid body has."""
     fault = inertia_fault(inertia_tensor(body))
     if fault:
         problems.add(f"body.{name}.inertia_kg_m2", fault, list(body.inertia))
@@ -136,7 +136,8 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
         )
     for kind in joint.kind:
         if kind in KINDS:
-            problems.add(f"{key_path}.kind.{kind}", "is the name of a common kind; choose another")
+            reason = "is the name of a common joint kind; choose another name"
+            problems.add(f"{key_path}.kind.{kind}", reason)
     if joint.fails not in (0.0, 1.0):
         problems.add(
             f"{key_path}.fails",
@@ -150,7 +151,7 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
 
 
 def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
-    """Note guide pins that do not slide in any phase or after any release: they have no effect."""
+    """Note guide pins that slide in no phase and after no release: they have no effect."""
     kinds = [phase.joints.get(name, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == name]
     known = [kind for kind in kinds if kind in KINDS or kind in joint.kind]
@@ -171,13 +172,14 @@ def _check_histories(scene: Scene, problems: Problems) -> None:
     if step > 0.0 and scene.run.end_time / step > MOST_ROWS:
         problems.add(
             "run.history_step_s",
-            f"gives more than {MOST_ROWS} rows a case up to {scene.run.end_time:g} s; 0 keeps none",
+            f"gives more than {MOST_ROWS} rows of history a case up to {scene.run.end_time:g} s: "
+            "give a longer step, or 0 for no histories",
             step,
         )
     if scene.solver.step is not None and scene.run.end_time / scene.solver.step > MOST_STEPS:
         problems.add(
             "solver.step_s",
-            f"takes more than {MOST_STEPS} steps up to {scene.run.end_time:g} s",
+            f"takes more than {MOST_STEPS} steps up to {scene.run.end_time:g} s: give a longer one",
             scene.solver.step,
         )
 
@@ -224,7 +226,8 @@ def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -
         and parts[4] == "offset"
         and outline[item_names(outline).index(parts[3])].stations is None
     ):
-        problems.add(key_path, "belongs to a frustum's axis, and this part has points")
+        reason = "belongs to a frustum's axis, and this part has points: disperse those"
+        problems.add(key_path, reason)
 
 
 def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:

@@ -7,13 +7,13 @@ from sepmc.schema import Contents, Formula
 
 
 def contents(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Contents:
-    """Names of the parts of a scene that have columns.
+    """Names of what a scene contains that has columns of its own: bodies, joints, outputs, ...
 
     Parameters
     ----------
     scene : Scene
     dispersed : frozenset of str
-        paths of dispersed parameters: a spring has a stroke too if only they give it one
+        Paths of dispersed parameters: a dispersed stroke gives a spring its columns too.
 
     Returns
     -------

@@ -18,7 +18,7 @@ class Copula:
     Attributes
     ----------
     places : tuple of int
-        Indices of the dispersions.
+        Indices of the dispersions, in the order of the correlation.
     factor : tuple of tuple of float
         Lower triangular Cholesky factor of the correlation of their normal scores, row by row.
     """
@@ -46,6 +46,7 @@ def resolve(
     Returns
     -------
     copulas : tuple of Copula
+        One for each correlation, except those whose parameters are all columns of ``run.samples``.
     """
     index_of = {d.parameter.path: i for i, d in enumerate(dispersions)}
     copulas: list[Copula] = []
@@ -64,11 +65,16 @@ def resolve(
         for key, key_path in zip(item.parameters, places, strict=True):
             if key in from_samples:
                 problems.add(
-                    f"{where}.parameters", "is given by run.samples, unlike the others", key
+                    f"{where}.parameters",
+                    "is given by run.samples, unlike the others: such a correlation must be that "
+                    "of the samples",
+                    key,
                 )
             if key_path in group_of:
                 problems.add(
-                    f"{where}.parameters", f"correlated already, in {group_of[key_path]}", key
+                    f"{where}.parameters",
+                    f"correlated already, in correlation.{group_of[key_path]}",
+                    key,
                 )
             group_of[key_path] = number
         factor = _factor(matrix)
@@ -95,12 +101,13 @@ def _index(key: str, scene: Scene, index_of: dict[str, int], where: str, problem
 
 
 def _matrix(item: Correlation, where: str, problems: Problems) -> list[list[float]]:
-    """Correlation matrix of a table; problems are noted."""
+    """Correlation matrix (n, n) of a table ``[[correlation]]``: its matrix, or its coefficient for
+    all pairs; empty, with the problem noted, if it has no matrix of this shape."""
     n = len(item.parameters)
     if n < 2:
         problems.add(f"{where}.parameters", "name at least two parameters", list(item.parameters))
     if (item.coefficient is None) == (item.matrix is None):
-        problems.add(where, "give one of coefficient and matrix")
+        problems.add(where, "give either coefficient or matrix")
         return []
     if item.matrix is None:
         return [[1.0 if i == j else item.coefficient or 0.0 for j in range(n)] for i in range(n)]
@@ -115,7 +122,7 @@ def _matrix(item: Correlation, where: str, problems: Problems) -> list[list[floa
             elif rows[i][j] != rows[j][i] or abs(rows[i][j]) > 1.0:
                 problems.add(
                     f"{where}.matrix",
-                    f"must be alike at [{i}][{j}] and [{j}][{i}], between -1 and 1",
+                    f"must be equal at [{i}][{j}] and [{j}][{i}], and between -1 and 1",
                     [rows[i][j], rows[j][i]],
                 )
     return rows

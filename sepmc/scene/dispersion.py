@@ -86,8 +86,9 @@ class Dispersion:
         )
 
     def beyond(self) -> tuple[float, float]:
-        """Probability of the values outside the bounds of the parameter, and the distance in sigma
-        from the mean to the nearest of them, of a distribution with tails."""
+        """Probability of the values outside the bounds of the parameter, and the distance, in
+        sigma, from the mean to the nearest of them (infinite if there are none), of a distribution
+        that `has_tails`."""
         mean, sigma = self.numbers[:2]
 
         def fits(z: float) -> bool:
@@ -159,8 +160,8 @@ def resolve(
         if column in key_of_column:
             problems.add(
                 key_path,
-                f"has the column {column}, as {key_of_column[column]!r} has: rename one of their "
-                "tables",
+                f"would have the column {column}, which {key_of_column[column]!r} has: rename one "
+                "of their tables",
             )
             continue
         key_of_path[parameter.path] = key_of_column[column] = key
@@ -181,11 +182,11 @@ def _from_column(
     key_path: str,
     problems: Problems,
 ) -> Dispersion | None:
-    """Dispersion from a column of the samples: the one named in the file, or the one called as the
-    parameter's own column."""
+    """Dispersion from a column of the samples: the one that the file names, or that with the name
+    of the parameter's own column. None, with the problem noted, without a valid column."""
     if distribution.column is not None:
         if _given(distribution) or distribution.weights:
-            problems.add(key_path, "give a column of run.samples, or a distribution")
+            problems.add(key_path, "give a column of run.samples or a distribution, not both")
             return None
         if table is None:
             reason = "needs run.samples, the table that has it"
@@ -199,7 +200,7 @@ def _from_column(
 
 
 def _given(distribution: Distribution) -> list[str]:
-    """Names of the distributions that a table gives; valid if there is exactly one."""
+    """Names of the distributions that a table of [dispersion] gives, which must be exactly one."""
     return [name for name in DISTRIBUTIONS if getattr(distribution, name) is not None]
 
 
@@ -217,7 +218,8 @@ def _is_structure(parts: list[str]) -> bool:
 def _from_distribution(
     spec: Distribution, parameter: Parameter, nominal: float, key_path: str, problems: Problems
 ) -> Dispersion | None:
-    """Dispersion from the numbers of a file, about a nominal in the unit of the key."""
+    """Dispersion from the numbers of a file, about a nominal in the unit of the key. None, with the
+    problem noted, if they are not valid."""
     names = _given(spec)
     if len(names) != 1:
         problems.add(

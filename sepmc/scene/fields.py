@@ -44,10 +44,13 @@ class Field:
     type : type
         As annotated, with constraints: msgspec checks values against it.
     bare : type
-        Without ``| None`` and ``Annotated``.
+        ``type`` without ``| None`` and ``Annotated``.
     quantity : Quantity
+        Kind of quantity, which determines the units, and component names of a vector.
     required : bool
+        Whether the key must be given.
     default : any
+        Value if the key is not given, in SI.
     instead : type or None
         Table that may replace the number, under the field's name without a unit.
     """
@@ -62,7 +65,7 @@ class Field:
 
     @property
     def spellings(self) -> list["Field"]:
-        """The field and, as another field, the table that may replace it."""
+        """The field and, if a table may replace its number, a field for that table."""
         if self.instead is None:
             return [self]
         table = dataclasses.replace(
@@ -83,7 +86,8 @@ class Field:
         return {f"{self.name}_{unit}": factor for unit, factor in self.units.items()}
 
     def component(self, number: int) -> "Field | None":
-        """Field of one component of a vector; None if it has no bounds of its own."""
+        """Field of the component ``number`` (from 0) of a vector; None if it has no bounds of its
+        own."""
         kinds = get_args(self.bare)
         kind = kinds[0] if ... in kinds else kinds[number]
         return dataclasses.replace(self, type=kind) if _bounds(kind) else None
@@ -171,7 +175,8 @@ def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:
 
 
 def allowed(kind: Any, values: np.ndarray) -> np.ndarray:
-    """Mask (n,) of the values (n,) within the bounds of a type; agrees with `convert`."""
+    """Mask (n,) of the values (n,) that are finite and within the bounds of an annotated type;
+    agrees with `convert`."""
     fits = np.isfinite(values)
     for bound in _bounds(kind):
         fits &= values > bound.gt if bound.gt is not None else True
@@ -214,6 +219,13 @@ def to_si(value: Any, factor: float) -> Any:
 def convert(value: Any, kind: Any) -> tuple[Any, str | None]:
     """Convert one value to ``kind``.
 
+    Parameters
+    ----------
+    value : any
+        In SI.
+    kind : type
+        With its constraints, as annotated in the model.
+
     Returns
     -------
     value : any
@@ -241,7 +253,6 @@ _WORDS = {
     "`int` >= 0": "must be >= 0",
     "`int` >= 1": "must be >= 1",
     "`float` <= 3.14": "must be at most 180 deg (an angle between two attitudes is no larger)",
-    "`int` <= ": "must be at most 1000000000",
     "`str` of length <= ": "a name has at most 64 letters",
     "`str` matching regex": "a name is a letter followed by letters, digits or _",
 }
@@ -262,6 +273,7 @@ def _plain(message: str) -> str:
         if text.startswith(ours):
             return plain
     text = text.replace(" | null", "").replace("`", "")
+    text = re.sub(r"^int <= ", "at most ", text).replace("int, got float", "int")
     for ours, plain in _TYPES.items():
         text = re.sub(rf"\b{ours}\b", plain, text)
     return text if text.startswith("Invalid") else f"must be {text.replace(' | ', ' or ')}"

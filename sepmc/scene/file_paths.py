@@ -12,7 +12,8 @@ class FileReader(Protocol):
     """Reads the files that the tables of a campaign name."""
 
     def __call__(self, tree: dict[str, Any], folder: Path, problems: Problems) -> list[str]:
-        """Replace them by their contents in ``tree``; return what was understood of each."""
+        """Replace each key ``file`` in ``tree`` by the contents of that file; relative paths begin
+        at ``folder``. Return sentences on what was read."""
 
 
 def check_paths(tree: dict[str, Any], path: Path) -> None:
@@ -21,13 +22,14 @@ def check_paths(tree: dict[str, Any], path: Path) -> None:
     Parameters
     ----------
     tree : dict
-        Of the campaign file.
+        Tables of the campaign file.
     path : Path
-        Of that file.
+        Path of that file.
 
     Raises
     ------
     SceneError
+        If a key ``file`` or ``run.samples`` names a file outside the folder.
     """
     folder = path.parent.resolve()
     for key_path, file in _paths(tree):
@@ -62,19 +64,20 @@ def _paths(tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def locate(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Settings whose files, if they do not lie beside the campaign, are those of the working
-    folder.
+    """Settings with the absolute path of each file that lies in the working folder and not beside
+    the campaign.
 
     Parameters
     ----------
     settings : dict
-        By TOML path.
+        Values by TOML path; those of keys ``file`` name files.
     folder : Path
-        Of the campaign file.
+        Folder of the campaign file.
 
     Returns
     -------
     dict
+        A copy; other values are as they were.
     """
 
     def located(key: str, value: Any) -> Any:

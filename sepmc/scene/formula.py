@@ -62,7 +62,7 @@ _TOKEN = re.compile(
 
 
 class FormulaError(ValueError):
-    """A text that is no formula; the message tells why and what is allowed."""
+    """A text that is no formula; the message is the reason and what is allowed."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,8 @@ def _python_text(text: str) -> str:
 
 
 def _marked(name: str) -> str:
-    """Dotted name whose parts are no words of Python, but and, or, not."""
+    """Dotted name with a mark appended to each part that is a keyword of Python; ``and``, ``or``
+    and ``not`` stay."""
     if name in ("and", "or", "not"):
         return name
     return ".".join(part + _MARK * keyword.iskeyword(part) for part in name.split("."))
@@ -201,7 +202,7 @@ def _operator(tree: ast.expr, depth: int, inner: Callable[..., tuple[Node, ...]]
 
 
 def _number(value: object) -> Number:
-    """A number of the text."""
+    """Node of a constant; raises FormulaError if it is no finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise FormulaError(f"has {value!r}, which is no number")
     try:
@@ -225,7 +226,8 @@ def _path(tree: ast.expr) -> str:
 
 
 def _function(name: str, arguments: tuple[Node, ...]) -> Node:
-    """Call of a function by its name."""
+    """Node of a function by its name: ``clip``, and ``min`` and ``max`` of more than two, become
+    nested calls. Raises FormulaError for an unknown function or a wrong number of arguments."""
     if name not in FUNCTIONS:
         raise FormulaError(f"has {name}(...): functions are {', '.join(FUNCTIONS)}")
     count = FUNCTIONS[name]
@@ -247,7 +249,7 @@ def _function(name: str, arguments: tuple[Node, ...]) -> Node:
 
 
 def _joined(function: str, conditions: tuple[Node, ...]) -> Node:
-    """Conditions that are joined by ``and`` or ``or``."""
+    """Nested calls that join conditions by ``and`` or ``or``, from left to right."""
     result, *others = conditions
     for other in others:
         result = _call(function, (result, other))
@@ -255,7 +257,7 @@ def _joined(function: str, conditions: tuple[Node, ...]) -> Node:
 
 
 def _numeric(function: str, arguments: tuple[Node, ...]) -> tuple[Node, ...]:
-    """Arguments that must be numbers."""
+    """The arguments as they are; raises FormulaError if one is a condition."""
     if any(map(is_condition, arguments)):
         raise FormulaError(f"has {function!r} of a condition, which is no number: use where")
     return arguments
@@ -356,7 +358,7 @@ def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
 
     Returns
     -------
-    float or ndarray, shape (n,)
+    ndarray, shape () or (n,)
         NaN where the formula is undefined: a quotient by zero, a root or logarithm of a negative
         number, a result that is too large, or a value that is NaN.
     """
@@ -366,7 +368,7 @@ def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
 
 
 def _value(node: Node, values: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Value of a node, and where it is undefined."""
+    """Value of a node, and a mask that is true where it is undefined."""
     if isinstance(node, Number):
         return node.value, np.False_
     if isinstance(node, Name):

@@ -21,7 +21,7 @@ def check_formula_outcomes(scene: Scene, dispersed: frozenset[str], problems: Pr
     columns = [column.name for column in outcome_columns(contents(scene, dispersed))]
     for end, one in enumerate(scene.outcome, len(columns) - len(scene.outcome)):
         if columns[end] in _TAKEN or columns[end].startswith("in_"):
-            reason = f"its column would be {columns[end]}, which has a meaning of its own"
+            reason = f"its column would be {columns[end]}, a name with a meaning: choose another"
             problems.add(f"outcome.{one.name}.name", reason, one.name)
         key_path = f"outcome.{one.name}.formula"
         try:
@@ -34,4 +34,4 @@ def check_formula_outcomes(scene: Scene, dispersed: frozenset[str], problems: Pr
                 reason = "no such outcome, or none before this one; "
                 problems.add(key_path, reason + nearest(name, columns[:end]), name)
         if not named:
-            problems.add(key_path, "must name an outcome, or more", one.formula)
+            problems.add(key_path, "must name an outcome: it is a constant", one.formula)

@@ -67,7 +67,8 @@ def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Probl
 
 
 def _is_constrained(joint: Joint, kind: str, rate: np.ndarray) -> bool:
-    """True if a rate has a part about an axis that a kind of a joint constrains."""
+    """True if a rate (3,), joint axes, has a component about an axis that this kind of the joint
+    constrains."""
     axes = joint_axes(joint.x_axis, joint.y_axis).reshape(3, 3)
     for code in rows_of(joint, kind):
         if at.ROTATION <= code < at.ROD:

@@ -35,7 +35,8 @@ class InputTable:
     columns : dict of ndarray (n,)
         Numeric columns by name.
     words : dict of str
-        Other columns by name, each with its first text.
+        Columns that are not numeric, by name, each with a text on its first value that is no
+        number.
     rows_in_file : ndarray (n,), optional
         Index in the file, from 0, of each row.
     """
@@ -78,8 +79,8 @@ class InputTable:
 
 
 def _line_of(table: InputTable, row: int) -> int:
-    """Number of the line of a row in a text file, whose first lines may be comments; 0 for others
-    and if it cannot be read again."""
+    """Number, from 1, of the line of a row of a table in its text file, whose first lines may be
+    comments; 0 for other files and if it cannot be read again."""
     if table.rows_in_file is None or table.path.suffix.lower() == ".parquet":
         return 0
     left, has_header = int(table.rows_in_file[row]), False

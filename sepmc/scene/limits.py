@@ -83,7 +83,7 @@ def read_limited(path: Path, most: int) -> bytes:
     file or has more than ``most`` bytes."""
     state = path.stat()
     if not stat.S_ISREG(state.st_mode):
-        raise ValueError("is no file")
+        raise ValueError("is no regular file")
     if state.st_size <= most:
         with path.open("rb") as file:
             read = file.read(most + 1)
@@ -93,7 +93,8 @@ def read_limited(path: Path, most: int) -> bytes:
 
 
 def check_keys(text: str) -> str:
-    """Reason why a TOML text is rejected before it is parsed: too long keys; empty if it is not."""
+    """Reason why a TOML text is rejected before it is parsed, a dotted key of too many parts; empty
+    if it is not."""
     for piece in _BETWEEN_KEYS.split(text):
         if piece.count(".") > KEY_PARTS and not piece.lstrip().startswith("#"):
             return f"{shorten(piece.strip())}: a key must have at most {KEY_PARTS} parts"
@@ -126,7 +127,8 @@ def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
             if fault := text_fault(value.replace("\n", " ").replace("\t", " "), text):
                 problems.add(key_path, fault, value)
         elif isinstance(value, int) and not -_WHOLE <= value < _WHOLE:
-            reason = f"is a whole number of {value.bit_length()} bits: must have at most 64"
+            bits = value.bit_length() + 1  # with the sign
+            reason = f"is a whole number of {bits} bits with its sign: must have at most 64"
             problems.add(key_path, f"{reason}; write a larger one with a point")
 
 

@@ -64,7 +64,8 @@ def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
 
 
 def _unloading(scene: Scene) -> Iterator[str]:
-    """Tables of force that pull, with a return factor: they can hold bodies at a standstill."""
+    """Yield a sentence on each force table that pulls, with a return factor below 1: it can hold
+    bodies at a standstill."""
     for spring in scene.spring:
         table = spring.table
         if table is not None and table.return_factor < 1.0 and min(table.force) < 0.0:
@@ -76,8 +77,8 @@ def _unloading(scene: Scene) -> Iterator[str]:
 
 
 def _nearly_level(scene: Scene) -> Iterator[str]:
-    """Joints whose mass centres are nearly level along the axis, so that the sign of separation
-    depends on a small offset."""
+    """Yield a sentence on each joint whose mass centres are nearly level along its x axis, so that
+    the sign of separation depends on a small offset."""
     for name, joint in scene.joint.items():
         along = axial_offset(scene, joint)
         if joint.apart is None and abs(along) < _LEVEL * math.dist(*mass_centres(scene, joint)):
@@ -106,7 +107,8 @@ def _points(scene: Scene) -> dict[str, tuple[float, float, float]]:
 
 
 def _far_points(scene: Scene) -> Iterator[str]:
-    """Points far from all others, as with millimetres given as metres."""
+    """Yield a sentence on each layout point far from all others, as with millimetres given as
+    metres."""
     points = _points(scene)
     if len(points) < 3:
         return
@@ -124,7 +126,7 @@ def _far_points(scene: Scene) -> Iterator[str]:
 
 
 def _off_axis(scene: Scene) -> Iterator[str]:
-    """Centres of mass far from the axis of the vehicle."""
+    """Yield a sentence on each centre of mass far from the axis of the vehicle."""
     stations = [point[0] for point in _points(scene).values()]
     length = max(max(stations) - min(stations), 1e-3)
     for name, body in scene.body.items():
@@ -137,7 +139,8 @@ def _off_axis(scene: Scene) -> Iterator[str]:
 
 
 def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Distributions as wide as their nominal."""
+    """Yield a sentence on each distribution at least as wide, to either side, as its nominal is
+    large; parameters that may have either sign are left out."""
     for each in dispersions:
         path = each.parameter.path
         is_signed = path.startswith("load.") or any(part in path for part in _SIGNED)
@@ -153,7 +156,8 @@ def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iter
 
 
 def _weights(dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Weights below 1, which look like probabilities, that do not add up to 1."""
+    """Yield a sentence on weights below 1, which look like probabilities, that do not add up
+    to 1."""
     for each in dispersions:
         total = sum(each.weights)
         if each.weights and max(each.weights) < 1.0 and abs(total - 1.0) > _ROUNDED:
@@ -165,8 +169,8 @@ def _weights(dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
-    """Normal distributions without truncation that put some cases outside the bounds of the
-    parameter."""
+    """Yield a sentence on each normal distribution without truncation that puts half a case or
+    more, of ``cases``, outside the bounds of its parameter."""
     for each in dispersions:
         probability, nearest = each.beyond() if each.has_tails else (0.0, math.inf)
         if probability * cases >= _EXPECTED:
@@ -180,7 +184,8 @@ def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
 
 
 def _start(scene: Scene) -> Iterator[str]:
-    """Initial speed, altitude and dynamic pressure beyond those of any vehicle."""
+    """Yield a sentence on initial speed, altitude or dynamic pressure beyond that of any
+    vehicle."""
     start = scene.initial
     if start.speed > _FASTEST:
         yield f"initial.speed = {start.speed:.4g} m/s: is the unit right?"
@@ -197,7 +202,7 @@ def _start(scene: Scene) -> Iterator[str]:
 
 
 def _overlaps(scene: Scene) -> Iterator[str]:
-    """Outlines that overlap at the start."""
+    """Yield a sentence on each pair of bodies whose outlines overlap at the start."""
     bodies = [(name, body.outline) for name, body in scene.body.items() if body.outline]
     for i, (one, parts) in enumerate(bodies):
         for two, others in bodies[i + 1 :]:
@@ -232,7 +237,7 @@ def _depth(part: Part, solid: Part) -> float:
 
 
 def _edge_points(part: Part) -> Iterator[tuple[float, float, float]]:
-    """Points on the edge circles of a frustum, or on the arcs of a sector, 24 each."""
+    """Layout points, m, on both edge circles of a frustum, or on the arcs of a sector, 24 each."""
     first, last = part.sector or (0.0, 2.0 * math.pi)
     for station, radius in zip(part.stations or (), part.radii or (), strict=True):
         for fraction in _ROUND:
@@ -242,7 +247,7 @@ def _edge_points(part: Part) -> Iterator[tuple[float, float, float]]:
 
 
 def _springs(scene: Scene) -> Iterator[str]:
-    """Springs that push their second body toward the first, or pull it there."""
+    """Yield a sentence on each spring that pushes or pulls its second body toward the first."""
     for spring in scene.spring:
         if spring.axis is None or GROUND in spring.bodies or spring.force == 0.0:
             continue
@@ -264,7 +269,8 @@ def _springs(scene: Scene) -> Iterator[str]:
 
 
 def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Pushers that pull before the end of their stroke, nominally or at an end of a dispersion."""
+    """Yield a sentence on each pusher that pulls before the end of its stroke, nominally or at an
+    end of a dispersion."""
     by_path = {d.parameter.path: d for d in dispersions}
     for spring in scene.spring:
         key_path = f"spring.{spring.name}"
@@ -289,7 +295,7 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Warn of wind that has no effect: no atmosphere, or no body with aerodynamics."""
+    """Yield a sentence on wind that has no effect: no atmosphere, or no body with aerodynamics."""
     wind = scene.environment.wind
     blows = wind.speed > 0.0 or wind.profile is not None
     blows = blows or any(d.parameter.path == "environment.wind.speed" for d in dispersions)
@@ -302,7 +308,7 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Thrust profiles that begin after the ignition."""
+    """Yield a sentence on each thrust profile that begins after the ignition."""
     varied = {d.parameter.path for d in dispersions}
     for motor in scene.motor:
         key_path, profile = f"motor.{motor.name}", motor.profile
@@ -323,7 +329,8 @@ def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[st
 
 
 def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Conditions that never occur, and outputs and clearances of joints that are never released."""
+    """Yield sentences on conditions that never occur, and on outputs and clearances of joints that
+    are never released or never constrained."""
     varied = {d.parameter.path for d in dispersions}
     waiting = [(f"phase.{p.name}.until", p.until) for p in scene.phase if p.until is not None]
     waiting += [(f"release.{r.name}.when", r.when) for r in scene.release]
@@ -366,7 +373,7 @@ def _is_past(until: Condition, end: float) -> bool:
 
 
 def _springs_of(until: Condition) -> Iterator[str]:
-    """Springs whose end of stroke a condition names."""
+    """Names of the springs whose end of stroke a condition waits for."""
     if until.spring is not None:
         yield until.spring
     for part in (*until.any, *until.all):

@@ -42,7 +42,8 @@ def lint_aerodynamics(scene: Scene) -> Iterator[str]:
 
 
 def _angles(scene: Scene) -> Iterator[str]:
-    """Angles beyond a full turn, as with degrees given as radians."""
+    """Yield a sentence on each initial or motor angle beyond a full turn, as with degrees given as
+    radians."""
     start = scene.initial
     angles = {
         f"initial.{key}": getattr(start, key)
@@ -62,7 +63,8 @@ def _angles(scene: Scene) -> Iterator[str]:
 
 
 def _axis_units(key_path: str, table: AeroTable) -> Iterator[str]:
-    """Axes of angles that look like radians in a key of degrees, or the other way round."""
+    """Yield a sentence on each axis of angles that looks like radians in a key of degrees, or the
+    other way round."""
     for key, axis in (("alpha", table.alpha), ("beta", table.beta)):
         if not axis:
             continue
@@ -80,19 +82,20 @@ def _axis_units(key_path: str, table: AeroTable) -> Iterator[str]:
 
 
 def _slopes(key_path: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
-    """Slopes over alpha and beta that are weak as if per degree, or of the other sign."""
+    """Yield sentences on slopes over alpha and beta that are weak as if per degree, or have the
+    opposite sign."""
     normal, side = _slope(aero, "normal", "alpha"), _slope(aero, "side", "beta")
     for key, angle, slope in (("normal", "alpha", normal), ("side", "beta", side)):
         if _FLAT < abs(slope) < _WEAK_SLOPE and (key == "normal" or abs(slope) < 0.1 * abs(normal)):
             yield (
                 f"{key_path}.{key} changes by {slope:.3g} per rad of {angle}: is it per degree "
-                f'({math.degrees(1.0) * slope:.3g} per rad)? per = "deg" says so'
+                f'({math.degrees(1.0) * slope:.3g} per rad)? Then give per = "deg"'
             )
     if normal > _FLAT and side < -_FLAT:
         yield (
             f"{key_path}.side has the slope {side:.3g} per rad of beta: a positive C_Y points left "
             "here, so this force drives the body further aside; DATCOM's C_Y points right: "
-            'convention = "datcom" says so'
+            'if it is that, give convention = "datcom"'
         )
     # moments about the mass centre, with the forces at the moment point ahead of it by ``ahead``
     point = aero.moment_point or body.cg
@@ -108,8 +111,8 @@ def _slopes(key_path: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
 
 
 def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
-    """Slope of a coefficient over an angle at zero, 1/rad: of its polynomial, and the largest of
-    its table in the rows next to zero."""
+    """Slope of a coefficient over an angle at zero, 1/rad: that of its polynomial plus the largest
+    in size of its table between the two rows next to zero."""
     slope = getattr(aero, coefficient).get(angle, 0.0)
     table = aero.table
     grid = getattr(table, coefficient) if table is not None else []
@@ -126,7 +129,8 @@ def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
 
 
 def _transposed(key_path: str, table: AeroTable) -> Iterator[str]:
-    """Square grids in which a coefficient depends on another axis, hardly on its own angle."""
+    """Yield a sentence on a square grid in which a coefficient hardly depends on its own angle but
+    on the other axis: it may be transposed."""
     axes = {key: axis for key in ("mach", "alpha", "beta") if (axis := getattr(table, key))}
     shape = [len(axis) for axis in axes.values()]
     if len(shape) != 2 or shape[0] != shape[1] or shape[0] < 3:

@@ -10,7 +10,7 @@ _SAME = 1e-9  # relative difference of numbers that are the same
 
 
 def lint_layout(scene: Scene) -> Iterator[str]:
-    """Findings on places, mirrored bodies and burn times of a scene.
+    """Findings on stations, mirrored bodies and burn times of a scene.
 
     Parameters
     ----------
@@ -35,7 +35,8 @@ def lint_layout(scene: Scene) -> Iterator[str]:
 
 
 def _stations(scene: Scene) -> Iterator[str]:
-    """Stations that look as if they were counted from the tail, or positive forward."""
+    """Yield a sentence on stations that look as if they were counted from the tail, or positive
+    forward."""
     stations = [body.cg[0] for body in scene.body.values()]
     if len(stations) > 1 and max(stations) <= 0.0 and min(stations) < 0.0:
         yield (
@@ -56,7 +57,8 @@ def _stations(scene: Scene) -> Iterator[str]:
 
 
 def _mirrored(scene: Scene) -> Iterator[str]:
-    """Bodies that are mirror images of each other, whose products of inertia are not."""
+    """Yield a sentence on each pair of bodies that are mirror images of each other, but whose
+    products of inertia are not."""
     for (one, a), (two, b) in itertools.combinations(scene.body.items(), 2):
         if not (_same((a.mass,), (b.mass,)) and _same(a.inertia, b.inertia)):
             continue
@@ -80,7 +82,7 @@ def _mirrored(scene: Scene) -> Iterator[str]:
 
 
 def _is_mirror(a: Body, b: Body, axis: int) -> bool:
-    """True if two mass centres mirror each other in y (1) or z (2)."""
+    """True if the mass centres of two bodies mirror each other in y (``axis`` 1) or z (2)."""
     if a.cg[axis] == 0.0:
         return False
     image = tuple(-x if k == axis else x for k, x in enumerate(a.cg))
@@ -88,6 +90,6 @@ def _is_mirror(a: Body, b: Body, axis: int) -> bool:
 
 
 def _same(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    """True if numbers are the same but for round-off."""
+    """True if the numbers of two tuples agree to 1e-9 of the largest."""
     size = max(map(abs, (*one, *other)))
     return all(abs(x - y) <= _SAME * size for x, y in zip(one, other, strict=True))

@@ -31,7 +31,7 @@ AXES = 3  # most axes of a table
 
 
 def check_known(key_path: str, name: str, known, what: str, problems: Problems) -> None:
-    """Note a name that is not among the known ones of ``what``."""
+    """Note a name that is not in ``known``; ``what`` is the noun of the message, such as "body"."""
     if name not in known:
         problems.add(key_path, f"no such {what}; {nearest(name, known)}", name)
 
@@ -70,8 +70,8 @@ def check_lengths(
 
 
 def check_loads(scene: Scene, problems: Problems) -> None:
-    """Check springs, burn times, constant loads, aerodynamic tables, outlines and proximity
-    increments."""
+    """Check springs, burn times, loads, names of bodies, aerodynamic tables and terms, outlines and
+    proximity increments."""
     for spring in scene.spring:
         _check_spring(spring, scene, problems)
     for motor in scene.motor:
@@ -107,7 +107,8 @@ def check_loads(scene: Scene, problems: Problems) -> None:
         check_known(f"{key_path}.joint", entry.joint, scene.joint, "joint", problems)
         _check_increments(key_path, entry, problems)
         if entry.body in scene.body and scene.body[entry.body].aerodynamics is None:
-            problems.add(f"{key_path}.body", "has no aerodynamics to add to", entry.body)
+            reason = f"has no aerodynamics to add to: give [body.{entry.body}.aerodynamics]"
+            problems.add(f"{key_path}.body", reason, entry.body)
 
 
 def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> None:
@@ -122,7 +123,7 @@ def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> No
             _check_grids(key_path, {"distance_m": entry.distance}, equal, problems)
         return
     if entry.distance:
-        problems.add(f"{key_path}.distance_m", "give it or axes, not both")
+        problems.add(f"{key_path}.distance_m", "give distance_m or axes, not both")
     units = {"x": "m", "y": "m", "z": "m"}
     axes = {f"{name}_{units.get(name, 'deg')}": one for name, one in entry.points.items()}
     if not 1 <= len(axes) <= AXES:
@@ -211,7 +212,7 @@ def _check_grids(
     grids: Mapping[str, list[Any]],
     problems: Problems,
 ) -> None:
-    """Check that grids are numbers in the shape of their axes."""
+    """Check that grids are nested lists of numbers, whose shape is that of the axes in order."""
     shape = tuple(len(axis) for axis in axes.values())
     if math.prod(shape) > TABLE_CELLS:
         problems.add(
@@ -238,7 +239,8 @@ def check_air(scene: Scene, problems: Problems) -> None:
     """Check tables of air and wind over height."""
     air, profile = scene.environment.air, scene.environment.wind.profile
     if (scene.environment.atmosphere == "table") != (air is not None):
-        problems.add("environment.air", 'belongs to atmosphere = "table", and that to it')
+        reason = 'belongs to atmosphere = "table": give both, or none of them'
+        problems.add("environment.air", reason)
     if air is not None:
         check_series("environment.air", "altitude_m", air.altitude, 2, problems)
         columns = {"altitude_m": air.altitude, "density_kg_per_m3": air.density}
@@ -272,7 +274,8 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
     for pair in scene.output.relative:
         check_pair("output.relative", pair, scene, problems)
         if GROUND in pair:
-            problems.add("output.relative", "the ground has no centre of mass", list(pair))
+            reason = "the ground has no centre of mass: name two bodies"
+            problems.add("output.relative", reason, list(pair))
     if len(set(scene.output.relative)) < len(scene.output.relative):
         pairs = list(map(list, scene.output.relative))
         problems.add("output.relative", "names a pair twice", pairs)
@@ -296,7 +299,7 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
                     f"body {body!r} has no outline: give [[body.{body}.outline]]",
                 )
             if body == GROUND:
-                problems.add(f"{key_path}.bodies", "the ground has no outline")
+                problems.add(f"{key_path}.bodies", "the ground has no outline: name two bodies")
         for number, (body, names) in enumerate(
             zip(clearance.bodies, clearance.outlines, strict=True)
         ):
@@ -310,8 +313,8 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
         if all(outlines) and all(part.is_wall for outline in outlines for part in outline):
             problems.add(
                 f"{key_path}.{'outlines' if any(clearance.outlines) else 'bodies'}",
-                "have shells only (a sector is one), between which there is no clearance: one "
-                "needs a solid or points",
+                "have shells only (a sector is one), between which there is no clearance: one of "
+                "the bodies needs a solid frustum or points",
             )
         if clearance.after is not None:
             check_known(f"{key_path}.after", clearance.after, scene.joint, "joint", problems)

@@ -55,11 +55,11 @@ class TooManyProblems(Exception):
 
 
 class Problems(list[str]):
-    """Problems found while a file is read, each a line."""
+    """Problems of a file that is read, a line of text each."""
 
     def add(self, key_path: str, allowed: str, value: object = None) -> None:
         """Add a problem: ``key_path = value: allowed``, or ``key_path: allowed`` without a
-        value. Raises TooManyProblems if there are a hundred."""
+        value. Raises TooManyProblems if there are a hundred already."""
         if len(self) == _MAX_PROBLEMS:
             self.append("there are more problems than these")
             raise TooManyProblems

@@ -51,8 +51,9 @@ class _Table(Struct, frozen=True):
 
 
 class WindProfile(_Table, frozen=True, kw_only=True):
-    """Wind over height, added to the steady wind. ``factor`` multiplies all speeds, ``turn`` is
-    added to all directions."""
+    """Wind over height, added to the steady wind: altitude (m), speed (m/s) and direction (rad, as
+    in `Wind`), interpolated between rows. ``factor`` multiplies all speeds, ``turn`` (rad) is added
+    to all directions."""
 
     altitude: Annotated[Series, Quantity("length")]
     speed: Annotated[Series, Quantity("speed")]
@@ -63,7 +64,8 @@ class WindProfile(_Table, frozen=True, kw_only=True):
 
 
 class Wind(_Table, frozen=True, kw_only=True):
-    """Steady wind, horizontal, and a profile over height."""
+    """Steady horizontal wind, of a speed (m/s) and a direction to which it blows (rad from ground x
+    toward ground z), and a profile over height."""
 
     speed: Speed = 0.0
     direction: Angle = 0.0
@@ -71,7 +73,8 @@ class Wind(_Table, frozen=True, kw_only=True):
 
 
 class AirProfile(_Table, frozen=True, kw_only=True):
-    """Air over height, for ``atmosphere = "table"``; density is interpolated by its logarithm."""
+    """Air over height (m), for ``atmosphere = "table"``: density (kg/m3, interpolated by its
+    logarithm) and speed of sound (m/s; empty if no Mach number is needed)."""
 
     altitude: Annotated[Series, Quantity("length")]
     density: Annotated[Series, Quantity("density")]
@@ -80,7 +83,7 @@ class AirProfile(_Table, frozen=True, kw_only=True):
 
 
 class Environment(_Table, frozen=True, kw_only=True):
-    """Atmosphere, gravity and wind."""
+    """Atmosphere, a factor on its density, gravity (at the surface, m/s2) and wind."""
 
     atmosphere: Literal["us1976", "table", "none"] = "us1976"
     air: AirProfile | None = None
@@ -168,7 +171,8 @@ class Part(_Table, frozen=True, kw_only=True):
 
 
 class Body(_Table, frozen=True, kw_only=True):
-    """A rigid body: mass, inertia about the centre of mass, aerodynamics and outline."""
+    """A rigid body: mass (kg), moments and products (positive integrals) of inertia about the mass
+    centre (kg m2), layout point of the mass centre (m), aerodynamics and outline."""
 
     mass: Annotated[float, Positive, Quantity("mass")]
     inertia: Annotated[Vector, Quantity("inertia", ("xx", "yy", "zz"))]
@@ -298,7 +302,7 @@ class Signal(_Table, frozen=True, kw_only=True):
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Fields with numbers that do nothing: those of samples and of states."""
+        """Fields that do nothing: ``delay`` without samples, ``initial`` without states too."""
         if self.sample is not None:
             return ()
         return ("delay",) if self.states else ("delay", "initial")
@@ -369,15 +373,15 @@ class Proximity(_Table, frozen=True, kw_only=True):
 
 
 class Guide(_Table, frozen=True, kw_only=True):
-    """Guide pins of a slider: number, circle, engaged length when closed, and Coulomb friction."""
+    """Guide pins of a slider: number, radius of their circle (m), clock angle of the first from y
+    toward z (rad), engaged length when closed (m), and Coulomb friction coefficient, times
+    v / sqrt(v^2 + slip_speed^2) at sliding speed v (m/s)."""
 
     pins: Annotated[int, Meta(ge=1, le=24)]
-    # radius of the circle of pins
     circle: Annotated[float, NotNegative, Quantity("length")] = 0.0
-    clock: Angle = 0.0  # of the first pin, from y toward z
+    clock: Angle = 0.0
     engaged: Annotated[float, Positive, Quantity("length")]
     friction: Annotated[float, NotNegative] = 0.0
-    # sliding speed that regularizes friction: v / sqrt(v^2 + slip_speed^2)
     slip_speed: Annotated[float, Positive, Quantity("speed")] = 0.01
 
 
@@ -509,7 +513,8 @@ REPLICATES = 8  # independently scrambled sequences of a Saltelli design
 
 
 class Run(_Table, frozen=True, kw_only=True):
-    """End of the flight, number and sampling of cases, histories."""
+    """End of the flight (s), number of cases and how their inputs are sampled, interval of rows of
+    histories (s), and number of cases flown in one call."""
 
     end_time: Annotated[float, Positive, Quantity("time")]
     cases: Annotated[int, Meta(ge=1, le=CASES)] = 1000
@@ -521,7 +526,8 @@ class Run(_Table, frozen=True, kw_only=True):
 
 
 class Solver(_Table, frozen=True, kw_only=True):
-    """Formulation, integration method and accuracy."""
+    """Formulation of the equations, integration method, accuracy or largest step (s), and treatment
+    of constraint drift."""
 
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["auto", "sharp9", "dop853", "tp7", "dopri5", "rk4"] = "auto"

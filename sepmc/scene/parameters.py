@@ -78,7 +78,7 @@ def find(scene: Scene, key: str) -> Parameter:
 
 
 def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
-    """Name, unit, factor to SI and field of one key of a table."""
+    """Name, unit, factor to SI and field of the key ``part`` of a table. Raises `UnknownPath`."""
     fields = fields_of(type(node))
     values = {name: getattr(node, name) for name in fields}
     accepted = {
@@ -107,12 +107,13 @@ def _is_table(node: Any) -> bool:
 
 
 def item_names(items: tuple[Any, ...]) -> tuple[str, ...]:
-    """Names of the tables of an array; their numbers if they have no name."""
+    """Names of the tables of an array, in order; its index as text for one without a name."""
     return tuple(getattr(item, "name", None) or str(number) for number, item in enumerate(items))
 
 
 def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
-    """Name and value of one item of a table of tables, an array or a vector."""
+    """Name and value of the item ``part`` of a table of tables, an array or a vector, whose field
+    is ``field``. Raises `UnknownPath`."""
     if isinstance(node, dict):
         if part not in node:
             raise UnknownPath(f"no {part!r} here; " + nearest(part, node))
@@ -176,7 +177,8 @@ def replace(scene: Scene, values: dict[str, float]) -> Scene:
 
 
 def _replace(node: Any, parts: list[str], number: float, field: Field | None) -> Any:
-    """Copy of a node with the number at the end of a path replaced."""
+    """Copy of a node of the scene with the number at the end of a path, ``parts``, replaced;
+    ``field`` is that of the node."""
     if not parts:
         return number
     part, rest = parts[0], parts[1:]

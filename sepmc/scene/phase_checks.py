@@ -5,7 +5,7 @@ import math
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import KINDS, is_subset, rows_of
 from sepmc.scene.limits import SMALLEST
-from sepmc.scene.load_checks import check_known
+from sepmc.scene.load_checks import SHORTEST, check_known
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, Condition, Scene
 
@@ -54,7 +54,7 @@ def check_phases(scene: Scene, problems: Problems) -> None:
         _check_condition(f"{key_path}.until", until, scene, problems)
         _check_can_move(f"{key_path}.until", until, phase.joints, scene, problems)
         if until.time is not None:
-            if until.time < last_time:
+            if until.time < last_time - SHORTEST:  # closer times are equal
                 problems.add(
                     f"{key_path}.until.time_s",
                     f"must be >= {last_time:g}, the end of the phase before",
@@ -91,16 +91,15 @@ def _check_can_move(
         }
         for key, constrained in is_constrained.items():
             if getattr(until, key) is not None and constrained:
-                problems.add(
-                    f"{key_path}.joint", f"is {kind!r} in this phase, which has no {key}", joint
-                )
+                reason = f"is {kind!r} in this phase, which has no {key}, so this is never met"
+                problems.add(f"{key_path}.joint", reason, joint)
     for key, items in (("any", until.any), ("all", until.all)):
         for number, item in enumerate(items):
             _check_can_move(f"{key_path}.{key}.{number}", item, kinds, scene, problems)
 
 
 def _known(joint: str, kind: str, scene: Scene) -> bool:
-    """True if a joint has a kind of this name."""
+    """True if a joint exists and has a kind of this name."""
     return joint in scene.joint and (kind in KINDS or kind in scene.joint[joint].kind)
 
 
@@ -132,7 +131,7 @@ def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Pr
         )
         problems.add(
             key_path,
-            f"never ends: give time_s, burn_out, spring, {missing}, body and altitude_m or "
+            f"is never met: give time_s, burn_out, spring, {missing}, body and altitude_m or "
             "vertical_speed_m_s, any or all",
         )
         return
@@ -143,7 +142,8 @@ def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Pr
                 f"{key_path}.joint", f"needs one of {', '.join(_OF_JOINT.values())}", until.joint
             )
     elif on_joint:
-        problems.add(f"{key_path}.{_OF_JOINT[on_joint[0]]}", "needs joint, the joint meant")
+        reason = "needs joint = NAME in the same table"
+        problems.add(f"{key_path}.{_OF_JOINT[on_joint[0]]}", reason)
     if until.burn_out is not None:
         motors = {motor.name: motor for motor in scene.motor}
         check_known(f"{key_path}.burn_out", until.burn_out, motors, "motor", problems)
@@ -161,7 +161,8 @@ def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Pr
         springs = [spring.name for spring in scene.spring]
         check_known(f"{key_path}.spring", until.spring, springs, "spring", problems)
     if (until.body is None) != (not of_body):
-        problems.add(key_path, "body and altitude_m, or vertical_speed_m_s, belong together")
+        reason = "body and altitude_m, or vertical_speed_m_s, belong together: give both"
+        problems.add(key_path, reason)
     if until.direction is not None and len(on_joint + of_body) != 1:
         _refuse_direction(key_path, until, [*on_joint, *of_body], problems)
     if until.body is not None:

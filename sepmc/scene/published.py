@@ -8,7 +8,7 @@ from sepmc.scene.model import Positive
 
 
 class Expected(Struct, frozen=True, kw_only=True):
-    """Published statistics of an outcome."""
+    """Published statistics of an outcome, in its unit; None for those not published."""
 
     mean: float | None = None
     sigma: Annotated[float, Positive] | None = None
@@ -17,7 +17,8 @@ class Expected(Struct, frozen=True, kw_only=True):
 
 
 class Reference(Struct, frozen=True, kw_only=True):
-    """Published statistics to compare with."""
+    """Published statistics to compare a campaign with: their source, and those of each outcome by
+    its column name."""
 
     source: str
     outcome: dict[str, Expected] = field(default_factory=dict)

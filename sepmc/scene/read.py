@@ -78,7 +78,8 @@ class CampaignFile:
     tree : dict
         The TOML tree, with the settings applied.
     no_effect : tuple of str
-        Sentences on settings of parameters whose cases a distribution determines.
+        A sentence for each setting that only the nominal case uses, because a distribution gives
+        the values of all other cases.
     input_table : InputTable or None
         The table of ``run.samples``.
     folder : Path
@@ -188,6 +189,15 @@ def parse_campaign(
         Name of a campaign without one.
     folder : Path
         Folder that relative paths start from.
+
+    Returns
+    -------
+    CampaignFile
+
+    Raises
+    ------
+    SceneError
+        With every problem; see `read_campaign`.
     """
     if settings is not None and not isinstance(settings, dict):
         example = '{"run.cases": 100}'
@@ -247,7 +257,7 @@ def _parse(
         if key not in known:
             problems.add(key, "unknown key; " + nearest(key, known))
     tables = {k: v for k, v in tree.items() if k not in (*_OWN_TABLES, "signal") and k in known}
-    tables, driven = take_driven(tables, problems)
+    tables, driven = take_driven(tables)
     scene = read_table(Scene, tables, "", problems)
     signals = read_signals(tree.get("signal", []), problems)
     distributions = _read_distributions(tree.get("dispersion", {}), problems)
@@ -272,7 +282,7 @@ def _parse(
     table = None
     if scene.run.samples is not None:
         if reader is None:
-            problems.add("run.samples", "needs the reader of tables that sepmc.load has")
+            problems.add("run.samples", "needs a reader of tables: load the campaign by sepmc.load")
         else:
             table = reader(folder / scene.run.samples, problems)
         problems.raise_if_any(source)
@@ -341,7 +351,8 @@ def _with_strokes(scene: Scene) -> Scene:
 def _check_input_table(
     table: InputTable, dispersions: Sequence[Dispersion], problems: Problems
 ) -> None:
-    """Note columns of the samples that look like an input but are no dispersed parameter."""
+    """Note columns of the samples that look like an input but are no dispersed parameter, and
+    samples without any dispersed parameter."""
     used = {dispersion.column for dispersion in dispersions}
     known = [dispersion.parameter.column for dispersion in dispersions]
     spellings = {_letters(name): name for name in (CASE, *known)}
@@ -355,7 +366,8 @@ def _check_input_table(
             reason = f"{nearest(name, known)}; samples give parameters of [dispersion]"
             problems.add(f"run.samples, column {name}", f"no such input here: {reason}")
     if not used - {""} and not problems:
-        problems.add("run.samples", f"gives no input; {nearest('', known)}", table.path.name)
+        reason = f"gives no input: it has no column of a dispersed parameter; {nearest('', known)}"
+        problems.add("run.samples", reason, table.path.name)
 
 
 def _letters(name: str) -> str:
@@ -377,8 +389,8 @@ def _check_requirement(
     outcomes: list[str],
     problems: Problems,
 ) -> None:
-    """Check that a requirement bounds an outcome of the campaign, or names a status or the
-    violation of the others in ``all_of``."""
+    """Check that a requirement bounds an outcome of the campaign, or names a status, or the
+    violation of any other requirement, without bounds."""
     key_path, low, high = (
         f"requirement.{requirement.name}",
         requirement.at_least,
@@ -387,12 +399,14 @@ def _check_requirement(
     metrics = [*NOT_OK_LABELS, VIOLATION, *outcomes]
     if requirement.metric == VIOLATION:
         if low is not None or high is not None:
-            problems.add(key_path, f"{VIOLATION!r} of the other requirements has no bound")
+            reason = f"{VIOLATION!r} of the other requirements has no bound: leave it out"
+            problems.add(key_path, reason)
         if all(other.metric == VIOLATION for other in requirements):
             problems.add(key_path, f"{VIOLATION!r} needs other requirements that may be violated")
     elif requirement.metric in NOT_OK_LABELS:
         if low is not None or high is not None:
-            problems.add(key_path, f"{requirement.metric!r} is a status, which has no bound")
+            reason = f"{requirement.metric!r} is a status, which has no bound: leave it out"
+            problems.add(key_path, reason)
     elif requirement.metric not in outcomes:
         problems.add(
             f"{key_path}.metric",
@@ -412,7 +426,8 @@ def _check_requirement(
 
 
 def _read_distributions(tree: Any, problems: Problems) -> dict[str, Distribution]:
-    """Convert [dispersion], by key."""
+    """Distributions of the table [dispersion], by key; those with problems, which are noted, are
+    left out."""
     if not isinstance(tree, dict):
         problems.add("dispersion", "must be a table", tree)
         return {}
@@ -434,7 +449,8 @@ def _read_distributions(tree: Any, problems: Problems) -> dict[str, Distribution
 
 
 def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], source: str) -> None:
-    """Warn if independent ranges of a body's moments of inertia include an impossible tensor."""
+    """Warn if the ranges of a body's dispersed moments of inertia allow a tensor that no solid body
+    has; ``source`` begins the warning."""
     by_path = {d.parameter.path: d for d in dispersions}
     for name in scene.body:
         axes = [by_path.get(f"body.{name}.inertia.{axis}") for axis in ("xx", "yy", "zz")]

@@ -49,7 +49,7 @@ class Redundancy:
 
 
 def redundancies(scene: Scene) -> list[Redundancy]:
-    """Redundant rows of every phase in the initial configuration."""
+    """Redundancy of each phase that has redundant rows in the initial configuration."""
     redundant_phases = []
     for phase, owners, left, ratios in _decompositions(scene):
         rank = int(np.count_nonzero(ratios > _REDUNDANT))
@@ -63,7 +63,8 @@ def redundancies(scene: Scene) -> list[Redundancy]:
 
 
 def check_redundancy(scene: Scene, problems: Problems) -> None:
-    """Note joints whose rows are nearly redundant, so that the motion is ill-conditioned."""
+    """Note joints whose rows are nearly but not exactly redundant, which makes the motion
+    ill-conditioned."""
     for phase, owners, left, ratios in _decompositions(scene):
         weak = (ratios > _REDUNDANT) & (ratios < _NEARLY_REDUNDANT)
         if weak.any():
@@ -77,8 +78,9 @@ def check_redundancy(scene: Scene, problems: Problems) -> None:
 
 
 def _decompositions(scene: Scene) -> Iterator[tuple[str, list[str], np.ndarray, np.ndarray]]:
-    """Singular value decomposition of the rows of each phase: its name, the joint of each row, the
-    left singular vectors (rows, rows) and the singular values relative to the largest."""
+    """Singular value decomposition of the rows of each phase that has rows: its name, the joint of
+    each row, the left singular vectors (rows, rows) and the singular values relative to the
+    largest, falling."""
     for phase in scene.phase:
         with np.errstate(over="ignore", invalid="ignore"):
             coded = [
@@ -112,6 +114,7 @@ def _rows(scene: Scene, coded: list[tuple[str, int]]) -> np.ndarray:
     ----------
     scene : Scene
     coded : list of (joint, code)
+        Joint name and row code (`kinds.rows_of`) of each row.
 
     Returns
     -------
@@ -153,7 +156,7 @@ def dependent_rows(
     ----------
     scene : Scene
     coded : list of (joint, code)
-        The rows.
+        Joint name and row code of each row.
     groups : list of tuple of str
         Bodies that rotate as one rigid group.
 

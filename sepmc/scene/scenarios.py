@@ -23,7 +23,7 @@ _COMPONENTS = (("x", "y", "z"), ("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
 @dataclass(frozen=True)
 class Scenario:
-    """Values that replace those of the file; a parameter that is dispersed is constant then.
+    """Values that replace those of the file; a dispersed parameter among them becomes constant.
 
     Attributes
     ----------
@@ -38,7 +38,8 @@ class Scenario:
 
 
 def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
-    """Convert ``[[scenario]]``."""
+    """Scenarios of the array ``[[scenario]]`` of a file; problems are noted, and entries without a
+    valid name or values are left out."""
     if not isinstance(tree, list):
         problems.add("scenario", "must be an array of tables: [[scenario]]", tree)
         return ()
@@ -56,7 +57,7 @@ def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
         key_path = f"scenario.{name}"
         if name == BASELINE or name in [one.name for one in scenarios]:
             reason = "is the campaign itself" if name == BASELINE else "the name is used twice"
-            problems.add(key_path, reason)
+            problems.add(key_path, f"{reason}: choose another name")
         if not isinstance(title, str):
             problems.add(f"{key_path}.title", "must be text", title)
         for key in table:
@@ -80,7 +81,7 @@ def scenario_tree(
     problems: Problems,
     table: InputTable | None = None,
 ) -> dict[str, Any]:
-    """Tree of a scenario.
+    """Tree of a campaign with the values of a scenario, and without its scenarios.
 
     A parameter that the campaign disperses gets a constant distribution, so that the scenario needs
     no other kernel and its other parameters have the same random numbers.
@@ -93,12 +94,14 @@ def scenario_tree(
         That of the campaign.
     scenario : Scenario
     problems : Problems
+        Receives every problem.
     table : InputTable, optional
         Of ``run.samples``: what it gives in every case cannot be set.
 
     Returns
     -------
     dict
+        A new tree; incomplete if there were problems.
     """
     changed, own = copy.deepcopy(tree), Problems()
     settings = expand(scenario.settings, tree, own)
@@ -122,7 +125,8 @@ def scenario_tree(
 
 
 def _numbers(settings: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    """Key and value of each number that settings give, with those of vectors and tables."""
+    """TOML path and value of each number that settings give, those in vectors and tables included.
+    A vector yields paths with all kinds of component names (x, xx, xy) and with indices."""
     for key, value in settings.items():
         if isinstance(value, Mapping):
             yield from _numbers({f"{key}.{name}": item for name, item in value.items()})

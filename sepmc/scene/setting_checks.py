@@ -32,7 +32,7 @@ def parts(key: str) -> list[str]:
 
 def expand(settings: dict[str, Any], tree: dict[str, Any], problems: Problems) -> dict[str, Any]:
     """Settings with each ``*`` of a path replaced by the names of tables it stands for:
-    ``spring.*.force_N``. Notes paths that match nothing."""
+    ``spring.*.force_N``. Notes paths that match nothing, or another one that was set before."""
     expanded: dict[str, Any] = {}
     for key, value in settings.items():
         if not isinstance(key, str) or "*" not in key:
@@ -40,21 +40,23 @@ def expand(settings: dict[str, Any], tree: dict[str, Any], problems: Problems) -
             continue
         names = matching_keys(tree, key)
         if not names:
-            problems.add(key, "no table has such a name", value)
+            problems.add(key, "no table has such a name (* stands for any characters)", value)
         for name in names:
             if name in expanded:
-                problems.add(key, f"sets {name!r}, which is set before it", value)
+                problems.add(key, f"sets {name!r}, which is set before it: remove one", value)
             expanded[name] = value
     return expanded
 
 
 def matching_keys(tree: dict[str, Any], key: str) -> list[str]:
-    """Paths that a path with wildcards stands for; their last keys need not be in the tree."""
+    """Paths that a path with wildcards ``*`` stands for. Its last key is taken as it is: it need
+    not be in the tree."""
     return [".".join(match) for match in _matches(tree, parts(key))]
 
 
 def _matches(node: Any, keys: Sequence[str]) -> Iterator[list[str]]:
-    """Paths in a tree that a path with wildcards stands for; its last key is none."""
+    """Paths in a tree, as lists of keys, that a path with wildcards stands for; its last key is
+    taken as it is."""
     head, rest = keys[0], keys[1:]
     if not rest:
         yield [head]

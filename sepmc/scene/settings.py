@@ -13,7 +13,8 @@ from sepmc.scene.units import UNITS, split_unit, unit_kind
 
 
 def apply_settings(tree: dict[str, Any], settings: dict[str, Any], problems: Problems) -> None:
-    """Put settings, values by TOML path, into a tree."""
+    """Put settings, values by TOML path, into a tree, in place; paths that do not exist are
+    noted."""
     for key, value in settings.items():
         _put(tree, parts(key), _builtin(value), problems, key)
 
@@ -120,7 +121,7 @@ def _builtin(value: Any) -> Any:
 
 def parse_setting(text: str) -> tuple[str, Any]:
     """Path and value of a command-line setting ``path=value``, whose value is TOML or else text.
-    Raises SceneError."""
+    Raises SceneError if it has no path or no ``=``, or is not valid UTF-8."""
     key, separator, raw = text.partition("=")
     try:
         text.encode()

@@ -11,11 +11,12 @@ from sepmc.scene.parameters import item_names
 
 Ranges = dict[str, tuple[float, float]]  # SI, by path
 Box = list[tuple[float, float]]
+_MAY_BE_ZERO = "the axis may be zero: narrow the distributions"
 
 
 def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Problems) -> None:
-    """Note dispersions that can make an axis zero or a shell of no length. Of a normal distribution
-    without truncation 3 sigma count."""
+    """Note dispersions that can make an axis zero, the axes of a joint parallel, a shell of no
+    length or a sector of no width. Of a normal distribution without truncation 3 sigma count."""
     ranges: Ranges = {}
     for one in dispersions:
         low, high = (bound * one.parameter.factor for bound in one.reach)
@@ -24,20 +25,18 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
         if spring.axis is not None:
             path = f"spring.{spring.name}.axis"
             if _may_vanish(_box(path, spring.axis, ranges)):
-                problems.add(f"dispersion.{path}", "the axis may be zero", list(spring.axis))
+                problems.add(f"dispersion.{path}", _MAY_BE_ZERO, list(spring.axis))
     for name, joint in scene.joint.items():
         x, y = (
             _box(f"joint.{name}.{key}", axis, ranges)
             for key, axis in (("x_axis", joint.x_axis), ("y_axis", joint.y_axis))
         )
         if _may_vanish(x):
-            problems.add(
-                f"dispersion.joint.{name}.x_axis", "the axis may be zero", list(joint.x_axis)
-            )
+            problems.add(f"dispersion.joint.{name}.x_axis", _MAY_BE_ZERO, list(joint.x_axis))
         elif _may_vanish(_cross(x, y)):
             problems.add(
                 f"dispersion.joint.{name}.y_axis",
-                "the axis may be zero or parallel to x_axis",
+                "the axis may be zero or parallel to x_axis: narrow the distributions",
                 list(joint.y_axis),
             )
     for name, body in scene.body.items():
@@ -51,7 +50,8 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
                 if not (first[1] < last[0] and last[1] - first[0] <= FULL_TURN):
                     problems.add(
                         f"dispersion.{key_path}.sector_deg",
-                        "the sector may have no width, or more than 360 deg",
+                        "the sector may have no width, or more than 360 deg: narrow the "
+                        "distributions",
                         [math.degrees(x) for x in part.sector],
                     )
             if part.is_wall and part.stations is not None:
@@ -62,13 +62,13 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
                 if first[0] <= last[1] and last[0] <= first[1]:
                     problems.add(
                         f"dispersion.{key_path}.stations",
-                        "the shell may have no length",
+                        "the shell may have no length: narrow the distributions",
                         list(part.stations),
                     )
 
 
 def _box(path: str, axis: Sequence[float], ranges: Ranges) -> Box:
-    """Ranges of the components of an axis."""
+    """Ranges of the components of an axis: those of dispersions, its nominal for others."""
     return [
         ranges.get(f"{path}.{key}", (value, value)) for key, value in zip(XYZ, axis, strict=True)
     ]

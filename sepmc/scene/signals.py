@@ -70,21 +70,20 @@ class Quantity(NamedTuple):
     factor: float
 
 
-def take_driven(tree: dict[str, Any], problems: Problems) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Take the names of signals out of the tables of a campaign.
+def take_driven(tree: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Take the names of signals, given in place of numbers, out of the tables of a campaign.
 
     Parameters
     ----------
     tree : dict
         It stays as it is.
-    problems : Problems
 
     Returns
     -------
     tree : dict
         With 0 in place of each name.
     driven : dict of str to (str, Driven)
-        TOML path and signal of each, by the path of its parameter.
+        TOML path and signal of each name, by the path of the parameter that the signal gives.
     """
     result, driven = dict(tree), dict[str, Any]()
     for array, (kind, fields) in _DRIVEN.items():
@@ -114,7 +113,8 @@ def take_driven(tree: dict[str, Any], problems: Problems) -> tuple[dict[str, Any
 
 
 def _without_names(value: Any, components: tuple[str, ...]) -> tuple[Any, list[tuple[str, str]]]:
-    """Value of a key with 0 in place of names, and each name with its component."""
+    """Value of a key with 0 in place of names, and (component, name) of each; the component is
+    empty for a number."""
     if isinstance(value, str):
         return (0.0, [("", value)]) if not components else (value, [])
     if components and isinstance(value, list) and len(value) == len(components):
@@ -128,7 +128,8 @@ def _without_names(value: Any, components: tuple[str, ...]) -> tuple[Any, list[t
 
 
 def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
-    """Convert ``[[signal]]``: keys that are none of the model's are constants."""
+    """Signals of the array ``[[signal]]`` of a file: keys that are no field of `Signal` are
+    constants of its formula. Problems are noted; entries that cannot be read are left out."""
     if not isinstance(tree, list):
         problems.add("signal", "must be an array of tables: [[signal]]", tree)
         return ()
@@ -177,7 +178,8 @@ def _check_states(signal: Signal, key_path: str, problems: Problems) -> None:
 
 
 def _constant(key: str, value: Any, key_path: str, problems: Problems) -> float:
-    """A constant of a signal; its number stays in the unit of its key."""
+    """Value of a constant of a signal, as written; 0, with the problem noted, if its name or value
+    is not valid."""
     if not _IDENTIFIER.fullmatch(key) or len(key) > NAME:
         problems.add(
             key_path, f"a name is a letter followed by at most {NAME - 1} letters, digits or _"
@@ -196,7 +198,8 @@ def _constant(key: str, value: Any, key_path: str, problems: Problems) -> float:
 def check_signals(
     scene: Scene, driven: Mapping[str, tuple[str, Driven]], problems: Problems
 ) -> None:
-    """Note formulas that are none, unknown names in them, cycles, and unknown signals."""
+    """Note formulas that cannot be parsed, unknown names in them, constants not used, cycles, too
+    many samples, and numbers that ``driven`` (see `take_driven`) gives to unknown signals."""
     for signal in scene.signal:
         if signal.sample is not None and scene.run.end_time / signal.sample > _MOST_SAMPLES:
             reason = f"gives more than {_MOST_SAMPLES:,} samples up to {scene.run.end_time:g} s"
@@ -249,7 +252,8 @@ def _cycle(name: str, trees: Mapping[str, Node], above: tuple[str, ...]) -> tupl
 
 
 def quantity(name: str, items: Items) -> Quantity | None:
-    """Quantity of a name, of a scene with some items; None if it is unknown."""
+    """Quantity that a name of a formula means (``time_s``, ``upper.pitch_deg``,
+    ``joint.ring.stroke_m``) in a scene with these items; None if it is unknown."""
     *head, last = name.split(".")
     key, unit = split_unit(last)
     if not head:
@@ -322,12 +326,12 @@ def _unknown_of_item(head: list[str], last: str, scene: Scene, items: Items) -> 
 
 
 def _spellings(stem: str, key: str, kind: str) -> str:
-    """A quantity in all its units."""
+    """Names of a quantity in all its units, after ``stem``, with commas."""
     return ", ".join(f"{stem}{key}_{unit}" for unit in UNITS[kind])
 
 
 def idle_signals(scene: Scene) -> list[str]:
-    """Signals that give no number and that no other signal names."""
+    """Names of the signals that give no number of the scene and that no other signal names."""
     named = {drive.signal for drive in scene.driven.values()} | {*signal_terms(scene).values()}
     for signal in scene.signal:
         named |= set(names(parse(signal.formula))) - {signal.name, *signal.constants}
@@ -335,8 +339,8 @@ def idle_signals(scene: Scene) -> list[str]:
 
 
 def with_sizes(scene: Scene) -> Scene:
-    """Copy of a scene with a size of every number that a signal gives: its largest value over time
-    with all other quantities at 0. For estimates only: of scales, speeds and heights."""
+    """Copy of a scene with a size in place of every number that a signal gives: its largest
+    magnitude over time with all other quantities at 0. For estimates of scales, speeds, heights."""
     times = np.linspace(0.0, scene.run.end_time, _TIMES)
     sizes = {}
     for path, drive in scene.driven.items():

@@ -198,7 +198,7 @@ def _text(node: Node) -> tuple[str, int]:
 
 
 def _in_brackets(part: tuple[str, int], rank: int) -> str:
-    """Text in brackets if its precedence is below a rank."""
+    """Text of ``part`` (text, precedence), in brackets if its precedence is below a rank."""
     return part[0] if part[1] >= rank else f"({part[0]})"
 
 
@@ -248,7 +248,7 @@ def with_load(tree: dict[str, Any], load: dict[str, Any], function: Function) ->
     tree : dict
         It stays as it is.
     load : dict
-        Keys of the load but force and moment.
+        The table of the load, without force and moment.
     function : callable
         See `trace_load`.
 

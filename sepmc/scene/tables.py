@@ -33,6 +33,7 @@ def read_table(kind: type[msgspec.Struct], tree: Any, key_path: str, problems: P
     key_path : str
         TOML path of the table.
     problems : Problems
+        Receives every problem.
 
     Returns
     -------
@@ -76,7 +77,8 @@ def read_table(kind: type[msgspec.Struct], tree: Any, key_path: str, problems: P
 
 
 def _read_value(field: Field, value: Any, factor: float, key_path: str, problems: Problems) -> Any:
-    """Convert the value of one key; ``factor`` is that of its unit to SI."""
+    """Convert the value of one key to its type in the model, SI; ``factor`` is that of its unit to
+    SI. Problems are noted."""
     if field.table:
         return read_table(field.table, value, key_path, problems)
     if field.table_of_tables:
@@ -119,7 +121,8 @@ def _read_items(
 def _components(
     field: Field, value: dict[str, Any], factor: float, key_path: str, problems: Problems
 ) -> list[Any]:
-    """Convert a vector written as ``{ y = 1.0 }``; omitted components keep their default."""
+    """Components, in order and in the unit of the key, of a vector written as ``{ y = 1.0 }``;
+    omitted ones have their default. ``factor`` is that of the unit to SI."""
     names = field.quantity.components
     for key in value:
         if key not in names:
@@ -152,7 +155,8 @@ def _read_named(
 def read_array(
     kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems
 ) -> tuple[Any, ...]:
-    """Convert an array of tables; places name each by its name or number. See `read_table`."""
+    """Convert an array of tables to a tuple; messages have the name of a table, or its index, as
+    key. See `read_table`; a table with problems gives None."""
     if not isinstance(tree, list):
         problems.add(key_path, f"must be an array of tables: [[{key_path}]]", tree)
         return ()
@@ -199,7 +203,7 @@ def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
 
 
 def _missing(field: Field) -> str:
-    """Text of a missing key or table."""
+    """Text that names a missing key, in its first unit, or a missing table."""
     if field.table or field.table_of_tables:
         return f"table [{field.name}]"
     if field.array_of_tables:

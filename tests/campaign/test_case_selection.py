@@ -218,7 +218,7 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
         ({"V": ["1.0", "2.0", "3,5"]}, "V", "column V of plan.csv: '3,5' in case 2 is no number"),
         ({"case": [10**12], "V": [1.0]}, "V", "whole numbers from 0 to 999999999"),
         ({"V": [1.0, 2.0]}, "W", "no such column of numbers in plan.csv; did you mean|known here"),
-        ({"case": [0, 0], "V": [1.0, 2.0]}, "V", "column case: contains a number twice"),
+        ({"case": [0, 0], "V": [1.0, 2.0]}, "V", "column case: contains a case number twice"),
         (
             {"case": [0.5, 1], "V": [1.0, 2.0]},
             "V",
@@ -341,8 +341,8 @@ def test_until_holds_what_it_states(name):
         ("separation_speed_m_s", "must be METRIC:TOLERANCE"),
         ("separation_speed_m_s:-1", "must be METRIC:TOLERANCE"),
         ("separation_sped_m_s:1", "did you mean 'separation_speed_m_s'"),
-        ("separation_speed_m_s.p98:1", "no such statistic as 'p98'; mean, sigma"),
-        ("never-released.mean:1", "no such statistic as 'mean'; share"),
+        ("separation_speed_m_s.p98:1", "no such statistic as 'p98'; allowed: mean, sigma"),
+        ("never-released.mean:1", "no such statistic as 'mean'; allowed: share"),
     ],
 )
 def test_what_until_refuses(file, text, message):

@@ -173,9 +173,9 @@ def test_a_worker_that_sees_another_folder(campaign, tmp_path):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({}, "give it as out"),
-        ({"out": "run", "until": "release_time_s:0.1"}, "excludes workers"),
-        ({"out": "run", "cases": "5:9", "stats_only": True}, "excludes workers"),
+        ({}, "give its path as out"),
+        ({"out": "run", "until": "release_time_s:0.1"}, "cannot be combined with workers"),
+        ({"out": "run", "cases": "5:9", "stats_only": True}, "cannot be combined with workers"),
     ],
 )
 def test_what_workers_do_not_fly(campaign, tmp_path, monkeypatch, given, message):

@@ -1,5 +1,8 @@
 """The error of every case: how the estimate is made of guards, and what campaigns make of it."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import sepmc
 from sepmc.campaign.execution.accuracy import decisive, errors
+from sepmc.campaign.execution.error_estimate import _least_squares
 from sepmc.campaign.execution.error_estimate import estimate as estimate_of
 from sepmc.campaign.execution.integration import integrate
 from sepmc.campaign.execution.step_selection import select_steps
@@ -66,6 +70,48 @@ def test_one_case_does_not_raise_all():
     assert np.median(after) < before + 1.5 * true[7, 0]
     easy = np.argsort(true[:, 0])[:20]
     assert (after[easy] < true[7, 0]).all()  # a factor raises those by less
+
+
+ESTIMATE = """
+import numpy as np
+from sepmc.campaign.execution.error_estimate import estimate
+random = np.random.default_rng(5)
+indicators = np.exp(random.normal(size=(537, 7)))
+shares = random.uniform(size=(7, 3))
+errors = np.array([(indicators**1.5 * share).sum(axis=1) for share in shares.T]).T
+errors *= np.exp(random.normal(size=errors.shape))
+made = estimate(indicators, errors, np.zeros(3), np.zeros((3, 7)), np.ones(3, bool))
+print([float(x).hex() for x in (*made.weights.flat, *made.factor, *made.offset)])
+"""
+
+
+def test_no_bits_follow_from_the_linear_algebra_library():
+    """OpenBLAS has other sums for other processors: `error` was not the same in every run."""
+    texts = [
+        subprocess.run(
+            [sys.executable, "-c", ESTIMATE],
+            env=os.environ | {"OPENBLAS_CORETYPE": core},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for core in ("Haswell", "Prescott")
+    ]
+    assert texts[0] == texts[1]
+    assert texts[0].count("0x") == 3 * 7 + 6
+
+
+def test_dependent_terms():
+    """Of terms that are multiples of each other one is used."""
+    terms = np.exp(RANDOM.normal(size=(300, 2)))
+    both = np.column_stack([terms, 2.0 * terms[:, 0]])
+    coefficients = _least_squares(both, terms @ [3.0, 5.0])
+    assert_allclose(both @ coefficients, terms @ [3.0, 5.0], rtol=1e-13)
+    assert np.count_nonzero(coefficients) == 2
+    full = np.exp(RANDOM.normal(size=(300, 6)))
+    target = RANDOM.normal(size=300)
+    known = np.linalg.lstsq(full, target, rcond=None)[0]
+    assert_allclose(_least_squares(full, target), known, rtol=1e-11)
 
 
 def test_floor_and_what_decides():

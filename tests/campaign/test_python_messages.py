@@ -106,7 +106,7 @@ def test_what_is_no_file_is_no_campaign(file):
         ({"cases": [1, [2]]}, "cases = .2.: must be a whole number"),
         ({"cases": {"first": 1}}, "cases = {'first': 1}: must be a whole number"),
         ({"cases": {1.5}}, "cases = 1.5: must be a whole number"),
-        ({"cases": set()}, "cases = ..: must be how many"),
+        ({"cases": set()}, "cases = ..: must be a number of cases"),
         ({"until": 3}, "until = 3: must be text"),
         ({"keep": 3, "out": "nowhere"}, "keep = 3: must be text"),
         ({"keep": "all", "keep_columns": 3, "out": "nowhere"}, "keep_columns = 3: must be text"),

@@ -238,7 +238,7 @@ def test_a_value_that_levels_do_not_see_is_told(spinning):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("ends", "is a status, which no case comes nearer to by degrees"),
+        ("ends", "is a status, which has no margin"),
         ("all", "combines other requirements; name one of them: quiet, level, ends"),
         ("loud", "rare = loud: no such requirement; known here: quiet, level, ends, all"),
     ],
@@ -280,7 +280,7 @@ def test_a_contact_is_approached_by_its_clearance():
     assert_allclose(margin, [200.0, 0.0, -1e-9, -100.0, np.inf, np.nan, np.nan])
     other = {"name": "x", "metric": "gap_recontact", "at_least": 1.0}
     touching = residual.with_settings({"requirement": [other]})
-    with pytest.raises(InputError, match="a rare event needs at_most = 0, that it is 0"):
+    with pytest.raises(InputError, match="a rare event needs the bound at_most = 0"):
         limit_state(touching, "x")
 
 

@@ -237,12 +237,12 @@ def test_statistics_are_written_again(campaign, tmp_path):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"keep": "most"}, "must be of all, failed, violating, worst:20, every:1000"),
-        ({"keep": "worst:0"}, "must be of all"),
+        ({"keep": "most"}, "of all, failed, violating, worst:N and every:N"),
+        ({"keep": "worst:0"}, "must be one or several"),
         ({"keep": "failed", "keep_columns": "uper_*"}, "no such column; known here"),
-        ({"keep_columns": "upper_*"}, "of rows that are kept by keep"),
-        ({"float32": True}, "of rows that are kept by keep"),
-        ({"keep": "failed", "out": None}, "give it as out"),
+        ({"keep_columns": "upper_*"}, "only to rows that keep selects"),
+        ({"float32": True}, "only to rows that keep selects"),
+        ({"keep": "failed", "out": None}, "give its path as out"),
     ],
 )
 def test_what_cannot_be_kept(campaign, tmp_path, given, message):

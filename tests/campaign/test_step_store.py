@@ -1,6 +1,7 @@
 """Selected steps are kept, in memory and on disk, and are the same as selected anew."""
 
 import pickle
+import tomllib
 from dataclasses import fields
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection, step_store
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.jit import CACHE_FOLDER
+from sepmc.scene.campaign_files import shipped_campaigns
 from sepmc.scene.read import parse_campaign
 
 QUIET = {"run.history_step_s": 0.0}
@@ -134,6 +136,16 @@ def test_steps_follow_from_every_source_that_is_not_compiled():
 def reordered(tree, table):
     """A tree with one of its tables in the other order."""
     return {k: dict(reversed(v.items())) if k == table else v for k, v in tree.items()}
+
+
+@pytest.mark.parametrize("name", shipped_campaigns())
+def test_resolved_file_has_the_same_text(name):
+    """A replay uses the steps that its run selected, also where the run had settings."""
+    body = next(iter(sepmc.load(name).scene.body))
+    load = {"name": "thruster", "body": body, "moment_N_m": {"z": 3.0}}
+    campaign = sepmc.load(name, {"load": [load]})
+    tree = tomllib.loads(campaign.file.toml)
+    assert Campaign(parse_campaign(tree, name)).ordered_text == campaign.ordered_text
 
 
 @pytest.mark.slow

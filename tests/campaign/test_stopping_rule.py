@@ -152,7 +152,7 @@ def test_workers_are_refused_before_anything_is_flown(written, tmp_path):
         ],
     )
     assert called.exit_code == 2
-    assert "excludes workers" in called.stderr
+    assert "cannot be combined with workers" in called.stderr
     assert not (tmp_path / "run" / "cases").exists()
 
 

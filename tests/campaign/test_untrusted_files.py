@@ -73,7 +73,7 @@ def deep(depth):
 @pytest.mark.parametrize(
     ("tree", "message"),
     [
-        (with_body(mass_kg=16**5000), "body.a.mass_kg: is a whole number of 20001 bits"),
+        (with_body(mass_kg=16**5000), "body.a.mass_kg: is a whole number of 20002 bits"),
         (with_body(mass_kg=2**63), "at most 64; write a larger one with a point"),
         (with_body(mass_kg=1e61), "body.a.mass_kg = 1e+61: must be at most 1e+60 in size"),
         (small(body={f"b{i}": {} for i in range(10**6)}), "body: has 1,000,000 entries: must be"),

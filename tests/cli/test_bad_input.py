@@ -67,7 +67,7 @@ BROKEN = [  # what to replace in table2.toml, by what, and what the message must
     ("seed = 2019", "seed = -1", ["run.seed = -1", "must be >= 0"]),
     ("end_time_s = 0.5", "end_time_s = 0.0", ["run.end_time_s = 0.0", "must be > 0"]),
     (UNTIL, "", ["phase.locked", "never ends"]),
-    (UNTIL, "until = {}", ["phase.locked.until", "never ends"]),
+    (UNTIL, "until = {}", ["phase.locked.until", "is never met"]),
     (
         UNTIL,
         "until = { time_s = 0.6 }",
@@ -283,7 +283,7 @@ OTHERS = [  # the same for everything.toml
     (
         'joint = "tie", force_kN = 50.0',
         'joint = "tie"',
-        ["phase.locked.until.any.1", "never ends", "with joint a stroke_m, distance_m, angle_deg"],
+        ["phase.locked.until.any.1", "is never met", "with joint a stroke_m, distance_m, angle"],
     ),
     (
         'joint = "tie", force_kN = 50.0',
@@ -308,7 +308,7 @@ OTHERS = [  # the same for everything.toml
     (
         "{ time_s = 0.15 }, ",
         "{}, ",
-        ["phase.guided.until.all.0", "never ends: give time_s, burn_out"],
+        ["phase.guided.until.all.0", "is never met: give time_s, burn_out"],
     ),
     (
         'body = "upper", altitude_m = 2990.0',
@@ -341,7 +341,7 @@ OTHERS = [  # the same for everything.toml
         'until = { joint = "hinge", angle_deg = 181.0 }',
         ["phase.apart.until.angle_deg = 181.0", "at most 180 deg"],
     ),
-    (SHED, "when = {}", ["release.shed.when", "never ends"]),
+    (SHED, "when = {}", ["release.shed.when", "is never met"]),
     (SHED, "", ["release.shed", "[when] is missing"]),
     # kinds, releases, letting go
     (
@@ -388,7 +388,7 @@ OTHERS = [  # the same for everything.toml
     (
         "[joint.hinge.kind.loose]",
         "[joint.hinge.kind.slider]",
-        ["joint.hinge.kind.slider", "is the name of a common kind"],
+        ["joint.hinge.kind.slider", "is the name of a common joint kind"],
     ),
     ('rotations = ["y"]', 'rotations = ["q"]', ["joint.hinge.kind.loose.rotations"]),
     (

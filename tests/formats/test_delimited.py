@@ -105,7 +105,7 @@ def test_parquet(tmp_path):
 def test_files_that_are_none(tmp_path):
     with pytest.raises(FormatError, match="no such file"):
         read_table(tmp_path / "none.csv")
-    with pytest.raises(FormatError, match="is no file"):
+    with pytest.raises(FormatError, match="is no regular file"):
         read_table(tmp_path)
     (tmp_path / "zero.csv").write_bytes(b"a,b\n\0,1\n")
     with pytest.raises(FormatError, match="zero bytes"):

@@ -243,7 +243,7 @@ def test_a_threshold_may_vary(pair, plainly):
     ("settings", "message"),
     [
         ({"event": [{"name": "now"}]}, "event.now: table [when] is missing"),
-        ({"event": [{"name": "now", "when": {}}]}, "event.now.when: never ends: give time_s"),
+        ({"event": [{"name": "now", "when": {}}]}, "event.now.when: is never met: give time_s"),
         (
             {"event": [{"name": "now", "when": {"spring": "psuh"}}]},
             "event.now.when.spring = 'psuh'",

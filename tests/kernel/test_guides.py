@@ -49,6 +49,13 @@ SCENES = {
         "phase": phases(({"pins": "slider"}, RELEASE), ({}, None)),
         "output": {"guide": ["pins"]},
     },
+    "beside another pair, which turns about its guide": {
+        **MID,
+        "body.far": {"mass_kg": 3.0, "inertia_kg_m2": [1.1, 1.4, 1.3], "cg_m": [3.5, 0.0, 0.1]},
+        "joint.other": {"bodies": ["mid", "far"], "point_m": [2.9, 0.0, 0.1], "guide": PINS},
+        "phase": phases(({"pins": "slider", "other": "cylindrical"}, RELEASE), ({}, None)),
+        "output": {"guide": ["pins", "other"]},
+    },
     "held to the ground": {
         "joint.pins.bodies": ["ground", "aft"],
         "initial.omega_rad_s": [0.0, 0.0, 0.0],

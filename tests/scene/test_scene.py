@@ -20,9 +20,10 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.scene import model
 from sepmc.scene.campaign_files import shipped_campaigns
-from sepmc.scene.fields import fields_of
+from sepmc.scene.fields import convert, fields_of
+from sepmc.scene.limits import check_tree
 from sepmc.scene.measurements import Measurement
-from sepmc.scene.messages import SceneError
+from sepmc.scene.messages import Problems, SceneError
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.read import parse_campaign, read_campaign
 from sepmc.scene.settings import parse_setting
@@ -374,3 +375,32 @@ def test_every_key_stands_on_the_page():
     fields = [(t.__name__, field) for t in tables for field in fields_of(t).values()]
     assert len(fields) > 100
     assert not [(name, f.name) for name, f in fields if not words & set(f.keys)]
+
+
+def test_a_whole_number_beyond_its_bound_names_that_bound():
+    """Not the bound of another key; and a fraction is told from a whole number."""
+    pins, cases = fields_of(model.Guide)["pins"].type, fields_of(model.Run)["cases"].type
+    assert convert(25, pins) == (None, "must be at most 24")
+    assert convert(10**10, cases) == (None, "must be at most 1000000000")
+    assert convert(1.5, cases) == (None, "must be a whole number")
+
+
+@pytest.mark.parametrize("value", [2**63, -(2**63) - 1])
+def test_bits_of_a_rejected_whole_number_exceed_those_allowed(value):
+    problems = Problems()
+    check_tree({"run": {"seed": value}}, problems)
+    (message,) = problems
+    assert "65 bits with its sign: must have at most 64" in message
+
+
+def test_ends_of_phases_that_differ_by_round_off_are_equal(pair):
+    """0.114097 s and the same time, converted from another unit."""
+    phases = [
+        {"name": "held", "joints": {"pins": "fixed"}, "until": {"time_s": 0.114097}},
+        {"name": "guided", "joints": {"pins": "slider"}, "until": {"time_s": 0.11409699999999999}},
+        {"name": "free"},
+    ]
+    assert pair({"phase": phases}).scene.phase[1].until.time < 0.114097
+    phases[1]["until"]["time_s"] = 0.114096
+    with pytest.raises(SceneError, match="end of the phase before"):
+        pair({"phase": phases})

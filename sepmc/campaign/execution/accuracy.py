@@ -40,7 +40,7 @@ def scene_scales(scene: Scene, units: Iterable[str]) -> np.ndarray:
     Returns
     -------
     ndarray, shape (len(units),)
-        SI.
+        A size for each unit, SI.
     """
     mass = sum(body.mass for body in scene.body.values())
     gyration = max(float(np.sqrt(max(body.inertia) / body.mass)) for body in scene.body.values())
@@ -141,6 +141,7 @@ def errors(outcomes: np.ndarray, reference: np.ndarray, scale: np.ndarray) -> np
     Returns
     -------
     ndarray, shape (n, o)
+        Relative errors, >= 0.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         same = (outcomes == reference) | (np.isnan(outcomes) & np.isnan(reference))
@@ -192,7 +193,7 @@ def column_scales(
 def with_scales(
     campaign: Definition, errors_by_name: Mapping[str, float], statistics: pd.DataFrame
 ) -> dict[str, tuple[float, float]]:
-    """Error and scale of each outcome, in the unit of its column.
+    """Relative error of each outcome, and its scale in the unit of its column (`scales`).
 
     Parameters
     ----------
@@ -205,7 +206,7 @@ def with_scales(
     Returns
     -------
     dict of str to (float, float)
-        Error (NaN if unknown) and scale, by outcome.
+        Relative error (NaN if unknown) and scale, by outcome.
     """
     names = [column.name for column in campaign.outcome_columns]
     extremes = statistics.loc[names, ["min", "max"]].to_numpy()
@@ -216,15 +217,16 @@ def with_scales(
 def with_scales_of(
     campaign: Definition, errors_by_name: Mapping[str, float], outcomes: np.ndarray
 ) -> dict[str, tuple[float, float]]:
-    """Error and scale of each outcome of cases, as `with_scales`; ``outcomes`` (n, o) in the units
-    of their columns."""
+    """Relative error and scale of each outcome, as `with_scales`, from the ``outcomes`` (n, o) of
+    cases, in the units of their columns."""
     return _by_name(campaign, errors_by_name, column_scales(campaign, outcomes))
 
 
 def _by_name(
     campaign: Definition, errors_by_name: Mapping[str, float], outcome_scales: np.ndarray
 ) -> dict[str, tuple[float, float]]:
-    """Error (NaN if unknown) and scale by outcome."""
+    """Relative error (NaN if unknown) and scale by outcome; ``outcome_scales`` (o,) are in the
+    order of the outcomes."""
     return {
         column.name: (errors_by_name.get(column.name, np.nan), float(scale))
         for column, scale in zip(campaign.outcome_columns, outcome_scales, strict=True)
@@ -234,10 +236,11 @@ def _by_name(
 def with_errors(
     campaign: Definition, errors_by_name: Mapping[str, float], table: pd.DataFrame
 ) -> pd.DataFrame:
-    """Add the column ``error``, the error in the unit of each outcome, and marks of constant
-    outcomes.
+    """Add to a table of statistics, a row per outcome, the columns ``error``, ``error_size`` and
+    ``constant``.
 
-    See `sepmc.analysis.constant_outcomes.with_constants`.
+    ``error`` is the relative error (NaN if unknown); it is left out if ``errors_by_name`` is empty.
+    For the others see `sepmc.analysis.constant_outcomes.with_constants`.
     """
     if errors_by_name:
         table = table.assign(error=[errors_by_name.get(str(name), np.nan) for name in table.index])
@@ -264,8 +267,8 @@ def zero_below_error(
 
 
 def decisive(columns: list[Column]) -> np.ndarray:
-    """Mask (o,) of the outcomes that must converge: all but times and positions of extremes and
-    contact."""
+    """Mask (o,) of the outcomes, given by their ``columns``, that must converge: all but contact
+    and the times and positions of extremes."""
     return np.array(
         [not column.name.endswith(_EXTREME_POSITIONS) for column in columns], dtype=bool
     )
@@ -278,9 +281,10 @@ class AchievedAccuracy:
     Attributes
     ----------
     asked : float
-        ``solver.accuracy``.
+        Requested accuracy, ``solver.accuracy``.
     errors : dict of str to float
-        By outcome: `SAFETY` times the largest error of the calibration cases.
+        Relative error (see `errors`) by outcome: `SAFETY` times the largest of the calibration
+        cases.
     cases : int
         Number of calibration cases.
     positions : frozenset of str
@@ -306,8 +310,7 @@ class AchievedAccuracy:
 
     @property
     def worst_position(self) -> tuple[str, float] | None:
-        """Time or position of an extreme with the largest error, and the error; None if there are
-        none."""
+        """Outcome of `positions` with the largest error, and the error; None if there are none."""
         errors = {name: error for name, error in self.errors.items() if name in self.positions}
         return _largest(errors) if errors else None
 
@@ -337,7 +340,7 @@ def achieved(campaign: Definition, largest_errors: np.ndarray, cases: int) -> Ac
     ----------
     campaign : Definition
     largest_errors : ndarray, shape (o,)
-        Largest error of each outcome.
+        Largest relative error of each outcome.
     cases : int
         Number of calibration cases; errors are infinite if 0.
 

@@ -31,13 +31,15 @@ class BatchSummary(msgspec.Struct, frozen=True):
     implausible : int
         Cases with an inertia that no solid body has.
     refined, fallback, unconverged : int
-        Cases integrated again at smaller steps; by a fallback kernel; those that did not converge.
+        Cases integrated again at smaller steps; cases integrated by a fallback kernel; cases
+        integrated again that did not converge.
     min_at_end : mapping of str to int
         By clearance: cases whose minimum is at the end time.
     missing : mapping of str to int
-        By event: ok cases without it; see `sepmc.campaign.execution.missing_events`.
+        By event: ok cases in which it does not occur; see
+        `sepmc.campaign.execution.missing_events`.
     errors : mapping of str to float
-        Largest error by outcome, of the outcomes that are estimated case by case.
+        Largest relative error of each outcome, of those whose error is estimated case by case.
     indicators : tuple of float
         Largest error indicators; see `sepmc.campaign.execution.error_estimate.Estimate.largest`.
     occurred : tuple of int
@@ -79,7 +81,8 @@ class BatchSummary(msgspec.Struct, frozen=True):
 
 
 def read(text: str | bytes) -> BatchSummary:
-    """Read a summary from `BatchSummary.text`, which may contain Infinity. Raises InputError."""
+    """Read a summary from `BatchSummary.text`, which may contain Infinity. Raises InputError if the
+    text is none."""
     try:
         return msgspec.convert(json.loads(text), BatchSummary)
     except (ValueError, RecursionError, msgspec.ValidationError):
@@ -95,6 +98,7 @@ def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummar
     inputs : ndarray, shape (n, d)
         In the units of the campaign file.
     block : Block
+        Results of the kernel for these n cases.
 
     Returns
     -------
@@ -135,7 +139,7 @@ def accuracy(integration: Integration, summary: BatchSummary) -> AchievedAccurac
 
 
 def _errors(integration: Integration, summary: BatchSummary) -> dict[str, float]:
-    """Largest error by outcome of the cases in a summary."""
+    """Largest relative error of each outcome, by name, over the cases in a summary."""
     errors_by_name, estimate = dict(summary.errors), integration.estimate
     if estimate is None or not errors_by_name:
         return errors_by_name
@@ -147,7 +151,8 @@ def _errors(integration: Integration, summary: BatchSummary) -> dict[str, float]
 def accuracy_entries(
     campaign: Definition, integration: Integration, summary: BatchSummary
 ) -> dict[str, Any]:
-    """Entries of a manifest on the steps of an integration and its numerical error."""
+    """Entry ``accuracy`` of a manifest: steps of an integration, and numerical error of the cases
+    in a summary."""
     solver, achieved = campaign.scene.solver, accuracy(integration, summary)
     entries: dict[str, Any] = {
         "formulation": solver.formulation,

@@ -28,8 +28,9 @@ def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray
     """Inputs at corners of the dispersions, SI.
 
     The first row is the median of every parameter; in the others each parameter is at one of its
-    ends, chosen by a fixed random sequence. Angles that vary over more than a quarter turn are
-    spaced over their range instead, and discrete distributions take every value.
+    ends (quantiles at 0.001 and 0.999), chosen by a fixed random sequence. Angles that vary over
+    more than a quarter turn are spaced over their range instead, discrete distributions take every
+    value, and whether something ``fails`` stays at its median.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray
 
     Returns
     -------
-    ndarray, shape (n, d)
+    ndarray, shape (1 + corners, d)
     """
     dispersions = campaign.file.dispersions
     corners = CORNERS if corners is None else corners
@@ -80,6 +81,7 @@ def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
     ----------
     campaign : Definition
     count : int
+        Number of cases.
 
     Returns
     -------
@@ -111,7 +113,8 @@ def _quantiles(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
 
 
 def _value_probabilities(dispersion: Dispersion) -> np.ndarray:
-    """Probability at the middle of each value of a discrete distribution."""
+    """Cumulative probability at the middle of the step of each value of a discrete distribution;
+    values without weight are left out."""
     weights = np.array(dispersion.weights)
     edges = np.cumsum(weights) / np.sum(weights)
     return (edges - 0.5 * weights / np.sum(weights))[weights > 0.0]

@@ -19,7 +19,8 @@ _LOAD_GROWTH = 0.2
 def indicator_limits(campaign: Definition, trials: Block) -> np.ndarray:
     """Upper limits (g,) of error indicators within which the calibration applies.
 
-    The largest of the calibration cases and a margin, or a negligible value if larger.
+    Each is the largest indicator of the ok calibration cases (``trials``) times a margin, or a
+    negligible value if that is larger.
     """
     assert trials.indicators is not None
     indicators = trials.indicators[(trials.status == Status.OK) & trials.has_indicators]
@@ -49,8 +50,8 @@ def indicator_limits(campaign: Definition, trials: Block) -> np.ndarray:
 
 
 def angle_limits(campaign: Definition, trials: Block) -> dict[int, float]:
-    """Limits, rad, of sideslip and yaw, by outcome index: errors of alpha, pitch and roll grow as
-    one over their cosine."""
+    """Limits, rad, of sideslip and yaw, by outcome index, from calibration cases (``trials``):
+    errors of alpha, pitch and roll grow as one over their cosine."""
     limits = {}
     for k, column in enumerate(campaign.outcome_columns):
         if column.name.endswith(("_beta_deg", "_yaw_deg")):
@@ -60,7 +61,8 @@ def angle_limits(campaign: Definition, trials: Block) -> dict[int, float]:
 
 
 def unseen_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
-    """Error (o,) of impulses below the limits of their indicators; see `indicator_limits`."""
+    """Relative error (o,) that impulses can have although their indicators are below the
+    negligible values of `indicator_limits`; 0 for other outcomes."""
     unseen, impulses = np.zeros(len(scale)), _impulse_indices(campaign)
     sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
     omitted = _UNSEEN_IMPULSE * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
@@ -69,7 +71,8 @@ def unseen_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.
 
 
 def direct_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
-    """Error (o, g) of impulses per unit of their indicator: the error of the polynomials."""
+    """Relative error (o, g) of impulses per unit of their indicator, due to the polynomials that
+    are integrated; 0 elsewhere."""
     assert trials.indicators is not None
     impulses = _impulse_indices(campaign)
     direct = np.zeros((len(scale), trials.indicators.shape[1]))
@@ -87,7 +90,7 @@ def _impulse_indices(campaign: Definition) -> list[int]:
 
 
 def _relative_to_smallest(amount: np.ndarray, sizes: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Amounts over the smallest size of each outcome (k,) in cases (n, k), but at least its scale
-    (k,)."""
+    """``amount`` (k,) over the smallest of the ``sizes`` (n, k) of each outcome in n cases, which
+    are at least its ``scale`` (k,)."""
     smallest = np.maximum(sizes, scale).min(axis=0, initial=np.inf)
     return np.divide(amount, smallest, out=np.zeros(len(smallest)), where=smallest > 0.0)

@@ -23,7 +23,7 @@ def case_histories(
     announce: Log | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> np.ndarray:
-    """Simulate cases of a run again, with the columns of their histories.
+    """Simulate cases of a run again, and interpolate columns of their histories.
 
     Parameters
     ----------
@@ -31,19 +31,20 @@ def case_histories(
     numbers : sequence of int
         Case numbers; -1 is the nominal case.
     names : sequence of str
-        Of `sepmc.schema.history_columns`.
+        Columns of `sepmc.schema.history_columns`.
     times : ndarray, shape (t,)
-        Evenly spaced from 0, s.
+        At least two, evenly spaced from 0, s.
     seed, total : int
-        Of the run.
+        Seed of the run, and number of cases of its sample.
     announce : Log, optional
-        Told if the kernel is compiled.
+        Called with a message if the kernel is compiled.
     progress : callable (n_done), optional
+        Called with the number of cases done, after each case.
 
     Returns
     -------
     ndarray, shape (cases, names, t)
-        In the units of the columns; NaN where a case did not get.
+        In the units of the columns; NaN after the end of a case, and for a failed case.
     """
     columns = schema.history_columns(campaign.layout.contents)
     indices = [[c.name for c in columns].index(name) for name in names]
@@ -53,7 +54,7 @@ def case_histories(
     vectors = (_parameter_vector(campaign, number, seed, total) for number in numbers)
     for k, result in enumerate(simulate_cases(spec, vectors, step, announce)):
         if result is None:
-            result = _alone(campaign, numbers[k], step, seed, total)
+            result = _simulate_alone(campaign, numbers[k], step, seed, total)
         if result.status <= Status.NEVER_RELEASED:
             for i, (index, scale) in enumerate(zip(indices, scales, strict=True)):
                 rows = result.rows[:, index] * scale
@@ -64,15 +65,18 @@ def case_histories(
 
 
 def _parameter_vector(campaign: Definition, number: int, seed: int, total: int) -> np.ndarray:
-    """Parameter vector of a case, SI."""
+    """Parameter vector (p,) of the kernel for a case, SI; ``number`` -1 is the nominal case."""
     vector = campaign.layout.nominal.copy()
     if number >= 0:
         vector[campaign.slots] = campaign.in_si(campaign.sample(number, 1, seed, total))[0]
     return vector
 
 
-def _alone(campaign: Definition, number: int, step: float, seed: int, total: int) -> SingleCase:
-    """A case that the kernel of the campaign rejects, by a kernel of its own."""
+def _simulate_alone(
+    campaign: Definition, number: int, step: float, seed: int, total: int
+) -> SingleCase:
+    """Simulate a case, which the kernel of the campaign rejects, by a kernel of its own; ``step``
+    is the time, s, between rows of the history."""
     case = campaign.nominal() if number < 0 else campaign.case(number, seed, total)
     run = msgspec.structs.replace(case.scene.run, seed=seed)
     scene = msgspec.structs.replace(case.scene, run=run)

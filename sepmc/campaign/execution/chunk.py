@@ -16,7 +16,7 @@ from sepmc.scene.messages import Log
 
 @dataclass(frozen=True)
 class SampleSpec:
-    """Cases to sample: ``numbers`` of a sample of ``total`` cases with a ``seed``."""
+    """Cases to sample: the cases ``numbers`` of the sample of ``total`` cases with a ``seed``."""
 
     seed: int
     numbers: CaseSelection
@@ -41,6 +41,7 @@ class Chunk(NamedTuple):
     block : Block
         Results of the kernel.
     summary : BatchSummary
+        Counts and largest errors of these cases.
     """
 
     first: int
@@ -68,9 +69,11 @@ def integrate_chunk(
     spec : SampleSpec
     first, end : int
     with_histories : bool
+        Store histories in the block.
     timing : dict of str to float
         Seconds are added to the keys sample, compile and kernel.
     announce : Log, optional
+        Called with a message if a fallback kernel is compiled.
 
     Returns
     -------

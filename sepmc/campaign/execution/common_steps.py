@@ -57,25 +57,27 @@ def common_steps(
     size: CalibrationSize,
     history_size: int = 0,
 ) -> Integration | None:
-    """Fewest steps of every segment at which calibration cases meet the accuracy, or the given
-    step.
+    """Select the fewest steps of every segment at which calibration cases meet the accuracy, or use
+    the step of the file if it gives one.
 
     Parameters
     ----------
     campaign : Definition
     kernel : Kernel
+        Of the campaign.
     stages : list of str
         Names of the segments.
-    report : callable
-        Called with the number of cases of each batch.
+    report : callable (n_cases)
+        Called with the number of cases of each batch that was integrated.
     size : CalibrationSize
+        Number of calibration cases.
     history_size : int
         Rows of a stored history; 0: none.
 
     Returns
     -------
     Integration or None
-        None if no steps suit most cases.
+        Kernel, steps, methods and error estimate; None if no steps suit most cases.
     """
     tried, sampled = (
         corner_cases(campaign, size.corners),
@@ -238,11 +240,11 @@ def common_steps(
 def history_error(
     campaign: Definition, at_steps: Block, at_half: Block, scale: np.ndarray
 ) -> float:
-    """Largest error of histories between the ends of steps, from cases at some steps and at half of
-    them.
+    """Largest relative error of stored histories, from the same cases integrated at some steps and
+    at half of them.
 
-    The interpolation of a step is of lower order than the step. Relative to size or ``scale`` (o,),
-    as outcomes.
+    Between the ends of steps histories are interpolated, with a lower order than that of the steps.
+    As for outcomes, errors are relative to size or, if larger, ``scale`` (o,).
     """
     names = [column.name for column in campaign.outcome_columns]
     width = at_half.history.shape[2]
@@ -258,9 +260,9 @@ def history_error(
 
 
 def _verdict(block: Block, step: float | None) -> np.ndarray:
-    """Verdict (n,) on cases: valid, in doubt or without outcomes.
+    """Verdict (n,) on cases: VALID, IN_DOUBT or NO_OUTCOMES.
 
-    Cases with an unknown error indicator are in doubt, unless the step is given.
+    Cases with an unknown error indicator are in doubt, unless the ``step`` is given.
     """
     is_valid = block.has_outcomes & (step is not None or block.has_indicators)
     return np.where(
@@ -271,7 +273,7 @@ def _verdict(block: Block, step: float | None) -> np.ndarray:
 
 
 def _completed(block: Block, step: float | None) -> np.ndarray:
-    """Outcomes (n, o) of valid ok cases; of all valid cases if none is ok."""
+    """Outcomes (n, o) of the valid cases with status ok; of all valid cases if none is ok."""
     is_valid = _verdict(block, step) == VALID
     ended = is_valid & (block.status == Status.OK)
     return np.asarray(block.outcomes[ended if ended.any() else is_valid])
@@ -300,5 +302,6 @@ def _doubtful_errors(
 
 
 def _worst_cases(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
-    """Indices of the cases with the largest errors (n,) above the goal."""
+    """Indices of the at most `_N_WORST` cases with the largest errors (n,), of those above the
+    goal, largest first."""
     return np.argsort(-errors_of_cases)[: min(_N_WORST, np.count_nonzero(errors_of_cases > goal))]

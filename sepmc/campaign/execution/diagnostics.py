@@ -69,7 +69,8 @@ def scene_notes(campaign: Definition, integration: Integration) -> list[str]:
 
 
 def failure_notes(count: int, n_run: int, max_failures: int | None) -> list[str]:
-    """Note if a run stopped because more cases failed than allowed."""
+    """Note if a run stopped, after ``n_run`` cases, because ``count`` of them failed, more than
+    ``max_failures``; empty if not."""
     if max_failures is None or count <= max_failures:
         return []
     allowed = f"no more than {max_failures} may" if max_failures else "none may"
@@ -77,7 +78,8 @@ def failure_notes(count: int, n_run: int, max_failures: int | None) -> list[str]
 
 
 def worker_notes(worker_kinds: Mapping[str, int]) -> list[str]:
-    """Note if workers of several kinds took part, whose rows can differ in their last bits."""
+    """Note if workers of several kinds took part, whose rows can differ in their last bits; empty
+    if not. ``worker_kinds`` has the number of cases by kind."""
     if len(worker_kinds) < 2:
         return []
     texts = "; ".join(f"{count} cases by {kind}" for kind, count in worker_kinds.items())
@@ -90,8 +92,8 @@ def worker_notes(worker_kinds: Mapping[str, int]) -> list[str]:
 def sampling_notes(
     campaign: Definition, numbers: CaseSelection, total: int | None = None
 ) -> Iterator[str]:
-    """Notes on cases that are not sampled independently, or that the user chose; ``total`` cases
-    are sampled."""
+    """Notes on the cases ``numbers`` of a run if they are not sampled independently, or the user
+    chose them; ``total`` is the number of cases of the sample that they belong to."""
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:
         yield (
@@ -100,8 +102,8 @@ def sampling_notes(
         )
     if not numbers.are_first and numbers != campaign.numbers:
         yield (
-            f"only cases {numbers} are run: intervals and verdicts are valid unless they were "
-            "chosen by their outcomes"
+            f"only cases {numbers} are run: if these were chosen by their outcomes, intervals and "
+            "verdicts are not valid"
         )
     if sampler == "random":
         return
@@ -113,12 +115,13 @@ def sampling_notes(
     if sampler == "lhs" and campaign.file.copulas:
         yield (
             "run.sampler = 'lhs': parameters of a [[correlation]] keep their distributions, but "
-            "do not have one case in each of equal parts"
+            "are not stratified: intervals of equal probability can have no case, or several"
         )
     if sampler == SALTELLI:
         yield (
-            "run.sampler = 'saltelli': cases repeat each other but for one parameter, so intervals "
-            "are too narrow and requirements get no verdict; sepmc sensitivity computes its indices"
+            "run.sampler = 'saltelli': cases differ from others in one parameter only, so "
+            "intervals are too narrow and requirements get no verdict; sepmc sensitivity computes "
+            "indices from them"
         )
         return
     yield (
@@ -134,7 +137,8 @@ def sampling_notes(
 
 
 def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
-    """Notes on loads and tail-offs without effect; parameters at the paths ``dispersed`` vary."""
+    """Notes on motors, tail-offs, signals, loads and springs without effect; parameters at the
+    paths ``dispersed`` vary."""
 
     def is_zero(path: str, **numbers: float | tuple[float, ...]) -> bool:
         paths = tuple(f"{path}.{key}" for key in numbers)
@@ -196,7 +200,10 @@ def nominal_notes(
         if value is None:  # a status or a violation
             continue
         if math.isnan(value):
-            yield f"requirement.{item.name}: the nominal case has no {item.metric}"
+            yield (
+                f"requirement.{item.name}: the nominal case has no {item.metric}: its event does "
+                "not occur, or it is not defined"
+            )
         unit = "" if units[item.metric] == "1" else units[item.metric]
         for key, bound, sign in (("at_least", item.at_least, 1), ("at_most", item.at_most, -1)):
             if bound is not None and sign * (value - bound) < 0.0:
@@ -226,11 +233,12 @@ def min_at_end(
     outcomes : mapping of str to float or ndarray, shape (n,)
         By column, in its unit, of one case or n.
     inputs : ndarray, shape (n, d), optional
-        In the units of the file.
+        In the units of the file; the nominal outlines count if None.
 
     Returns
     -------
     Counter of str
+        Number of cases by name of the clearance, without zeros.
     """
     notes: Counter[str] = Counter()
     for clearance in campaign.scene.clearance:
@@ -251,8 +259,8 @@ def min_at_end(
 def _deepest_penetration(
     clearance: Clearance, campaign: Definition, inputs: np.ndarray | None, row: int
 ) -> float:
-    """Maximum reported depth, m, of a rim through the wall of a shell, for one row of inputs (n,
-    d).
+    """Maximum depth, m, that is reported for a rim through the wall of a shell, with the outlines
+    of row ``row`` of the inputs (n, d), or the nominal ones.
 
     Infinite if there is no shell.
     """
@@ -291,7 +299,8 @@ def _min_at_end_note(clearance: str, times: str) -> str:
 
 
 def accuracy_notes(achieved: AchievedAccuracy, fixed: bool) -> list[str]:
-    """Note if the requested accuracy is not met, with error, outcomes and remedy."""
+    """Note if the requested accuracy is not met, with error, outcomes and remedy; empty if it is
+    met or the step is ``fixed`` by the file."""
     if not achieved.cases:
         return [
             "no calibration case reached its end with the kernel of the campaign, so its numerical "
@@ -317,7 +326,8 @@ def accuracy_notes(achieved: AchievedAccuracy, fixed: bool) -> list[str]:
 
 
 def unconverged_notes(count: int, n_refined: int) -> list[str]:
-    """Note on the cases, of those integrated again, that did not converge."""
+    """Note on the ``count`` cases, of ``n_refined`` integrated again, that did not converge; empty
+    if there are none."""
     if not count:
         return []
     return [
@@ -327,7 +337,8 @@ def unconverged_notes(count: int, n_refined: int) -> list[str]:
 
 
 def reversed_joints(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
-    """Notes on joints that end with a negative separation distance, except hinges.
+    """Notes on joints whose bodies end on the wrong side of each other, at a negative separation
+    distance; hinges are left out.
 
     Parameters
     ----------
@@ -335,7 +346,7 @@ def reversed_joints(scene: Scene, outcomes: dict[str, float], case: str) -> list
     outcomes : dict of str to float
         By column, in its unit.
     case : str
-        Name of the case.
+        Name of the case in the notes.
 
     Returns
     -------
@@ -349,16 +360,17 @@ def reversed_joints(scene: Scene, outcomes: dict[str, float], case: str) -> list
         if distance < minimum and not _is_hinge(scene, name):
             first, second = scene.joint[name].bodies
             notes.append(
-                f"joint {name}: {case} ends with {second} {-distance:.3g} m on the side of "
-                f"{first} from which it should separate "
-                f"(separation distance {distance:.3g} m): is an axis of the joint or of a spring "
-                f"the other way round, or joint.{name}.apart?{_motors_toward(scene, first, second)}"
+                f"joint {name}: {case} ends with a separation distance of {distance:.3g} m: "
+                f"{second} is on the wrong side of {first}, from which it should separate; is an "
+                "axis of the joint or of a spring the other way round, or the sign "
+                f"joint.{name}.apart?{_motors_toward(scene, first, second)}"
             )
     return notes
 
 
 def _motors_toward(scene: Scene, first: str, second: str) -> str:
-    """Motors that push one body toward the other, as the end of a sentence."""
+    """Sentence on the motors that push one of two bodies toward the other, with a leading space;
+    empty if there are none."""
     if GROUND in (first, second):
         return ""
     separation = np.subtract(scene.body[second].cg, scene.body[first].cg) * (-1.0, 1.0, 1.0)

@@ -10,6 +10,8 @@ import numpy as np
 _SAFETY_FACTOR = 4.0 / 3.0
 # fraction of the largest error of a case below which an outcome never leads
 _NEAR = 0.5
+# size of a term, over that of the largest, below which it depends on the others
+_DEPENDENT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -24,13 +26,14 @@ class Estimate:
     Attributes
     ----------
     size : ndarray, shape (g,)
-        Largest indicator of the calibration cases.
+        Largest value of each of g indicators in the calibration cases.
     weights : ndarray, shape (o, g)
     factor, offset, floor : ndarray, shape (o,)
     direct : ndarray, shape (o, g)
-    leading : ndarray, shape (k,)
+    leading : ndarray of int
         Indices of the outcomes that can have the largest error of a case.
     is_decisive : ndarray of bool, shape (o,)
+        See `sepmc.campaign.execution.accuracy.decisive`.
     """
 
     size: np.ndarray
@@ -94,15 +97,16 @@ class Estimate:
         )
 
     def _sum(self, k: int, terms: np.ndarray) -> np.ndarray:
-        """Weighted sum (n,) of an outcome. Most weights are zero, so a matrix product is slower,
-        and much slower where other processes use the cores."""
+        """Weighted sum (n,) of the terms (g, n) for outcome ``k``. Most weights are zero, so a
+        matrix product is slower, and much slower where other processes use the cores."""
         error = np.zeros(terms.shape[1])
         for indicator in np.flatnonzero(self.weights[k]):
             error += self.weights[k, indicator] * terms[indicator]
         return error
 
     def _bound(self, k: int, error: np.ndarray, indicators: np.ndarray) -> np.ndarray:
-        """Error bound (n,) of an outcome from its weighted sum."""
+        """Error (n,) of outcome ``k`` from its weighted sum ``error`` (n,) and indicators (n, g):
+        raised by factor or offset, plus floor and direct terms."""
         error_bound = error + self.offset[k]
         if np.isfinite(self.factor[k]):
             error_bound = np.minimum(self.factor[k] * error, error_bound)
@@ -130,7 +134,9 @@ def estimate(
     Parameters
     ----------
     indicators : ndarray, shape (n, g)
+        Error indicators of the calibration cases.
     errors : ndarray, shape (n, o)
+        Their known relative errors.
     floor : ndarray, shape (o,)
         Lower bound of the estimate.
     direct : ndarray, shape (o, g)
@@ -157,7 +163,7 @@ def estimate(
                 continue
             known_errors, of_known = column[finite], terms[finite]
             coefficients = _fitted(of_known, known_errors)
-            fitted_errors = of_known @ coefficients
+            fitted_errors = (of_known * coefficients).sum(axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = np.where(known_errors > 0.0, known_errors / fitted_errors, 1.0)
             weights[k], factor[k] = _SAFETY_FACTOR * coefficients, max(float(ratio.max()), 1.0)
@@ -178,9 +184,40 @@ def _fitted(terms: np.ndarray, known_errors: np.ndarray) -> np.ndarray:
     largest = float(known_errors.max())
     columns_used = np.flatnonzero(terms.any(axis=0) & (largest > 0.0))
     while len(columns_used):
-        solution = np.linalg.lstsq(terms[:, columns_used], known_errors / largest, rcond=1e-9)[0]
+        solution = _least_squares(terms[:, columns_used], known_errors / largest)
         if (solution >= 0.0).all():
             weights[columns_used] = largest * solution
             break
         columns_used = columns_used[solution > 0.0]
     return weights
+
+
+def _least_squares(terms: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Coefficients (g,) of terms (n, g) by modified Gram-Schmidt with pivoting; 0 for terms that
+    depend on the others.
+
+    LAPACK is not used: its results differ in their last bits by processor and number of threads,
+    and with them would the error of every row.
+    """
+    rest, residual = terms.T.copy(), target.copy()
+    coefficients = np.zeros(len(rest))
+    pivots: list[int] = []
+    products = np.zeros((len(rest), len(rest)))  # of terms with the directions before them
+    projections = np.zeros(len(rest))
+    smallest = _DEPENDENT * np.sqrt((rest * rest).sum(axis=1).max())
+    while len(pivots) < len(rest):
+        norms = np.sqrt((rest * rest).sum(axis=1))
+        norms[pivots] = 0.0
+        pivot = int(norms.argmax())
+        if norms[pivot] <= smallest:
+            break
+        direction = rest[pivot] / norms[pivot]
+        products[pivot] = (rest * direction).sum(axis=1)
+        rest -= products[pivot][:, None] * direction
+        projections[pivot] = (residual * direction).sum()
+        residual -= projections[pivot] * direction
+        pivots.append(pivot)
+    for k, pivot in reversed(list(enumerate(pivots))):
+        later = sum(float(products[pivot, j] * coefficients[j]) for j in pivots[k + 1 :])
+        coefficients[pivot] = (projections[pivot] - later) / products[pivot, pivot]
+    return coefficients

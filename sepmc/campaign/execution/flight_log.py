@@ -43,7 +43,7 @@ class FlightLog:
     about : dict of str to str
         Metadata of every shard: campaign, digest and seed.
     resume : bool
-        Answer from the shards in the folder.
+        Answer requests from the shards in the folder until their end.
     """
 
     def __init__(self, folder: Path, width: int, inputs: int, about: dict[str, str], resume: bool):
@@ -58,7 +58,8 @@ class FlightLog:
         self._saved = time.monotonic()
 
     def answer(self, drawn: np.ndarray) -> Batch | None:
-        """Return the logged batch of these inputs (n, d); None at the end of the log.
+        """Return the next logged batch, which must have these inputs ``drawn`` (n, d), in the units
+        of the file; None at the end of the log.
 
         Raises
         ------
@@ -83,7 +84,8 @@ class FlightLog:
         return margin, rows
 
     def add(self, margin: np.ndarray, rows: np.ndarray, summary: BatchSummary) -> None:
-        """Add a completed batch; ``summary`` is of all cases so far."""
+        """Add a completed batch, margins (n,) and rows (n, k); ``summary`` is of all cases so far.
+        Pending batches are written every ten seconds."""
         self._pending.append((margin, rows))
         self.summary = summary
         n_numbers = sum(rows.size for _, rows in self._pending)
@@ -136,7 +138,8 @@ class FlightLog:
 
 
 def _intact_shards(folder: Path) -> list[ledger.Entry]:
-    """Consecutive intact shards from the first one."""
+    """Ledger entries of the log's shards, from the first one to the last before a gap or a damaged
+    one."""
     intact: list[ledger.Entry] = []
     end = 0
     for shard in shards.entries(folder, folders.ACCUMULATORS):
@@ -148,13 +151,14 @@ def _intact_shards(folder: Path) -> list[ledger.Entry]:
 
 
 def interrupted(folder: Path, request: dict[str, Any]) -> list[dict[str, Any]]:
-    """Sessions of the interrupted estimate in a folder; empty if there is no run.
+    """Sessions of the interrupted estimate in a folder: a manifest entry for each command that ran
+    it. Empty if there is no run in the folder.
 
     Parameters
     ----------
     folder : Path
     request : dict
-        Manifest entries of the requested estimate.
+        Manifest entries of the requested estimate, which those of the folder must equal.
 
     Raises
     ------

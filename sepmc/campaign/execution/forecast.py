@@ -22,13 +22,14 @@ _LONG_S, _LARGE = 20.0, 5e9  # shorter and smaller runs are not announced
 
 @dataclass(frozen=True)
 class Forecast:
-    """Size of a run.
+    """Forecast size of a run.
 
     Attributes
     ----------
     cases : int
+        Number of cases.
     row, history : int
-        Bytes of the row and history of a case.
+        Bytes of the row of a case, and of its stored history; 0 if none is stored.
     shard_size : int
         Cases in a shard.
     """
@@ -46,7 +47,7 @@ class Forecast:
 
     @property
     def memory_bytes(self) -> float:
-        """Approximate memory, bytes."""
+        """Approximate memory that the run needs, bytes."""
         return _PROCESS_BYTES + _SHARDS_IN_MEMORY * min(self.shard_size, self.cases) * float(
             self.row + self.history
         )
@@ -61,7 +62,7 @@ class Forecast:
         )
         if min_bytes <= free:
             return
-        advice = f"{switch('stats_only')} keeps no rows"
+        advice = f"{switch('stats_only')} stores no rows"
         if _HISTORIES * self.history > 0.1 * min_bytes / self.cases:
             fraction = self.history / (self.row + self.history)
             advice += (
@@ -93,9 +94,11 @@ def forecast(
     ----------
     campaign : Definition
     cases : int
+        Number of cases.
     with_histories : bool
+        True if histories are stored.
     keep : KeepRules, optional
-        Rules that reduce the columns.
+        Rules that reduce the columns of rows, or their precision.
 
     Returns
     -------
@@ -116,7 +119,7 @@ def _nearest_existing(folder: Path) -> Path:
 
 
 def size_text(count: float) -> str:
-    """Format a number of bytes."""
+    """Number of bytes as text, with the unit B, kB, MB or GB (powers of 1000)."""
     for unit in ("B", "kB", "MB"):
         if count < 1000:
             return f"{count:.0f} {unit}"
@@ -125,7 +128,7 @@ def size_text(count: float) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """Format seconds."""
+    """Duration as text, in s, min or h."""
     if seconds < 100:
         return f"{seconds:.2g} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

@@ -54,7 +54,8 @@ class FallbackKernel:
     variant : int
         A `Variant` other than the standard one.
     make : callable
-        Loads the kernel; takes a Log or None.
+        ``make(announce)`` loads the kernel; ``announce`` is a Log, called if it is compiled, or
+        None.
     phases : ndarray, shape (segments,)
         Phase number of each segment of the integration.
     """
@@ -72,30 +73,34 @@ class Integration:
     ----------
     kernel : Kernel
     steps : ndarray, shape (segments,)
-        Steps of each kernel segment.
+        Number of steps in each kernel segment; with a given ``step``, number of steps that each
+        given step is divided into.
     durations : ndarray, shape (segments,)
-        Typical durations, s.
+        Typical durations of the segments, s.
     stages : list of str
-        Names of the segments: phases, and joints that release late.
+        Names of the segments: phases, and times in which delayed releases are pending.
     step : float or None
-        Step given in the file, s, which ``steps`` divide.
+        Step given in the file, s; `refined` divides it.
     scale : ndarray, shape (o,)
-        See `sepmc.campaign.execution.accuracy.errors`.
+        Size of each outcome below which its error is absolute; see
+        `sepmc.campaign.execution.accuracy.scales`.
     limits : ndarray, shape (g,)
         Error indicators up to which the calibration applies (`Block.indicators`).
     angles : dict of int to float
-        Limits, rad, of sideslip and yaw by outcome index: near a right angle alpha, or pitch and
-        roll, change fast.
+        Limits, rad, of sideslip and yaw by outcome index, up to which the calibration applies: near
+        a right angle alpha, or pitch and roll, change fast.
     estimate : Estimate
-        Error of a case within these limits.
+        Model of the error of a case within these limits.
     error_limit : float
         Estimated error above which a case is refined.
     error : float
-        Largest error of the calibration cases.
+        Largest relative error of the calibration cases.
     achieved : AchievedAccuracy
+        Numerical error of the campaign, from the calibration cases.
     nominal : ndarray, shape (o,)
-        Outcomes of the nominal case, SI.
+        Outcomes of the nominal case, SI; None if it did not reach its end.
     notes : list of str
+        Notes on the file and on the nominal case.
     fallbacks : tuple of FallbackKernel
         Tried in order for rejected cases.
     methods : ndarray, shape (segments,)
@@ -132,12 +137,13 @@ class Integration:
         return f"<Integration: {segments}{step}; error {self.error:.1e}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        """State of a copy, in another process too: see `packed`."""
+        """State for copies and pickles: without the fallback kernels, which cannot be pickled; see
+        `packed`."""
         return {**vars(self), "fallbacks": ()}
 
     @property
     def packed(self) -> "Integration":
-        """Copy without addresses of this process; see
+        """Copy without kernel addresses and fallback kernels, for other processes; see
         `sepmc.campaign.execution.step_selection.unpacked`."""
         return replace(self, kernel=replace(self.kernel, address=0, table=_NO_CALLS), fallbacks=())
 
@@ -155,7 +161,8 @@ class Integration:
 
     @property
     def evaluations(self) -> int:
-        """Derivative evaluations of a case; only proportional to them with a given step."""
+        """Derivative evaluations of a case; with a given step, only those of one step in each
+        segment."""
         return sum(
             int(steps) * method(name).stages
             for steps, name in zip(self.steps, self.method_names, strict=True)
@@ -163,12 +170,13 @@ class Integration:
 
     @property
     def has_any_order_fallback(self) -> bool:
-        """True if a fallback kernel integrates each case at its own pace, which resolves late
-        events better than ever smaller steps."""
+        """True if there is a fallback kernel of variant `Variant.ANY_ORDER`, which integrates each
+        case with steps of its own and so resolves unexpectedly late events."""
         return any(fallback.variant == Variant.ANY_ORDER for fallback in self.fallbacks)
 
     def with_fallback(self, fallback: FallbackKernel, announce: Log | None) -> "Integration":
-        """Copy with a fallback kernel, whose segments are the phases."""
+        """Copy that uses a fallback kernel, whose segments are the phases, with steps and durations
+        summed over the segments of each phase."""
         kernel = fallback.make(announce)
         steps = np.bincount(fallback.phases, self.steps, kernel.n_segments).astype(np.int64)
         durations = np.bincount(fallback.phases, self.durations, kernel.n_segments)
@@ -182,14 +190,15 @@ class Integration:
         )
 
     def refined(self, factor: int = 2) -> "Integration":
-        """Copy with ``factor`` times the steps."""
+        """Copy with ``factor`` times the number of steps."""
         return replace(
             self, steps=factor * self.steps, step=None if self.step is None else self.step / factor
         )
 
 
 def by_name(kernel: Kernel, names: list[str]) -> np.ndarray:
-    """Numbers (segments,) of methods by name; the most exact method where a kernel lacks one."""
+    """Numbers (segments,) of the methods with these names, one for each segment; 0, the most exact
+    method, where the kernel lacks a method."""
     pairs = zip(kernel.methods, names, strict=True)
     return np.array(
         [available.index(name) if name in available else 0 for available, name in pairs],
@@ -207,22 +216,25 @@ def integrate(
     """Integrate cases to the accuracy of a campaign.
 
     Cases are refined, each by itself, if they lie outside the calibration, have too large an error,
-    or seem to leave a table or to jam; then fallback kernels are tried. Cases that remain rejected
-    have no outcomes.
+    or end with a status that smaller steps may change; then fallback kernels are tried. Cases that
+    remain rejected have no outcomes (NaN).
 
     Parameters
     ----------
     campaign : Definition
     flight : Integration
+        Kernel and steps.
     draws : ndarray, shape (n, d)
         Inputs, SI.
     history_size : int
-        Rows of a stored history.
+        Rows of a stored history; 0: none.
     announce : Log, optional
+        Called with a message if a fallback kernel is compiled.
 
     Returns
     -------
     Block
+        Results of the n cases, SI, with the summary of their refinement.
     """
     block = integrate_once(campaign, flight, draws, history_size)
     is_calibrated = _is_calibrated(flight, block)
@@ -260,7 +272,7 @@ def integrate(
 
 
 def is_accepted_by(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
-    """Mask (n,) of rejected cases that a kernel variant may accept.
+    """Mask (n,) of rejected cases (negative ``status``) that a kernel variant may accept.
 
     Least squares does not help cases that need smaller steps and have ``finite`` (n,) outcomes.
     """
@@ -285,8 +297,8 @@ def typical_durations(ends: np.ndarray, is_ok: np.ndarray) -> np.ndarray:
     ends : ndarray, shape (segments, n)
         End times of segments in n cases, s.
     is_ok : ndarray of bool, shape (n,)
-        Cases of which the median is taken. A segment without duration in them gets the median over
-        all cases in which it has one.
+        Cases of which the median end times are taken. A segment without duration in them gets the
+        median duration over all cases in which it has one.
     """
     durations, lengths = (
         np.diff(np.median(ends[:, is_ok], axis=1), prepend=0.0),
@@ -306,7 +318,7 @@ def history_rows(scene: Scene) -> int:
 def integrate_once(
     campaign: Definition, flight: Integration, draws: np.ndarray, history_size: int = 0
 ) -> Block:
-    """Integrate inputs (n, d), SI, at the steps of an integration, without refinement."""
+    """Integrate inputs ``draws`` (n, d), SI, at the steps of an integration, without refinement."""
     return integrate_cases(
         flight.kernel,
         campaign.layout,
@@ -362,12 +374,12 @@ def _apply_estimate(
 
 
 def _select(indicators: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Rows of error indicators (n, g) that are stored by column."""
+    """Rows of error indicators (n, g), stored column by column, where the ``mask`` (n,) is true."""
     return indicators if mask.all() else indicators.T[:, mask].T
 
 
 def _is_doubtful(campaign: Definition, block: Block) -> np.ndarray:
-    """Mask (n,) of cases that smaller steps may end with another status; none with a given step."""
+    """Mask (n,) of cases whose status smaller steps may change; all False with a given step."""
     return status_in(block.status, (FINER_STEPS, *STEP_TOO_LONG, *DOUBTFUL)) & (
         campaign.scene.solver.step is None
     )
@@ -382,11 +394,12 @@ def _refine_cases(
     refined_cases: np.ndarray,
     agreements: int = AGREEMENTS,
 ) -> RefinementSummary:
-    """Refine cases into their rows of ``block``; with a given step, only to compute their error.
+    """Refine the steps of cases, given by their rows ``refined_cases`` (k,) of ``block``, and write
+    their results there; with a given step, write only their error.
 
     Returns
     -------
-    Again
+    RefinementSummary
         Summary of these cases.
     """
     has_given_step = campaign.scene.solver.step is not None
@@ -452,8 +465,8 @@ def _refine_with_own_durations(
     block: Block,
     number: int,
 ) -> Converged:
-    """Refine a case whose phases last much longer than typical, with durations from its own
-    integration."""
+    """Refine the case in row ``number`` of ``block``, whose phases last much longer than typical,
+    with durations from an integration of its own."""
     inputs, fine = draws[number : number + 1], flight.refined(_DURATION_REFINEMENT)
     _, ends = integrate_cases(
         flight.kernel,
@@ -489,11 +502,13 @@ def _refine(
     ----------
     campaign : Definition
     flight : Integration
+        Kernel and first steps.
     block : Block
+        Receives the results.
     numbers : ndarray, shape (k,)
-        Rows.
+        Indices of the rows.
     integrate_rows : callable
-        Integrates rows with an integration.
+        ``integrate_rows(integration, rows)`` integrates some of these rows; returns a Block.
     agreements : int
         See `sepmc.campaign.execution.step_refinement.refine_steps`.
     initial : Block, optional
@@ -547,7 +562,7 @@ def _rows_of(block: Block, numbers: np.ndarray) -> Block:
 
 
 def _put_rows(block: Block, numbers: np.ndarray, rows: Block) -> None:
-    """Write rows into a block."""
+    """Write the results ``rows`` of k cases into the rows ``numbers`` (k,) of a block."""
     block.outcomes[numbers], block.status[numbers] = rows.outcomes, rows.status
     block.history[numbers], block.rows[numbers] = rows.history, rows.rows
     if (
@@ -559,5 +574,5 @@ def _put_rows(block: Block, numbers: np.ndarray, rows: Block) -> None:
 
 
 def _largest_changes(change: np.ndarray) -> np.ndarray:
-    """Largest change of every outcome over cases (n, o)."""
+    """Largest change (o,) of every outcome over cases (n, o)."""
     return np.asarray(change.max(axis=0, initial=0.0))

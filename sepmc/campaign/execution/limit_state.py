@@ -52,7 +52,7 @@ class LimitState:
 
     @property
     def sentence(self) -> str:
-        """Requirement in words."""
+        """Requirement in words, such as "requirement.tip_off: tip_off_deg_s <= 5 deg/s"."""
         item, unit = self.requirement, "" if self.column.unit == "1" else f" {self.column.unit}"
         bounds = [
             f"{word} {bound:g}{unit}"
@@ -64,16 +64,19 @@ class LimitState:
 
     @property
     def size(self) -> float:
-        """Absolute value of the bound, in the unit of the outcome."""
+        """Absolute value of the bound, the larger one of two, in the unit of the outcome; 0 for
+        contact."""
         bounds = (self.requirement.at_least, self.requirement.at_most)
         return max(abs(x) for x in bounds if x is not None) if self.contact is None else 0.0
 
     def margin(self, block: Block) -> np.ndarray:
-        """Margins of cases, positive within the bound; NaN where unknown, as for a verdict.
+        """Margins of cases, positive within the bound; NaN for a case that is not ok or does not
+        have the outcome.
 
         Parameters
         ----------
         block : Block
+            Results of the kernel for n cases.
 
         Returns
         -------
@@ -123,8 +126,8 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
         raise InputError(f"{key}: combines other requirements; name one of them: {others}")
     if item.metric not in columns:
         raise InputError(
-            f"{key}: is a status, which no case comes nearer to by degrees; give a requirement "
-            "with a bound on an outcome that is a number"
+            f"{key}: is a status, which has no margin; give a requirement with a bound on an "
+            "outcome that is a number"
         )
     if inputs is not None:
         raise InputError(
@@ -137,13 +140,27 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
         index = columns[item.metric]
         return LimitState(item, campaign.outcome_columns[index], index)
     if (item.at_least or 0.0) > 0.0 or (item.at_most or 0.0) < 0.0:
-        raise InputError(f"{key}: is 1 or 0: a rare event needs at_most = 0, that it is 0")
+        raise InputError(
+            f"{key}: is 1 or 0: a rare event needs the bound at_most = 0, so that 1 violates it"
+        )
     index = columns[f"{item.metric.removesuffix(_CONTACT)}_clearance_mm"]
     return LimitState(item, campaign.outcome_columns[index], index, columns[item.metric])
 
 
 class MarginEvaluator:
-    """Runs cases at standard-normal samples and counts them."""
+    """Limit-state function of standard-normal samples: runs their cases, and counts them.
+
+    Parameters
+    ----------
+    campaign : Definition
+    integration : Integration
+    limit_state : LimitState
+    report : callable (n_cases, n_failures)
+        Called after each batch with the totals so far.
+    announce : Log or None
+    log : FlightLog, optional
+        Receives the batches, and answers those of an interrupted estimate.
+    """
 
     def __init__(
         self,
@@ -176,8 +193,9 @@ class MarginEvaluator:
         Returns
         -------
         margin : ndarray, shape (n,)
+            See `LimitState.margin`.
         rows : ndarray, shape (n, k)
-            Inputs, status and results, in their units.
+            Inputs, status and results, in the units of their columns.
         """
         parts = [
             self._margins_of_batch(scores[first : first + _CASES_PER_CALL])
@@ -207,7 +225,8 @@ class MarginEvaluator:
         return margin, rows
 
     def _fly(self, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Margins (n,) and rows (n, k) of cases with these inputs (n, d)."""
+        """Integrate cases with these inputs (n, d), in the units of the file; returns margins (n,)
+        and rows (n, k)."""
         campaign = self.campaign
         block = integrate(campaign, self.integration, campaign.in_si(inputs), 0, self.announce)
         self.summary += count(campaign, inputs, block)
@@ -216,7 +235,7 @@ class MarginEvaluator:
 
     @property
     def beyond_bounds(self) -> dict[str, int]:
-        """Number of cases beyond each audit bound, without zeros."""
+        """Number of cases beyond the bound of each audit column, by name, without zeros."""
         names = [column.name for column in self.campaign.result_columns]
         return {names[k]: worst.beyond for k, worst in self.audited.items() if worst.beyond}
 
@@ -228,10 +247,11 @@ class RareValue:
     Attributes
     ----------
     index : int
-        Index of the parameter.
+        Index of the parameter among the dispersed ones.
     value, probability : float
+        Value, in the unit of its key, and its probability.
     fraction : float
-        Fraction of its cases that violate, or have an unknown margin.
+        Fraction of the cases with this value that violate, or have an unknown margin.
     """
 
     index: int
@@ -240,7 +260,8 @@ class RareValue:
     fraction: float
 
     def note(self, campaign: Definition, values: Estimate) -> str:
-        """Note if an estimate misses most of the contribution of this value; empty if not."""
+        """Note if the estimate ``values`` misses most of what cases with this value contribute to
+        the probability; empty if not."""
         contribution, last = self.probability * self.fraction, values.last
         weight_found = values.weight[
             (last.records[:, self.index] == self.value) & ~(last.margin >= 0.0)
@@ -252,7 +273,7 @@ class RareValue:
         return (
             f"{key} = {self.value:g} has a probability of {self.probability:.2g}, and of such "
             f"cases {100.0 * self.fraction:.0f} % violate or have no outcome: that adds "
-            f"{contribution:.1e}, which the levels have not found; seek them by themselves, with "
+            f"{contribution:.1e} to the probability, which the estimate misses; estimate it with "
             f"{setting(f'dispersion.{key}.constant', f'{self.value:g}')}"
         )
 
@@ -260,7 +281,8 @@ class RareValue:
 def rare_discrete_values(
     evaluator: MarginEvaluator, random: np.random.Generator
 ) -> list[RareValue]:
-    """Run some cases at each rare value of the discrete distributions."""
+    """Run some cases at each rare value of the discrete distributions, except correlated ones;
+    return the values with the fraction of these cases that violate."""
     dispersions, values = evaluator.campaign.file.dispersions, []
     correlated = {index for copula in evaluator.campaign.file.copulas for index in copula.places}
     for index, dispersion in enumerate(dispersions):

@@ -23,8 +23,9 @@ _FREE = "free"
 
 
 def expected_events(campaign: Definition) -> dict[str, str]:
-    """Time column of each expected event, by its key in the file; of a partial release, by joint
-    and kind."""
+    """Column of the time of each expected event, by its path in the file: ``joint.NAME``,
+    ``event.NAME``, ``motor.NAME``, ``spring.NAME``; of a release to another kind,
+    ``joint.NAME.KIND``."""
     contents = campaign.layout.contents
     releases, freed = release_columns(contents), set(_released_joints(campaign.scene))
     partial = partial_release_columns(contents)
@@ -38,7 +39,7 @@ def expected_events(campaign: Definition) -> dict[str, str]:
 
 
 def _released_joints(scene: Scene) -> Iterator[str]:
-    """Joints that a release or the end of a phase makes free."""
+    """Names of the joints that a release or the end of a phase makes free."""
     yield from (release.joint for release in scene.release if release.to == _FREE)
     for phase, next_phase in pairwise(scene.phase):
         for joint, kind in phase.joints.items():
@@ -55,13 +56,14 @@ def count_missing(
     ----------
     campaign : Definition
     outcomes : mapping of str to ndarray, shape (n,)
-        By column.
+        By column; times of events are NaN if they do not occur.
     ok : ndarray of bool, shape (n,)
+        Cases with status ok.
 
     Returns
     -------
     dict of str to int
-        By key in the file, without zeros.
+        Number of cases by event, with the keys of `expected_events`, without zeros.
     """
     counts = {
         key: int(np.count_nonzero(ok & np.isnan(outcomes[column])))
@@ -80,8 +82,8 @@ def missing_notes(campaign: Definition, counts: Mapping[str, int], ok: int) -> l
 
 
 def missing_of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> list[str]:
-    """Notes on the events that do not occur in the nominal case, from its outcomes by column; a
-    spring without a nominal stroke has none to end."""
+    """Notes on the expected events that do not occur in the nominal case, from its outcomes by
+    column. The end of a stroke is not expected of a spring without a nominal stroke."""
     scene = campaign.scene
     endless = {f"spring.{spring.name}" for spring in scene.spring if math.isinf(spring.stroke)}
     values = {name: np.array([value]) for name, value in outcomes.items()}
@@ -93,7 +95,7 @@ def missing_of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> l
 
 
 def _description(scene: Scene, key: str) -> str:
-    """Describe the missing event in words."""
+    """Sentence on an event that does not occur; ``key`` is one of `expected_events`."""
     table, name, *kinds = key.split(".")
     if table == "motor":
         return f"{key} does not light"

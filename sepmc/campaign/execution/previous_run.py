@@ -33,7 +33,7 @@ def original_mode(
     stats_only : bool
     keep : KeepRules or None
     until : str or None
-        As requested now.
+        Options that are requested now, with the meaning of `RunOptions`.
 
     Returns
     -------
@@ -53,8 +53,8 @@ def original_mode(
     if (stats_only or keep) and (stats_only_before, text) != (True, keep.text if keep else ""):
         raise folders.StoreError(
             f"{folder}: was run {_mode_text(stats_only_before, text)}, and is to be continued "
-            f"{_mode_text(True, keep.text if keep else '')}; leave that out, or choose another "
-            f"{option('out')}"
+            f"{_mode_text(True, keep.text if keep else '')}; leave that option out, or choose "
+            f"another {option('out')}"
         )
     if until is None and not manifest.get("complete"):
         until = manifest.get("stopping_rule")
@@ -62,8 +62,8 @@ def original_mode(
 
 
 def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
-    """Cases of the run if ``campaign`` is the file of its folder and its cases are not the first
-    ones."""
+    """Cases of the run in ``folder``, if ``campaign`` was loaded from that folder and they are not
+    all cases of its sample; else None."""
     if campaign.file.folder.resolve() != folder.resolve():
         return None
     numbers = manifests.read_provenance(folder).get("numbers")
@@ -87,7 +87,7 @@ def read_previous(
     stats_only_before: bool,
     announce: Log | None,
 ) -> tuple[PreviousRun, CaseSelection]:
-    """State of the run in a folder, and the cases that remain.
+    """State of the run in a folder, and the cases that remain to be run.
 
     Parameters
     ----------
@@ -96,17 +96,18 @@ def read_previous(
     spec : SampleSpec
         Wanted cases.
     stats_only_before : bool
-        Read accumulators instead of rows.
+        True for a run that stores statistics: read its accumulators instead of rows.
     announce : Log, optional
 
     Returns
     -------
     (PreviousRun, CaseSelection)
+        An empty state and all wanted cases if the folder has no run.
 
     Raises
     ------
     StoreError
-        If the folder contains another run.
+        If the folder contains another run, or cases that are not wanted.
     """
     manifest: dict[str, Any] = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if manifest:
@@ -156,7 +157,7 @@ def _check(campaign: Definition, folder: Path, spec: SampleSpec, manifest: dict[
 
 
 def _differences(campaign: Definition, folder: Path) -> str:
-    """Differences from the campaign of a run folder, key by key."""
+    """Sentence on the keys in which a campaign differs from that of a run folder."""
     try:
         other = Definition(read_campaign(str(folder), reader=read_input_table))
     except InputError:
@@ -176,7 +177,8 @@ def _differences(campaign: Definition, folder: Path) -> str:
 def _stored_rows(
     campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
-    """State of the cases whose rows are intact, and the remaining cases."""
+    """State of the cases whose rows are intact, and the remaining cases; damaged shards are
+    removed."""
     if not folders.is_run(folder):
         return PreviousRun(), spec.numbers
     n_dropped = shards.drop_damaged(folder, campaign.has_histories)
@@ -191,7 +193,7 @@ def _stored_rows(
     if spec.numbers.omits(numbers):
         raise folders.StoreError(
             f"{folder}: contains cases up to {numbers[-1]}; {_cases_option(spec.numbers)} would "
-            "leave some out"
+            f"leave some out; give a selection with all of them, or another {option('out')}"
         )
     if n_dropped and announce:
         announce(
@@ -205,7 +207,8 @@ def _stored_rows(
 def _stored_accumulators(
     campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
-    """State of the accumulators when they were last written; later selected rows are removed."""
+    """State of a run that stores statistics, as its accumulators were last written, and the
+    remaining cases; selected rows of later cases are removed."""
     entry = shards.accumulator_entry(folder)
     if not entry:
         shards.drop_damaged(folder, with_histories=False)
@@ -214,15 +217,18 @@ def _stored_accumulators(
     if about.get(b"numbers") != spec.text.encode() or entry.first > spec.numbers.count:
         numbers = about.get(b"numbers", b"").decode(errors="replace")
         raise folders.StoreError(
-            f"{folder}: counted {entry.first} cases{f' of {numbers}' if numbers else ''}; "
-            f"{_cases_option(spec.numbers)} would leave some out"
+            f"{folder}: contains statistics of {entry.first} cases"
+            f"{f' of {numbers}' if numbers else ''}; "
+            f"{_cases_option(spec.numbers)} would leave some out; give a selection with all of "
+            f"them, or another {option('out')}"
         )
     later_range = spec.numbers.after(entry.first).ranges
     n_selected = shards.drop_selected(folder, later_range[0][0] if later_range else None)
     if str(n_selected).encode() != about.get(b"rows", b"0"):
         if announce:
             announce(
-                f"{folder}: rows that were kept are missing or were changed since they were written"
+                f"{folder}: rows that were kept are missing or were changed since they were "
+                "written, so all cases are run again"
             )
         shards.drop_damaged(folder, with_histories=False)
         return PreviousRun(), spec.numbers

@@ -71,22 +71,26 @@ class RareEventEstimate:
     unknown : float
         Probability of a case that does not reach its end or has no outcome.
     bounds : (float, float)
-        Interval if no unknown case violates, and if all do.
+        Low end of the interval if no such case violates, and high end if all do.
     replicas : tuple of float
-        Independent estimates.
+        Independent estimates of the probability, of which it is the mean.
     levels : tuple of Level
         Levels from the distributions to the bound.
     flights : int
         Number of cases run.
     seed : int
+        Random seed.
     rows : dict of str to ndarray
         Cases of the last level by column, the smallest margin first.
     inputs : dict of str to (float, float)
         Mean and standard deviation of the normal score of each input over violating cases; 0 and 1
         over all cases.
     statuses : dict of str to int
+        Number of cases by status.
     notes : list of str
+        Notes on the estimate for the user.
     folder : Path or None
+        Run folder with the results.
     """
 
     requirement: str
@@ -119,7 +123,7 @@ class RareEventEstimate:
         Returns
         -------
         DataFrame
-            A row per case, by case number.
+            A row per case, indexed by case number; case 0 has the smallest margin.
         """
         return index_by_case(self.rows)
 
@@ -180,10 +184,11 @@ def estimate_rare_event(
     name : str
         Of the requirement.
     max_cases : int
-        Maximum number of cases.
+        Maximum number of cases, 1e4 to 1e7.
     seed, threads : int, optional
+        Default: the seed of the file, and all cores.
     folder : Path, optional
-        Open run folder for the results.
+        Run folder for the results, open for writing.
     progress : callable, optional
         Called with cases done, maximum and failures.
     announce : Log, optional
@@ -196,7 +201,10 @@ def estimate_rare_event(
 
     Raises
     ------
-    InputError, StoreError
+    InputError
+        If the requirement has no limit state, or a number is out of range.
+    StoreError
+        If the folder has another estimate than the one to be continued, or cannot be written.
     """
     limit, max_cases = (
         limit_state(campaign, name),
@@ -262,7 +270,7 @@ def estimate_rare_event(
 
 
 def _request(campaign: Definition, limit: LimitState, max_cases: int, seed: int) -> dict[str, Any]:
-    """Manifest entries that determine an estimate."""
+    """Manifest entries that determine an estimate: one with equal entries can be continued."""
     item = msgspec.to_builtins(limit.requirement)
     return {
         "campaign": campaign.name,
@@ -276,7 +284,8 @@ def _request(campaign: Definition, limit: LimitState, max_cases: int, seed: int)
 def _begin(
     campaign: Definition, folder: Path, request: dict[str, Any], resume: bool
 ) -> list[dict[str, Any]]:
-    """Write the manifest of an estimate that begins; returns the sessions of a resumed one."""
+    """Write the manifest of an estimate at its begin; returns the manifest entries of the earlier
+    commands (sessions) that ran a resumed one."""
     previous_sessions: list[dict[str, Any]] = interrupted(folder, request) if resume else []
     session = {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -297,7 +306,7 @@ def _open_log(
 
 
 def _about(campaign: Definition, seed: int, requirement: str) -> dict[str, str]:
-    """Metadata of the files of an estimate."""
+    """Metadata of the Parquet files of an estimate."""
     return {
         "campaign": campaign.name,
         "digest": campaign.digest,
@@ -411,7 +420,8 @@ def _notes(
 def _error_notes(
     integration: Integration, limit: LimitState, relative_error: float, estimate: Estimate
 ) -> list[str]:
-    """Notes if the numerical error of the outcome, relative to its size, matters."""
+    """Notes if the numerical error of the outcome, ``relative_error`` (NaN if unknown), matters
+    beside the bound or the distances of levels."""
     scale = (
         0.0
         if integration.scale is None

@@ -25,7 +25,8 @@ class RowComparison:
     number : int
         Case number.
     was_run : bool
-        False if the kernel of the campaign is not compiled here.
+        False if the case was not run, as the campaign's kernel is not in the cache of compiled
+        kernels.
     columns : tuple of str
         Columns with different bits.
     """
@@ -49,7 +50,8 @@ class RowComparison:
 
 
 def earlier_integration(campaign: Definition, log: Log | None = None) -> Integration | None:
-    """Integration of the campaign of a run; None if its kernel is not compiled here."""
+    """Integration (kernel and steps) of the campaign of a run; None if its kernel is not in the
+    cache of compiled kernels."""
     history = campaign.has_histories
     if units_to_compile(kernel_text(campaign, history=history))[0]:
         return None
@@ -72,7 +74,9 @@ def compare_row(
     integration : Integration or None
         See `earlier_integration`.
     folder : Path
+        Run folder.
     number, seed, total : int
+        Case number, seed of the run, and number of cases of its sample.
 
     Returns
     -------
@@ -102,7 +106,8 @@ def _same_bits(a: float, b: float) -> bool:
 
 
 def extreme_case(cases: shards.CaseColumns, outcome: str, minimum: bool) -> int:
-    """Number of the ok case with the minimum or maximum of an outcome."""
+    """Number of the ok case with the minimum or maximum of an outcome. Raises InputError if there
+    is no such outcome, StoreError if no ok case has it."""
     numbers, values = _values(cases, outcome)
     return int(numbers[values.argmin() if minimum else values.argmax()])
 
@@ -114,7 +119,7 @@ def nearest_case(cases: shards.CaseColumns, query: str) -> tuple[int, str]:
     """
     outcome, colon, point = query.rpartition(":")
     if not colon:
-        raise InputError(f"nearest = {query}: must be OUTCOME:p99.73, OUTCOME:mean or a value")
+        raise InputError(f"nearest = {query}: must be OUTCOME:p99.73, OUTCOME:mean or OUTCOME:12.5")
     numbers, values = _values(cases, outcome)
     try:
         if point == "mean":
@@ -141,21 +146,23 @@ def worst_case(
     Parameters
     ----------
     summary : TableStatistics or StreamingStatistics
+        Statistics of the run.
     campaign : Definition
-    errors : dict
-        Error and scale by outcome.
+    errors : dict of str to (float, float)
+        Error and scale by outcome; see `sepmc.campaign.execution.accuracy.with_scales`.
     query : str
         Name or metric of the requirement.
 
     Returns
     -------
     (int, str)
-        Case number and its description. For a 1-or-0 outcome, a status or a violation: the first
-        case that violates.
+        Number of the case, and why it was selected. For a 1-or-0 outcome, a status or a violation:
+        the first case that violates.
 
     Raises
     ------
     InputError
+        If there is no such requirement, or no such case.
     """
     names = [name for item in campaign.file.requirements for name in (item.name, item.metric)]
     audited, sampler = summary.audit(), campaign.scene.run.sampler

@@ -75,8 +75,8 @@ class ExecutionOptions:
         None: all cores.
     executor : Executor or None
         Workers that run the cases instead of this process.
-    until : Until or None
-        Stop when a statistic is known this well.
+    until : StoppingRule or None
+        Stop when a statistic is known as precisely as the rule asks.
     max_failures : int or None
         Stop after more failed cases than this.
     stats_only : bool
@@ -88,6 +88,7 @@ class ExecutionOptions:
     progress : callable or None
         Called with cases done, cases in all and failures.
     announce : Log or None
+        Called with messages about the run.
     """
 
     threads: int | None = None
@@ -112,7 +113,7 @@ class PreviousRun:
     summary : BatchSummary
         Summary of these cases.
     sessions : tuple of dict
-        Manifest entries of earlier commands.
+        Manifest entries of the commands that ran these cases.
     arrays : tuple of ndarray
         Accumulators of a run of statistics, as `Runner.save` wrote them.
     """
@@ -132,10 +133,13 @@ class Runner:
     ----------
     campaign : Definition
     flight : Integration
+        Kernel and steps.
     spec : SampleSpec
+        Wanted cases, those of the previous run included.
     timing : dict of str to float
-        Seconds by stage, added to.
+        Seconds by stage, which this run adds to.
     previous : PreviousRun
+        State of the run in the folder; an empty one for a new run.
     folder : Path or None
         Open run folder; None keeps rows in memory.
     options : ExecutionOptions
@@ -293,7 +297,8 @@ class Runner:
         folders.remove_temporary_shards(self.folder)
 
     def _ranges(self, left: CaseSelection, workers: int) -> Iterator[tuple[int, int]]:
-        """Ranges of the remaining cases: a few seconds each, and at least a few for each worker."""
+        """Ranges (first, end) of the remaining cases for workers: a few seconds each, and at least
+        a few for each worker. Ranges of statistics are whole accumulation blocks."""
         block_size = ACCUMULATION_BLOCK if self.options.stats_only else 1
         max_size = max(block_size, -(-left.count // (_RANGES_PER_WORKER * workers)))
         max_size = min(
@@ -309,7 +314,8 @@ class Runner:
                 start = stop
 
     def _receive(self, result: RangeResult) -> None:
-        """Add the result of a worker."""
+        """Add the counts, times and selected rows of a range that a worker ran, and record its
+        shards in the ledger."""
         if result.shards:
             assert self.folder is not None
             shards.record_shards(self.folder, result.shards)
@@ -326,7 +332,8 @@ class Runner:
         self.worker_kinds[result.kind] += result.cases
 
     def _report_forecast(self, seconds: float) -> None:
-        """Announce once, for a long run, the time it will take."""
+        """Announce once, if the run is long or large, the time it will take at ``seconds`` per
+        case."""
         if not self._forecast_reported:
             self._forecast_reported = True
             text = self.forecast.sentence(
@@ -337,7 +344,7 @@ class Runner:
 
     @property
     def n_complete(self) -> int:
-        """Cases run so far, those of the resumed run included."""
+        """Cases that are stored or counted so far, those of the resumed run included."""
         return self.previous.n_stored + self.n_stored
 
     @property
@@ -347,8 +354,8 @@ class Runner:
         return self.options.max_failures is not None and failure_notes > self.options.max_failures
 
     def _hand_over(self, chunks: list[Chunk]) -> list[Chunk]:
-        """Let the sink write chunks in the background; returns a new list. One list at most waits,
-        so memory is bounded."""
+        """Let the sink write chunks in the background, after the chunks before; returns an empty
+        list for the next ones. One list at most is pending, so memory is bounded."""
         if chunks:
             self._wait()
             self._writing = self._writer.submit(self._take, chunks)
@@ -375,7 +382,8 @@ class Runner:
             self.save()
 
     def save(self) -> None:
-        """Write the accumulators of a run of statistics, from which it can be resumed."""
+        """Write the accumulators of a run that stores statistics, from which it can be resumed;
+        other runs store rows and need none."""
         sink = self.sink
         if self.folder is None or not (isinstance(sink, StatisticsSink) and self._consistent):
             return
@@ -388,7 +396,7 @@ class Runner:
         self._saved = time.monotonic()
 
     def _restore(self, arrays: Iterable[np.ndarray]) -> None:
-        """Load accumulators. Raises StoreError if they belong to another run."""
+        """Load the accumulators of the previous run. Raises StoreError if they do not fit."""
         assert isinstance(self.sink, StatisticsSink)
         remaining = iter(arrays)
         try:
@@ -398,7 +406,7 @@ class Runner:
                     self.rows.selection.restore(remaining)
         except (ValueError, ArithmeticError, StopIteration) as error:
             raise folders.StoreError(
-                f"{self.folder}: {error}; run it with {switch('overwrite')}"
+                f"{self.folder}: {error}; run it again with {switch('overwrite')}"
             ) from None
 
     def finish(self) -> None:
@@ -409,7 +417,8 @@ class Runner:
             self.rows.finish()
 
     def write_manifest(self, complete: bool) -> None:
-        """Write the manifest of the folder."""
+        """Write the manifest and the campaign text of the folder; ``complete`` is True if all
+        wanted cases are stored."""
         assert self.folder is not None
         campaign = self.campaign
         manifest = {
@@ -445,7 +454,8 @@ class Runner:
 
     @property
     def _selection_entries(self) -> dict[str, Any]:
-        """Manifest entries of the case numbers, unless all cases of the sample are wanted."""
+        """Manifest entries of the wanted case numbers; empty if they are all cases of the
+        sample."""
         text = self.spec.text
         return {"numbers": text, "of": self.spec.total} if text else {}
 
@@ -494,10 +504,10 @@ class Runner:
 
     def statistic_is_known(self, until: StoppingRule, end: int, n_looks: int) -> bool:
         """Return True if the cases up to ``end`` - 1 give a statistic as precisely as ``until``
-        asks.
+        asks; the run then ends with these cases.
 
-        ``n_looks`` is the maximum number of such checks. The run is then reduced to these cases. A
-        resumed run can hold more cases than ``end``: fewer were not enough, so the result is False.
+        ``n_looks`` is the maximum number of such checks in a run. A resumed run can have more cases
+        than ``end``: fewer were not enough, so the result is False.
         """
         summary = self.output().summary
         if self.n_complete > end:
@@ -520,7 +530,7 @@ class Runner:
 
     @property
     def occurred(self) -> list[Occurrence]:
-        """Occurrences of values that have a probability in the file."""
+        """Occurrences, in the cases so far, of each of `Definition.rare_values`."""
         return occurrences(self.campaign.rare_values, self.summary.occurred)
 
     def output(self) -> RunOutput:
@@ -530,7 +540,8 @@ class Runner:
 
 
 def _in_order(results: Iterable[RangeResult], first: int) -> Iterator[RangeResult]:
-    """Sort results of ranges by case number, starting at ``first``."""
+    """Yield results of consecutive ranges in the order of their cases, of which the first is
+    ``first``; results that come too early wait."""
     waiting: dict[int, RangeResult] = {}
     for result in results:
         waiting[result.first] = result
@@ -541,7 +552,8 @@ def _in_order(results: Iterable[RangeResult], first: int) -> Iterator[RangeResul
 
 
 def implausible_note(broken: int, cases: int) -> str:
-    """Note on cases with an inertia that no solid body has; empty if there are none."""
+    """Note that ``broken`` of ``cases`` cases have an inertia that no solid body has; empty if
+    there are none."""
     return (
         f"{broken} of {cases} sampled cases have an inertia that breaks the triangle inequality, "
         "which no solid body has"

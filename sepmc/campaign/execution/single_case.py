@@ -64,13 +64,15 @@ class SingleCase:
     times : ndarray, shape (n,)
         Of the history rows, s.
     phases : ndarray, shape (n,)
-        Phase numbers.
+        Phase numbers of the history rows.
     rows : ndarray, shape (n, columns)
-        History, SI.
+        History, SI; columns as `sepmc.schema.history_columns`.
     notes : list of str
-    error : ndarray, shape (o,), optional
-        Numerical error of the outcomes.
+        Notes on the convergence of the steps.
+    error : ndarray, shape (number of outcomes,), optional
+        Relative numerical error of the outcomes, without audit columns.
     compiled : bool
+        True if the kernel was compiled, False if it ran in plain Python.
     """
 
     layout: ParameterLayout
@@ -113,13 +115,15 @@ def simulate_case(
     scene : Scene
         Values of the case.
     contents : Contents
-        What the columns of the outcomes follow from: that of its campaign.
+        Contents of the scene from which the columns of outcomes and histories follow; those of the
+        campaign.
     row_interval_s : float
-        Interval of history rows; there are also two at each end of a phase.
+        Interval of history rows, s; there are also two rows at each end of a phase.
     announce : Log, optional
-        Told if a kernel is compiled, which is when plain Python takes longer than some ten seconds.
+        Called with a message if a kernel is compiled, which is done where plain Python takes longer
+        than some ten seconds.
     plain_work : float, optional
-        Kernel lines that plain Python may run; nothing is compiled then.
+        Kernel lines that plain Python may run (1e7 in 5 s); with this limit nothing is compiled.
 
     Returns
     -------
@@ -163,8 +167,9 @@ def simulate_cases(
     nominals : iterable of ndarray, shape (p,)
         Parameter vector of each case, SI.
     row_interval_s : float
+        Interval of history rows, s.
     announce : Log, optional
-        Told if the kernel is compiled.
+        Called with a message if the kernel is compiled.
 
     Yields
     ------
@@ -199,8 +204,8 @@ def invalid_case(scene: Scene, contents: Contents) -> SingleCase:
 
 
 def _layout(scene: Scene, contents: Contents) -> ParameterLayout:
-    """Layout of the parameters of a case, with the columns of its campaign: there, dispersions may
-    give a stroke to a spring that has none here."""
+    """Layout of the parameters of a case, with the columns of its campaign, which may have more:
+    dispersions may give a stroke to a spring that has none in this case."""
     return replace(make_parameter_layout(scene), contents=contents)
 
 
@@ -267,13 +272,15 @@ class _SingleRun:
         return self._with_error(result, error)
 
     def _with_error(self, result: SingleCase, error: np.ndarray) -> SingleCase:
-        """The result with the error (o,) of its outcomes."""
+        """The result with the relative errors (o,) of its outcomes; the largest one of a decisive
+        outcome becomes the audit column ``error``."""
         if result.status <= Status.NEVER_RELEASED:
             result.outcomes[-1] = error[decisive(self.columns)].max(initial=0.0)
         return replace(result, error=error)
 
     def rejected(self, status: int) -> SingleCase:
-        """Result of a case that every kernel rejects."""
+        """Result, with NaN outcomes, of a case that every kernel rejects; ``status`` is that of the
+        last rejection."""
         return self._with_rows(
             self.steps,
             [self.spent_note] if self.spent_note else [],
@@ -281,8 +288,8 @@ class _SingleRun:
         )
 
     def _measure_durations(self, steps: np.ndarray) -> np.ndarray | None:
-        """Measure the durations of segments at finer steps than ``steps`` (segments,); returns
-        outcomes, or None."""
+        """Measure the durations of segments at finer steps than ``steps`` (segments,); returns the
+        outcomes there, SI, or None if the case does not reach its end."""
         solver, max_steps = (
             self.layout.scene.solver,
             _MAX_STEPS if self.compiled else _MAX_PLAIN_STEPS,
@@ -322,7 +329,8 @@ class _SingleRun:
         return self.outcomes, status, rows
 
     def _call_kernel(self, steps: np.ndarray, instants: np.ndarray) -> Any:
-        """Call `integrate_nominal` in plain Python, or compiled once the work is used up."""
+        """Call `integrate_nominal` in plain Python, or compiled once the work is used up; returns
+        its result. ``instants`` (n, 3) are those of `_instants`."""
         most = float(steps.max())
         if not self.compiled:
             self._report_forecast(self.per_step * most)
@@ -342,8 +350,8 @@ class _SingleRun:
         return integrate_nominal(self.kernel, self.layout, steps, self.durations, instants)
 
     def _report_forecast(self, lines: float) -> None:
-        """Announce a long integration in plain Python; compile instead if its lines exceed the work
-        left."""
+        """Announce a long integration in plain Python, of so many kernel ``lines``; compile instead
+        if they exceed the work left."""
         if lines > self.work.left and self.may_compile:
             self._compile()
         elif lines * LINE_S > _LONG_S and self.announce:
@@ -354,7 +362,8 @@ class _SingleRun:
     def _with_rows(
         self, steps: np.ndarray, notes: list[str], forced_status: Status | None = None
     ) -> SingleCase:
-        """Result with history at some steps (segments,); ``forced_status``: of a rejected case."""
+        """Integrate at some steps (segments,); result with its history. A rejected case gets the
+        ``forced_status`` and NaN outcomes; without one, _RejectedError is raised."""
         scene = self.layout.scene
         ends, changes = self._event_times(steps)
         instants, phases = _instants(
@@ -394,8 +403,8 @@ class _SingleRun:
         return self.times_by_steps[key]
 
     def _converged_steps(self, ones: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """Steps (segments,) at which the case converges, its error (o,) and notes; ``ones`` is one
-        step each."""
+        """Steps (segments,) at which the case converges, its relative errors (o,) and notes;
+        ``ones`` (segments,) is one step in each segment."""
         scene = self.layout.scene
         min_steps = max(
             _MIN_STEPS,
@@ -420,8 +429,8 @@ class _SingleRun:
         return round(min_steps / ratio) * ones, error, notes
 
     def _last_completed(self) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """As `_converged_steps`, for a case whose work is used up: the last integration that
-        reached its end."""
+        """Steps (segments,), relative errors (o,) and a note, for a case whose work is used up: of
+        the last integration that reached its end. Raises _RejectedError if none did."""
         advice = "; to continue, give solver.step_s or a larger solver.accuracy"
         if not self.completed:
             self.spent_note = (
@@ -475,8 +484,8 @@ class _SingleRun:
             self._compile()
 
     def _compile(self, reached: float | None = None) -> None:
-        """Use the compiled kernel from now on; ``reached`` is the time, s, at which plain Python
-        was stopped.
+        """Use the compiled kernel from now on; ``reached`` is the time of the case, s, at which
+        plain Python was stopped.
 
         Raises UnknownError if compiling is not allowed.
         """
@@ -492,7 +501,7 @@ class _SingleRun:
         self.times_by_steps.clear()  # compiled, times can differ in the last bit
 
     def _reached_time(self) -> float:
-        """Time, s, that the integration in plain Python has reached."""
+        """Time of the case, s, that the integration in plain Python has reached."""
         assert self.kernel.plain is not None
         return float(self.work.numbers[self.kernel.plain.BEGIN_T])
 
@@ -521,10 +530,11 @@ class _SingleRun:
 def _instants(
     shape: KernelSpec, ends: np.ndarray, changes: np.ndarray, row_interval_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times, segments and sides (n, 3) of history rows, and their phases (n,).
+    """Times, s, segments and sides (n, 3) of history rows, and their phase numbers (n,).
 
-    Rows are at every interval, and on both sides of phase ends and of ``changes`` of joints within.
-    A joint that releases late does so in the next phase.
+    Rows are at every interval, and on both sides of the ``ends`` (segments,) and of ``changes`` of
+    joints within segments; sides are -1 just before a change, 1 just after it, else 0. A joint with
+    a release delay is released in the next phase.
     """
     grid = np.arange(int(ends[-1] / row_interval_s + 1e-9) + 1) * row_interval_s
     instants: list[tuple[float, int, int]] = []
@@ -556,6 +566,7 @@ def _instants(
 
 
 def _phase(shape: KernelSpec, number: int) -> int:
-    """Phase number of a segment; late joints belong to the next phase."""
+    """Phase number of segment ``number``; a segment with pending delayed releases belongs to the
+    next phase."""
     following = next(segment for segment in shape.segments[number:] if not segment.late)
     return [phase.name for phase in shape.scene.phase].index(following.phase)

@@ -57,7 +57,7 @@ class Sink(Protocol):
 
 @dataclass
 class MemorySink:
-    """Keeps all rows in memory."""
+    """Keeps all rows in memory; ``separation`` are the columns of stored histories, if any."""
 
     campaign: Definition
     separation: list[Column]
@@ -84,7 +84,8 @@ class MemorySink:
 
 @dataclass
 class ParquetSink:
-    """Writes a shard of cases, and one of histories, for every list of chunks."""
+    """Writes a shard of cases, and one of histories if there are columns ``separation``, for every
+    list of chunks."""
 
     campaign: Definition
     separation: list[Column]
@@ -97,7 +98,7 @@ class ParquetSink:
 
     def write(self, chunks: list[Chunk]) -> list[Entry]:
         """Write a shard of histories, if there are any, then one of cases, which completes the
-        range."""
+        range; returns their ledger entries."""
         campaign, first = self.campaign, chunks[0].first
         count = sum(len(chunk.inputs) for chunk in chunks)
         about = _about(campaign, self.spec) | {
@@ -136,7 +137,8 @@ class ParquetSink:
 
 
 def _about(campaign: Definition, spec: SampleSpec) -> dict[str, str]:
-    """Provenance of the cases in a shard, from which a run without a manifest is repaired."""
+    """Metadata of a shard on the origin of its cases, from which a run without a manifest is
+    repaired."""
     return {
         "campaign": campaign.name,
         "digest": campaign.digest,
@@ -148,7 +150,8 @@ def _about(campaign: Definition, spec: SampleSpec) -> dict[str, str]:
 
 @dataclass
 class SelectedRowWriter:
-    """Writes a shard of the selected rows of every list of chunks, if there are any."""
+    """Writes a shard of the rows that ``selection`` selects from every list of chunks, if there are
+    any."""
 
     campaign: Definition
     folder: Path
@@ -156,7 +159,8 @@ class SelectedRowWriter:
     selection: RowSelection
 
     def write(self, chunks: list[Chunk]) -> list[Entry]:
-        """Write the shard of chunks."""
+        """Write a shard of the selected rows of chunks; returns its ledger entry in a list, which
+        is empty if none is selected."""
         status = {"status": status_labels(_codes(chunks))}
         table = case_table(self.campaign, chunks) | status
         positions, reasons = self.selection.choose(table)
@@ -197,7 +201,8 @@ class SelectedRowWriter:
             shards.replace_shards(self.folder, folders.SELECTED, final)
 
     def _write_final(self, first: int, rows: dict[str, np.ndarray]) -> Entry:
-        """Write the shard of the rows that are still selected."""
+        """Write the shard, starting at case ``first``, of those ``rows`` that are still selected
+        now that all cases are known."""
         reasons = self.selection.final_reasons(rows["case"], rows[REASON.name])
         is_kept = reasons != ""
         selected = {name: values[is_kept] for name, values in rows.items()} | {
@@ -207,7 +212,7 @@ class SelectedRowWriter:
 
 
 class StatisticsSink:
-    """Accumulates statistics; saves selected rows only."""
+    """Accumulates statistics, and passes chunks to ``rows``, which writes selected rows."""
 
     def __init__(self, campaign: Definition, rows: SelectedRowWriter | None = None):
         self.campaign, self.rows = campaign, rows
@@ -226,7 +231,7 @@ class StatisticsSink:
         return _about(self.campaign, spec) | entries
 
     def output(self) -> RunOutput:
-        """The statistics."""
+        """Statistics so far, without rows and histories."""
         return RunOutput(self.stream)
 
 
@@ -239,7 +244,7 @@ def add_to(
 
 
 def status_labels(codes: np.ndarray) -> np.ndarray:
-    """Values (n,) of the ``status`` column, as Python objects."""
+    """Labels (n,) of status ``codes`` (n,), as Python strings in an array of objects."""
     return np.array(STATUS_LABELS, dtype=object)[codes]
 
 
@@ -248,7 +253,7 @@ def _codes(chunks: list[Chunk]) -> np.ndarray:
 
 
 def _results(campaign: Definition, chunks: list[Chunk]) -> np.ndarray:
-    """Outcomes and audit columns in their units, shape (columns, cases), each column contiguous."""
+    """Outcomes and audit columns of chunks in the units of the columns, shape (columns, cases)."""
     scale = np.array([[column.scale] for column in campaign.result_columns])
     results = np.empty((len(scale), sum(len(chunk.inputs) for chunk in chunks)))
     start = 0
@@ -260,7 +265,8 @@ def _results(campaign: Definition, chunks: list[Chunk]) -> np.ndarray:
 
 
 def case_table(campaign: Definition, chunks: list[Chunk]) -> dict[str, Any]:
-    """Case table of chunks by column; the status is None."""
+    """Case table of chunks: values (n,) by column, in the units of the columns; ``status`` is None,
+    to be filled in by the caller."""
     first, results = chunks[0].first, _results(campaign, chunks)
     table: dict[str, Any] = {"case": np.arange(first, first + results.shape[1]), "status": None}
     table |= {
@@ -271,7 +277,8 @@ def case_table(campaign: Definition, chunks: list[Chunk]) -> dict[str, Any]:
 
 
 def _histories(chunks: list[Chunk], separation: list[Column]) -> dict[str, np.ndarray]:
-    """Separations over time of chunks in long form, without the unused rows of each case."""
+    """Stored histories of chunks by column, in long form: ``case``, ``time_s`` and the columns
+    ``separation``, an element for each used history row of each case."""
     histories = {
         name: np.empty(sum(int(chunk.block.rows.sum()) for chunk in chunks))
         for name in ("time_s", *(c.name for c in separation))

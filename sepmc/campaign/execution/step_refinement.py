@@ -54,6 +54,7 @@ def longest_step(scene: Scene, dispersions: Sequence[Dispersion] = (), brief: fl
     ----------
     scene : Scene
     dispersions : sequence of Dispersion
+        Those of time constants and of the ranges of tables count.
     brief : float
         Time constants up to this, s, are ignored.
 
@@ -87,10 +88,12 @@ class Converged:
     Attributes
     ----------
     step : ndarray, shape (n,)
-        Last step of each case, s.
+        Last step of each case, in the unit of the first one.
     status : ndarray, shape (n,)
+        Status of each case at that step.
     change : ndarray, shape (n, o)
-        Change of each outcome by the last halvings.
+        Relative change of each outcome, the largest of the last two halvings; of the last one if
+        one agreement is asked for.
     converged : ndarray of bool, shape (n,)
     """
 
@@ -108,10 +111,12 @@ def changes(
     scale: np.ndarray,
     is_decisive: np.ndarray,
 ) -> np.ndarray:
-    """Errors (n, o) of outcomes against a finer resolution.
+    """Relative errors (n, o) of outcomes ``result`` (n, o) against those of shorter steps,
+    ``refined`` (n, o).
 
-    Decisive outcomes of a case with another status there have infinite errors; errors are 1 if both
-    steps are too long, and 0 if the case cannot be integrated.
+    Decisive outcomes of a case whose status (n,) differs between the two have infinite errors; they
+    have errors of 1 if both steps are too long. A case that fails otherwise in both has errors of
+    0.
     """
     table = errors(result, refined, scale)
     table[(status == refined_status) & ~status_in(status, _COMPLETED)] = 0.0
@@ -150,17 +155,22 @@ def refine_steps(
     Parameters
     ----------
     integrate : callable
-        Integrates with a step the cases of some numbers (k,); returns outcomes (k, o) and status
-        (k,). Its last call for a case is at the step returned.
+        ``integrate(step, numbers)`` integrates the cases of some numbers (k,) with a step; returns
+        outcomes (k, o) and status (k,). Its last call for a case is at the step returned.
     count : int
         Number of cases.
     step : float
-        First step, s.
+        First step, s or relative.
     tolerance : float
+        Largest relative change of a decisive outcome.
     scale : ndarray, shape (o,)
         See `sepmc.campaign.execution.accuracy.errors`.
     is_decisive : ndarray of bool, shape (o,)
-    max_rejected, agreements : int
+        Outcomes that must converge.
+    max_rejected : int
+        Halvings after which a case that is still rejected is given up.
+    agreements : int
+        Consecutive halvings that must agree.
 
     Returns
     -------
@@ -218,18 +228,20 @@ def refine_case_steps(
     integrate : callable
         As for `refine_steps`; the case has number 0.
     step : float
-        First step, s.
+        First step, s or relative.
     scene : Scene
+        Of the case; its ``solver.accuracy`` is the tolerance.
     columns : list of Column
         Of the outcomes.
 
     Returns
     -------
     step : float
-        Longest step tried at which the case has converged.
+        Last step tried, at which the case has converged unless there is a note.
     change : ndarray, shape (o,)
-        Last change of each outcome.
+        Relative change of each outcome by the last halvings.
     notes : list of str
+        One note if the case has not converged, else none.
     """
     units, is_decisive = [c.unit for c in columns], decisive(columns)
     case, tolerance = np.zeros(1, dtype=np.int64), scene.solver.accuracy

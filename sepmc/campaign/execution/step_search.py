@@ -68,12 +68,14 @@ class Search:
     Parameters
     ----------
     evaluate : callable
-        Integrates inputs with steps and methods; see `IntegrateSteps`.
+        ``evaluate(steps, methods, draws)`` returns outcomes (n, o) and verdicts (n,): VALID,
+        IN_DOUBT or NO_OUTCOMES.
     draws : ndarray, shape (n, d)
         Inputs, SI.
     scale : ndarray, shape (o,)
         See `sepmc.campaign.execution.accuracy.errors`.
     tolerance : float
+        Largest relative error of a decisive outcome.
     is_decisive : ndarray of bool, shape (o,)
         Outcomes that must meet the tolerance.
     evaluations : list of list of int
@@ -82,9 +84,9 @@ class Search:
     Attributes
     ----------
     methods : ndarray, shape (segments,)
-        Selected methods.
+        Numbers of the selected methods; 0 is the most exact one.
     reference : ndarray, shape (n, o)
-        Outcomes at many steps.
+        Outcomes at many steps, from which errors are measured.
     """
 
     def __init__(
@@ -110,7 +112,8 @@ class Search:
         self.reference_errors = np.full(len(scale), np.inf)  # by outcome
 
     def evaluate(self, steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Outcomes and verdicts of inputs at some steps, by the selected methods."""
+        """Outcomes (n, o) and verdicts (n,) of inputs (n, d) at some steps (segments,), by the
+        selected methods."""
         self.work += len(draws) * int(steps.sum())
         return self._integrate(steps, self.methods, draws)
 
@@ -142,8 +145,9 @@ class Search:
         )
 
     def given_step(self, stages: int) -> np.ndarray | None:
-        """Steps (segments,) of a given step, compared with a finer reference; None if most cases
-        are invalid."""
+        """Integrate the reference at an eighth of the step that the file gives; return ones
+        (segments,), as that step is not divided, or None if most cases are invalid. ``stages`` is
+        the number of segments."""
         steps = np.ones(stages, dtype=np.int64)
         self.reference, self.verdict = self.evaluate(_GIVEN_STEP_FACTOR * steps, self.draws)
         self.reference_errors = np.full(len(self.scale), _ROUND_OFF)
@@ -159,7 +163,8 @@ class Search:
         )
 
     def _integrate_reference(self, min_steps: np.ndarray) -> np.ndarray:
-        """Integrate the reference; returns its steps."""
+        """Integrate the reference, doubling the steps from ``min_steps`` (segments,) until it has
+        converged or takes too long; returns its steps."""
         steps, max_steps = min_steps, max(_MAX_STEPS, _REFERENCE_FACTOR * int(min_steps.max()))
         self.reference, self.verdict = self.evaluate(steps, self.draws)
         while self.reference_change > 0.02 * self.tolerance and 2 * steps.max() <= max_steps:
@@ -216,7 +221,8 @@ class Search:
         return float(self._errors(steps)[self.is_decisive].max(initial=0.0))
 
     def _reduce_each(self, steps: np.ndarray) -> np.ndarray:
-        """Fewest steps of each segment alone, with fine steps in the others."""
+        """Fewest steps of each segment at which the cases meet the tolerance while the others have
+        ``steps`` (segments,)."""
         steps_chosen = steps.copy()
         for stage in range(len(steps_chosen)):
             low, high = 0, int(steps[stage])
@@ -228,7 +234,8 @@ class Search:
         return steps_chosen
 
     def _cheapest_methods(self, steps: np.ndarray) -> np.ndarray:
-        """Select the method with the least work for each segment, the most expensive one first."""
+        """Select the method with the least work for each segment, the most expensive segment first;
+        returns the steps (segments,) for these methods."""
         work = [self._work_of(stage, number) for stage, number in enumerate(steps)]
         for stage in sorted(range(len(steps)), key=lambda k: -work[k]):
             for method in range(1, len(self.evaluations[stage])):
@@ -236,8 +243,8 @@ class Search:
         return steps
 
     def _with_method(self, method: int, stage: int, steps: np.ndarray) -> np.ndarray:
-        """Fewest steps of a segment by another method, if that is less work; else the steps
-        unchanged."""
+        """Steps (segments,) with the fewest steps of segment ``stage`` by another method, if that
+        is less work, and select the method; else the steps unchanged."""
         previous, trial = int(self.methods[stage]), steps.copy()
         max_steps = self._work_of(stage, int(steps[stage])) - 1
 
@@ -257,7 +264,8 @@ class Search:
         return trial
 
     def _work_of(self, stage: int, steps: int) -> int:
-        """Work of some steps of a segment, in evaluations."""
+        """Work of some steps of segment ``stage`` by its selected method, in derivative
+        evaluations."""
         return steps * (self.evaluations[stage][self.methods[stage]] + _STEP_OVERHEAD)
 
     def _increase_jointly(self, steps_chosen: np.ndarray, max_steps: np.ndarray) -> np.ndarray:

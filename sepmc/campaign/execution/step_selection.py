@@ -127,14 +127,15 @@ def select_steps(
     ----------
     campaign : Definition
     history : bool
-        Store histories.
+        Histories are to be stored.
     announce : Log, optional
+        Called with messages about compiling and calibration.
     size : CalibrationSize, optional
         Number of calibration cases; (`CORNERS`, `SAMPLE`) if None.
     timing : dict of str to float, optional
         Seconds are added to the keys text, compile and steps.
     again : bool
-        Select them although they are kept, and keep none.
+        Select steps anew, even if there are stored ones, and store none.
 
     Returns
     -------
@@ -178,7 +179,8 @@ def _load(
     announce: Log | None,
     timing: dict[str, float] | None,
 ) -> Kernel:
-    """Write and load the kernel of a specification."""
+    """Write the kernel of a specification, and compile or load it; adds seconds to the keys compile
+    and text of ``timing``."""
     start, waited = time.perf_counter(), compile_wait_s()
     kernel = load_kernel(written(spec, campaign.scene.solver.method, history), announce)
     waited = compile_wait_s() - waited
@@ -195,7 +197,7 @@ def _select(
     size: CalibrationSize,
     timing: dict[str, float],
 ) -> Integration:
-    """Select steps by calibration cases."""
+    """Select kernel variant and steps by calibration cases, without the step store."""
     variant: int = Variant.STANDARD
     history_size = history_rows(campaign.scene) if history and campaign.scene.joint else 0
     while True:
@@ -332,7 +334,8 @@ def _announce_calibration(announce: Log | None) -> None:
 
 
 def _progress_counter(announce: Log | None) -> Callable[[int], None]:
-    """Function that adds to a count of cases and announces it from time to time."""
+    """Return a function (n_cases) that adds to a count of calibration cases, and announces the
+    count every ten seconds."""
     report, total = progress_reporter(announce, REPORT_EVERY_S), 0
 
     def count(n_cases: int) -> None:

@@ -24,18 +24,20 @@ _in_memory: RecentItems[str, Integration] = RecentItems(32)
 
 
 def key_of(campaign: Definition, history: bool, size: CalibrationSize) -> str:
-    """Digest of all that the steps of a campaign follow from.
+    """Digest of all that the steps of a campaign follow from; names its file in the cache folder.
 
     Parameters
     ----------
     campaign : Definition
     history : bool
-        Histories are stored.
+        True if histories are stored.
     size : CalibrationSize
+        Number of calibration cases.
 
     Returns
     -------
     str
+        32 hexadecimal digits.
     """
     text = campaign.ordered_text + repr((history, tuple(size))).encode()
     return hashlib.sha256(text + _sources_digest()).hexdigest()[:32]
@@ -49,7 +51,8 @@ def _sources_digest() -> bytes:
 
 
 def in_memory(key: str) -> Integration | None:
-    """Integration selected earlier in this process, with its kernels."""
+    """Integration of a key (`key_of`) selected earlier in this process, with its kernels; None if
+    there is none."""
     return _in_memory.get(key)
 
 
@@ -66,7 +69,7 @@ def stored(key: str) -> Integration | None:
 
 
 def remember(key: str, integration: Integration) -> None:
-    """Keep an integration in memory."""
+    """Keep an integration in memory, for `in_memory`."""
     _in_memory.put(key, integration)
 
 
@@ -76,7 +79,7 @@ def forget() -> None:
 
 
 def store(key: str, integration: Integration) -> None:
-    """Keep an integration in memory and in the cache folder."""
+    """Keep an integration in memory and, without its kernels, in the cache folder."""
     from sepmc.engine.cache_files import put_sealed  # noqa: PLC0415  (numba)
     from sepmc.jit import CACHE_FOLDER  # noqa: PLC0415
 

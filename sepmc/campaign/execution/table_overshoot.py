@@ -121,7 +121,8 @@ def _table_notes(
 def _beyond_neighbours(
     key: str, points: Array, along: Callable[[Array], Array]
 ) -> tuple[float, str]:
-    """Largest excess of a spline over the two rows that it is between, and where."""
+    """Largest amount by which a spline ``along`` the axis ``key`` goes beyond both neighbouring
+    rows of the axis ``points`` (n,), and a sentence on where."""
     angle = key in ("alpha", "beta", "pitch", "yaw", "roll")
     between = np.linspace(points[:-1], points[1:], _BETWEEN, axis=1)  # (intervals, points)
     values, rows = along(between), along(points)

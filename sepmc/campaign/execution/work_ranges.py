@@ -35,8 +35,10 @@ class Job:
     lease : str
         Token of `sepmc.campaign.store.folders.issue_lease`.
     integration : Integration
+        Without kernels; see `Integration.packed`.
     spec : SampleSpec
-    accumulator : Apart or None
+        Sample that the cases belong to.
+    accumulator : PartialStatistics or None
         Empty statistics to add cases to; None if rows are written.
     keep : KeepRules or None
         Rules for rows that are saved beside statistics.
@@ -63,17 +65,19 @@ class RangeResult:
     Attributes
     ----------
     first, cases : int
+        First case, and number of cases.
     summary : BatchSummary
+        Counts and largest errors of the cases.
     timing : dict of str to float
         Seconds by stage.
     kind : str
         Code version and processor of the worker.
     shards : tuple of Entry
-        Files written.
-    accumulator : Apart or None
-        Statistics of the cases.
+        Ledger entries of the files written.
+    accumulator : PartialStatistics or None
+        Statistics of the cases; None if rows are written.
     selection : RowSelection or None
-        Rows saved beside statistics.
+        Worst cases of the range, by the rules for rows that are saved beside statistics.
     """
 
     first: int
@@ -87,7 +91,7 @@ class RangeResult:
 
 
 class Executor(Protocol):
-    """Workers on this machine or others."""
+    """Workers, a number ``workers`` of them, on this machine or others."""
 
     workers: int
 
@@ -113,7 +117,8 @@ _running = threading.Lock()
 
 
 def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
-    """Run cases ``first`` to ``end`` - 1 of a job in a worker.
+    """Run cases ``first`` to ``end`` - 1 of a job in a worker, on some threads, and write their
+    shards; the caller records these in the ledger.
 
     Raises
     ------
@@ -166,7 +171,8 @@ _last: dict[tuple[str, str, bool], tuple[Definition, Integration]] = {}
 
 
 def _ready(job: Job) -> tuple[Definition, Integration]:
-    """Campaign and integration of a job, loaded once in a process."""
+    """Campaign and integration (with kernels) of a job, loaded once in a process. Raises
+    StaleWorkerError if the campaign file is missing or another one."""
     if job.key not in _last:
         text = job.folder / folders.CAMPAIGN
         try:

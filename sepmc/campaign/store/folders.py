@@ -73,7 +73,7 @@ _OUR_FILES = (MANIFEST, CAMPAIGN, SAMPLES, "plan.parquet", ledger.LEDGER, _LEASE
 
 
 def next_folder(name: str, root: Path = Path("runs")) -> Path:
-    """Next unused folder ``runs/<name>-<n>``."""
+    """First folder ``<root>/<name>-<n>``, n = 1, 2, ..., that does not exist; it is not created."""
     n = 1
     while (root / f"{name}-{n}").exists():
         n += 1
@@ -89,7 +89,10 @@ if hasattr(os, "register_at_fork"):
 def opened(
     folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True
 ) -> Iterator[Path]:
-    """Open a folder for writing by this process alone; see `check_folder`.
+    """Context manager: create a run folder if needed, and lock it for writing by this process.
+
+    A folder that is open already in this process is yielded at once. A folder that was created
+    here and is still empty at the end is removed.
 
     Parameters
     ----------
@@ -97,18 +100,20 @@ def opened(
     overwrite : bool
         Remove the run in it.
     resume : bool
-        Keep the run in it.
+        Leave the run in it, to be continued.
     resumable : bool
-        Mention resuming in errors.
+        If False, errors do not advise to resume.
 
     Yields
     ------
     Path
+        ``folder``.
 
     Raises
     ------
     StoreError
-        If it cannot be used or written.
+        If the folder may not be written (`check_folder`), cannot be, or another process has it
+        open.
     """
     if folder.resolve() in _open_folders:  # open already
         yield folder
@@ -144,7 +149,8 @@ def check_folder(
     Raises
     ------
     StoreError
-        If it exists and neither ``overwrite`` nor ``resume`` is given, or is no run folder.
+        If it contains a run and neither ``overwrite`` nor ``resume`` is given, or contains other
+        files, or is a file.
     """
     if folder.exists() and not folder.is_dir():
         raise StoreError(f"{folder}: is a file; give {option('out')} a folder")
@@ -170,7 +176,7 @@ def check_folder(
 
 
 def ledger_is_intact(folder: Path) -> bool:
-    """Return True if every line of the ledger of a folder is intact."""
+    """Return True if the folder has a ledger and every line of it is intact."""
     return has_ledger(folder) and not ledger.count_damaged_lines(folder)
 
 
@@ -180,7 +186,8 @@ def has_ledger(folder: Path) -> bool:
 
 
 def is_run(folder: Path) -> bool:
-    """Return True if the folder is a run folder, perhaps a damaged one."""
+    """Return True if the folder has a manifest or a ledger: it is a run folder, perhaps a damaged
+    one."""
     return (folder / MANIFEST).is_file() or has_ledger(folder)
 
 
@@ -221,7 +228,7 @@ def make_writable(folder: Path) -> None:
 
 
 def _clear(folder: Path) -> None:
-    """Remove the files of a run, and nothing else."""
+    """Remove the files and data folders of a run from a folder, and nothing else."""
     for name in (*DATA_FOLDERS, *_FORMAT_1):
         if is_local(folder):
             shutil.rmtree(folder / name, ignore_errors=True)
@@ -242,7 +249,8 @@ def _matches(name: str, patterns: Iterable[str]) -> bool:
 
 
 def _remove_temporary(folder: Path, kinds: Sequence[str] = (".",)) -> None:
-    """Remove temporary files of killed processes."""
+    """Remove temporary files of killed processes from some subfolders ``kinds`` of a local
+    folder."""
     for kind in kinds if is_local(folder) else ():
         for path in (folder / kind).glob("*.????????.tmp"):
             if _is_temporary(path):
@@ -250,7 +258,7 @@ def _remove_temporary(folder: Path, kinds: Sequence[str] = (".",)) -> None:
 
 
 def _is_temporary(path: Path) -> bool:
-    """Return True for a temporary file of a killed process."""
+    """Return True if a file has the name of a temporary file, as killed processes leave behind."""
     return _matches(path.name, [f"{one}.????????.tmp" for one in (*_OUR_FILES, SHARD_PATTERN)])
 
 
@@ -299,5 +307,5 @@ def finite(data: Any) -> Any:
 
 
 def remove_temporary_shards(folder: Path) -> None:
-    """Remove temporary shards of lost workers."""
+    """Remove temporary files that ended workers left in the data folders of a run."""
     _remove_temporary(folder, DATA_FOLDERS)

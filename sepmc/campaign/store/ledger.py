@@ -30,9 +30,11 @@ class Entry(msgspec.Struct, frozen=True):
     file : str
         Path relative to the folder.
     bytes : int
+        Size of the file.
     sha256 : str
+        Checksum of its content, hexadecimal.
     first, cases : int
-        First case and number of cases of a shard.
+        First case and number of cases of a shard; 0 for other files.
     """
 
     file: str
@@ -43,7 +45,7 @@ class Entry(msgspec.Struct, frozen=True):
 
     @property
     def is_valid(self) -> bool:
-        """True if a run can have such a file."""
+        """True if a run can have a file of this name, size and range of cases."""
         return (
             untrusted.is_file_name(self.file)
             and 0 <= self.bytes <= PART_BYTES
@@ -53,7 +55,8 @@ class Entry(msgspec.Struct, frozen=True):
 
     @property
     def line(self) -> str:
-        """Line of the ledger."""
+        """Line of the ledger: the entry as JSON, a space, and the start of the checksum of that
+        text."""
         text = msgspec.json.encode(self).decode()
         return f"{text} {checksum(text.encode())[:_CHECKSUM_LENGTH]}\n"
 
@@ -114,7 +117,7 @@ def read(folder: Path) -> Mapping[str, Entry]:
     Returns
     -------
     mapping of str to Entry
-        By file.
+        By path of the file in the folder; empty if there is no ledger. Damaged lines are ignored.
 
     Raises
     ------
@@ -149,7 +152,7 @@ def _content(folder: Path) -> bytes:
 
 
 def _lines(path: Path) -> list[bytes]:
-    """Lines of a ledger. Raises StoreError if there are too many."""
+    """Lines of a ledger. Raises StoreError if it is unreadable or too large."""
     content = untrusted.read_bounded(path, LEDGER_BYTES)
     if (count := content.count(b"\n") + content.count(b"\r")) > LEDGER_LINES:
         text = f"has {count:,} lines: must have at most {LEDGER_LINES:,}"
@@ -170,7 +173,7 @@ def _entry(line: bytes) -> Entry | None:
 
 
 def count_damaged_lines(folder: Path) -> int:
-    """Number of damaged lines in the ledger of a folder."""
+    """Number of damaged lines in the ledger of a folder; 0 if it cannot be read."""
     try:
         lines = _lines(folder / LEDGER)
     except untrusted.StoreError:
@@ -179,7 +182,7 @@ def count_damaged_lines(folder: Path) -> int:
 
 
 def digest(entries: Iterable[Entry]) -> str:
-    """Checksum of entries in any order."""
+    """Checksum of a set of entries, which does not depend on their order."""
     return checksum("".join(sorted(entry.line for entry in entries)).encode())
 
 

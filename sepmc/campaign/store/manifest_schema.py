@@ -22,7 +22,7 @@ _REQUIRED_OF_RARE_EVENT = ("seed", "sessions")
 
 
 class _Session(Struct):
-    """Entry of one command."""
+    """Entry of a manifest for one command that ran cases of the run."""
 
     sepmc: str
     started: str = ""
@@ -36,7 +36,8 @@ class _Session(Struct):
 
 
 class _Accuracy(Struct):
-    """Accuracy of a run; an infinite error is null."""
+    """Entry of a manifest on the steps and the numerical error of a run, see
+    `sepmc.campaign.execution.batch_summary.accuracy_entries`; an infinite error is null."""
 
     achieved: float | None = None
     worst_outcome: str = ""
@@ -94,12 +95,13 @@ class _Manifest(Struct):
 
 
 def shard_provenance(metadata: Mapping[bytes, bytes]) -> dict[str, Any]:
-    """Provenance of a run from the metadata of a shard, by the keys of a metadata.
+    """Entries of a manifest that the metadata of a shard contains: ``digest``, ``seed``,
+    ``settings`` and, if they apply, ``numbers``, ``stats_only`` and ``keep``.
 
     Raises
     ------
     KeyError, ValueError
-        If it is incomplete.
+        If the metadata are incomplete or not valid.
     """
     provenance: dict[str, Any] = {
         "digest": metadata[b"digest"].decode(),
@@ -123,15 +125,18 @@ def read(content: bytes) -> dict[str, Any]:
     Parameters
     ----------
     content : bytes
+        Content of ``manifest.json``.
 
     Returns
     -------
     dict of str to Any
+        Entries by key.
 
     Raises
     ------
     ValueError
-        With the reason.
+        If the content is no JSON, or types, ranges or keys are not those of a manifest; the message
+        is the reason.
     """
     try:
         manifest = json.loads(content.decode("utf-8"))

@@ -32,7 +32,8 @@ def write_manifest(folder: Path, manifest: Mapping[str, Any], campaign: str) -> 
 
 
 def seal(folder: Path, manifest: Mapping[str, Any]) -> None:
-    """Write a manifest with checksums of the ledger, as it is now, and of itself."""
+    """Write a manifest into a folder, with a checksum of the ledger, as it is now, and of
+    itself."""
     files = ledger.read(folder).values()
     sealed = {
         **manifest,
@@ -50,12 +51,13 @@ def _checksum_of(manifest: Mapping[str, Any]) -> str:
 
 
 def _is_sealed(manifest: Mapping[str, Any]) -> bool:
-    """Return True if a manifest matches its checksum."""
+    """Return True if a manifest matches the checksum of itself that it contains."""
     return manifest.get("sha256") == _checksum_of(manifest)
 
 
 def forget_damaged(folder: Path, endings: tuple[str, ...]) -> list[str]:
-    """Remove damaged files with these endings from the ledger of a folder; returns their names."""
+    """Remove the entries of missing or damaged files with these endings from the ledger of a
+    folder; returns the names of the files, which are not deleted."""
     entries = ledger.read(folder)
     candidates = [(name, entry) for name, entry in entries.items() if name.endswith(endings)]
     damaged = [name for name, entry in candidates if shards.find_fault(folder, entry)]
@@ -78,11 +80,11 @@ class Finding:
     text : str
         Fault in words.
     file : str
-        File derived from the cases, if it is one.
+        Name of the file of the ledger that is missing or damaged; empty for other faults.
     repairable : bool
         True if running or drawing again repairs it.
     advice : str
-        Remedy if not.
+        Remedy if it is not repairable.
     """
 
     text: str
@@ -97,11 +99,13 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     Returns
     -------
     dict of str to Any
+        Entries by key.
 
     Raises
     ------
     StoreError
-        If there is none, or it or the campaign beside it was changed.
+        If there is none, or the manifest, the campaign, its sample table or the ledger of a
+        complete run was changed.
     """
     manifest = _manifest(folder, f"; to see what would repair it: sepmc doctor {folder}")
     for finding in changed_files(folder, manifest):
@@ -110,8 +114,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def read_provenance(folder: Path) -> dict[str, Any]:
-    """Manifest of a run folder or, where it was changed, what its shards say: ``digest``, ``seed``,
-    ``settings`` and perhaps ``numbers``. Empty if unknown."""
+    """Manifest of a run folder; if it is missing or was changed, the entries that the metadata of a
+    shard contains (`sepmc.campaign.store.manifest_schema.shard_provenance`). Empty if no shard can
+    be read. Raises OtherFormatError for a folder of another format."""
     untrusted.check_entries(folder)
     try:
         manifest = _manifest(folder)
@@ -134,7 +139,8 @@ def read_provenance(folder: Path) -> dict[str, Any]:
 
 
 def changed_files(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
-    """Faults of the manifest of a folder, of its campaign and of its ledger."""
+    """Faults of the manifest of a folder, of its campaign, its sample table and its ledger: files
+    that were changed since the manifest was written."""
     if not _is_sealed(manifest):
         reason = "was changed since it was written: its checksum is another"
         return [Finding(f"{folder / folders.MANIFEST}: {reason}")]
@@ -142,7 +148,7 @@ def changed_files(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
 
 
 def _changed_campaign(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Fault if the campaign of a folder, or its sample table, was changed."""
+    """Faults if the campaign of a folder, or its sample table, is missing or was changed."""
     try:
         checksum = ledger.checksum(
             untrusted.read_bounded(folder / folders.CAMPAIGN, CAMPAIGN_BYTES)
@@ -152,14 +158,15 @@ def _changed_campaign(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Fin
     else:
         if checksum != manifest["campaign_sha256"]:
             reason = (
-                "is not the campaign that was run; to run it as it is now, copy it to another place"
+                "is not the campaign that was run; to run it as it is now, copy it out of the run "
+                "folder"
             )
             text = f"{folder / folders.CAMPAIGN}: {reason}"
             yield Finding(text, repairable=False, advice=restore_advice(folder))
     samples = ledger.read(folder).get(folders.SAMPLES)
     if samples and (problem := shards.find_fault(folder, samples)):
         reason = f"{folder / folders.SAMPLES}: {problem}; it gave inputs of the cases"
-        yield Finding(reason, repairable=False, advice="put it back")
+        yield Finding(reason, repairable=False, advice="restore it from a copy")
 
 
 def restore_advice(folder: Path) -> str:
@@ -171,7 +178,8 @@ def restore_advice(folder: Path) -> str:
 
 
 def _changed_ledger(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Fault if the ledger of a complete run lists other files."""
+    """Fault if the ledger of a complete run lists other files than when the manifest was
+    written."""
     files = ledger.read(folder).values()
     if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
         reason = f"was changed: it lists {len(files)} files instead of {manifest['files']}"
@@ -183,13 +191,14 @@ def _changed_ledger(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Findi
 
 
 def has_case_rows(manifest: Mapping[str, Any]) -> bool:
-    """Return True if a run stores rows of cases: not a single case, statistics only or a rare
-    event."""
+    """Return True if a run stores the rows of all cases: not a single case, statistics only or a
+    rare-event estimate."""
     return is_resumable(manifest) and not manifest.get("stats_only")
 
 
 def is_resumable(manifest: Mapping[str, Any]) -> bool:
-    """Return True if missing cases of a run can be run again: not a single case or a rare event."""
+    """Return True if missing cases of a run can be run again: not a single case or a rare-event
+    estimate."""
     return not ("case" in manifest or "rare" in manifest)
 
 
@@ -201,7 +210,7 @@ def record_derived(folder: Path, files: Iterable[Path]) -> None:
 
 
 def is_recorded(folder: Path, name: str) -> bool:
-    """Return True if a derived file is intact as recorded."""
+    """Return True if the ledger of a folder has a file of this name, and the file is intact."""
     entry = ledger.read(folder).get(name)
     return entry is not None and not shards.find_fault(folder, entry)
 
@@ -218,10 +227,10 @@ def drop_derived(folder: Path) -> list[str]:
 
 
 def foreign_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
-    """Shards with another campaign or seed than the manifest.
+    """Faults of shards whose metadata have another campaign or seed than the manifest.
 
-    If the ledger has them, manifest and campaign are foreign; otherwise the shard is, and its cases
-    are run again.
+    If the ledger has the intact shard, manifest and campaign are those of another run, which is not
+    repairable; otherwise the shard is, and its cases can be run again.
     """
     findings, entries = [], ledger.read(folder)
     expected = {key: manifest[key] for key in ("digest", "seed") if manifest.get(key) is not None}
@@ -243,15 +252,16 @@ def foreign_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
                 Finding(
                     f"{path}: was run with {difference}, as {folders.MANIFEST} says",
                     repairable=not is_recorded_shard,
-                    advice=f"{folders.MANIFEST} and {folders.CAMPAIGN} are of another run: put "
-                    "those of its cases back, or run with --overwrite or another --out",
+                    advice=f"{folders.MANIFEST} and {folders.CAMPAIGN} are of another run: restore "
+                    "those of its cases, or run with --overwrite or another --out",
                 )
             )
     return findings
 
 
 def diagnose(folder: Path) -> list[Finding]:
-    """List all faults of a run folder, file by file. Raises StoreError if it is no run folder."""
+    """List all faults of a run folder, file by file; empty if it is intact. Raises StoreError if it
+    is no run folder."""
     if not (folders.is_run(folder) or read_provenance(folder)):
         raise _no_run(folder)
     try:
@@ -310,8 +320,8 @@ def ensure_ledger(folder: Path) -> None:
 
 
 def _manifest(folder: Path, advice: str = "") -> dict[str, Any]:
-    """Manifest of a run, changed or not. Raises StoreError if it is missing or unreadable, with
-    ``advice``."""
+    """Manifest of a run, whether it was changed or not. Raises StoreError, with ``advice``, if it
+    is missing or unreadable; OtherFormatError if it has another folder format."""
     path = folder / folders.MANIFEST
     untrusted.check_entries(folder)
     if not (path.exists() or (is_local(path) and path.is_symlink())):
@@ -333,7 +343,7 @@ def _no_run(folder: Path) -> StoreError:
 
 
 def versions() -> dict[str, Any]:
-    """Versions of software and machine, for a manifest."""
+    """Versions of sepmc, Python and packages, and the kind of machine, as entries of a manifest."""
     packages = {
         "numpy": np.__version__,
         "numba": version("numba"),

@@ -22,9 +22,11 @@ def write_statistics(
     Parameters
     ----------
     folder : Path
+        Run folder.
     stats : DataFrame
+        Statistics, a row per outcome.
     of : dict of str to str
-        By outcome.
+        Unit of each outcome.
     content : dict
         Contents of the JSON file; see `statistics_as_json`.
     """
@@ -34,14 +36,15 @@ def write_statistics(
 
 
 def write_histograms(folder: Path, bins: pd.DataFrame) -> Path:
-    """Write ``histograms.csv``; returns its path."""
+    """Write ``histograms.csv``, a row for each of ``bins``, into a folder; returns its path."""
     path = folder / folders.HISTOGRAMS
     folders.write_text(path, bins.to_csv(index=False))
     return path
 
 
 def read_stored_statistics(folder: Path) -> StoredStatistics:
-    """Statistics and histograms of a run without rows. Raises StoreError if they are damaged."""
+    """Statistics and histograms of a run without rows, from its CSV files. Raises StoreError if
+    they are missing or damaged."""
     stored, frames = ledger.read(folder), []
     for name, index in (("statistics.csv", "outcome"), (folders.HISTOGRAMS, None)):
         problem = shards.find_fault(folder, stored[name]) if name in stored else "is not there"
@@ -68,21 +71,24 @@ def statistics_as_json(
     Parameters
     ----------
     stats : DataFrame
+        Statistics, a row per outcome.
     counts : dict of str to int
-        Cases by status.
+        Number of cases by status.
     of : dict of str to str
-        By outcome.
+        Unit of each outcome.
     audit : DataFrame
+        Extremes of the audit, a row per audit column.
     failed : dict of str to list of int, optional
-        First cases by status.
+        Numbers of the first failed cases by status.
     verdicts : sequence of dict
-        On requirements.
+        Verdicts on requirements.
     rarely_drawn : sequence of str
-        Values of inputs that hardly occur.
+        Sentences on input values that hardly occur in the cases.
 
     Returns
     -------
     dict
+        Data of JSON types.
     """
     rows, audited = (
         {
@@ -102,7 +108,8 @@ def statistics_as_json(
 
 
 def _with_units(stats: pd.DataFrame, of: dict[str, str]) -> pd.DataFrame:
-    """Statistics with the unit of each outcome first; case numbers are integers."""
+    """Statistics with a first column ``unit``, from the units ``of`` outcomes; case numbers become
+    integers."""
     columns = {
         str(name): stats[name].astype("Int64") if name in ("case_min", "case_max") else stats[name]
         for name in stats
@@ -112,7 +119,8 @@ def _with_units(stats: pd.DataFrame, of: dict[str, str]) -> pd.DataFrame:
 
 
 def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str]) -> Path:
-    """Write the history of a single case, ``history.parquet``; units are in ``history.attrs``."""
+    """Write the history of a single case as ``history.parquet``, and a ledger that has only this
+    file; returns the path. Units of columns are in ``history.attrs``, ``meanings`` by column."""
     columns = [
         Column(str(name), history.attrs["units"][name], meanings.get(str(name), ""))
         for name in history.columns
@@ -131,7 +139,8 @@ def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str])
 
 
 def read_history(folder: Path) -> pd.DataFrame | None:
-    """History of a single case; None if the folder has none."""
+    """History of a single case, as `write_history` wrote it; None if the folder has none. Raises
+    StoreError if it is damaged."""
     entry = ledger.read(folder).get(folders.HISTORY)
     if entry is None:
         return None

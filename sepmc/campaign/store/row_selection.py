@@ -26,15 +26,15 @@ class KeepRules:
     Attributes
     ----------
     rules : tuple of str
-        Of all, failed, violating, worst and every.
+        Some of "all", "failed", "violating", "worst" and "every".
     worst : int
         Number of worst rows of each requirement.
     every : int
-        Period, in case numbers.
+        Rows of case numbers that are a multiple of this.
     patterns : tuple of str
         Patterns of column names; all columns if empty.
     single : bool
-        Single precision.
+        Store numbers in single precision.
     """
 
     rules: tuple[str, ...]
@@ -53,13 +53,14 @@ class KeepRules:
 
     @classmethod
     def of_text(cls, text: str) -> "KeepRules":
-        """Rules from the `text` of a manifest. Raises InputError."""
+        """Rules from their `text`, as a manifest stores it. Raises InputError if it is not
+        valid."""
         rules, *more = text.split("; ")
         columns = [x.removeprefix("columns ") for x in more if x.startswith("columns ")]
         return _read(rules, tuple(columns[0].split(",")) if columns else (), "float32" in more)
 
     def columns(self, known: Sequence[Column]) -> list[Column]:
-        """Columns of a case table that are saved."""
+        """Those of the columns ``known`` of a case table that are saved."""
         return [
             column
             for column in known
@@ -97,30 +98,31 @@ def parse_keep_rules(
     Raises
     ------
     InputError
-        With the allowed values.
+        If a rule is unknown or needs a requirement that there is not, or a pattern matches no
+        column.
     """
     names_kept = tuple(x.strip() for x in patterns.split(",")) if patterns else ()
     keep = _read(rules, names_kept, single)
     if not _with_bounds(requirements) and WORST in keep.rules:
-        raise InputError("keep = worst: needs a [[requirement]] with a bound")
+        raise InputError("keep = worst: needs a [[requirement]] with at_least or at_most")
     if VIOLATING in keep.rules and not requirements:
         raise InputError("keep = violating: needs a [[requirement]]")
     names = [column.name for column in columns]
     for pattern in names_kept:
         if not any(fnmatchcase(name, pattern) for name in names):
-            raise InputError(f"keep columns = {pattern}: no such column; {nearest(pattern, names)}")
+            raise InputError(f"keep_columns = {pattern}: no such column; {nearest(pattern, names)}")
     return keep
 
 
 def _read(rules: str, patterns: tuple[str, ...], single: bool) -> KeepRules:
-    """Rules from their text."""
+    """Rules from the text of their names, such as ``failed,worst:20``. Raises InputError."""
     counts, names = {WORST: 0, EVERY: 0}, []
     for text in (rule.strip() for rule in rules.split(",")):
         match = _RULE.fullmatch(text)
         if match is None:
             raise InputError(
-                f"keep = {text}: must be of all, failed, violating, worst:20, every:1000, with "
-                "commas between"
+                f"keep = {text}: must be one or several, separated by commas, of all, failed, "
+                "violating, worst:N and every:N, such as failed,worst:20"
             )
         names.append(match[1] or match[2])
         if match[2]:
@@ -135,10 +137,13 @@ def _with_bounds(requirements: Sequence[Requirement]) -> list[Requirement]:
 
 @dataclass
 class RowSelection:
-    """Selection of rows from cases that pass by once.
+    """Selection of rows from case tables that are seen one after the other, each once.
 
     Attributes
     ----------
+    keep : KeepRules
+    requirements : sequence of Requirement
+        Of the campaign.
     worst : dict of str to (ndarray, ndarray)
         By requirement: margins and case numbers of the worst cases so far, worst first.
     """
@@ -222,12 +227,13 @@ class RowSelection:
         numbers : ndarray, shape (n,)
             Case numbers.
         reasons : ndarray of str, shape (n,)
-            From `choose`.
+            Reasons that `choose` gave.
 
         Returns
         -------
         ndarray of str, shape (n,)
-            Empty for rows that are no longer among the worst.
+            Reasons that still hold; empty for a row that was selected only as one of the worst and
+            is no longer among them.
         """
         worst_cases = {name: set(worst.tolist()) for name, (_, worst) in self.worst.items()}
         texts = []
@@ -241,6 +247,7 @@ class RowSelection:
 
 
 def _add_reason(reasons: np.ndarray, mask: np.ndarray, word: str) -> None:
-    """Append a reason to the reasons of some rows, in place."""
+    """Append a reason, ``word``, to the reasons (n,) of the rows where ``mask`` (n,) is true, in
+    place."""
     for position in np.flatnonzero(mask):
         reasons[position] = f"{reasons[position]}; {word}" if reasons[position] else word

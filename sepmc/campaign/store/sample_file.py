@@ -30,13 +30,14 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
     Parameters
     ----------
     path : Path
+        CSV or Parquet file with a row per case.
     problems : Problems
         Receives faults.
 
     Returns
     -------
     InputTable or None
-        None if it cannot be read.
+        Case numbers and columns, sorted by case; None if there are faults.
     """
     fault, table = _file_fault(path), None
     if not fault:
@@ -47,7 +48,7 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
         except (_TooLarge, _UnreadableError) as error:
             fault = str(error)
         except MemoryError:
-            fault = "is larger than the memory there is"
+            fault = "needs more memory than this machine has; give fewer rows or columns"
         except (OSError, ValueError, pa.ArrowException) as error:
             reason = printable(str(error).partition("\n")[0])
             fault = f"cannot be read as {kind}: {reason}"
@@ -99,8 +100,8 @@ def _file_fault(path: Path) -> str:
 
 
 def _csv(path: Path) -> pa.Table:
-    """Table of a text file: comment lines before its header are skipped; the header has semicolons,
-    tabs or commas between its names.
+    """Arrow table of a text file: comment lines before its header are skipped; the header has
+    semicolons, tabs or commas between its names.
 
     Raises
     ------
@@ -133,7 +134,8 @@ def _csv(path: Path) -> pa.Table:
 
 
 def _parquet(path: Path) -> pa.Table:
-    """Parquet table; text stays dictionary-encoded, as a small file can repeat a text often."""
+    """Arrow table of a Parquet file; text stays dictionary-encoded, as a small file can repeat a
+    text often. Raises _TooLarge."""
     with pq.ParquetFile(readable(path)) as file:
         metadata = file.metadata
         rows = max(
@@ -189,7 +191,7 @@ def _case_numbers(column: pa.ChunkedArray | None, rows: int, problems: Problems)
     if not is_whole.all():
         problems.add(column_key, reason, str(column[int(np.argmin(is_whole))].as_py()))
     elif len(np.unique(values)) < len(values):
-        problems.add(column_key, "contains a number twice")
+        problems.add(column_key, "contains a case number twice")
     else:
         return values.astype(np.int64)
     return None
@@ -209,7 +211,8 @@ def _floats(column: pa.ChunkedArray) -> np.ndarray:
 
 
 def _first(column: pa.ChunkedArray) -> str:
-    """First value of a column that is no number, or else the first value."""
+    """Text of the first value of a column that is no number, or else of its first value; empty if
+    it has none."""
     valid = (_text_of(x) for x in column if x.is_valid)
     text = first_text = next(valid, "")
     while _reads_as_number(text):

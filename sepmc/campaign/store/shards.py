@@ -27,7 +27,8 @@ from sepmc.wording import another_place, flying_again
 def arrow_table(
     columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None
 ) -> pa.Table:
-    """Arrow table with unit and meaning in the metadata of its fields, and ``about`` in its own."""
+    """Arrow table of the ``data`` (arrays by column name), with unit and meaning of each column in
+    the metadata of its field, and ``about`` in the metadata of the table."""
     fields, arrays = [], []
     for column in columns:
         array = _array(data[column.name])
@@ -67,7 +68,9 @@ def write_parquet(
     ----------
     path : Path
     columns : list of Column
+        Columns to write, in order.
     data : dict of str to array
+        Values by column name.
     about : dict of str to str, optional
         Metadata of the table.
 
@@ -102,14 +105,15 @@ def write_shard(
     data: dict[str, Any],
     about: dict[str, str],
 ) -> ledger.Entry:
-    """Write the shard that begins with case ``first``; it counts once recorded in the ledger."""
+    """Write the shard of a ``kind`` (data folder), of ``cases`` cases from case ``first`` on;
+    returns its ledger entry. It belongs to the run only when the entry is in the ledger."""
     path = shard_path(folder, kind, first)
     content = write_parquet(path, columns, data, about)
     return ledger.make_entry(f"{kind}/{path.name}", content, first, cases)
 
 
 def record_shards(folder: Path, written: Iterable[ledger.Entry]) -> None:
-    """Record shards of a run in its ledger, in this order."""
+    """Append the entries of shards to the ledger of a run, in this order. Raises StoreError."""
     try:
         ledger.add(folder, *written)
     except OSError as error:
@@ -117,7 +121,8 @@ def record_shards(folder: Path, written: Iterable[ledger.Entry]) -> None:
 
 
 def replace_shards(folder: Path, kind: str, written: Iterable[ledger.Entry]) -> None:
-    """Replace all shards of a kind by new ones, which are written already."""
+    """Replace all shards of a kind by those of the entries ``written``, in the ledger and in the
+    folder; the new ones are in the folder already."""
     new = {entry.file: entry for entry in written}
     others = [
         entry for entry in ledger.read(folder).values() if not entry.file.startswith(f"{kind}/")
@@ -146,7 +151,8 @@ def write_accumulators(
 
 
 def accumulator_entry(folder: Path) -> ledger.Entry | None:
-    """Entry of the accumulators of a run; None if there are none, or they are damaged."""
+    """Ledger entry of the accumulators of a run, whose ``first`` is the number of cases in them;
+    None if there are none, or they are damaged."""
     stored = [
         o for o in ledger.read(folder).values() if o.file.startswith(f"{folders.ACCUMULATORS}/")
     ]
@@ -162,15 +168,19 @@ def read_accumulators(
     ----------
     folder : Path
     entry : Entry
+        From `accumulator_entry`.
 
     Returns
     -------
     arrays : list of ndarray
+        One-dimensional arrays, as given to `write_accumulators`.
     about : dict of bytes to bytes
+        Metadata of the file.
 
     Raises
     ------
     StoreError
+        If the file is damaged.
     """
     path = folder / entry.file
     _, reason = read_metadata(path)
@@ -190,7 +200,7 @@ def shard_path(folder: Path, kind: str, first: int) -> Path:
 
 
 def entries(folder: Path, kind: str) -> list[ledger.Entry]:
-    """Entries of the shards of a kind, sorted by first case."""
+    """Ledger entries of the shards of a kind that have cases, sorted by first case."""
     stored = [entry for entry in ledger.read(folder).values() if entry.file.startswith(f"{kind}/")]
     return sorted((entry for entry in stored if entry.cases), key=lambda entry: entry.first)
 
@@ -199,7 +209,8 @@ _verified: set[tuple[str, int, int, str]] = set()  # of files that were verified
 
 
 def find_fault(folder: Path, entry: ledger.Entry) -> str:
-    """Fault of a file; empty if it is intact, which is verified once."""
+    """Fault of a file in words, as compared with its ledger entry; empty if it is intact. An
+    unchanged file is verified only once in a process."""
     path = folder / entry.file
     try:
         state = path.stat()
@@ -227,7 +238,8 @@ def _verified_path(folder: Path, entry: ledger.Entry) -> Path:
 def _read_entry(
     folder: Path, entry: ledger.Entry, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """Columns of a shard. `pyarrow.parquet.read_table` would import the data set module (30 ms)."""
+    """Columns of a shard, all if None. Raises StoreError if it is damaged.
+    `pyarrow.parquet.read_table` would import the data set module (30 ms)."""
     path = _verified_path(folder, entry)
     of_cases = entry.file.startswith(f"{folders.CASES}/")
     return read_table(path, columns, *((entry.cases, entry.first) if of_cases else ()))
@@ -246,8 +258,9 @@ def read_table(
     ----------
     path : Path
     columns : sequence of str, optional
+        All columns if None.
     rows, first : int, optional
-        Expected number of rows, and first case.
+        Expected number of rows and first case; not checked if None.
     content : bytes, optional
         Content of the file, if read already.
 
@@ -258,7 +271,7 @@ def read_table(
     Raises
     ------
     StoreError
-        If it is no file of a run.
+        If it cannot be read, lacks a column, or no run writes such a file.
     """
     try:
         with pq.ParquetFile(
@@ -280,7 +293,8 @@ def read_table(
 
 
 def read_metadata(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
-    """Schema of a shard, and its metadata. Raises StoreError if it is no shard."""
+    """Schema of a shard, and the metadata of its table. Raises StoreError if it cannot be read, or
+    no run writes such a file."""
     try:
         with pq.ParquetFile(readable(path)) as file:
             if fault := file_fault(file, path.stat().st_size):
@@ -291,7 +305,8 @@ def read_metadata(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
 
 
 def read_shard(folder: Path, entry: ledger.Entry) -> dict[str, np.ndarray]:
-    """All columns of a shard; text as objects."""
+    """All columns of a shard: values (n,) by column name, text as objects. Raises StoreError if it
+    is damaged."""
     frame = _read_entry(folder, entry).to_pandas()
     text = [name for name in frame if frame[name].dtype == "category"]
     objects = frame.astype(dict.fromkeys(text, object))
@@ -299,7 +314,8 @@ def read_shard(folder: Path, entry: ledger.Entry) -> dict[str, np.ndarray]:
 
 
 def drop_damaged(folder: Path, with_histories: bool) -> int:
-    """Remove damaged shards, and those without intact histories if there should be some.
+    """Keep, in a folder and its ledger, only intact shards of cases, ``with_histories`` only if
+    their shard of histories is intact too; remove all other shards, selected rows included.
 
     Returns
     -------
@@ -326,7 +342,7 @@ def drop_selected(folder: Path, first: int | None) -> int | None:
     Returns
     -------
     int or None
-        Rows that remain; None if they are damaged.
+        Number of selected rows that remain; None if a shard of them is damaged.
     """
     stored = ledger.read(folder)
     selected = entries(folder, folders.SELECTED)
@@ -361,8 +377,8 @@ def campaign_text(file: CampaignFile, **run: Any) -> str:
 
 
 def write_input_table(folder: Path, table: InputTable, inputs: list[Column]) -> None:
-    """Write the sample table of a campaign, so that its folder is sufficient for replay and
-    resuming."""
+    """Write the sample table of a campaign into a run folder, whose files are then sufficient for
+    replay and resuming; ``inputs`` are the columns with units of those that give inputs."""
     known = {column.name: column for column in inputs}
     columns = [Column(CASE, "1", "number of the case")]
     columns += [known.get(name, Column(name, "", "")) for name in table.columns]
@@ -388,13 +404,14 @@ def case_after(folder: Path, count: int) -> int | None:
 
 
 def read_summaries(folder: Path) -> Iterator[str]:
-    """Texts of the batch summaries of all shards, from their metadata."""
+    """JSON texts of the batch summaries of all shards of cases, from their metadata. Raises
+    StoreError if a shard is damaged or has none."""
     for entry in entries(folder, folders.CASES):
         _, reason = read_metadata(_verified_path(folder, entry))
         if b"summary" not in reason:
             raise StoreError(
-                f"{folder}: was run by a version of sepmc that counted less, so its cases cannot "
-                f"be continued; {another_place()}"
+                f"{folder}: was run by another version of sepmc, whose shards have no summary, so "
+                f"its cases cannot be continued; {another_place()}"
             )
         yield reason[b"summary"].decode(errors="replace")
 
@@ -406,10 +423,11 @@ class MissingColumnError(StoreError, KeyError):
 
 
 class CaseColumns(Mapping[str, np.ndarray]):
-    """Columns of the case table of a run folder, read on demand, in order of case; text as objects.
+    """Mapping of column name to the values (n,) of a run folder's case table, sorted by case; text
+    as objects.
 
-    A table of up to `MAX_IN_MEMORY` cases is read once, a longer one column by column, and a shard
-    at a time by `batches`.
+    Columns are read on demand: a table of up to `MAX_IN_MEMORY` cases is read once, a longer one
+    column by column. Raises StoreError if the folder has no cases, or a shard is damaged.
     """
 
     MAX_IN_MEMORY = 65536
@@ -445,7 +463,7 @@ class CaseColumns(Mapping[str, np.ndarray]):
             return pa.concat_tables(read)
         except pa.ArrowException as error:
             reason = printable(str(error))
-            raise StoreError(f"{self.folder}: its parts differ in columns: {reason}") from None
+            raise StoreError(f"{self.folder}: its shards differ in columns: {reason}") from None
 
     def batches(
         self, names: Sequence[str]
@@ -455,12 +473,15 @@ class CaseColumns(Mapping[str, np.ndarray]):
         Parameters
         ----------
         names : sequence of str
+            Numeric columns.
 
         Yields
         ------
         numbers : ndarray, shape (n,)
+            Case numbers of the shard.
         statuses : Categorical, shape (n,)
         columns : ndarray, shape (len(names), n)
+            Values in the units of the columns.
         """
         for part in self._entries:
             read = _read_entry(self.folder, part, ["case", "status", *names])
@@ -473,7 +494,8 @@ class CaseColumns(Mapping[str, np.ndarray]):
 def read_cases(
     folder: Path, below: int | None = None, columns: list[str] | None = None
 ) -> pd.DataFrame:
-    """Case rows of a run, sorted by case; optionally cases ``below`` a number, some columns."""
+    """Case rows of a run, sorted by case: only cases below the number ``below`` and only some
+    ``columns``, if given. Raises StoreError if there are none."""
     stored = entries(folder, folders.CASES)
     if not stored:
         raise StoreError(f"{folder}: contains no {folders.CASES}; give the folder of a run")
@@ -481,7 +503,8 @@ def read_cases(
 
 
 def read_row(folder: Path, number: int) -> dict[str, Any]:
-    """Row of a case of a run. Raises StoreError if it is not stored."""
+    """Row of the case ``number`` of a run, values by column. Raises StoreError if it is not
+    stored."""
     for part in entries(folder, folders.CASES):
         if part.first <= number < part.first + part.cases:
             frame = _read_entry(folder, part).to_pandas(ignore_metadata=True)
@@ -493,7 +516,8 @@ def read_row(folder: Path, number: int) -> dict[str, Any]:
 def read_histories(
     folder: Path, below: int | None = None, stored: Sequence[ledger.Entry] | None = None
 ) -> pd.DataFrame | None:
-    """Histories of a run in long form (case, time_s, ...).
+    """Stored histories of a run in long form: a row per case and time, with columns case, time_s
+    and the separations.
 
     Parameters
     ----------
@@ -535,7 +559,8 @@ def _read_rows(
 
 
 def units(folder: Path, kind: str = folders.CASES) -> dict[str, str]:
-    """Unit of each column, from the metadata of the first shard."""
+    """Unit of each column by name, from the metadata of the first shard of a kind; empty without
+    shards."""
     part = next(iter(entries(folder, kind)), None)
     if part is None:
         return {}

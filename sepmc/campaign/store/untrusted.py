@@ -37,7 +37,8 @@ def check_entries(folder: Path) -> None:
     Raises
     ------
     StoreError
-        If an entry is a link, a pipe or a hard link, or a folder cannot be read.
+        If an entry is a link, a pipe or another special file, if a file of the run folder itself
+        has a second name (hard link), or if a folder cannot be read.
     """
     if not is_local(folder):  # object storage has no links
         return
@@ -54,15 +55,22 @@ def check_entries(folder: Path) -> None:
 
 
 def _check_entry(entry: "os.DirEntry[str]", is_rewritten: bool) -> None:
-    """Check one entry. ``is_rewritten``: files here are written in place, as figures are."""
+    """Check one entry of a folder; raises StoreError. With ``is_rewritten`` its files may be
+    written in place, so that hard links are refused, too."""
     if entry.is_symlink():
         raise StoreError(
-            f"{entry.path}: is a link; a run folder contains its own files only: put the file there"
+            f"{entry.path}: is a link, but a run folder contains its own files only: replace it by "
+            "a copy of the file"
         )
     if not entry.is_file(follow_symlinks=False) and not entry.is_dir(follow_symlinks=False):
-        raise StoreError(f"{entry.path}: is neither a file nor a folder; take it out of the run")
+        raise StoreError(
+            f"{entry.path}: is neither a file nor a folder; remove it from the run folder"
+        )
     if is_rewritten and entry.is_file() and entry.stat().st_nlink > 1:
-        reason = "has another name elsewhere (a hard link), where it would be written too: copy it"
+        reason = (
+            "has another name elsewhere (a hard link), where it would be written too: replace it "
+            "by a copy"
+        )
         raise StoreError(f"{entry.path}: {reason}")
 
 

@@ -54,10 +54,11 @@ _OUTPUTS = "draws, outcomes, ends, status = table(a, 2), table(a, 6), table(a, 7
 
 
 def emit_block(out: Text, c: Context) -> None:
-    """Write the function that integrates a block of cases, and those that it calls between steps.
+    """Write the entry of a kernel, which integrates a block of cases, and the functions that it
+    calls to begin and end segments and to write results.
 
-    Its arrays are in the order of `sepmc.engine.blocks.integrate`. The functions are split so that
-    an output changes short compile units only.
+    Its arrays are in the order of `sepmc.engine.blocks.integrate`. The functions are short, so that
+    a scene with one more output has few compile units to compile again.
     """
     functions = Text()
     _begin(functions, c)
@@ -128,7 +129,8 @@ def _begin(out: Text, c: Context) -> None:
 
 
 def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
-    """Write the function that begins a segment."""
+    """Write the function that begins segment ``number``: checks the start of a case, sets end times
+    and flags, loads the first cells of tables with kinks."""
     text = out.function(
         f"enter_{segment.name}(w)", "Begin a phase: check the start, set end times and flags."
     )
@@ -157,8 +159,9 @@ def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that load the cells of tables with kinks at the start, then those that their
-    points move into without motors and loads that switch."""
+    """Append lines that load, at the start of a case, the cells of tables with kinks that contain
+    their points, then the cells that the points move into, predicted without the motors and loads
+    that switch."""
     switched = [(f"BURNING_{motor.name}", 3) for motor in c.spec.scene.motor]
     switched += [(f"ACTS_{load.name}", 1) for load in c.spec.scene.load]
     for name, count in switched if c.spec.load_switches else []:
@@ -174,7 +177,8 @@ def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
-    """Write the function that ends a segment."""
+    """Write the function that ends segment ``number``: projects the state onto its constraints,
+    records its end and hands over to the next segment."""
     text = out.function(
         f"leave_{segment.name}(w)",
         "End a phase: project onto the constraints, record its end, hand over to the next.",
@@ -200,14 +204,15 @@ def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _reset_load_sides(text: Text, c: Context, segment: Segment) -> None:
-    """Reset the side of the threshold of each load with a crossing direction."""
+    """Append lines that reset, at the start of a segment, on which side of its threshold the joint
+    load of each condition with a crossing direction is: unknown."""
     for load in segment.loads:
         if load.direction and not load.any_phase:
             text.lanes()(f"w[{load_side(segment, load)} + l] = 0.0")
 
 
 def _check_start(text: Text, c: Context) -> None:
-    """Reject cases whose start violates the joints."""
+    """Append lines that reject cases whose initial state violates the joints."""
     scope = c.scope()
     for k in range(4):
         reject_unless(
@@ -219,8 +224,8 @@ def _check_start(text: Text, c: Context) -> None:
 
 
 def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
-    """Set the end time of a segment. A time that is already past ends it at once; a release delay
-    counts from then on."""
+    """Append lines that set the end time of a segment as it begins: the time of the file or, if
+    that is past, the present time, plus the release delay of the segment, if any."""
     scope, time = c.scope(), total([c.case.number(slot) for slot in segment.end_time])
     now = scope.load("T")
     if segment.after_late:  # its end came during a release delay
@@ -236,7 +241,8 @@ def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _begin_delayed(text: Text, c: Context, segment: Segment) -> None:
-    """Set the end of a segment with delayed releases: the longest delay."""
+    """Append lines that set the end time of a segment with delayed releases as it begins: the
+    present time plus the longest delay."""
     scope = c.scope()
     first, *others = (c.case.number(slot) for slot in segment.late.values())
     last = functools.reduce(scalar.larger, others, first)
@@ -246,8 +252,9 @@ def _begin_delayed(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _check_rotation(text: Text, c: Context) -> None:
-    """Reject cases that rotate at the start although a joint fixes the attitude of the vehicle to
-    the ground: such rows are left out."""
+    """Append lines that reject cases that rotate at the start although a joint fixes the attitude
+    of the vehicle to the ground: a segment has no constraint rows for that, so their residuals do
+    not show it."""
     scope = c.scope()
     omega = c.case.vector(at.OMEGA)
     reject_unless(scope, vec3.dot(omega, omega) <= _CONSISTENT**2, Status.INCONSISTENT_START)
@@ -255,8 +262,8 @@ def _check_rotation(text: Text, c: Context) -> None:
 
 
 def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
-    """Append lines that integrate to the end of a segment, or to the next event or load switch
-    within it."""
+    """Append lines that integrate to the end of segment ``number``, or to the next event, load
+    switch or sample of a signal within it, and then update conditions and joints."""
     scope = c.scope()
     now, run_end = scope.load("T"), scope.load("RUN_END")
     end = (
@@ -324,7 +331,7 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _common_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
-    """Append the loop over steps whose number is the same in all lanes."""
+    """Append the loop over the steps of an interval, whose number is the same in all lanes."""
     size, pending, after = (
         f"{c.spec.active_size(segment)} * LANES",
         _pending_calls(segment),
@@ -374,7 +381,8 @@ def _lane_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -> None:
-    """Append a step of a segment, by the requested method if it has several."""
+    """Append one step of segment ``number``, the first of ``left`` (code of a number) remaining
+    ones, by the requested method if the segment has several."""
     methods = c.methods(segment)
     if c.history == at.SEPARATION_HISTORY:
         text.block("for e in range(SIZE_Y):")("w[BEGIN + e] = w[Y + e]")
@@ -390,12 +398,14 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
 
 
 def _pending_calls(segment: Segment) -> list[str]:
-    """Call that evaluates the pending condition of the next phase, if there is one."""
+    """Lines (one or none) that evaluate the condition that ends the next phase, while the releases
+    before that phase are pending."""
     return [f"pending_event_{segment.name}(w, 0.0)"] if segment.pending_event else []
 
 
 def _after_step(c: Context, number: int) -> list[str]:
-    """Calls that write the history, monitor loads and search clearances after a step."""
+    """Lines that, after a step of segment ``number``, write the history, monitor loads and search
+    clearances, as far as the kernel needs it."""
     segment = c.spec.segments[number]
     calls = [f"write_history(w, {number}, first, a)"] if c.history else []
     calls += [f"monitor_loads(w, {number})"] if c.monitors_outputs(segment) else []

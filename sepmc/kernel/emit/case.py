@@ -12,18 +12,18 @@ from sepmc.scene.model import GROUND
 
 
 class Case:
-    """Parameters of a case and derived values, as expressions of the scope that runs before
-    integration."""
+    """Parameters of a case and values derived from them, as expressions of the ``scope`` whose
+    lines run once, before a case is integrated."""
 
     def __init__(self, scope: Scope, spec: KernelSpec):
         self.scope, self.spec, self.model = scope, spec, spec.layout.model.scene[0]
 
     def number(self, index: int) -> Expr:
-        """Parameter by its index."""
+        """Parameter by its index in the parameter vector, SI."""
         return self.scope.parameter(index)
 
     def vector(self, index: int) -> tuple[Expr, ...]:
-        """Three consecutive parameters."""
+        """Three consecutive parameters, by the index of the first."""
         return tuple(self.scope.parameter(index + i) for i in range(3))
 
     def body(self, body: str) -> int:
@@ -75,7 +75,7 @@ class Case:
 
     @property
     def attitude(self) -> Expr:
-        """Initial quaternion of the vehicle."""
+        """Initial attitude of the vehicle: quaternion, body to ground."""
         return quat.from_angles(
             self.number(at.PITCH), self.number(at.YAW), self.number(at.ROLL)
         ).called("start")
@@ -96,8 +96,8 @@ class Case:
 
     @property
     def gust(self) -> Any:
-        """Factor and turn of the wind profile as a vector; None if they are the same in all
-        cases."""
+        """Factor f and turn t (an angle) of the wind profile as the vector f (cos t, 0, sin t);
+        None if they are the same in all cases."""
         slots = self.spec.layout.slots
         if WIND_FACTOR not in slots:
             return None
@@ -106,8 +106,12 @@ class Case:
         )
 
     def ends(self, start: int, bodies: tuple[str, str], has_second: bool) -> tuple[Any, Any, Any]:
-        """Arms of two bodies to a pair of points, and the gap between the points, body axes, m;
-        ``start`` is the index of the first parameter."""
+        """Arms from the mass centres of two bodies to a point on each, and the vector from the
+        first point to the second, all in body axes at the start, m.
+
+        ``start`` is the index of the first parameter of their joint or spring; without a second
+        point the points coincide.
+        """
         first = self.vector(start + at.POINT)
         second = self.vector(start + at.SECOND_POINT) if has_second else first
         one, other = (
@@ -122,18 +126,20 @@ class Case:
         return int(self.model.joints_p) + at.JOINT_SIZE * number
 
     def joint_ends(self, name: str) -> tuple[Any, Any, Any]:
-        """`ends` of a joint."""
+        """Arms from the mass centres of a joint's two bodies to its points, and the vector from the
+        first point to the second, body axes, m (`ends`)."""
         joint = self.spec.scene.joint[name]
         return self.ends(self.joint(name), joint.bodies, joint.second_point is not None)
 
     def swing(self, name: str, body: str) -> tuple[Any, Any]:
-        """Initial angular rate across a joint, and the arm of a body to its point, body axes."""
+        """Initial angular rate across a joint, rad/s, and the arm from the mass centre of a body to
+        the joint point, m; body axes."""
         start = self.joint(name)
         point = self.vector(start + at.POINT)
         return self.vector(start + at.SWING), vehicle.arm(self.centre_of_mass(body), point)
 
     def joint_axis(self, name: str, k: int) -> Expr:
-        """Axis k of a joint in body axes of the first body."""
+        """Axis k (0 x, 1 y, 2 z) of a joint: unit vector in the axes of its first body."""
         slots = self.spec.layout.slots
         if (slot := slots.get(f"joint.{name}.x_axis.x")) is not None:
             ahead = vec3.unit(self.vector(slot)).called("axis")
@@ -145,5 +151,5 @@ class Case:
         return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 3 * k, 3)
 
     def separation_sign(self, name: str) -> Expr:
-        """Sign of the separation of a joint: 1 or -1."""
+        """1 or -1: the side along the x axis of a joint to which its second body moves away."""
         return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 9)

@@ -25,7 +25,8 @@ from sepmc.scene.model import GROUND
 
 
 def reset_clauses(text: Text, c: Context, segment: Segment) -> None:
-    """Reset the conditions of a segment, then set those that are past times."""
+    """Append lines that, as a segment begins, reset the flags of its conditions, then update them
+    (`update_clauses`)."""
     scope = c.scope()
     for number in condition_numbers(segment.clauses):
         c.workspace.add(condition_flag(segment.name, number), 1)
@@ -35,7 +36,8 @@ def reset_clauses(text: Text, c: Context, segment: Segment) -> None:
 
 
 def update_clauses(text: Text, c: Context, segment: Segment) -> None:
-    """Set conditions that are past times, and DONE if a clause is met."""
+    """Append lines that set the flags of the conditions of a segment that are times or stroke ends
+    and have passed, and DONE if all conditions of any clause are met."""
     scope = c.scope()
     done = (scope.load("DONE") > 0.0) | _clause_met(scope, c, segment.name, segment)
     scope.store("DONE", where(done, 1.0, 0.0))
@@ -48,7 +50,9 @@ def _clause_met(
     segment: str,
     source: Segment | Release,
 ) -> Expr:
-    """Expression that is true if any clause is met; flags of times and stroke ends are updated."""
+    """Expression that is true if all conditions of any clause of a segment or release (``source``)
+    are met; the flags of times and stroke ends are updated. ``segment`` is the name in the flags'
+    fields."""
     flags = {}
     for number in condition_numbers(source.clauses):
         flags[number] = scope.load(condition_flag(segment, number)) > 0.0
@@ -68,7 +72,8 @@ def _clause_met(
 def _passive_conditions(
     scope: Scope, c: Context, source: Segment | Release
 ) -> Iterator[tuple[int, Expr]]:
-    """Conditions without an event step, times and stroke ends: number, and whether each is met."""
+    """For each condition that is a time or a stroke end: its number, and the expression that is
+    true if it is met. (All others set their flags by events.)"""
     now = scope.load("T")
     for number, due in source.times.items():
         yield number, now >= due_time(scope, c, due) - at.GRAIN
@@ -78,7 +83,8 @@ def _passive_conditions(
 
 
 def due_time(scope: Scope, c: Context, due: Due) -> Expr:
-    """Time at which a condition is due, s."""
+    """Time at which a condition that is a time is met, s; infinite before the motor that it counts
+    from is triggered."""
     terms = [c.case.number(slot) for slot in due.slots]
     for motor in c.spec.triggered_motors:
         if motor.name == due.motor:
@@ -87,7 +93,8 @@ def due_time(scope: Scope, c: Context, due: Due) -> Expr:
 
 
 def record_events(text: Text, c: Context, segment: Segment) -> None:
-    """Record the times of releases and observation events, and the state at the latter."""
+    """Append lines that record the times of the releases and observation events of a segment that
+    occur now, and the state at the observation events."""
     scope = c.scope()
     for release in segment.releases:
         for number in condition_numbers(release.clauses):
@@ -106,8 +113,9 @@ def record_events(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _store_event_state(text: Text, c: Context, segment: Segment, event: str) -> None:
-    """Store the state of lanes in which an event occurs now; every body that finally rotates by
-    itself gets its attitude and angles, whichever body leads its group now."""
+    """Append lines that store the state in lanes in which an observation event occurs now. Every
+    body that rotates by itself in the last segment gets its own attitude and angles, also if it is
+    in a rigid group led by another body now."""
     path = event_field(event)
     text.block(f"for k in range({c.size}):").lanes()(
         f"w[{path} + k * LANES + l] = w[Y + k * LANES + l] "

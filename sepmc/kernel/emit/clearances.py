@@ -45,7 +45,8 @@ def emit_clearances(out: Text, c: Context) -> None:
 
 
 def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Clearance) -> None:
-    """Append lines that search the steps of all lanes for one clearance."""
+    """Append lines that search the step just made of all lanes for a smaller distance of clearance
+    number ``i``."""
     powers = c.extended.dense.shape[1]
     text(f"# {' and '.join(entry.bodies)}")
     s = State(c, c.scope(), segment, "S")
@@ -117,7 +118,8 @@ def _emit_job(
 
 
 def _part_lines(c: Context, i: int, side: int) -> list[str]:
-    """Lines that give a search its parts of one body."""
+    """Lines that give a search the parts of the first (``side`` 0) or second (1) body of clearance
+    number ``i``: one line for each run of neighbours in its outline."""
     model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
     entry, lines = c.spec.scene.clearance[i], []
     body, offset = entry.bodies[side], at.JOB_PARTS + 2 * side
@@ -136,9 +138,9 @@ def _part_lines(c: Context, i: int, side: int) -> list[str]:
 
 
 def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: str) -> None:
-    """Append lines that store the distance of the bodies of a clearance at a state into
-    ``destination``; NaN where it is not measured yet. The search is that of a step without
-    motion."""
+    """Append lines that store the distance of the bodies of clearance number ``i`` at a state, m,
+    in the field ``destination``; NaN where the condition ``active`` (code) is not satisfied. The
+    search is that of a step without motion."""
     entry = s.spec.scene.clearance[i]
     path = State(s.c, s.c.scope(), s.segment, s.field, s.clock)
     a, b = (path.position(body) for body in entry.bodies)
@@ -165,8 +167,8 @@ def is_active_at_start(c: Context, i: int) -> bool:
 
 
 def _position_coefficient(s: State, body: str, q: int) -> Any:
-    """Coefficient of the position of a body over the step, for power ``q`` of the elapsed
-    fraction."""
+    """Coefficient (vector, m) of the position of a body over the step just made, for power ``q`` of
+    the elapsed fraction of the step."""
     if body == GROUND:
         times = s.scope.load("BEGIN_T") if q == 0 else s.scope.load("LENGTH") if q == 1 else 0.0
         return vec3.scale(times, s.velocity(GROUND))
@@ -174,7 +176,8 @@ def _position_coefficient(s: State, body: str, q: int) -> Any:
 
 
 def _attitude_coefficient(s: State, body: str, q: int) -> Any:
-    """The same for its quaternion."""
+    """Coefficient (4 numbers) of the attitude quaternion of a body over the step just made, for
+    power ``q`` of the elapsed fraction of the step."""
     leader = s.segment.leader(body)
     if leader == GROUND:
         return s.case.attitude if q == 0 else (0.0, 0.0, 0.0, 0.0)
@@ -188,5 +191,6 @@ def _quaternion(s: State, body: str) -> Any:
 
 
 def _power_field(q: int) -> str:
-    """Path of the coefficients of power ``q``."""
+    """Workspace path of the coefficients of the state over the step just made, for power ``q`` of
+    the elapsed fraction of the step."""
     return f"POWERS + {q} * SIZE_Y" if q else "BEGIN"

@@ -29,9 +29,15 @@ from sepmc.engine.compile_units import callee, compile_unit, workspace
 
 @dataclass(frozen=True)
 class CompileUnit:
-    """One function of a module (``name``), and the ``text`` of a module that has it as `ENTRY`.
+    """Function of a kernel that is compiled separately.
 
-    The text includes what the function uses; other compile units are called by their address.
+    Attributes
+    ----------
+    name : str
+        Name of the function in the kernel.
+    text : str
+        Source of a module in which it is called `ENTRY`, with all that it uses; it calls other
+        compile units by their address.
     """
 
     name: str
@@ -39,7 +45,8 @@ class CompileUnit:
 
 
 class _Module:
-    """Functions and definitions of a written module."""
+    """Functions of a kernel, given as source text, those of them that can be compile units, and the
+    other definitions."""
 
     def __init__(self, text: str):
         module = ast.parse(text)
@@ -67,7 +74,8 @@ class _Module:
         self.order = {name: index for index, name in enumerate(self.definitions)}
 
     def unit(self, name: str) -> CompileUnit:
-        """Compile unit of a function, with the functions that it calls directly."""
+        """Compile unit of a function; it includes the functions and definitions that it needs,
+        other compile units excepted."""
         inlined, called, definitions = [name], [], dict[str, None]()
         for function in inlined:  # grows
             pending = _used(self.functions[function], function == name)
@@ -126,8 +134,9 @@ def kernel_properties(text: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``size`` of the workspace; numbers of error indicators (``guards``), segments (``stages``)
-        and kind ``changes``; names of the ``methods`` of each segment
+        ``size`` of the workspace, in floats; counts ``n_indicators`` of error indicators,
+        ``n_segments`` of segments and ``n_changes`` of reported times within segments; ``methods``,
+        the names of the integration methods of each segment
     """
     module = _module(text)
     numbers, methods = module.numbers, module.definitions["METHODS"]
@@ -142,7 +151,9 @@ def kernel_properties(text: str) -> dict[str, Any]:
 
 
 def _as_unit(function: ast.FunctionDef, codes: str) -> ast.FunctionDef:
-    """Function whose workspace is given by its address, without name and docstring."""
+    """The function as the entry of a compile unit: called `ENTRY`, with the address of the
+    workspace as first argument, without docstring. ``codes`` as in
+    `sepmc.engine.compile_units.compile_unit`."""
     mark, start = (
         ast.parse(line).body[0]
         for line in (f"@compile_unit({codes!r})\ndef {ENTRY}(): ...", _START)
@@ -178,11 +189,12 @@ def _codes(node: ast.FunctionDef) -> str | None:
 
 
 def _used(function: ast.FunctionDef, as_unit: bool) -> list[str]:
-    """Names that a function uses, as a compile unit or as it stands."""
+    """Names that a function reads, each once; ``as_unit`` without its decorator, docstring and mark
+    against inlining."""
     lines = _lines(function) if as_unit else [function]
     return list(dict.fromkeys(name for line in lines for name in _names(line, ast.Load)))
 
 
 def _names(node: ast.AST, use: type[ast.expr_context]) -> list[str]:
-    """Names in a statement that are read, or assigned."""
+    """Names in a syntax tree in one use: `ast.Load`, read, or `ast.Store`, assigned."""
     return [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, use)]

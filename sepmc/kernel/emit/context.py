@@ -17,11 +17,12 @@ STROKE_END_TIMES = "STROKE_END_TIMES"  # field of the times of all springs with 
 
 @dataclass
 class Context:
-    """Specification of a kernel and its workspace, while the kernel is being written.
+    """What the emitters of one kernel share while it is being written: its specification (``spec``,
+    ``solver``, ``history``), its ``workspace``, and the values of a ``case``.
 
     Any emitter may add fields to the workspace and use expressions of the ``case``, which are
-    computed before a case is integrated. The function that computes these and the offsets of the
-    fields are therefore written last.
+    computed before a case is integrated. The function that computes these, and the offsets of the
+    fields, are therefore written last.
     """
 
     spec: KernelSpec
@@ -40,20 +41,21 @@ class Context:
 
     @property
     def used(self) -> dict[str, Method]:
-        """All methods of the kernel by name."""
+        """Integration methods of all segments of the kernel, by name."""
         return {rk.name: rk for segment in self.spec.segments for rk in self.methods(segment)}
 
     @property
     def extended(self) -> Method:
-        """Method of segments whose states between the ends of steps are needed."""
+        """Integration method of the segments whose states between the ends of steps are needed: it
+        has a continuous extension."""
         methods = methods_of(self.solver, True)
         assert len(methods) == 1
         return methods[0]
 
     @property
     def change_times(self) -> list[str]:
-        """Fields of the times within segments on both sides of which a full history has rows: kind
-        changes and stroke ends."""
+        """Fields of the times of kind changes and stroke ends within segments: a full history has
+        rows just before and after them. Empty for other histories."""
         if self.history != FULL_HISTORY:
             return []
         return [change_time(*change) for change in self.recorded_changes] + [
@@ -120,18 +122,18 @@ class Context:
 
     @property
     def node_size(self) -> int:
-        """Number of monitored components at a node of a step: force and moment of joints; of guides
-        the driving force, then the pin forces at both ends as if friction balanced that force, and
-        as they are."""
+        """Number of monitored load components at each of the instants of a step at which loads are
+        evaluated: force and moment of joints; of guides the driving force, then the pin forces at
+        both ends as if friction balanced that force, and as they are."""
         return 6 * len(self.monitored_joints) + 3 * sum(
             1 + 4 * self.pins(joint) for joint in self.output_guides
         )
 
     @property
     def guide_fields(self) -> Iterator[tuple[str, int, int, list[int]]]:
-        """Layout of each guide: joint; start among the components of a node; index in GUIDES of its
-        sliding time (the minimum friction that jams it comes next); indices of the peaks of both
-        ends of each pin."""
+        """For each output guide: its joint; the index of its first component among those of a node
+        (`node_size`); the index in GUIDES of its sliding time (the minimum ratio of driving force
+        to pin load comes next); the indices in GUIDES of the peaks of both ends of each pin."""
         first, offset = 6 * len(self.monitored_joints), 0
         for joint in self.output_guides:
             ends = 2 * self.pins(joint)
@@ -145,7 +147,8 @@ class Context:
         )
 
     def needs_wrenches(self, segment: Segment) -> bool:
-        """True if joint loads are needed in a segment."""
+        """True if joint loads are computed in a segment, for outputs, load events or a full
+        history."""
         return self.monitors_loads(segment) or self.history == FULL_HISTORY
 
     def monitors_loads(self, segment: Segment) -> bool:
@@ -153,8 +156,8 @@ class Context:
         return self.monitors_outputs(segment) or bool(segment.loads)
 
     def wrenches_from_rates(self, segment: Segment) -> bool:
-        """True if the derivative of a segment also gives the monitored loads: no sliding pins, no
-        minimum-norm solution."""
+        """True if the function of a segment's derivative also stores its monitored loads: possible
+        without sliding output pins and without a minimum-norm solution."""
         plain = not segment.needs_min_norm and not any(
             map(segment.sliding_kinds, self.output_guides)
         )
@@ -199,12 +202,13 @@ class Context:
         return self.monitors_loads(segment) or bool(self.active_clearances(segment))
 
     def uses_extension(self, segment: Segment) -> bool:
-        """True if such states are needed in a segment, for outcomes or a full history."""
+        """True if states between the ends of steps are needed in a segment: for outcomes, for its
+        end, or for a full history."""
         return self.history == FULL_HISTORY or self.needs_interpolation(segment)
 
     @property
     def has_extension(self) -> bool:
-        """True if they are needed in any segment."""
+        """True if states between the ends of steps are needed in any segment."""
         return any(self.uses_extension(segment) for segment in self.spec.segments)
 
     @property
@@ -235,28 +239,30 @@ class Context:
 
     @property
     def load_indicators(self) -> list[str]:
-        """Names of the indicators of each output joint: change of direction of its force and moment
-        within a step (`peaks.update_size`)."""
+        """Names of the error indicators of the impulses of each output joint's force and moment
+        (`sepmc.routines.peaks.truncation`)."""
         return [
             f"load_{what}_{joint}" for joint in self.output_joints for what in ("force", "moment")
         ]
 
     def indicator(self, name: str) -> str:
-        """Path of an error indicator."""
+        """Workspace path of an error indicator, by its name."""
         return component("INDICATORS", self.indicators.index(name))
 
     @property
     def model(self) -> Any:
-        """Record of the starts of all parameter blocks (`sepmc.routines.layout.Model`)."""
+        """Record of the scene's counts and the positions of its blocks
+        (`sepmc.routines.layout.Model`)."""
         return self.spec.layout.model.scene[0]
 
     def start(self, field: str, value: float) -> None:
-        """Add a field of one component, with its value before a case is integrated."""
+        """Add a workspace field of one component, if it is new, that has ``value`` at the start of
+        every case."""
         if self.workspace.add(field, 1):
             self.case.scope.store(field, value)
 
     def scope(self) -> Scope:
-        """New loop over lanes."""
+        """New scope, to be written as a loop over lanes; it may use values of the case."""
         return Scope(self.workspace, self.case.scope)
 
 
@@ -266,12 +272,13 @@ def change_time(joint: str, number: int) -> str:
 
 
 def stroke_end_time(spec: KernelSpec, spring: str) -> str:
-    """Path of the time at which a spring reached the end of its stroke."""
+    """Workspace path of the time at which a spring reached the end of its stroke."""
     return component(STROKE_END_TIMES, spec.stroke_columns.index(spring))
 
 
 def has_kind(joint: str, kinds: tuple[int, ...]) -> str:
-    """Code of the condition that the joint of this name has one of some kinds in a lane."""
+    """Code, within a loop over lanes, of the condition that a joint now has one of the kinds with
+    these numbers."""
     return " or ".join(f"w[KIND_{joint} + l] == {number}.0" for number in kinds)
 
 
@@ -281,13 +288,13 @@ def component(field: str, k: int) -> str:
 
 
 def state_offset(number: int) -> str:
-    """Offset, in a state, of a state of the signals."""
+    """Code of the offset, within a state, of the signal state with this number."""
     return component("SIGNALS", number)
 
 
 def origin_height(scope: Scope, time: Expr) -> Expr:
-    """Height of the origin of positions, m, at some time: it moves with the initial velocity of the
-    vehicle."""
+    """Height above the ground, m, at a time, of the origin that positions are counted from: it
+    moves with the initial velocity of the vehicle."""
     return scope.load("ORIGIN_HEIGHT") + scope.load("ORIGIN_CLIMB") * time
 
 
@@ -321,7 +328,9 @@ def _reject(scope: Scope, status: Expr) -> None:
 
 
 def rejection_unless(condition: str, status: int = FINER_STEPS) -> str:
-    """Line of a lane that rejects its case where a condition is not satisfied."""
+    """Line of code, within a loop over lanes, that rejects the case of a lane, unless it is
+    rejected already, where a condition (code) is not satisfied; ``status`` as in
+    `reject_unless`."""
     return (
         f"w[REJECTED + l] = {float(status)} if w[REJECTED + l] == 0.0 and not ({condition}) else "
         "w[REJECTED + l]"

@@ -44,7 +44,8 @@ def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
 
 
 def _mean_speed(s: State) -> Any:
-    """Velocity of the common mass centre; zero if there is a ground, which absorbs momentum."""
+    """Velocity of the common mass centre of all bodies, ground axes, m/s; zero if bodies are
+    connected to the ground, which absorbs momentum."""
     if int(s.c.model.ground) >= 0:
         return ZERO
     whole = total([s.case.mass(body) for body in s.spec.bodies])
@@ -57,12 +58,13 @@ def _mean_speed(s: State) -> Any:
 
 
 def _relative_velocity(s: State, body: str, mean: Any) -> Any:
-    """Velocity of a body relative to the common mass centre."""
+    """Velocity of a body minus ``mean``, that of the common mass centre, ground axes, m/s."""
     return s.velocity(body) if mean is ZERO else vec3.sub(s.velocity(body), mean).called("relative")
 
 
 def emit_energy(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function for the energy defect in a segment."""
+    """Write the function that updates, in a segment, the energy audit: the largest difference
+    between the kinetic energy gained and the work of all loads."""
     docstring = (
         "Largest energy defect (kinetic energy about the mass centre minus its initial value "
         "and the work of all loads) and its reference, into ENERGY;"

@@ -57,7 +57,8 @@ def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _time_to_event(s: State, event: Event) -> Any:
-    """Predicted time to an event, s."""
+    """Expression of the predicted time to an event, s; lines that record the value and rate of its
+    condition are added to the scope of the state."""
     if event.direction:
         return _time_to_crossing(s, event)
     if event.quantity == at.AT_KINK:
@@ -114,7 +115,7 @@ def _time_to_event(s: State, event: Event) -> Any:
 
 
 def _time_to_kink(s: State, event: Event) -> Any:
-    """Predicted time, s, to a kink of a formula."""
+    """Expression of the predicted time, s, to the event that a formula reaches a kink."""
     time_left, records = time_to_kink(s, event)
     (_, value), (_, rate) = records[:2]
     _flag_graze(s.scope, event, s.segment.name, value, rate)
@@ -196,12 +197,14 @@ def _time_to_crossing(s: State, event: Event) -> Any:
 
 
 def _tolerance(c: Context, event: Event) -> Expr:
-    """Distance from the threshold within which a quantity is at its threshold."""
+    """Distance from the threshold of an event, in its unit, within which its quantity counts as at
+    the threshold."""
     return _AT_THRESHOLD * scalar.larger(1.0, scalar.abs(c.case.number(event.threshold)))
 
 
 def _counts(event: Event, side: Expr) -> Expr:
-    """True if a crossing counts from a side: 1 below the threshold, -1 above, 0 neither."""
+    """Condition that a crossing counts which begins on ``side``: 1 below the threshold, -1 above,
+    0 not known."""
     if event.direction == "either":
         return side * side > 0.0
     return side > 0.0 if event.direction == "rising" else side < 0.0
@@ -230,8 +233,9 @@ def _flag_graze(
 
 
 def _may_rise(previous: Expr, slope: Expr, value: Expr, rate: Any, length: Expr) -> Any:
-    """True if a value may reach zero between two times: it rises at the first and falls at the
-    second, and its tangents there intersect at or above zero."""
+    """Condition that a value may reach zero from below between two times ``length`` apart: it rises
+    at the first (value ``previous``, rate ``slope``) and falls at the second (``value``, ``rate``),
+    and its tangents there intersect at or above zero."""
     turns = (slope > 0.0) & (rate < 0.0)
     return turns & (
         previous + slope * (value - previous - rate * length) / where(turns, slope - rate, 1.0)
@@ -284,8 +288,9 @@ def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
-    """Value, rate and acceleration of a condition: the value is below zero before the event or,
-    with a direction, below the threshold."""
+    """Value of a condition (quantity minus threshold, SI), its rate and its second rate (0 for a
+    vertical speed, of which it is not known). The value is below zero before the event; of an event
+    with a crossing direction, below the threshold."""
     if event.is_border:
         return _border(s, event)
     scene, threshold = s.spec.scene, s.case.number(event.threshold)
@@ -323,8 +328,8 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
 
 
 def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
-    """Distance of a body above the top of its atmosphere layer or below its base, m, with rate and
-    acceleration; or of a point beyond an end of its cell in a table."""
+    """Distance of a body above the top of its atmosphere layer or below its base, m, or of a point
+    in a table beyond an end of its cell, in the unit of the axis; with rate and second rate."""
     if event.is_cell_end:
         top = event.quantity == at.AT_CELL_TOP
         return cell_end(s, event.item, event.threshold, top)
@@ -335,7 +340,7 @@ def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
 
 
 def _climb(s: State, body: str, threshold: Expr) -> tuple[Any, Any]:
-    """Height of a body above a threshold, m, and its rate, m/s."""
+    """Height of the mass centre of a body minus a threshold, m, and its rate, m/s."""
     return height(s.scope, body) - threshold, _climb_rate(s, body)
 
 
@@ -399,7 +404,8 @@ def _spin_rate(s: State, body: str) -> Any:
 
 
 def emit_event_flags(out: Text, c: Context) -> None:
-    """Write the function that sets the flags of conditions that are met."""
+    """Write the function that, at the end of an interval, sets the flags of the events whose
+    conditions are met."""
     text = out.function(
         "set_event_flags(w, phase: int)",
         "After the last step to an event: set the flags of the conditions that are met.",
@@ -420,8 +426,8 @@ def emit_event_flags(out: Text, c: Context) -> None:
 
 
 def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
-    """Set the flag of a condition that is met, and the indicator 1 / rate: an error of the value
-    causes a time error of error / rate."""
+    """Add lines to a scope that set the flag of an event if its condition is met, and the error
+    indicator 1 / rate: an error of the value causes a time error of error / rate."""
     name, flag = f"{segment.name}_{event.name}", event.flag(segment.name)
     if event.quantity == at.AT_KINK:
         set_mode(scope, c, event, segment.name)
@@ -449,8 +455,9 @@ def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
 
 
 def _set_crossing_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
-    """Set the flag of a quantity that has crossed its threshold in a direction that counts; one
-    that only started at the threshold has not."""
+    """Add lines to a scope that set the flag of an event, and its error indicator, if its quantity
+    has crossed the threshold in a direction that counts; a quantity that only started at the
+    threshold has not."""
     name, flag = f"{segment.name}_{event.name}", event.flag(segment.name)
     side, flag_before = scope.load(f"SIDE_{name}"), scope.load(flag)
     met = (

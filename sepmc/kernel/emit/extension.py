@@ -10,8 +10,8 @@ from sepmc.kernel.tracer.tracer import total
 
 
 def emit_extension(out: Text, c: Context) -> None:
-    """Write the functions for the coefficients of the extension and for a state between the ends of
-    a step."""
+    """Write the functions that compute the coefficients of the continuous extension of a step, and
+    a state between the ends of the step from them."""
     c.workspace.add("BEGIN", c.size), c.workspace.add("THETA", c.size)
     # start and length of the step, and the end of its phase as a fraction of it: about 1
     for name in ("BEGIN_T", "LENGTH", "REACH"):
@@ -21,7 +21,8 @@ def emit_extension(out: Text, c: Context) -> None:
 
 
 def _emit_make_extension(out: Text, c: Context) -> None:
-    """Write the function for the coefficients, after the stages that only the extension needs."""
+    """Write the function that makes the stages that only the extension needs, and computes the
+    coefficients of the extension."""
     docstring = (
         "Coefficients of the state over the step just made, by powers of the elapsed fraction, "
         "into POWERS."

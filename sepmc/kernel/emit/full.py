@@ -23,7 +23,8 @@ Wrench = tuple[Any, Any]  # force and moment on the second body of a joint, grou
 
 
 def before_full(text: Text, segment: Segment, bodies: list[str]) -> None:
-    """Append lines that set the entries of the system to zero which are never written."""
+    """Append lines that set the whole matrix of the full system of a segment to zero, since only
+    its other entries are written afterwards."""
     n = _size(segment, bodies)
     text.block(f"for e in range({n * n} * LANES):")(f"w[SYSTEM_{segment.name} + e] = 0.0")
 
@@ -33,13 +34,14 @@ def _size(segment: Segment, bodies: list[str]) -> int:
 
 
 def _constraining_joints(segment: Segment) -> list[str]:
-    """Joints with constraint rows."""
+    """Joints that have constraint rows in a segment."""
     return list(dict.fromkeys(row.joint for row in segment.rows))
 
 
 class FullSystem:
-    """System of a segment at a state, given the loads: forces in ground axes, moments in body
-    axes."""
+    """Full linear system of a segment at a state for the accelerations of all bodies and the
+    wrenches of all joints, given the constraint rows and the loads on the bodies: forces in ground
+    axes, N, moments in body axes, N m."""
 
     def __init__(self, s: State, rows: Rows, force: dict[str, Any], moment: dict[str, Any]):
         self.s, self.rows = s, rows
@@ -134,7 +136,8 @@ class FullSystem:
                 self.entries[line, first + column + k] = (1.0 - mask) * along[k]
 
     def _free_translations(self, joint: str, rows: list[JointRow]) -> list[Any]:
-        """Directions along which a joint carries no force."""
+        """Directions (unit vectors, ground axes) along which a joint with these translation rows
+        carries no force."""
         if any(one.row.code == at.ROD for one in rows):
             return _perpendicular(rows[0].e)
         constrained = {one.row.code for one in rows}
@@ -188,7 +191,7 @@ class FullSystem:
 
 
 def _free_rotations(rows: list[JointRow]) -> list[Any]:
-    """Directions about which a joint carries no moment."""
+    """Directions (ground axes) about which a joint with these rotation rows carries no moment."""
     normals = [one.arms[1] for one in rows]
     if not normals:
         return list(UNIT)
@@ -198,6 +201,6 @@ def _free_rotations(rows: list[JointRow]) -> list[Any]:
 
 
 def _perpendicular(along: Any) -> list[Any]:
-    """Two directions perpendicular to one."""
+    """Two directions perpendicular to the direction ``along`` and to each other."""
     one = vec3.perpendicular(along).called("perpendicular")
     return [one, vec3.cross(along, one)]

@@ -13,8 +13,9 @@ from sepmc.scene.model import GROUND, Spring
 
 @dataclass(frozen=True)
 class Pair:
-    """Relative position of points on two bodies A and B: d = r_B - r_A and its rate, arms and
-    angular rates, all in ground axes."""
+    """Relative position of a point of body A and one of body B: d = r_B - r_A, m, and its rate;
+    arms ``rho`` from the mass centres to the points, m; angular rates ``spin`` of the bodies,
+    rad/s; all in ground axes."""
 
     d: Any
     d_rate: Any
@@ -40,9 +41,12 @@ class Slide:
 
 @dataclass(frozen=True)
 class Line:
-    """Line of action: direction e, arms of both bodies, gamma of its second derivative, length and
-    its rate (ground axes); for an axis fixed to a rigid group also direction and lever in the axes
-    of the group (``own``)."""
+    """Line of action between points of two bodies A and B, ground axes.
+
+    Unit vector ``e`` along it; arms of both bodies, m; length, m, and its rate, m/s; ``gamma``,
+    minus the velocity terms of the second derivative of the length, m/s2. For an axis fixed to a
+    rigid group that both bodies are in, ``own`` has direction and lever in the axes of the group.
+    """
 
     e: Any
     arm_a: Any
@@ -55,8 +59,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Own:
-    """Direction along which two bodies of a rigid group may slide, and the lever e x r of a force
-    between them on the group, in the axes of the group."""
+    """Direction e along which two bodies of the rigid group led by ``leader`` may slide, and the
+    lever e x r, m, of a force between them on the group; both in the axes of the group."""
 
     leader: str
     e: Any
@@ -85,14 +89,15 @@ class State:
         return self.scope.load(f"{self.field} + X_{body}", 3).called(f"x_{body}")
 
     def velocity(self, body: str) -> Any:
-        """Velocity of a mass centre, m/s, in that frame."""
+        """Velocity of a mass centre, ground axes, m/s, in a frame that moves with the initial
+        velocity of the vehicle."""
         if body == GROUND:
             return vec3.scale(-1.0, self.case.velocity).called("ground_speed")
         return self.scope.load(f"{self.field} + V_{body}", 3).called(f"v_{body}")
 
     def stream(self, body: str) -> Any:
-        """Velocity of the flow around a body minus the body's own velocity: initial velocity minus
-        wind, m/s."""
+        """What is added to `velocity` to get the velocity of a body relative to the air: the
+        initial velocity of the vehicle minus the wind at the body, ground axes, m/s."""
         if self.spec.scene.environment.wind.profile is None:
             return self.case.stream
         along, across = (self.scope.load(component(f"WIND_{body}", k)) for k in range(2))
@@ -105,15 +110,15 @@ class State:
         return vec3.sub(self.case.stream, (along, 0.0, across)).called("stream")
 
     def quaternion(self, leader: str) -> Expr:
-        """Attitude quaternion of the rigid group led by a body."""
+        """Attitude quaternion (body to ground) of the rigid group that ``leader`` leads."""
         return self.scope.load(f"{self.field} + Q_{leader}", 4).called(f"q_{leader}")
 
     def rate(self, leader: str) -> Expr:
-        """Angular rate of a rigid group in body axes, rad/s."""
+        """Angular rate of the rigid group that ``leader`` leads, body axes, rad/s."""
         return self.scope.load(f"{self.field} + OMEGA_{leader}", 3).called(f"omega_{leader}")
 
     def attitude(self, body: str) -> Any:
-        """Matrix from body axes to ground axes."""
+        """Matrix from the axes of a body to ground axes."""
         leader = self.segment.leader(body)
         if leader == GROUND:
             return quat.matrix(self.case.attitude).called("r_ground")
@@ -129,14 +134,16 @@ class State:
         )
 
     def axis(self, joint: str, k: int, second: bool = False) -> Any:
-        """Axis k of a joint, fixed to its first (or second) body, in ground axes."""
+        """Axis k (0 x, 1 y, 2 z) of a joint, fixed to its first (or ``second``) body: unit vector
+        in ground axes."""
         r = self.attitude(self.spec.scene.joint[joint].bodies[int(second)])
         if self.spec.has_body_axes(joint):
             return (r[k], r[k + 3], r[k + 6])
         return vec3.rotate(r, self.case.joint_axis(joint, k)).called("e")
 
     def pair(self, bodies: tuple[str, str], end_a: Any, end_b: Any) -> Pair:
-        """Relative position of two points, given by their arms in body axes."""
+        """Relative position of a point of each of two bodies, given by the arms from the mass
+        centres to the points in body axes, m."""
         a, b = bodies
         rho_a = vec3.rotate(self.attitude(a), end_a).called("rho")
         rho_b = vec3.rotate(self.attitude(b), end_b).called("rho")
@@ -169,8 +176,8 @@ class State:
         return Slide(leader, r, rate, turning)
 
     def sliding_line(self, joint: str, k: int) -> Line | None:
-        """Line along axis k of a joint within a rigid group, its length is the gap; None for other
-        joints."""
+        """Line along axis k of a joint whose bodies are in one rigid group; its length is the
+        distance of the joint's two points along it. None for other joints."""
         slide = self.slide(self.spec.scene.joint[joint].bodies)
         if slide is None:
             return None
@@ -200,7 +207,9 @@ class State:
         return self.pair(self.spec.scene.joint[name].bodies, end_a, end_b)
 
     def separation(self, joint: str) -> Line:
-        """Line along the x axis of a joint; its length is the separation distance."""
+        """Line along the x axis of a joint; its length and rate are the separation distance, m, and
+        speed, m/s: zero at the start, positive apart. Its direction and gamma are those of the
+        axis."""
         sign = self.case.separation_sign(joint)
         start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, 0))
         line = self.sliding_line(joint, 0)
@@ -215,8 +224,8 @@ class State:
         )
 
     def displacement(self, joint: str, k: int) -> Any:
-        """Displacement of the second body's point of a joint along axis k, m, from where it is at
-        the start."""
+        """Displacement of the second body's point of a joint along axis k of the joint, m, relative
+        to the first body and from the start."""
         start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, k))
         line = self.sliding_line(joint, k)
         if line is not None:
@@ -234,11 +243,11 @@ class State:
         return quat.pitch(r), quat.yaw(r), quat.roll(r)
 
     def sliding(self, joint: str) -> Any:
-        """1 while the pins of a joint may slide, else 0."""
+        """Number that is 1 while the pins of a joint may slide, else 0."""
         return self.is_active(joint, self.segment.sliding_kinds(joint))
 
     def is_active(self, joint: str, kinds: tuple[int, ...]) -> Any:
-        """1 while a joint has one of some kinds, else 0."""
+        """Number that is 1 while a joint has one of the kinds with these numbers, else 0."""
         if len(kinds) == len(self.segment.joint_kinds[joint]):
             return 1.0
         kind, active = self.scope.load(f"KIND_{joint}"), None
@@ -252,8 +261,8 @@ class State:
         return where(active, 1.0, 0.0).called("active")
 
     def friction(self, joint: str) -> Any:
-        """Friction on the second body of a joint, N, in the direction of separation; None without
-        friction."""
+        """Friction force of the pins on the second body of a joint, N, positive in the direction of
+        separation; None without friction."""
         friction_joints = self.spec.friction_joints(self.segment)
         return (
             self.scope.load(component("FRICTION", friction_joints.index(joint)))
@@ -274,11 +283,12 @@ class State:
         Parameters
         ----------
         bodies : tuple of str
+            the two bodies of the line
         line : Line
         accelerations : dict of str to Expr
-            accelerations of mass centres, ground axes, m/s2
+            accelerations of mass centres, by body, ground axes, m/s2
         spin_rates : dict of str to Expr
-            angular accelerations of rigid groups, body axes, rad/s2
+            angular accelerations of rigid groups, by leader, body axes, rad/s2
         moving : bool
             False to leave out the velocity terms
 
@@ -305,8 +315,8 @@ class State:
         return second_derivative
 
     def lengthening_by(self, field: str, bodies: tuple[str, str], line: Line) -> Any:
-        """Second derivative of a length along a line, given the derivative of the state in a field,
-        m/s2."""
+        """Second derivative of the length of a line between two bodies, m/s2, given the derivative
+        of the state, stored in a workspace field."""
         moving = {body: self.scope.load(f"{field} + V_{body}", 3) for body in self.spec.bodies}
         turning = {
             one: self.scope.load(f"{field} + OMEGA_{one}", 3) for one in self.segment.leaders
@@ -314,7 +324,7 @@ class State:
         return self.lengthening(bodies, line, moving, turning)
 
     def rod(self, pair: Pair) -> Line:
-        """Line between two points."""
+        """Line between the two points of a pair; not finite where they coincide."""
         e, arm_a, arm_b, gamma = joints.rod(
             pair.d, pair.d_rate, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b
         ).called("line")
@@ -323,7 +333,7 @@ class State:
         )
 
     def spring(self, spring: Spring) -> Line:
-        """Line of action of a spring."""
+        """Line of action of a spring: along its axis, if it has one, else between its points."""
         end_a, end_b, _ = self._spring_ends(spring)
         pair = self.pair(spring.bodies, end_a, end_b)
         if spring.axis is None:
@@ -360,19 +370,21 @@ class State:
 
 
 def translation(pair: Pair, e: Any) -> Any:
-    """Arms and gamma of a translation along e."""
+    """Arms and gamma of a translation constraint of a pair along the unit vector e, fixed in body A
+    (`sepmc.physics.joints.translation`)."""
     return joints.translation(
         pair.d, pair.d_rate, e, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b
     ).called("row")
 
 
 def translation_rate(pair: Pair, e: Any) -> Any:
-    """Rate of a distance along e, m/s."""
+    """Rate of the distance of a pair along the unit vector e, fixed in body A, m/s."""
     return joints.translation_rate(pair.d, pair.d_rate, e, pair.spin_a)
 
 
 def relative_acceleration(accelerations: dict[str, Any], bodies: tuple[str, str]) -> Any:
-    """Acceleration of the second mass centre minus that of the first, m/s2; the ground has none."""
+    """Acceleration of the mass centre of the second body minus that of the first, ground axes,
+    m/s2; the ground has none."""
     of_a, of_b = (ZERO if body == GROUND else accelerations[body] for body in bodies)
     if of_a is ZERO:
         return of_b

@@ -69,18 +69,19 @@ def _friction_per_newton(s: State, joint: str) -> Any:
 
 
 def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
-    """Lateral forces (y, z) of all pins of a joint at hole entry and tip, N, or their change per
-    newton of a force.
+    """Lateral forces (y, z) of all pins of a joint at hole entry and tip, N.
 
     Parameters
     ----------
     s : State
     motion : Motion
+        of `make_motion`; or of `make_drive`: the result is then the change of the forces per newton
     joint : str
 
     Returns
     -------
     list of (Expr, Expr)
+        for each pin the force at its hole entry, then at its tip, joint axes
     """
     c, p, count = s.case, s.case.joint(joint), s.c.pins(joint)
     axes = [s.axis(joint, k) for k in range(3)]
@@ -121,6 +122,7 @@ def guide_loads(s: State, motion: Motion, joint: str) -> list[Any]:
     Returns
     -------
     list of tuple of Expr
+        (driving force, 0, 0), then (0, y, z) of every pin end as if balanced, then as they are; N
     """
     if s.segment.least_squares:
         return _guide_loads_min_norm(s, motion, joint)
@@ -148,8 +150,8 @@ def guide_loads(s: State, motion: Motion, joint: str) -> list[Any]:
 
 
 def _guide_loads_min_norm(s: State, motion: Motion, joint: str) -> list[Any]:
-    """The same with minimum-norm multipliers: an additional row constrains the guide along x, and
-    may share the driving force with other constraints."""
+    """`guide_loads` in a segment with minimum-norm multipliers: an additional row constrains the
+    guide along x, and may share the driving force with other constraints."""
     sliding = s.segment.sliding_kinds(joint)
     along = Row(joint, 0, sliding if len(sliding) < len(s.segment.joint_kinds[joint]) else ())
     rows = Rows(s, [*s.segment.rows, along])
@@ -167,14 +169,15 @@ def _guide_loads_min_norm(s: State, motion: Motion, joint: str) -> list[Any]:
 def _guide_components(
     s: State, joint: str, balance: Any, balanced: Ends, forces: Ends
 ) -> list[Any]:
-    """Driving force and pin loads as vectors."""
+    """Vectors of `guide_loads`, from the force ``balance`` that friction leaves, N, and the forces
+    of the pin ends, ``balanced`` and as they are."""
     friction = s.friction(joint)
     driving_force = balance if friction is None else balance - friction
     return [(driving_force, 0.0, 0.0), *((0.0, y, z) for y, z in (*balanced, *forces))]
 
 
 def reset_guides(c: Context) -> None:
-    """Set the initial values of guide outcomes."""
+    """Add the field GUIDES, with the values that the guide outcomes have at the start of a case."""
     for _, _, time, peaks in c.guide_fields:
         for index, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
             c.case.scope.store(component("GUIDES", index), value)

@@ -22,7 +22,8 @@ from sepmc.routines import layout as at
 
 
 def emit_history(out: Text, c: Context) -> None:
-    """Write the functions for the rows of a history."""
+    """Write the functions that write the rows of a history: separations at equal time intervals, or
+    full rows at requested instants."""
     if c.history == at.SEPARATION_HISTORY:
         _emit_curves(out, c)
         return
@@ -110,7 +111,8 @@ def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
 
 
 def _store_point(text: Text, c: Context, number: int) -> None:
-    """Append lines that store the separations at the state S of a point of a step."""
+    """Append lines that store the separations at the state S as those of point ``number`` of the
+    step."""
     for k, segment in enumerate(c.spec.segments):
         text.block(f"{'elif' if k else 'if'} phase == {k}:")(f"separation_{segment.name}(w)")
     size = c.workspace.counts["POINT"]
@@ -120,7 +122,8 @@ def _store_point(text: Text, c: Context, number: int) -> None:
 
 
 def _emit_range(text: Text) -> None:
-    """Append lines for the time range of the steps of all lanes."""
+    """Append lines that set ``low`` and ``high`` to the ends of the time range that the step just
+    made covers in any lane."""
     text("low, high = math.inf, 0.0")
     text.lanes()(
         "low = min(low, w[BEGIN_T + l])",

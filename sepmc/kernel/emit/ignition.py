@@ -46,7 +46,8 @@ def _trigger_time(scope: Scope, c: Context, trigger: Ignition) -> Expr:
 
 
 def store_ignitions(scope: Scope, c: Context) -> None:
-    """Store the ignition times of all triggered motors for the loads of the next interval."""
+    """Add lines to a scope that store the ignition times of all triggered motors, as known now, for
+    the loads of the next interval."""
     for motor in c.spec.triggered_motors:
         c.start(ignition_time(motor.name), math.inf)
         scope.store(ignition_time(motor.name), ignition(scope, c, motor))

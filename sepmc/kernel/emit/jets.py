@@ -9,8 +9,8 @@ from sepmc.scene.formula import Call, Number, evaluate
 
 
 class Jet(NamedTuple):
-    """Value, rate and acceleration of a number; the acceleration is None if it is not known, and
-    both are 0 where only the value is asked for."""
+    """Value of a number, its rate and its ``second`` derivative in time; the latter is None if it
+    is not known. Both are 0 where only the value is needed."""
 
     value: Any
     rate: Any = 0.0
@@ -18,7 +18,8 @@ class Jet(NamedTuple):
 
 
 def _known(*terms: Any) -> Any:
-    """Sum of the products in terms; None if any factor that counts is unknown."""
+    """Sum of products, each given by a tuple of its factors. A product with a known factor 0 is
+    left out; None if any other product has an unknown factor (None)."""
     result: Any = 0.0
     for factors in terms:
         if any(not isinstance(x, Expr) and x == 0.0 for x in factors if x is not None):
@@ -33,17 +34,17 @@ def _known(*terms: Any) -> Any:
 
 
 def add(a: Jet, b: Jet) -> Jet:
-    """Sum."""
+    """Jet of the sum a + b."""
     return Jet(a.value + b.value, a.rate + b.rate, _known((a.second,), (b.second,)))
 
 
 def negative(a: Jet) -> Jet:
-    """Opposite number."""
+    """Jet of -a."""
     return Jet(-a.value, -a.rate, None if a.second is None else -a.second)
 
 
 def multiply(a: Jet, b: Jet) -> Jet:
-    """Product."""
+    """Jet of the product a b."""
     return Jet(
         _product(a.value, b.value),
         _known((a.rate, b.value), (a.value, b.rate)),
@@ -52,14 +53,15 @@ def multiply(a: Jet, b: Jet) -> Jet:
 
 
 def _product(a: Any, b: Any) -> Any:
-    """Product of two numbers; that of 0 and a number that is undefined is undefined."""
+    """Product of two numbers. A known 0 does not remove the other factor: where that is NaN, the
+    product is NaN."""
     if isinstance(a, Expr) or isinstance(b, Expr):
         return trace("*", (a, b), NUMBER)
     return a * b
 
 
 def divide(a: Jet, b: Jet) -> Jet:
-    """Quotient."""
+    """Jet of the quotient a / b; the value is NaN where b is 0."""
     value = _of("/", a.value, b.value)
     if _is_still(a) and _is_still(b):
         return Jet(value)
@@ -72,7 +74,7 @@ def divide(a: Jet, b: Jet) -> Jet:
 
 
 def apply(function: str, x: Jet) -> Jet:
-    """Function of one number: sin, cos, tan, exp, log or sqrt."""
+    """Jet of a function of one number, by its name: sin, cos, tan, exp, log or sqrt."""
     value = _of(function, x.value)
     if _is_still(x):
         return Jet(value)
@@ -81,12 +83,14 @@ def apply(function: str, x: Jet) -> Jet:
 
 
 def chain(value: Any, slope: Any, bend: Any, x: Jet) -> Jet:
-    """Function of a number from its value and its two derivatives."""
+    """Jet of a function of ``x``, from the value of the function and its first and second
+    derivative by x (``slope``, ``bend``)."""
     return Jet(value, _known((slope, x.rate)), _known((bend, x.rate, x.rate), (slope, x.second)))
 
 
 def power(x: Jet, y: Jet) -> Jet:
-    """Power x^y; a base that may be negative has a whole number as exponent."""
+    """Jet of the power x^y; a base that may be negative must have a known whole number as
+    exponent."""
     if not isinstance(y.value, Expr) and _is_still(y) and float(y.value).is_integer():
         n = int(y.value)
         if 0 < n <= _MAX_PRODUCT:
@@ -111,7 +115,7 @@ _MAX_PRODUCT = 16  # largest power that is a product
 
 
 def angle(y: Jet, x: Jet) -> Jet:
-    """Angle of the point (x, y), rad."""
+    """Jet of the angle of the point (x, y), rad: atan2(y, x)."""
     value = _of("atan2", y.value, x.value)
     if _is_still(y) and _is_still(x):
         return Jet(value)
@@ -152,7 +156,8 @@ def _is_still(x: Jet) -> bool:
 
 
 def _of(function: str, *values: Any) -> Any:
-    """Function of values; computed at once if they are all known."""
+    """Value of a function of a formula, by its name; computed at once if all arguments are known
+    numbers."""
     if not any(isinstance(x, Expr) for x in values):
         return float(evaluate(Call(function, tuple(Number(float(x)) for x in values)), {}))
     return _FUNCTIONS[function](*values)
@@ -172,7 +177,8 @@ _FUNCTIONS: dict[str, Any] = {
 
 
 def _derivatives(function: str, x: Any, value: Any) -> tuple[Any, Any]:
-    """First and second derivative of a function of one number."""
+    """First and second derivative, at ``x``, of a function of one number (`apply`) that has
+    ``value`` there."""
     if function == "sin":
         return _of("cos", x), -value
     if function == "cos":

@@ -16,8 +16,9 @@ from sepmc.scene.model import GROUND
 
 
 def flag_unreleased(text: Text, c: Context) -> None:
-    """Set UNRELEASED (status never-released) where a joint has not made one of its changes at the
-    end. A change must be made, an optional one only if its trigger occurred."""
+    """Append lines that set UNRELEASED (status never-released) where a joint has not made one of
+    its changes at the end of the run. A change must be made, an optional one only if its trigger
+    occurred."""
     scope = c.scope()
     for joint in c.spec.initial_kinds:
         for change in c.spec.changes_of(joint):
@@ -35,7 +36,8 @@ def kind_of(scope: Scope, c: Context, joint: str) -> Expr:
 
 
 def event_time(scope: Scope, c: Context, change: Change) -> Expr:
-    """Time at which the trigger of a change occurred, infinite before."""
+    """Time at which the trigger of a change (the end of a phase, or a release) occurred, s;
+    infinite before."""
     c.start(f"EVENT_TIME_{change.event}", math.inf)
     return scope.load(f"EVENT_TIME_{change.event}")
 
@@ -43,7 +45,8 @@ def event_time(scope: Scope, c: Context, change: Change) -> Expr:
 def due_changes(
     scope: Scope, c: Context, segment: Segment, joint: str
 ) -> Iterator[tuple[Change, Expr]]:
-    """Changes that a joint may make in a segment, and the time at which each is due."""
+    """Changes that a joint may make in a segment, and the time at which each is due, s: that of its
+    trigger plus the delay of the joint; infinite for a joint that fails to release."""
     slots = c.spec.layout.slots
     delay = c.case.number(slots[f"joint.{joint}.delay"])
     if joint in c.spec.failing_joints:  # it is never released
@@ -54,7 +57,7 @@ def due_changes(
 
 
 def release_joints(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that make due changes of joints and record them."""
+    """Append lines that make those changes of joints in a segment that are due, and record them."""
     scope = c.scope()
     now = scope.load("T")
     for joint in segment.variable_joints:
@@ -73,7 +76,9 @@ def release_joints(text: Text, c: Context, segment: Segment) -> None:
 
 
 def record_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr) -> None:
-    """Record the time of a kind change, unless a phase before had not ended at the end time."""
+    """Add lines to a scope that record the present time as that of each kind change between the
+    kind numbers ``before`` and ``kind``, except in a case in which a phase before had not ended at
+    the end time."""
     for changing_joint, number in c.recorded_changes:
         if changing_joint == joint:
             path = change_time(joint, number)
@@ -86,8 +91,9 @@ def record_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr
 def record_release(
     scope: Scope, c: Context, segment: Segment, joint: str, goes: Expr | None
 ) -> None:
-    """Record the time at which a joint becomes free, in all cases or where ``goes``, and the
-    tip-off rates of its bodies if they are outputs."""
+    """Add lines to a scope that record the present time as that at which a joint becomes free,
+    where the condition ``goes`` is satisfied (None: in all cases), and the tip-off rates of its
+    bodies if they are outputs."""
     c.start(f"RELEASE_{joint}", math.nan)
     in_time = scope.load("UNRELEASED").equals(0.0)
     goes = in_time if goes is None else goes & in_time
@@ -99,7 +105,8 @@ def record_release(
 
 
 def _tip_off(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tuple[str, Any]]:
-    """Fields and values of the tip-off rates of the bodies of a joint, if they are outputs."""
+    """Fields, and present values (body axes, rad/s), of the tip-off rates of the moving bodies of a
+    joint; none if they are no outputs."""
     if joint in c.spec.scene.output.tip_off:
         for body in c.spec.scene.joint[joint].bodies:
             if body != GROUND:

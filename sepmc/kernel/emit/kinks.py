@@ -29,12 +29,14 @@ _SAME_TIME = 2.0 * at.GRAIN
 
 
 def time_field(kink: str) -> str:
-    """Field of the time at which the mode of a kink last changed."""
+    """Workspace field of the time at which the mode of a kink (the sign of its switching function)
+    last changed."""
     return f"SWITCHED_{kink}"
 
 
 def _tolerance(numbers: list[Any]) -> Any:
-    """Distance from zero within which a switching function is at zero."""
+    """Distance from zero within which a switching function, the difference of these numbers, counts
+    as zero."""
     size: Any = max([1.0, *(abs(x) for x in numbers if not isinstance(x, Expr))])
     for x in numbers:
         if isinstance(x, Expr):
@@ -43,9 +45,10 @@ def _tolerance(numbers: list[Any]) -> Any:
 
 
 def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
-    """Predicted time to a kink, s; and what is recorded of it, by field: its value, below zero
-    before it, and rate, the time, its acceleration, the mode from the end of the step on, and the
-    start of the interval."""
+    """Predicted time to the event that the switching function of a kink reaches zero, s; and what
+    is recorded of it, as (field, expression): value, below zero before the event, and rate of the
+    function; the present time; its second rate; the mode from the end of the step on; the start of
+    the interval."""
     c, scope, kink = s.c, s.scope, event.item
     name, field = f"{s.segment.name}_{kink}", mode_field(kink)
     for stem, count in (("VALUE", 1), ("RATE", 1), ("PREVIOUS", 2), ("BEGUN", 1)):
@@ -106,7 +109,7 @@ def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
 
 
 def _expression(s: State, number: Any) -> Expr:
-    """Number as an expression."""
+    """Number as an expression of the scope of a state."""
     return number if isinstance(number, Expr) else s.scope.add("constant", (number,), NUMBER)
 
 
@@ -125,7 +128,8 @@ def _kink(s: State, name: str) -> Kink:
 
 
 def set_mode(scope: Scope, c: Context, event: Event, segment: str) -> None:
-    """Set the mode of a kink at the end of an interval, and its error indicator."""
+    """Add lines to a scope that, at the end of an interval, set the mode of a kink (the sign of its
+    switching function, for the next interval) and its error indicator."""
     kink = event.item
     field, time = mode_field(kink), time_field(kink)
     mode, wanted = scope.load(field), scope.load(event.flag(segment))
@@ -142,7 +146,8 @@ def set_mode(scope: Scope, c: Context, event: Event, segment: str) -> None:
 
 
 def emit_modes(out: Text, c: Context) -> None:
-    """Write the function that sets the modes of all kinks at the start of a case."""
+    """Write the function that sets, at the start of a case, the modes of all kinks: the signs of
+    their switching functions."""
     kinks = c.spec.formulas.kinks
     if not kinks:
         return

@@ -33,7 +33,8 @@ _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 @dataclass
 class _Loads:
-    """Terms of the load on a body: forces and moments in body axes, forces in ground axes."""
+    """Terms of the load on a body, to be added up: forces (N) and moments (N m) in body axes, and
+    forces in ground axes."""
 
     forces: list[Any] = field(default_factory=list)
     moments: list[Any] = field(default_factory=list)
@@ -82,7 +83,7 @@ def body_loads(s: State, with_friction: bool = True) -> tuple[dict[str, Any], di
 
 
 def vector_sum(vectors: list[Any]) -> Any:
-    """Sum of vectors; zero if there are none."""
+    """Sum of vectors of three components; `ZERO` if there are none."""
     nonzero = [vector for vector in vectors if vector is not ZERO]
     result = nonzero[0] if nonzero else ZERO
     for vector in nonzero[1:]:
@@ -91,7 +92,7 @@ def vector_sum(vectors: list[Any]) -> Any:
 
 
 def _force(s: State, body: str, acting: _Loads) -> Any:
-    """Total force on a body, ground axes; its weight acts along -y."""
+    """Total force on a body, ground axes, N: the terms ``acting``, and its weight along -y."""
     terms = list(acting.ground_forces)
     if acting.forces:
         terms.insert(0, vec3.rotate(s.attitude(body), vector_sum(acting.forces)))
@@ -104,8 +105,8 @@ def _force(s: State, body: str, acting: _Loads) -> Any:
 
 
 def _height_above_centre(s: State, body: str) -> tuple[Expr, Expr]:
-    """Height above that of the expansion of air and gravity, m, and its ratio to the distance from
-    the centre of the earth."""
+    """Height of a body, m, above the one about which its air density and weight are expanded, and
+    the ratio of that difference to the expansion point's distance from the centre of the earth."""
     rise = (
         s.position(body)[1] + (origin_height(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
     ).called("rise")
@@ -116,8 +117,8 @@ _BORDER = 1e-6  # m, hysteresis of layer borders
 
 
 def emit_recentre_air(out: Text, c: Context) -> None:
-    """Write the function that expands density and gravity about the present height of bodies that
-    are far from that of the last expansion."""
+    """Write the function that expands air density and weight of each body in the standard
+    atmosphere about its present height, if that is far from the height of the last expansion."""
     bodies = [body for body in c.spec.bodies if c.spec.in_layers(body)]
     if not bodies:
         return
@@ -198,7 +199,7 @@ def emit_layers(out: Text, c: Context) -> None:
 
 
 def _air(s: State, body: str, acting: _Loads) -> None:
-    """Aerodynamic force and moment at the flow angles."""
+    """Add the aerodynamic force and moment on a body to its load terms ``acting``."""
     case, p = s.case, s.case.body(body)
     flow = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
         "flow"
@@ -233,7 +234,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
 
 
 def air_density(s: State, body: str) -> Expr:
-    """Expression of the air density at a body, kg/m3."""
+    """Expression of the air density at a body, kg/m3, without the density factor of the case."""
     if not s.spec.in_layers(body):
         return scalar.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
     rise, ratio = _height_above_centre(s, body)
@@ -287,7 +288,8 @@ def _power(x: Expr, n: int) -> Expr:
 
 
 def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
-    """Thrust along a fixed line: build-up and, with load switches, profile and tail-off."""
+    """Add the force and moment of motor ``i`` to the load terms ``acting`` of its body: the thrust
+    with its build-up and, if loads switch, its profile and tail-off."""
     case, scope, name, path = s.case, s.scope, motor.name, f"motor.{motor.name}"
     p = int(s.c.model.motors_p) + at.MOTOR_SIZE * i
     line = loads.thrust_direction(
@@ -346,7 +348,8 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
 
 
 def _load(s: State, i: int, acting: _Loads) -> None:
-    """Force and moment, in body or ground axes."""
+    """Add force and moment of the constant load ``i`` of the scene to the load terms ``acting`` of
+    its body."""
     load, p = s.spec.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
     force: Any = three_numbers(s, f"load.{load.name}.force", p + at.LOAD_FORCE)
     moment: Any = three_numbers(s, f"load.{load.name}.moment", p + at.LOAD_MOMENT)
@@ -368,7 +371,7 @@ def _load(s: State, i: int, acting: _Loads) -> None:
 
 
 def _weight(s: State, body: str) -> Any:
-    """Weight of a body, N; None without gravity."""
+    """Weight of a body at its height, N; None without gravity."""
     kind, case = s.spec.scene.environment.gravity, s.case
     if kind == "none":
         return None
@@ -417,7 +420,8 @@ def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> No
 def _add_pair(
     s: State, bodies: tuple[str, str], line: Line, force: Expr, loads_of: dict[str, _Loads]
 ) -> None:
-    """Add a force on two bodies along a line, positive when it separates them."""
+    """Add a force between two bodies along a line, N, positive when it drives them apart, to the
+    load terms of both; the ground has none."""
     for body, signed_force, arm in zip(
         bodies, (-force, force), (line.arm_a, line.arm_b), strict=True
     ):

@@ -97,7 +97,7 @@ def emit(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
 
 
 def _body(c: Context) -> Text:
-    """Functions of a module."""
+    """Text of all functions of a kernel, in their order."""
     _add_common_fields(c)
     body = Text()
     emit_rates(body, c)
@@ -139,7 +139,8 @@ def _body(c: Context) -> Text:
 
 
 def _emit_optional(body: Text, c: Context) -> None:
-    """Write the functions that use states between the ends of steps."""
+    """Write the functions that only some outputs and histories need: those that use states between
+    the ends of steps."""
     if c.has_extension:
         emit_extension(body, c)
         for segment in filter(c.needs_wrenches, c.spec.segments):
@@ -194,7 +195,8 @@ def _add_common_fields(c: Context) -> None:
 
 
 def _head(c: Context) -> Text:
-    """Docstring, imports and constants of a module."""
+    """Text of the docstring, imports and constants of a kernel, once all fields of its workspace
+    are known."""
     about = (
         "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.spec)[1]) + "."
     )
@@ -233,8 +235,8 @@ def _head(c: Context) -> Text:
 
 
 def _state_offsets(spec: KernelSpec) -> list[str]:
-    """Offsets in a state: positions and velocities, then the work of all loads, states of signals,
-    attitudes and angular rates."""
+    """Lines that define the offsets of quantities in a state: positions and velocities of bodies,
+    then the work of all loads, states of signals, and attitudes and angular rates."""
     lines = [
         f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES"
         for i, body in enumerate(spec.bodies)

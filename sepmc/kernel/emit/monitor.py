@@ -62,43 +62,89 @@ def emit_monitor(out: Text, c: Context) -> None:
 
 
 def _scratch(c: Context) -> int:
-    """Scratch components per lane that monitoring needs."""
+    """Number of scratch components that the functions of `sepmc.routines.peaks` need."""
     return max(
         [at.PEAK_SCRATCH, *(at.PEAK_NODES * (4 + 6 * c.pins(joint)) for joint in c.output_guides)]
     )
 
 
 def _emit_peaks(out: Text, c: Context, segments: dict[int, Segment]) -> None:
-    """Write the function for peaks and impulses."""
-    numbers = c.node_size
+    """Write the function that updates, after a step, the peaks and impulses of joint loads and the
+    guide outcomes in these segments, given by number."""
     text = out.function(
         "monitor_loads(w, phase: int)",
         "Update peaks and impulses of joint loads by the step just made, in PEAKS.",
     )
     text("node_loads(w, phase)")
-    inner = text.lanes().block(
-        f"if w[REACH + l] * w[LENGTH + l] > {at.GRAIN}:  # shorter steps count as zero"
-    )
-    inner("h = w[REACH + l] * w[LENGTH + l]")
+    if c.output_joints:
+        for field in ("FINE", "COARSE", "ROUGH", "SUMMIT"):
+            c.workspace.add(field, 1)
     for k in range(0, 6 * len(c.output_joints), 3):
-        paths = (
+        _emit_peak(text, c, k)
+    guided = [
+        (number, segment)
+        for number, segment in segments.items()
+        if any(map(segment.sliding_kinds, c.output_guides))
+    ]
+    if guided:
+        inner = text.lanes().block(
+            f"if w[REACH + l] * w[LENGTH + l] > {at.GRAIN}:  # shorter steps count as zero"
+        )
+        inner("h = w[REACH + l] * w[LENGTH + l]")
+        for number, segment in guided:
+            update_guides(inner.block(f"if phase == {number}:"), c, segment)
+
+
+def _emit_peak(text: Text, c: Context, k: int) -> None:
+    """Append lines that update peak, time and integral of the vector whose first component is
+    number ``k`` of WRENCHES and of PEAKS: for all lanes, then for those that need a search."""
+    numbers = c.node_size
+    nodes, peak, related, indicator = (
+        f"{offset} + l"
+        for offset in (
             component("WRENCHES", k),
             component("PEAKS", k),
             component("PEAKS", _other_peak(k)),
             c.indicator(c.load_indicators[k // 3]),
         )
-        nodes, peak, other_peak, indicator = (f"{offset} + l" for offset in paths)
-        inner(
-            f"peaks.update_size(w, {nodes}, {numbers} * LANES, SCRATCH, {peak}, {other_peak}, "
-            f"{indicator}, w[BEGIN_T + l], h)"
-        )
-    for number, segment in segments.items():
-        if any(map(segment.sliding_kinds, c.output_guides)):
-            update_guides(inner.block(f"if phase == {number}:"), c, segment)
+    )
+    names = [f"node_{i}" for i in range(at.PEAK_NODES)]
+    read_nodes = [
+        f"{name} = get3(w, {component('WRENCHES', i * numbers + k)} + l)"
+        for i, name in enumerate(names)
+    ]
+    vectors = f"({', '.join(names)})"
+    text.lanes()("w[FINE + l], w[COARSE + l] = 0.0, 0.0")
+    inner = text.block(f"for j in range({at.PEAK_POINTS}):").lanes()
+    inner(
+        *read_nodes,
+        f"size = peaks.size_between(j, {vectors})",
+        "w[FINE + l] = w[FINE + l] + peaks.KRONROD[j] * size",
+        "w[COARSE + l] = w[COARSE + l] + peaks.GAUSS[j] * size",
+    )
+    inner = text.lanes()
+    inner(
+        "h = w[REACH + l] * w[LENGTH + l]",
+        *read_nodes,
+        f"error = peaks.truncation({vectors}) * h if h > {at.GRAIN} else 0.0",
+        f"w[{indicator}] = larger(w[{indicator}], error)",
+        "record, w[ROUGH + l], w[SUMMIT + l] = peaks.update_by_nodes(",
+        f"    {vectors}, w[FINE + l], w[COARSE + l], get3(w, {peak}), w[{related}], "
+        "w[BEGIN_T + l], h",
+        ")",
+        f"put3(w, {peak}, record)",
+    )
+    inner = text.lanes().block("if w[ROUGH + l] > 0.0 or w[SUMMIT + l] > 0.0:")
+    inner(
+        "h = w[REACH + l] * w[LENGTH + l]",
+        f"peaks.update_between(w, {nodes}, {numbers} * LANES, SCRATCH, {peak}, w[ROUGH + l], "
+        "w[SUMMIT + l], w[BEGIN_T + l], h)",
+    )
 
 
 def _other_peak(k: int) -> int:
-    """Index of the peak of a moment, given that of the force, and vice versa."""
+    """Index, among the components of PEAKS, of the peak moment of a joint, given that of its peak
+    force, and vice versa."""
     return k + 3 if k % at.LOADS_OUTCOMES == 0 else k - 3
 
 
@@ -169,7 +215,8 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
 
 
 def load_side(segment: Segment, load: Event) -> str:
-    """Field of the side of the threshold on which a load was at the end of the last step."""
+    """Workspace field of the side of its threshold on which a joint load was at the end of the last
+    step: 1 below, -1 above, 0 not known."""
     return (
         f"SIDE_{ANY_PHASE}_{load.number}" if load.any_phase else f"SIDE_{segment.name}_{load.name}"
     )

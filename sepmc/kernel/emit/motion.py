@@ -26,8 +26,8 @@ from sepmc.scene.model import GROUND
 
 
 def before_motion(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines for what the motion at a state S depends on: look-ups in tables, and
-    friction."""
+    """Append lines that compute what `make_motion` at the state S needs before: look-ups in tables,
+    friction of guides, and a cleared matrix of the full system."""
     call_look_up(text, c, segment)
     if c.spec.friction_joints(segment):
         text(f"friction_{segment.name}(w)")
@@ -110,7 +110,8 @@ def make_motion(s: State, with_friction: bool = True) -> Motion:
 def without_joints(
     s: State, force: dict[str, Any], moment: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Accelerations of bodies and angular accelerations of groups by loads alone."""
+    """Accelerations by the loads on the bodies alone: of mass centres, by body (ground axes, m/s2),
+    and angular ones of rigid groups, by leader (body axes, rad/s2)."""
     acceleration = {
         body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a")
         for body in s.spec.bodies
@@ -168,7 +169,8 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
 
 
 def angular_acceleration(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
-    """Angular acceleration of a rigid group by Euler's equations, I w' = m - w x I w."""
+    """Angular acceleration of a rigid group by the moments on its bodies (body axes, N m), by
+    Euler's equations I w' = m - w x I w; body axes, rad/s2."""
     leader, total_moment = s.segment.leader(group[0]), vector_sum([moment[body] for body in group])
     if leader != GROUND:
         omega = s.rate(leader)
@@ -218,7 +220,8 @@ def emit_correct(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _project(s: State, rows: Rows, factors: Solver) -> None:
-    """Project positions and attitudes, then velocities and angular rates, onto the constraints."""
+    """Add lines to the scope of a state that project positions and attitudes, and velocities and
+    angular rates, onto the constraints, in one Newton step weighted by mass."""
     position_change, rotation = rows.act(factors.solve([-one.value for one in rows.rows]))
     velocity_change, rate_change = rows.act(factors.solve([-one.rate for one in rows.rows]))
     for body in s.spec.bodies:

@@ -78,14 +78,15 @@ def event_angle(c: Context, event: str, body: str, k: int) -> str:
 
 
 def _event_size(c: Context) -> int:
-    """Number of outcomes of an event."""
+    """Number of outcomes of one observation event."""
     scene = c.spec.scene
     return 1 + AT_EVENT * len(c.spec.bodies) + 2 * len(scene.joint) + len(scene.clearance)
 
 
 def _event_outcomes(end: State, event: str, o: int) -> None:
-    """Store time, rates and attitudes of all bodies and all separations at an event, from component
-    ``o`` of EVENT_OUTCOMES on."""
+    """Add lines to the scope of the state ``end`` that store the time of an observation event, and
+    rates and attitudes of all bodies and all separations then, from component ``o`` of
+    EVENT_OUTCOMES on; NaN if it did not occur."""
     c, scope, spec = end.c, end.scope, end.spec
     c.workspace.add("EVENT_OUTCOMES", len(spec.scene.event) * _event_size(c), optional=True)
     c.start(f"EVENT_TIME_{event}", math.inf)
@@ -107,7 +108,8 @@ def _event_outcomes(end: State, event: str, o: int) -> None:
 
 
 def _ignition_outcomes(end: State) -> None:
-    """Store the ignition times of triggered motors into IGNITIONS; NaN without ignition."""
+    """Add lines to the scope of the final state that store the ignition times of triggered motors
+    into IGNITIONS; NaN for a motor that did not ignite."""
     c, motors = end.c, end.spec.triggered_motors
     if motors:
         c.workspace.add("IGNITIONS", len(motors), optional=True)
@@ -117,7 +119,8 @@ def _ignition_outcomes(end: State) -> None:
 
 
 def _relative_outcomes(end: State, events: list[str]) -> None:
-    """Store relative motions at the end and at all events into RELATIVE_OUTCOMES."""
+    """Add lines to the scope of the final state that store hinge angles and relative motions of
+    pairs of bodies, at the end and at all observation events, into RELATIVE_OUTCOMES."""
     c, scope = end.c, end.scope
     values = relative_values(end)
     if not values:
@@ -132,8 +135,8 @@ def _relative_outcomes(end: State, events: list[str]) -> None:
 
 
 def _event_clearances(text: Text, end: State, event: str, end_index: int) -> None:
-    """Append lines for all clearances at an event, into EVENT_OUTCOMES up to component
-    ``end_index``."""
+    """Append lines that store the distances of all clearances at an observation event into
+    EVENT_OUTCOMES, up to but without component ``end_index``."""
     c, clearances = end.c, end.spec.scene.clearance
     s = State(c, end.scope, end.segment, event_field(event), f"EVENT_TIME_{event}")
     for i, entry in enumerate(clearances):
@@ -160,7 +163,8 @@ def body_outcomes(
     Returns
     -------
     list of Expr
-        rad, rad/s
+        alpha, beta, pitch minus the nominal path angle, rates about x, y, z, roll, yaw, pitch; rad,
+        rad/s
     """
     leader, attitude, case = s.segment.leader(body), s.attitude(body), s.case
     flow = vec3.unrotate(attitude, vec3.add(s.velocity(body), s.stream(body))).called("flow")
@@ -177,7 +181,8 @@ def body_outcomes(
 
 
 def angles(s: State, leader: str) -> tuple[Any, Any]:
-    """Pitch and roll of a rigid group at the end of a step, rad."""
+    """Pitch and roll of a rigid group, by its leader, at the end of a step, with full turns,
+    rad."""
     return s.scope.load(f"ANGLES_{leader}"), s.scope.load(component(f"ANGLES_{leader}", 1))
 
 
@@ -229,7 +234,7 @@ def emit_results(text: Text, c: Context) -> None:
 
 
 def tip_off_field(joint: str, body: str) -> str:
-    """Field of the rates of a body as a joint becomes free."""
+    """Workspace field of the angular rates of a body at the time at which a joint becomes free."""
     return f"TIP_OFF_{joint}_{body}"
 
 
@@ -272,7 +277,8 @@ def _other_outcomes(c: Context) -> list[tuple[str, int]]:
 
 
 def _audits(c: Context) -> list[str]:
-    """Code of the audit columns of a lane."""
+    """Code, within a loop over lanes, of the value of each audit column but the last, in their
+    order."""
     redundant = str(float(max(segment.redundant for segment in c.spec.segments)))
     return [
         *(f"w[{component('RESIDUAL', k)} + l]" for k in range(4)),
@@ -287,8 +293,9 @@ def _audits(c: Context) -> list[str]:
 
 
 def _set_status(text: Text, c: Context) -> None:
-    """Append lines for the status of cases: valid if they reached the end, the integration is
-    resolved and all common outcomes are finite."""
+    """Append lines that set the status of each case: that of its rejection; for smaller steps, if
+    the end time is not reached, attitude or energy drifted, or an outcome of a body is not finite;
+    else ok or never released."""
     c.workspace.add("STATUS", 1)
     text.lanes()("w[NOT_FINITE + l] = 0.0")
     bodies = len(c.spec.bodies)

@@ -13,8 +13,8 @@ from sepmc.kernel.tracer.text import Text
 
 
 def emit_rates(out: Text, c: Context) -> None:
-    """Write the functions for the derivative in every segment, and the one that calls that of the
-    present segment."""
+    """Write a function for each segment that computes the derivative of the state, and one that
+    calls that of the present segment."""
     for segment in c.spec.segments:
         emit_look_up(out, c, segment)
         if not c.emit_alias(out, segment, "rates"):
@@ -25,7 +25,8 @@ def emit_rates(out: Text, c: Context) -> None:
 
 
 def _emit_rates(out: Text, c: Context, segment: Segment) -> None:
-    """Write the derivative of a segment: loads, motion without the joints, joint forces."""
+    """Write the function that computes the derivative of the state in a segment: loads, motion
+    without the joints, joint forces."""
     properties = [
         " and ".join(group) + " rotate as one rigid group"
         for group in segment.groups

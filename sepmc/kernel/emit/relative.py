@@ -7,7 +7,8 @@ from sepmc.kernel.tracer.formulas import quat, scalar, square_root, vec3
 
 
 def relative_values(s: State) -> list[Any]:
-    """Values at a state in the order of `sepmc.schema.relative_columns`, SI."""
+    """Angles and rates of hinges, and distances and relative attitudes of pairs of bodies, at a
+    state, in the order of `sepmc.schema.relative_columns`, SI."""
     values: list[Any] = []
     for joint in s.spec.scene.output.hinge:
         values += [hinge_angle(s, joint), hinge_rate(s, joint)]
@@ -26,7 +27,8 @@ def hinge_angle(s: State, joint: str) -> Any:
 
 
 def hinge_components(s: State, joint: str) -> tuple[Any, Any]:
-    """Components along z and y of the first body's axes of the y axis fixed in the second."""
+    """Sine and cosine of the angle of a joint about its x axis, up to a factor: components of its y
+    axis fixed in the second body along the z and the y axis fixed in the first."""
     turned = s.axis(joint, 1, second=True)
     return vec3.dot(turned, s.axis(joint, 2)), vec3.dot(turned, s.axis(joint, 1))
 

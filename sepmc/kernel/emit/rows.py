@@ -32,9 +32,13 @@ DEPENDENT = 1e-9
 
 @dataclass
 class JointRow:
-    """Constraint row: direction e of a translation, arms of its two bodies (ground axes), normals n
-    of the groups that it rotates (body axes), these times the inverse inertia, gamma of its second
-    derivative, and its residuals."""
+    """Constraint row G v' = gamma of a joint at a state.
+
+    Direction ``e`` of a translation and arms of its two bodies (ground axes); by leader of the
+    rigid groups that it rotates, ``normals`` (the angular part of G, body axes) and
+    ``inverse_normals`` (inverse inertia times these); ``gamma``; residual ``value`` (m or rad) and
+    its ``rate``.
+    """
 
     row: Row
     e: Any
@@ -49,8 +53,10 @@ class JointRow:
 
 
 class Rows:
-    """Constraint rows of a segment at a state; of rigid groups, or ``per_body``: each body rotates
-    by itself."""
+    """Constraint rows of the joints at a state: those of its segment, or the given ``rows``.
+
+    Bodies of a rigid group share its rotation; ``per_body``, each body rotates by itself.
+    """
 
     def __init__(self, s: State, rows: list[Row] | None = None, per_body: bool = False):
         self.s, self.bodies = s, {name: joint.bodies for name, joint in s.spec.scene.joint.items()}
@@ -123,14 +129,15 @@ class Rows:
         )
 
     def _stabilised(self, gamma: Any, value: Any, rate: Any) -> Any:
-        """Right-hand side of a row with residuals, with Baumgarte terms if the scene asks for
-        them."""
+        """Right-hand side of a row: gamma or, if the scene asks for Baumgarte stabilisation, gamma
+        minus its terms of the residual ``value`` and its rate."""
         if self.s.spec.scene.solver.drift != "baumgarte":
             return gamma
         return gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
 
     def _rotation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
-        """Terms of a row that constrains a rotation."""
+        """Terms of a row that constrains a rotation: direction (zero), arms of both bodies, gamma,
+        residual, rate of the residual."""
         of_second, of_first = (row.code - at.ROTATION) // 3, (row.code - at.ROTATION) % 3
         b, a = self.s.axis(row.joint, of_second, second=True), self.s.axis(row.joint, of_first)
         arm, gamma = joints.rotation(b, a, pair.spin_a, pair.spin_b).called("row")
@@ -144,7 +151,8 @@ class Rows:
         )
 
     def _translation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
-        """Terms of a row that constrains a translation."""
+        """Terms of a row that constrains a translation: direction, arms of both bodies, gamma,
+        residual, rate of the residual."""
         if row.code == at.ROD:
             line, gap = self.s.rod(pair), self.s.case.joint_ends(row.joint)[2]
             length = square_root(vec3.dot(gap, gap)).called("rod")
@@ -190,7 +198,8 @@ class Rows:
         return coefficient + (1.0 - one.mask) if one is two else coefficient
 
     def reject_independent(self, one: JointRow, factors: "Factors") -> None:
-        """Reject cases in which a row that was left out is not redundant."""
+        """Reject cases in which the row ``one``, which was left out as redundant, is independent of
+        the rows with the factorised coupling ``factors``."""
         side = [self._coupling(one, other) for other in self.rows]
         own = self._coupling(one, one)
         remainder = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
@@ -199,8 +208,8 @@ class Rows:
     def without_joints(
         self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True
     ) -> list[Any]:
-        """Right-hand sides: gamma minus G times the accelerations without joints; without gamma
-        unless ``moving``."""
+        """Right-hand sides of the equations for the multipliers: gamma minus G times the
+        accelerations without joints, by body and by leader; without gamma unless ``moving``."""
         sides = []
         for one in self.rows:
             side = one.gamma if moving else 0.0
@@ -221,8 +230,9 @@ class Rows:
         return sides
 
     def act(self, multipliers: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Accelerations by multipliers: of bodies in ground axes, of groups in body axes; None
-        where there are none."""
+        """Accelerations that the joints cause, given the multiplier of each row: of mass centres,
+        by body, in ground axes, and angular ones, by leader, in body axes; None where no row
+        acts."""
         linear, angular = {}, {}
         group_forces = self._group_forces(multipliers)
         for body in self.s.spec.bodies:
@@ -248,7 +258,9 @@ class Rows:
         return linear, angular
 
     def _group_forces(self, multipliers: list[Any]) -> dict[str, Any]:
-        """Forces on the second bodies of joints within rigid groups, ground axes."""
+        """Forces, ground axes, that joints between bodies of one rigid group put on their second
+        bodies, by joint, given the multiplier of each row; without those that are known to be
+        zero."""
         own: dict[str, Any] = {}
         for m, one in zip(multipliers, self.rows, strict=True):
             if one.own:
@@ -256,6 +268,8 @@ class Rows:
                 own[one.row.joint] = tuple(force_before[i] + m * one.own.e[i] for i in range(3))
         forces = {}
         for joint, force in own.items():
+            if all(isinstance(x, float) for x in force):
+                continue
             r = self.s.attitude(self.bodies[joint][0])
             forces[joint] = tuple(
                 called(product((r[3 * i], r[3 * i + 1], r[3 * i + 2]), force), "pull")
@@ -264,7 +278,8 @@ class Rows:
         return forces
 
     def update_residuals(self) -> None:
-        """Update the largest residuals RESIDUAL_NOW: gaps, angles, and their rates."""
+        """Update the field RESIDUAL_NOW of the largest residuals of the rows: of gaps, m, of
+        angles, rad, of the rates of gaps and of angles."""
         scope = self.s.scope
         for one in self.rows:
             first = 1 if one.row.turns else 0
@@ -274,8 +289,8 @@ class Rows:
 
 
 class LeastSquares:
-    """Minimum-norm solutions of a symmetric, possibly singular system, given by its lower
-    triangle."""
+    """Minimum-norm solutions of a symmetric, possibly singular system, whose matrix is given by the
+    rows of its lower triangle; the written code calls `sepmc.routines.linear.solve_min_norm`."""
 
     def __init__(self, s: State, a: list[list[Any]], name: str = ""):
         self.s, self.matrix, self.solutions = s, [x for row in a for x in row], 0
@@ -284,7 +299,8 @@ class LeastSquares:
         self.smallest: Any = None  # smallest pivot relative to its diagonal element
 
     def solve(self, side: list[Any]) -> list[Any]:
-        """Solution for a right-hand side."""
+        """Solution of minimum norm for a right-hand side; a case in which a diagonal element is not
+        positive is rejected."""
         scope, workspace, n = self.s.scope, self.s.c.workspace, len(side)
         self.solutions += 1
         system, solution, rank = (
@@ -310,7 +326,8 @@ class LeastSquares:
 
 
 class Factors:
-    """Factorisation L D L^T of a symmetric matrix, given by its lower triangle."""
+    """Factorisation L D L^T of a symmetric matrix of expressions, given by the rows of its lower
+    triangle."""
 
     def __init__(self, a: list[list[Any]]):
         n = len(a)
@@ -327,7 +344,7 @@ class Factors:
                     a[i][k] = called(a[i][k] - self.lower[i][j] * a[k][j], "s")
 
     def solve(self, side: list[Any]) -> list[Any]:
-        """Solution for a right-hand side."""
+        """Solution for a right-hand side, an expression for each row."""
         x, n = list(side), len(side)
         for i in range(1, n):
             x[i] = called(x[i] - total([self.lower[i][j] * x[j] for j in range(i)]), "m")
@@ -352,13 +369,15 @@ def is_finite(s: State) -> Expr:
 
 
 def make_solver(s: State, coupling: list[list[Any]]) -> Solver:
-    """Solver for the multipliers of the rows of a segment."""
+    """Solver for the multipliers of the rows of a segment, given their coupling matrix (lower
+    triangle): of minimum norm in a segment with least squares, else a factorisation."""
     return LeastSquares(s, coupling) if s.segment.least_squares else Factors(coupling)
 
 
 def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
-    """Update the smallest pivot relative to its diagonal element; reject a case where it is too
-    small (redundant rows). Of a minimum-norm solution, update the number of redundant rows."""
+    """Update the field PIVOT of the smallest pivot relative to its diagonal element. Reject a case
+    where it is too small (redundant rows); of a minimum-norm solution, update the number of
+    redundant rows instead."""
     s.c.start("PIVOT", 1.0)
     smallest = s.scope.load("PIVOT")
     if isinstance(factors, LeastSquares):

@@ -25,7 +25,8 @@ def _fields(signal: str) -> tuple[str, str, str]:
 
 
 def next_samples(scope: Scope, c: Context) -> Iterator[Expr]:
-    """Times at which signals are sampled, and at which samples begin to be used."""
+    """For each sampled signal: the time of its next sample, s, and the time from which its last
+    sample is used (infinite if it is used already)."""
     for signal in c.spec.formulas.sampled:
         samples, use_time, _ = _fields(signal)
         interval = c.case.number(c.spec.layout.slots[f"signal.{signal}.sample"])
@@ -34,7 +35,7 @@ def next_samples(scope: Scope, c: Context) -> Iterator[Expr]:
 
 
 def take_samples(segment: Segment) -> str:
-    """Call that samples signals in a segment."""
+    """Line that calls the function of a segment that samples signals."""
     return f"take_samples_{segment.name}(w)"
 
 

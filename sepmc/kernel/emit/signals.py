@@ -40,17 +40,18 @@ _OPPOSITE = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
 
 
 def mode_field(kink: str) -> str:
-    """Field of the sign of the switching function of a kink in the present interval."""
+    """Workspace field of the mode of a kink, by its name: the sign (-1, 0, 1) that its switching
+    function has in the present interval."""
     return f"MODE_{kink}"
 
 
 def held_field(signal: str) -> str:
-    """Field of the sample that a signal holds."""
+    """Workspace field of the sample of a signal that is used now."""
     return f"HELD_{signal}"
 
 
 class Signals:
-    """Values of signals at a state.
+    """Values of signals at a state, as expressions; signals have the names of the kernel.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ class Signals:
         return self.of(signal).value
 
     def of(self, signal: str) -> Jet:
-        """Signal by its name in the kernel."""
+        """Jet of a signal: value, with rate and second rate if ``moving``."""
         if signal not in self._signals:
             self._signals[signal] = (
                 self._state(signal, 0)
@@ -82,21 +83,21 @@ class Signals:
         return self._signals[signal]
 
     def rates(self, signal: str) -> list[Any]:
-        """Rates of the states of a signal."""
+        """Rates of the one or two states of a signal that has states, per s."""
         is_single = self.formulas.signals[signal].states == 1
         last = self.of_formula(signal)
         return [last] if is_single else [self._state(signal, 1).value, last]
 
     def of_formula(self, signal: str) -> Any:
-        """Value of the formula of a signal; of one with states, the rate of the last."""
+        """Value of the formula of a signal; of a signal with states, the rate of its last state."""
         return self._number(signal, self.formulas.tree(signal)).value
 
     def sample(self, signal: str) -> Any:
-        """Value of the formula of a sampled signal now."""
+        """Value that the formula of a sampled signal has now, which its next sample is."""
         return self._number(signal, parse(self.formulas.signals[signal].formula)).value
 
     def _state(self, signal: str, k: int) -> Jet:
-        """State ``k`` of a signal: the signal itself, or its rate."""
+        """Jet of state ``k`` of a signal: 0 the signal itself, 1 its rate."""
         first, scope = self.formulas.with_states[signal], self.s.scope
         value = scope.load(f"{self.s.field} + {state_offset(first + k)}")
         if not self.moving:
@@ -107,7 +108,8 @@ class Signals:
         return Jet(value, rate, second)
 
     def switching(self, kink: Kink) -> tuple[Jet, list[Any]]:
-        """Switching function of a kink, and the numbers that it is the difference of."""
+        """Jet of the switching function of a kink, and the value of its argument or of the two
+        arguments that it is the difference of."""
         numbers = [self._number(kink.signal, one) for one in kink.node.arguments]
         if len(numbers) == 1:
             return numbers[0], [numbers[0].value]
@@ -115,7 +117,8 @@ class Signals:
         return jets.add(a, jets.negative(b)), [a.value, b.value]
 
     def inputs(self, signal: str) -> list[Any]:
-        """Expressions of the quantities and states that a formula depends on, time excepted."""
+        """Expressions of the quantities and states that the formula of a signal depends on, time
+        excepted."""
         values: list[Any] = []
         for node in walk(self.formulas.tree(signal)):
             if not isinstance(node, Name):
@@ -133,7 +136,7 @@ class Signals:
         return values
 
     def _number(self, signal: str, node: Node) -> Jet:
-        """Jet of a node that is a number."""
+        """Jet of a node, in the formula of a signal, that is a number (not a condition)."""
         if isinstance(node, Number):
             return Jet(node.value)
         key = (signal, node)
@@ -190,8 +193,8 @@ class Signals:
         return jets.apply(function, arguments[0])
 
     def _where(self, signal: str, node: Call) -> Jet:
-        """Jet of where: of the branch of the present interval. A step may pass its end by a little:
-        if the branch is undefined there, the other one counts."""
+        """Jet of a call of ``where``: that of the branch of the present interval. A step may pass
+        the end of the interval by a little: if the branch is undefined there, the other counts."""
         condition, switching = self._condition(signal, node.arguments[0])
         one, other = (self._number(signal, x) for x in node.arguments[1:])
         result = jets.select(condition, one, other)
@@ -203,7 +206,7 @@ class Signals:
         return self._tied(result, switching)
 
     def _kinked(self, signal: str, node: Call, arguments: list[Jet]) -> Jet:
-        """Jet of abs, sign, min or max."""
+        """Jet of a call of abs, sign, min or max, given the jets of its arguments."""
         first, last = arguments[0], arguments[-1]
         # only sign jumps: the others may pass a kink by the little that a step passes its end
         low, high = self._sides(signal, node, by_mode=node.function == "sign")
@@ -231,7 +234,8 @@ class Signals:
     def _condition(
         self, signal: str, node: Node, negated: bool = False, by_mode: bool = True
     ) -> tuple[Any, list[Any]]:
-        """A condition, or its opposite, and numbers that must be defined for it."""
+        """Condition of a node or, ``negated``, its opposite, and the numbers that must be defined
+        for it; ``by_mode`` as in `_sides`."""
         assert isinstance(node, Call)
         if node.function == "not":
             return self._condition(signal, node.arguments[0], not negated, by_mode)
@@ -256,7 +260,7 @@ class Signals:
         return any(may_be_undefined(one) for node in nodes for one in self._expanded(signal, node))
 
     def _expanded(self, signal: str, node: Node) -> list[Node]:
-        """A node, and the trees of the signals that it names."""
+        """A node, and the trees of the signals that it names, directly or through others."""
         trees = [node]
         for one in walk(node):
             other = self.formulas.other(signal, one) if isinstance(one, Name) else ""
@@ -265,7 +269,7 @@ class Signals:
         return trees
 
     def _tied(self, jet: Jet, values: list[Any]) -> Jet:
-        """Jet that is undefined where any of some values is."""
+        """The jet, with its value NaN where any of some ``values`` is NaN or infinite."""
         value = jet.value
         for other in values:
             value = undefined_with(value, other)
@@ -280,7 +284,7 @@ def _opposite(condition: Any) -> Any:
 
 
 def _joined(one: Any, other: Any, both: bool) -> Any:
-    """Both conditions, or any of them."""
+    """Condition that both conditions are satisfied or, if not ``both``, that any of them is."""
     for known, unknown in ((one, other), (other, one)):
         if isinstance(known, bool):
             return unknown if known == both else known
@@ -288,13 +292,14 @@ def _joined(one: Any, other: Any, both: bool) -> Any:
 
 
 class Quantities:
-    """Quantities of the flight at a state, SI; with rates and accelerations if ``moving``."""
+    """Quantities of the flight at a state that formulas may name, as jets, SI; with rates and
+    second rates if ``moving``, from the derivative K1 of the state."""
 
     def __init__(self, s: State, moving: bool):
         self.s, self.moving = s, moving
 
     def jet(self, quantity: Quantity) -> Jet:
-        """Jet of a quantity with the names of the kernel."""
+        """Jet of a quantity, whose items have the names of the kernel."""
         if quantity.table != "body":
             of_table = {
                 "time": self._time,
@@ -312,15 +317,16 @@ class Quantities:
         return of_axis[key[:-1]](body, "xyz".index(key[-1]))
 
     def _time(self, _: Quantity) -> Jet:
-        """Time since the start."""
+        """Jet of the time since the start of the case, s."""
         return Jet(self.s.time, 1.0 if self.moving else 0.0)
 
     def _event(self, quantity: Quantity) -> Jet:
-        """Time since an event; 0 before it."""
+        """Jet of the time since an event, s; 0 before it."""
         return self._since(f"EVENT_TIME_{quantity.item}", math.inf)
 
     def _since(self, field: str, never: float) -> Jet:
-        """Time since that in a field, which is infinite or NaN before it is known."""
+        """Time since the time in a workspace field, s, 0 before it; the field has the value
+        ``never`` (infinity or NaN) until the time is known."""
         self.s.c.start(field, never)
         begun = self.s.scope.load(field)
         passed = begun <= self.s.time
@@ -332,11 +338,12 @@ class Quantities:
         return self.s.scope.load(f"K1 + V_{body}", 3)
 
     def _jet(self, value: Any, rate: Any, second: Any = None) -> Jet:
-        """Jet, of which only the value counts if nothing moves."""
+        """Jet of a value; unless ``moving`` without derivatives. ``rate`` and ``second`` are
+        functions that make the expressions of these."""
         return Jet(value, rate(), second() if second else None) if self.moving else Jet(value)
 
     def _rate(self, body: str, k: int) -> Jet:
-        """Component of the angular rate, body axes."""
+        """Component ``k`` (0 x, 1 y, 2 z) of the angular rate of a body, body axes."""
         leader = self.s.segment.leader(body)
         if leader == GROUND:
             return Jet(0.0)
@@ -345,7 +352,7 @@ class Quantities:
         )
 
     def _place(self, body: str, k: int) -> Jet:
-        """Coordinate of a mass centre, ground axes; y is the height."""
+        """Coordinate ``k`` (0 x, 1 y, 2 z) of a mass centre, ground axes; y is the height."""
         s = self.s
         if k == 1:
             value = s.position(body)[1] + origin_height(s.scope, s.time)
@@ -358,13 +365,14 @@ class Quantities:
         )
 
     def _speed(self, body: str, k: int) -> Jet:
-        """Component of the velocity of a mass centre, ground axes."""
+        """Component ``k`` (0 x, 1 y, 2 z) of the velocity of a mass centre, ground axes."""
         value = self.s.velocity(body)[k] + self.s.case.velocity[k]
         return self._jet(value, lambda: self._acceleration(body)[k])
 
     def _joint(self, quantity: Quantity) -> Jet:
-        """Stroke of a joint along its x axis from the start, its rate, its angle about that axis,
-        the rate of it, or the time since its release; 0 before it."""
+        """Quantity of a joint by its key: the separation distance along its x axis, the rate of
+        that, its angle about that axis, the rate of that, or the time since its release (0 before
+        it)."""
         s, joint = self.s, quantity.item
         if quantity.key == "angle":
             return self._hinge_angle(joint)
@@ -389,7 +397,7 @@ class Quantities:
         return Jet(value, hinge_rate(self.s, joint), self._hinge_acceleration(joint))
 
     def _hinge_acceleration(self, joint: str) -> Any:
-        """Rate of the relative rate about the x axis of a joint."""
+        """Rate of change of the relative angular rate about the x axis of a joint, rad/s2."""
         first, second = self.s.spec.scene.joint[joint].bodies
         x, spin = self.s.axis(joint, 0), self.s.spin(first)
         relative = vec3.sub(self.s.spin(second), spin)
@@ -417,7 +425,7 @@ class Quantities:
         return self._jet(line.length - s.spring_start(spring), lambda: line.rate, second)
 
     def _attitude(self, body: str, key: str) -> Jet:
-        """Pitch and roll with full turns, or yaw."""
+        """Pitch, yaw or roll of a body (``key``); pitch and roll count full turns."""
         s, leader = self.s, self.s.segment.leader(body)
         if leader == GROUND:
             return Jet(s.case.number({"pitch": at.PITCH, "yaw": at.YAW, "roll": at.ROLL}[key]))
@@ -432,17 +440,17 @@ class Quantities:
         if key == "pitch":
             jet = jets.angle(self._axis(body, 0, 1), self._axis(body, 0, 0))
         elif key == "roll":
-            jet = jets.angle(self._axis(body, 1, 1, 2), self._axis(body, 2, 1, 2))
+            jet = jets.angle(self._axis(body, 1, 2), self._axis(body, 2, 2))
         else:
             along, up = self._axis(body, 0, 0), self._axis(body, 0, 1)
             level = jets.apply("sqrt", jets.add(jets.multiply(along, along), jets.multiply(up, up)))
             jet = jets.angle(jets.negative(self._axis(body, 0, 2)), level)
         return jet._replace(value=value)
 
-    def _axis(self, body: str, axis: int, component_of: int, ground: int | None = None) -> Jet:
-        """Ground component of a body axis."""
+    def _axis(self, body: str, axis: int, k: int) -> Jet:
+        """Component ``k``, in ground axes, of the unit vector along an axis of a body, with its
+        rates (0 x, 1 y, 2 z, both)."""
         s, leader = self.s, self.s.segment.leader(body)
-        k = component_of if ground is None else ground
         r, spin = s.attitude(body), s.spin(body)
         e = (r[axis], r[axis + 3], r[axis + 6])
         spin_rate = vec3.rotate(r, s.scope.load(f"K1 + OMEGA_{leader}", 3)).called("spin_rate")
@@ -451,7 +459,8 @@ class Quantities:
         return Jet(e[k], e_rate[k], e_second[k])
 
     def _flow(self, body: str, key: str) -> Jet:
-        """Flow angles, airspeed, and dynamic pressure without the factor of the density."""
+        """Flow angle, airspeed, Mach number or dynamic pressure of a body, by ``key``; the pressure
+        includes the density factor of the case."""
         from sepmc.kernel.emit.loads import air_density  # noqa: PLC0415
 
         s = self.s
@@ -505,7 +514,8 @@ def signals_of(s: State) -> Signals:
 
 
 def number(s: State, path: str, slot: int) -> Any:
-    """Number of a parameter, SI: from its signal if it has one, else from the case."""
+    """Value of the parameter at a path of the file, SI: that of the signal that drives it, if any,
+    else the parameter with the index ``slot`` of the case."""
     drive = s.spec.scene.driven.get(path)
     if drive is None:
         return s.case.number(slot)
@@ -514,14 +524,15 @@ def number(s: State, path: str, slot: int) -> Any:
 
 
 def three_numbers(s: State, path: str, slot: int) -> Any:
-    """Vector of three parameters; see `number`."""
+    """Vector of three consecutive parameters, from the index ``slot`` on; see `number`."""
     if not any(f"{path}.{axis}" in s.spec.scene.driven for axis in "xyz"):
         return s.case.vector(slot)
     return tuple(number(s, f"{path}.{axis}", slot + k) for k, axis in enumerate("xyz"))
 
 
 def reject_undefined(s: State) -> None:
-    """Reject a case where a signal in use is undefined although its quantities are not."""
+    """Add lines to the scope of a state that reject a case where the formula of a signal in use is
+    undefined although the quantities and states in it are not."""
     known = signals_of(s)
     finite = getattr(scalar, "math.isfinite")
     for signal in s.spec.formulas.used:

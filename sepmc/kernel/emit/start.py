@@ -96,8 +96,8 @@ def _optional_slot(slot: int | None) -> list[int]:
 
 
 def _set_initial_state(c: Context) -> None:
-    """Set the initial state of the mated vehicle, consistent with every joint, and reject invalid
-    input.
+    """Add lines to the scope of the case that set the initial state of the mated vehicle,
+    consistent with every joint, and reject invalid input.
 
     The frame moves with the initial velocity of the mass centre: positions and velocities of
     separation are then small numbers without cancellation. A vehicle that is connected to the
@@ -151,8 +151,8 @@ def _set_initial_state(c: Context) -> None:
 
 
 def _pivot(c: Context) -> Any:
-    """Vector from the mass centre to the joint point about which the vehicle rotates at the start;
-    None for the mass centre."""
+    """Vector from the common mass centre to the joint point about which the vehicle rotates at the
+    start, body axes, m; None if it rotates about the mass centre."""
     if c.model.pivot_joint < 0:
         return None
     joint = list(c.spec.scene.joint.values())[int(c.model.pivot_joint)]

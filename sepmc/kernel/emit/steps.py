@@ -37,13 +37,14 @@ _BEYOND = 0.55
 
 
 def coefficient(rk: Method, kind: str, *numbers: int) -> str:
-    """Name of a coefficient of a method: A of the stage matrix, B weights, C nodes, E error
-    weights, counted from 1."""
+    """Name, in a kernel, of a coefficient of a method: ``kind`` A (stage matrix), B (weights), C
+    (nodes) or E (error weights), and its indices, from 0 here, from 1 in the name."""
     return f"{rk.name.upper()}_{kind}{'_'.join(str(number + 1) for number in numbers)}"
 
 
 def coefficients(rk: Method, extends: bool) -> list[str]:
-    """Definitions of the coefficients of a step, and of its extension."""
+    """Lines that define the coefficients of a method that are not zero; with ``extends`` also those
+    of the stages that only its continuous extension needs."""
     rows = len(rk.a) if extends else rk.stages
     values = {coefficient(rk, "A", i, j): rk.a[i, j] for i in range(1, rows) for j in range(i)}
     values |= {coefficient(rk, "B", j): rk.b[j] for j in range(rk.stages)}
@@ -72,7 +73,7 @@ def advance(rk: Method) -> str:
 
 
 def emit_step_length(out: Text, c: Context) -> None:
-    """Write the function for the step lengths of all lanes."""
+    """Write the function that sets the length of the next step of every lane."""
     docstring = (
         "Length of the first of ``parts`` steps to END or to the next event, into all of STEP; "
         "at first, an event is predicted no later than"
@@ -210,8 +211,8 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
 
 
 def _extends(text: Text, c: Context) -> None:
-    """Append lines that make the extension of the step in segments that need it. Rows of a full
-    history need it in few runs of a case only."""
+    """Append lines that compute the continuous extension of the step just made in segments that
+    need it, and for a full history in runs of a case that write rows."""
     where = [
         f"phase == {number}"
         for number, one in enumerate(c.spec.segments)
@@ -253,8 +254,8 @@ def emit_event_polish(out: Text, c: Context) -> None:
 
 
 def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
-    """Append lines for the derivative K1 and the step length; with ``keeps`` the state and time at
-    the start are stored."""
+    """Append lines that begin a step: the derivative K1, then the call ``set_length`` that sets the
+    step length; with ``keeps``, state and time at the start are stored into BEGIN and BEGIN_T."""
     if c.may_idle:
         text.block("for e in range(SIZE_Y):")("w[STATE_BEFORE + e] = w[Y + e]")
         if c.workspace.has("PIVOT"):
@@ -319,7 +320,8 @@ def _emit_stages(
 
 
 def emit_finish_step(out: Text, c: Context) -> None:
-    """Write the function that completes a step."""
+    """Write the function that completes a step: normalises attitudes, counts turns, checks heights,
+    projects onto the constraints and updates the energy audit."""
     spec = c.spec
     docstring = (
         "After a step: normalise attitudes, count full turns of pitch and roll, project onto "
@@ -368,7 +370,8 @@ def emit_finish_step(out: Text, c: Context) -> None:
 
 
 def rotating_from(c: Context) -> list[tuple[int, list[str]]]:
-    """Numbers of segments, and the bodies whose attitudes are integrated from then on."""
+    """Numbers of segments in which attitudes begin to be integrated, each with the bodies whose
+    attitudes are integrated from that segment on; in ascending order."""
     bodies_from: dict[int, list[str]] = {}
     for body in c.spec.attitude_order:
         first = next(
@@ -416,8 +419,8 @@ def _attitude(scope: Scope, body: str) -> tuple[Expr, tuple[Any, ...], Expr, lis
 
 
 def _finish_attitude(scope: Scope, c: Context, body: str) -> None:
-    """Normalise the attitude of a body after a step; reject a case that turned too far to count its
-    turns."""
+    """Add lines to a scope that, after a step, normalise the attitude of a body, update its pitch
+    and roll with full turns, and reject a case in which it turned by more than 2 rad."""
     c.workspace.add(f"ANGLES_{body}", 2)
     last = [component(f"ANGLES_{body}", k) for k in range(2)]
     length, unit, r, angles = _attitude(scope, body)
@@ -438,8 +441,9 @@ def _finish_attitude(scope: Scope, c: Context, body: str) -> None:
 
 
 def _flag_winding(scope: Scope, c: Context, body: str, r: Expr, omega: Expr) -> None:
-    """Mark a case if the number of full turns of pitch or roll in a step is ambiguous
-    (`quat.turns_unclear`)."""
+    """Add lines to a scope that mark a case if the number of full turns of a body's pitch or roll
+    in a step is ambiguous (`sepmc.physics.quat.turns_unclear`); ``r``, ``omega``: its attitude and
+    rate at the end of the step."""
     c.workspace.add(f"HEADING_{body}", 4), c.workspace.add(f"LAST_RATE_{body}", 3)
     heading, rate = scope.load(f"HEADING_{body}", 4), scope.load(f"LAST_RATE_{body}", 3)
     heading_now = quat.heading(r).called("heading")
@@ -450,15 +454,17 @@ def _flag_winding(scope: Scope, c: Context, body: str, r: Expr, omega: Expr) -> 
 
 
 def _unless_idle(scope: Scope, c: Context, now: Expr, before: Any) -> Expr:
-    """Value after a step, or the value before for a step of zero length."""
+    """Value ``now`` after a step; ``before`` for a lane that makes a step of zero length, because
+    it has finished the segment."""
     return where(scope.load("STEP").equals(0.0), before, now) if c.may_idle else now
 
 
 def _finish_height(scope: Scope, c: Context, body: str) -> None:
-    """Distance of a body from the height about which its air was expanded.
+    """Add lines to a scope that update the largest distance of a body from the height about which
+    its air was expanded.
 
     If layer borders are not events, a case is rejected when the body leaves its layer at the end of
-    a step or, if its vertical speed changes sign, within.
+    a step or, if its vertical speed changes sign, within the step.
     """
     height_now = height(scope, body).called("height")
     scope.store(
@@ -495,7 +501,8 @@ def _finish_height(scope: Scope, c: Context, body: str) -> None:
 
 
 def emit_indicators(out: Text, c: Context) -> None:
-    """Write the function that updates the maximum embedded error of all steps."""
+    """Write the function that, after a step, updates the maximum embedded error of all steps so far
+    of the velocity, attitude and rate of every body."""
     text = out.function(
         "note_indicators(w, phase: int)",
         "Update the maximum embedded error of the steps of every body, into INDICATORS.",

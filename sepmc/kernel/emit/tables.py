@@ -25,7 +25,7 @@ COEFFICIENTS = 6
 
 
 def looks_up(spec: KernelSpec, body: str) -> bool:
-    """True if a body has coefficients from a table, or increments."""
+    """True if aerodynamic coefficients of a body come from a table, or have increments from one."""
     aero = spec.scene.body[body].aerodynamics
     in_air = spec.scene.environment.atmosphere != "none" and aero is not None
     return in_air and (
@@ -67,7 +67,8 @@ def _has_air(spec: KernelSpec, body: str) -> bool:
 
 
 def emit_look_up(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function for the table values at a state of a segment."""
+    """Write the function that looks up all tables at the state S of a segment, if the kernel has
+    tables."""
     if not has_tables(c.spec) or c.emit_alias(out, segment, "look_up"):
         return
     text = Text(out.indent + 1)  # the functions of the tables come before it
@@ -85,7 +86,8 @@ def emit_look_up(out: Text, c: Context, segment: Segment) -> None:
 def _emit_aero_tables(
     out: Text, text: Text, c: Context, segment: Segment, bodies: list[str]
 ) -> None:
-    """Append lines for the coefficients of bodies, from tables and increments."""
+    """Append lines to ``text`` that look up the aerodynamic coefficients of some bodies, from their
+    tables and increments; functions of new tables are written to ``out``."""
     s = State(c, c.scope(), segment, "S")
     for body in bodies:
         if table_start(c, body) >= 0:
@@ -113,8 +115,8 @@ def _emit_aero_tables(
 
 
 def _emit_height_tables(out: Text, text: Text, c: Context, segment: Segment) -> None:
-    """Append lines for tables over altitude: log density and speed of sound, and the wind
-    profile."""
+    """Append lines to ``text`` that look up tables over altitude: log density and speed of sound,
+    and the wind profile; functions of new tables are written to ``out``."""
     in_air = [body for body in c.spec.bodies if _has_air(c.spec, body)]
     windy = c.spec.bodies if has_wind_profile(c.spec) else []
     if not (in_air or windy):
@@ -155,7 +157,8 @@ def _emit_height_tables(out: Text, text: Text, c: Context, segment: Segment) -> 
 
 
 def _emit_force_tables(out: Text, text: Text, c: Context, segment: Segment) -> None:
-    """Append lines for the forces of springs from tables over extension."""
+    """Append lines to ``text`` that look up the forces of springs in their tables over extension;
+    functions of new tables are written to ``out``."""
     springs = [(i, one) for i, one in enumerate(c.spec.scene.spring) if one.table is not None]
     if not springs:
         return
@@ -181,14 +184,16 @@ def table_force(spring: str) -> str:
 
 
 def _store_point(s: State, field: str, point: tuple[Any, Any, Any]) -> None:
-    """Store the table coordinates of a lane."""
+    """Add lines to the scope of a state that store the coordinates of a point in a table, in the
+    units of its axes, into a workspace field."""
     s.c.workspace.add(field, 3)
     for k, value in enumerate(point):
         s.scope.store(component(field, k), value)
 
 
 def _relative_motion(s: State, entry: Proximity) -> tuple[Any, Any, Any]:
-    """Coordinates of a table of increments: the separation distance, or those of its axes."""
+    """Coordinates of a table of increments at a state: the separation distance, m, or the relative
+    positions, m, and angles, rad, of its axes; 0 for missing axes."""
     if entry.axes is None:
         return s.separation(entry.joint).length, 0.0, 0.0
     known: dict[str, Any] = {
@@ -202,8 +207,8 @@ def _relative_motion(s: State, entry: Proximity) -> tuple[Any, Any, Any]:
 
 
 def _clamp(text: Text, c: Context, start: int, cell: str, point: str) -> None:
-    """Append lines that limit coordinates to the range of a table; one with kinks has spans
-    beyond."""
+    """Append lines that limit the coordinates of a point to the range of a table. A table with
+    kinks needs none: it has spans beyond its range."""
     if cell in c.spec.step_cells:
         return
     for k in range(sum(count > 1 for count in _basis_counts(c, start))):
@@ -308,7 +313,8 @@ def cell_sum_lines(
 
 
 def _basis_counts(c: Context, start: int) -> list[int]:
-    """Number of basis functions at a point along each axis of a table."""
+    """Number of basis functions at a point along each of the three axes of a table: 4, or 1 for an
+    axis of one point. ``start`` is the index of the table among the shared numbers."""
     counts, axis = [], start + 1
     for _ in range(3):
         spans = int(c.spec.layout.model.numbers[axis])
@@ -318,7 +324,8 @@ def _basis_counts(c: Context, start: int) -> list[int]:
 
 
 def call_look_up(text: Text, c: Context, segment: Segment) -> None:
-    """Append the call of the look-up, if the kernel has tables."""
+    """Append the line that looks up all tables at the state S of a segment, if the kernel has
+    tables."""
     if has_tables(c.spec):
         text(f"look_up_{segment.name}(w)")
 
@@ -346,7 +353,7 @@ def force_table_start(c: Context, number: int) -> int:
 
 
 def mach_and_angles(s: State, body: str) -> tuple[Expr, Expr, Expr]:
-    """Mach number, alpha and beta at a body."""
+    """Mach number, alpha and beta, rad, of the flow at a body."""
     flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
         "flow"
     )

@@ -15,8 +15,8 @@ from sepmc.scene.model import GROUND
 
 
 def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function for the joint loads of a segment with redundant rows: the multipliers of
-    minimum norm."""
+    """Write the function that computes the multipliers that give the joint loads of a segment with
+    redundant rows: those of minimum norm."""
     if not segment.needs_min_norm:
         return
     docstring = (
@@ -52,7 +52,7 @@ def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
 
 
 def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines for what the joint loads at a state S depend on."""
+    """Append lines that compute what `make_wrenches` at the state S needs before."""
     before_motion(text, c, segment)
     if segment.needs_min_norm:
         text(f"min_norm_{segment.name}(w)")
@@ -120,8 +120,8 @@ def moment_of(s: State, motion: Motion, joint: str) -> Any:
 
 
 def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
-    """Moment of a joint within a rigid group, from Euler's equations of the bodies on one side of
-    it."""
+    """Moment on the second body of a joint within a rigid group, ground axes, N m, from Euler's
+    equations of the bodies on one side of the joint."""
     joints = s.spec.scene.joint
     first, second = joints[joint].bodies
     side = _side(s, joint, second)
@@ -132,7 +132,8 @@ def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
 
 
 def _side(s: State, joint: str, body: str) -> set[str]:
-    """Bodies of a rigid group that stay connected to a body when a joint is cut."""
+    """Bodies that joints of a rigid group still connect to ``body``, itself included, when one of
+    its joints is cut."""
     bodies, pairs = (
         {body},
         [set(s.spec.scene.joint[weld].bodies) for weld in s.segment.welds if weld != joint],
@@ -143,8 +144,8 @@ def _side(s: State, joint: str, body: str) -> set[str]:
 
 
 def _required_moment(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
-    """Moment, ground axes, that bodies of a rigid group need in addition to their loads and the
-    other joints."""
+    """Sum of the moments, ground axes, N m, that some bodies of a rigid group (``side``) need for
+    their angular accelerations in addition to their loads and the constraint rows of joints."""
     case, terms = s.case, []
     for body in sorted(side):
         leader = s.segment.leader(body)

@@ -22,10 +22,10 @@ _ON_BODY = {"altitude": at.AT_ALTITUDE, "vertical_speed": at.AT_VERTICAL_SPEED}
 class Leaf:
     """One comparison of a quantity with a threshold.
 
-    ``quantity`` is its code (`sepmc.routines.layout`), ``item`` the joint, motor, body or spring,
-    ``event`` the number of its event, ``path`` the parameter path of the threshold if it has one.
-    ``direction`` of the crossing that counts, "" if the quantity may also start beyond the
-    threshold.
+    ``quantity`` is its code (AT_TIME, ... of `sepmc.routines.layout`), ``item`` the joint, motor,
+    body or spring, ``event`` the number of the event in `Conditions` that it belongs to, ``path``
+    the parameter path of the threshold if it has one. ``direction`` is that of the crossing that
+    counts (rising, falling, either), "" if the quantity may also start beyond the threshold.
     """
 
     quantity: int
@@ -52,7 +52,8 @@ class Conditions:
     clause_leaves: list[int] = field(default_factory=list)
 
     def add(self, until: Condition | None, path: str) -> None:
-        """Append an event with the condition ``until``; with None it never occurs."""
+        """Append an event with the condition ``until``, whose parameters begin with ``path``; with
+        None it never occurs."""
         self._close(self._clauses(until, path) if until is not None else [])
 
     def add_stroke(self, spring: str, ends: bool) -> None:

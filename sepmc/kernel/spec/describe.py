@@ -69,7 +69,8 @@ def lines(layout: ParameterLayout) -> list[str]:
 
 
 def _signal(scene: Scene, signal: Signal) -> list[str]:
-    """Lines on a signal: its formula, its constants, and the numbers that it gives."""
+    """Two lines that describe a signal: its formula, response and constants, and the numbers that
+    it gives."""
     constants = ", ".join(f"{key} = {number:g}" for key, number in signal.constants.items())
     response = ""
     if signal.servo is not None:
@@ -130,11 +131,12 @@ def condition(until: Condition) -> str:
 
     Parameters
     ----------
-    until : Until
+    until : Condition
 
     Returns
     -------
     str
+        such as ``1.5 s or bolt at 20 mm``
     """
     terms = [f"{until.time:g} s"] if until.time is not None else []
     terms += [f"burn-out of {until.burn_out}"] if until.burn_out is not None else []

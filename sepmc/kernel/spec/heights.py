@@ -27,6 +27,7 @@ def rows_step(scene: Scene, extremes: Sequence[Scene] = ()) -> float:
     ----------
     scene : Scene
     extremes : sequence of Scene
+        the scene with all dispersed parameters at their minimum, and at their maximum
 
     Returns
     -------
@@ -57,10 +58,12 @@ def may_pass_borders(scene: Scene, extremes: Sequence[Scene] = ()) -> bool:
     ----------
     scene : Scene
     extremes : sequence of Scene
+        the scene with all dispersed parameters at their minimum, and at their maximum
 
     Returns
     -------
     bool
+        False if no border is within the heights that it can reach
     """
     scenes = list(map(with_sizes, [scene, *extremes]))
     climb = max(
@@ -153,5 +156,6 @@ def _by_impulse(impulse: float, mass: float) -> float:
 
 
 def _by_spring(force: float, distance: float, end: float, mass: float) -> float:
-    """Maximum speed by the force over the whole time, or by the spring energy."""
+    """Maximum speed, m/s, that a spring can give a mass, kg, by its maximum force, N: the smaller
+    of those by the impulse until ``end``, s, and by the work over ``distance``, m."""
     return min(force * end / mass, math.sqrt(2.0 * force * distance / mass)) if force > 0.0 else 0.0

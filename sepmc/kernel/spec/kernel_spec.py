@@ -25,8 +25,9 @@ Kinds = dict[int, tuple[int, ...]]
 class Row:
     """Constraint row of a joint.
 
-    ``code`` is its type (`sepmc.routines.layout`: translation along an axis, rotation, rod). A row
-    that is active for some kinds of its joint only lists their numbers in ``kinds``.
+    ``code`` is its type (`sepmc.routines.layout`: translation along an axis, rotation, rod). If the
+    row is active only while its joint has some of the kinds possible in the segment, ``kinds`` has
+    their numbers; empty: always active.
     """
 
     joint: str
@@ -81,7 +82,8 @@ class Event:
         return self.quantity in (at.AT_CELL_TOP, at.AT_CELL_BASE)
 
     def flag(self, segment: str) -> str:
-        """Workspace field that is 1 once the event has occurred."""
+        """Workspace field that is 1 once the event has occurred; of a kink, the field of the mode
+        that it has from then on."""
         if self.is_border:
             return f"ENTERS_{self.item}"
         if self.quantity == at.AT_KINK:
@@ -124,10 +126,11 @@ class Due:
 
 @dataclass
 class Release:
-    """Release of a joint independent of phases, or an observation event (no joint).
+    """Release of a joint independent of phases, or an observation event (``joint`` is "").
 
-    It occurs when all conditions of any clause are met. ``times``, ``springs``, ``events`` and
-    ``loads`` are the conditions by type.
+    It occurs when all conditions (by number) of any of its ``clauses`` are met. The conditions by
+    type: ``times``, ``springs`` (stroke ends), ``events`` (on the state), ``loads`` (on joint
+    loads).
     """
 
     name: str
@@ -141,8 +144,8 @@ class Release:
 
 @dataclass(frozen=True)
 class Change:
-    """Change of a joint to kind number ``to`` after its delay, triggered by the end of a phase or
-    by a release; an ``optional`` trigger need not occur."""
+    """Change of a joint to kind number ``to``, its release delay after its trigger: the end of the
+    phase, or the release, named ``event``; an ``optional`` trigger need not occur."""
 
     joint: str
     event: str
@@ -152,10 +155,11 @@ class Change:
 
 @dataclass
 class Segment:
-    """Interval of a case with fixed structure: a phase, or the time after it in which delayed
-    releases are pending.
+    """Time interval of a case with fixed structure: a phase, or the time between two phases in
+    which delayed releases are pending.
 
-    ``groups`` are bodies that rotate as one rigid group, the first body leads.
+    ``groups`` are bodies that rotate as one rigid group; the first body is its leader, whose
+    attitude is integrated. A kind of a joint is a set of constraint rows that it may have.
     """
 
     name: str
@@ -206,7 +210,7 @@ class Segment:
         return [row for joint in self.joint_kinds for row in self._rows(joint)]
 
     def _rows(self, joint: str) -> list[Row]:
-        """Rows that a joint may have in the segment."""
+        """Rows that a joint may have in the segment, those of all its possible kinds."""
         kinds, codes = (
             self.joint_kinds[joint],
             dict.fromkeys(code for codes in self.joint_kinds[joint].values() for code in codes),
@@ -244,7 +248,8 @@ class Segment:
 
     @property
     def ends_by_time(self) -> bool:
-        """True if its end time is known when it begins."""
+        """True if it ends at a time that is known when it begins: a parameter, or a release
+        delay."""
         return bool(self.end_time or self.late)
 
     @cached_property
@@ -254,12 +259,13 @@ class Segment:
 
     @property
     def ends_by_state(self) -> bool:
-        """True if a condition on the state or a load ends it."""
+        """True if conditions end it: one on the state or on a joint load, or several together."""
         return bool(self.clauses) or any(event.ends_phase for event in (*self.events, *self.loads))
 
     @property
     def may_end_by_load(self) -> bool:
-        """True if a joint load may end it: the step to such an event is not predicted."""
+        """True if a condition on a joint load may end it, alone or with others: the step to such an
+        event is not predicted."""
         return any(not load.any_phase for load in self.loads)
 
 
@@ -295,7 +301,7 @@ class KernelSpec:
 
     @cached_property
     def formulas(self) -> Formulas:
-        """Formulas of the signals."""
+        """Formulas of the signals of the scene."""
         return Formulas(self.scene, self.names)
 
     @property
@@ -314,7 +320,7 @@ class KernelSpec:
         return self.layout.bodies
 
     def may_occur(self, path: str, nominally: bool) -> bool:
-        """Tell if a feature occurs in some case.
+        """Return True if a feature occurs in some case: nominally, or by a dispersed parameter.
 
         Parameters
         ----------
@@ -387,7 +393,8 @@ class KernelSpec:
 
     @property
     def kind_changes(self) -> list[tuple[str, int]]:
-        """Joints that change within a segment, and each kind number they may change to."""
+        """Pairs (joint, number of a kind that it may change to) of the joints that change within a
+        segment, sorted."""
         pairs = {
             (name, number)
             for segment in self.segments
@@ -426,7 +433,7 @@ class KernelSpec:
         )
 
     def changes_of(self, joint: str) -> list[Change]:
-        """Changes of a joint."""
+        """Changes of a joint by phases and releases."""
         return [change for change in self.changes if change.joint == joint]
 
     def friction_joints(self, segment: Segment) -> list[str]:

@@ -17,12 +17,14 @@ _STATES = (STATE, STATE_RATE, HELD)
 
 
 def own_parameter(key: str) -> Name:
-    """Name of a parameter of the response of a signal."""
+    """Name, in a syntax tree, of a parameter of the response of the signal itself, such as its
+    ``lag``."""
     return Name(f"{OWN}{key}")
 
 
 def _lag_rate(formula: Node, signal: Signal) -> Node:
-    """(u - y) / lag, limited."""
+    """Syntax tree of the rate of a signal y with a lag: (u - y) / lag, limited to plus or minus the
+    rate limit of the signal, if any, with its formula u."""
     rate: Node = Call("/", (Call("-", (formula, STATE)), own_parameter("lag")))
     if signal.rate_limit is None:
         return rate
@@ -31,7 +33,8 @@ def _lag_rate(formula: Node, signal: Signal) -> Node:
 
 
 def _servo_rate(formula: Node) -> Node:
-    """y'' = n (n (u - y) - 2 z y') with the natural frequency n, rad/s, and the damping z."""
+    """Syntax tree of the second rate of a signal y that is a servo: y'' = n (n (u - y) - 2 z y')
+    with its formula u, the natural frequency n, rad/s, and the damping z."""
     natural = Call("*", (Number(2.0 * math.pi), own_parameter("servo.natural")))
     follows = Call("*", (natural, Call("-", (formula, STATE))))
     damped = Call("*", (Call("*", (Number(2.0), own_parameter("servo.damping"))), STATE_RATE))
@@ -45,8 +48,9 @@ def kink_name(number: int) -> str:
 
 @dataclass(frozen=True)
 class Kink:
-    """Call in the formula of a signal that is not smooth where its switching function is zero: its
-    argument, or the difference of its two arguments."""
+    """Call (``node``) in the formula of a ``signal`` that is not smooth where its switching
+    function is zero. That function is the argument of the call, or the difference of its two
+    arguments."""
 
     signal: str
     node: Call
@@ -69,7 +73,7 @@ class Formulas:
 
     @cached_property
     def signals(self) -> dict[str, Signal]:
-        """Signals by the name of the kernel."""
+        """Signals of the scene, by their names in the kernel."""
         return {signal.name: signal for signal in self.scene.signal}
 
     @cached_property
@@ -93,7 +97,8 @@ class Formulas:
     @cached_property
     def used(self) -> tuple[str, ...]:
         """Signals that drive numbers or aerodynamic terms of the scene or have states, and all that
-        these depend on; each follows the signals without states in its formula."""
+        these depend on; ordered so that each comes after those that its formula names, except
+        signals with states or samples."""
         ordered: dict[str, None] = {}
 
         def add(signal: str) -> None:
@@ -114,8 +119,8 @@ class Formulas:
         return tuple(ordered)
 
     def tree(self, signal: str) -> Node:
-        """Syntax tree of a signal between samples; of one with states, of the rate of its last
-        state. `OWN` names stand for its states, held sample and parameters."""
+        """Syntax tree of the value of a signal or, if it has states, of the rate of its last state.
+        Names that begin with `OWN` stand for its states, the sample used now, and parameters."""
         model = self.signals[signal]
         formula = parse(model.formula) if model.sample is None else HELD
         if model.servo is not None:
@@ -129,7 +134,8 @@ class Formulas:
         return str(self.names.of["signal"].get(node.path, ""))
 
     def quantity(self, node: Name) -> Quantity:
-        """Quantity of a name, with the names of the kernel."""
+        """Quantity of the flight that a name in a formula stands for, its item with the name of the
+        kernel."""
         known = quantity(node.path, self.names.of)
         assert known is not None
         return known._replace(
@@ -137,7 +143,8 @@ class Formulas:
         )
 
     def varies(self, signal: str, node: Node) -> bool:
-        """True if a part of the formula of a signal changes during flight."""
+        """True if a node of the formula of a signal may change during a case: it depends on more
+        than constants and parameters."""
         for one in walk(node):
             if isinstance(one, Name) and one.path not in self.signals[signal].constants:
                 other = self.other(signal, one)

@@ -66,7 +66,7 @@ class Method:
 
     @property
     def curve(self) -> np.ndarray:
-        """Matrix that fits a polynomial to a step.
+        """Matrix that fits a polynomial to a step, shape (k + 4, k + 4) for k stages `within`.
 
         It maps the second derivatives at the start of a step, at the stages `within` and at the
         end, then the change of the first derivative over a step of unit length and of the function
@@ -203,7 +203,7 @@ def _sharp9() -> Method:
 
 
 def _matrix(size: int, entries: dict[tuple[int, int], float]) -> np.ndarray:
-    """Stage matrix with some entries, zero elsewhere."""
+    """Square matrix of a size with the given entries by (row, column), zero elsewhere."""
     matrix = np.zeros((size, size))
     for index, value in entries.items():
         matrix[index] = value
@@ -211,7 +211,8 @@ def _matrix(size: int, entries: dict[tuple[int, int], float]) -> np.ndarray:
 
 
 def _divided_difference(c: np.ndarray, used: list[int]) -> np.ndarray:
-    """Weights of the divided difference of derivatives at some nodes."""
+    """Weights, one for each of the nodes ``c``, of the divided difference of derivatives at the
+    nodes numbered in ``used``; zero for the others."""
     weights = np.zeros(len(c))
     weights[used] = [1.0 / np.prod([c[i] - c[j] for j in used if j != i]) for i in used]
     return weights

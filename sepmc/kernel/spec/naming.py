@@ -24,7 +24,14 @@ _WORDS = {
 
 
 class Names:
-    """Generated names of the items of a scene, numbered in the order of the file."""
+    """Generated names of the items of a scene, numbered in the order of the file.
+
+    Attributes
+    ----------
+    of : dict of str to dict of str to str
+        For each table of the file (``body``, ``joint``, ...) the generated name by name in the
+        file.
+    """
 
     def __init__(self, scene: Scene):
         tables: dict[str, Iterable[str]] = {
@@ -43,7 +50,7 @@ class Names:
 
     @property
     def back(self) -> dict[str, str]:
-        """Generated name to name in the scene."""
+        """Name in the file of each generated name."""
         return {new: old for table in self.of.values() for old, new in table.items()}
 
     @property
@@ -55,7 +62,8 @@ class Names:
         return [line for line in tables if line]
 
     def path(self, path: str) -> str:
-        """Parameter path with the name of its item replaced."""
+        """Parameter path, such as ``body.upper.mass``, with the name of its item replaced by the
+        generated one."""
         head, _, rest = path.partition(".")
         name, dot, tail = rest.partition(".")
         return f"{head}.{self.of[head].get(name, name)}{dot}{tail}" if head in self.of else path

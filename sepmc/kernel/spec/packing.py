@@ -55,8 +55,10 @@ class Pool:
 
 @dataclass(frozen=True)
 class Term:
-    """Term of an aerodynamic polynomial: coefficient times powers of alpha and beta, and a reduced
-    rate (one of `RATES`, or none), or a signal (its name in the file)."""
+    """Term of an aerodynamic polynomial of a body: the parameter at ``path`` times the powers
+    ``alpha`` and ``beta`` of the flow angles and a reduced rate (one of `RATES`, or ""), or times a
+    ``signal`` (its name in the file); ``coefficient`` is the code of the coefficient that it adds
+    to."""
 
     path: str
     body: str
@@ -106,8 +108,8 @@ def direction(axis: tuple[float, float, float] | None) -> np.ndarray:
 
 
 def add_air(pool: Pool, scene: Scene) -> int:
-    """Append the minimum and maximum altitude (m) and the functions of log density (kg/m3) and
-    speed of sound (m/s) over altitude.
+    """Append the minimum and maximum altitude (m) of a scene's table of air, and the functions of
+    the logarithm of the density (kg/m3) and of the speed of sound (m/s) over altitude.
 
     Returns the start of the functions, or -1 without a table.
     """
@@ -143,7 +145,8 @@ def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
 
 
 def _flat(interpolation: str) -> str:
-    """Ends of functions that are constant beyond: smooth, or kinks of lines."""
+    """Argument ``ends`` of `pack` for functions that are constant beyond their ends: with zero
+    slope there or, of lines, with kinks there."""
     return "constant" if interpolation == "linear" else "flat"
 
 
@@ -240,8 +243,8 @@ def add_force_table(pool: Pool, spring: Spring, dispersed: frozenset[str]) -> in
 
 
 def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:
-    """Append the elements of the outline of a body, at.PART_SIZE numbers each; return start and
-    number of elements."""
+    """Append the parts of the outline of a body, layout.PART_SIZE numbers each; return the start
+    and the number of parts (the angles of a sector count as one more)."""
     elements = []
     for element in scene.body[name].outline if name in scene.body else ():
         if element.stations is not None and element.radii is not None:

@@ -102,10 +102,12 @@ _LOAD = {
 class ParameterLayout:
     """Parameter vector of a scene and its layout.
 
-    ``slots`` maps each parameter path to its index in ``nominal``, shape (p,), SI units. ``bodies``
-    are the moving bodies. ``outlines`` : index in ``nominal`` of the first element of each
-    dispersed outline, at.PART_SIZE numbers per element. ``extremes`` are the scene with all
-    dispersed parameters at their minimum and at their maximum.
+    ``slots`` maps each parameter path to its index in ``nominal``, shape (p,), SI units, and
+    ``model`` has the positions of its blocks. ``bodies`` are the moving bodies, ``joints`` the two
+    bodies of each joint, ``contents`` the parts of the scene that have columns. ``outlines`` maps
+    each body with a dispersed outline to the index in ``nominal`` of its first part,
+    layout.PART_SIZE numbers per part. ``extremes`` are the scene with all dispersed parameters at
+    their minimum and at their maximum.
     """
 
     scene: Scene
@@ -311,7 +313,8 @@ def _varied(
 
 
 def signal_parameters(signal: Signal) -> dict[str, float]:
-    """Numbers of a signal by the rest of their paths: its constants, and those of its response."""
+    """Values of the parameters of a signal (its constants, and those of its response and sampling),
+    by the part of their path after ``signal.NAME.``."""
     known = dict(signal.constants)
     if signal.lag is not None:
         known["lag"] = signal.lag
@@ -329,7 +332,8 @@ def signal_parameters(signal: Signal) -> dict[str, float]:
 def _optional(
     path: str, point: tuple[float, float, float] | None, start: int, unset: list[int]
 ) -> dict[str, int]:
-    """Indices of an optional point; without it, its three values are NaN and have no path."""
+    """Indices, by path, of the coordinates of an optional point, from ``start`` on. Without a point
+    there are none, and the indices are added to ``unset``: their values are then NaN."""
     if point is None:
         unset += range(start, start + 3)
         return {}
@@ -344,8 +348,11 @@ def _model(
     gusty: bool,
     dispersed: frozenset[str],
 ) -> at.Model:
-    """Structure record of a scene; ``gusty`` : factor and turn of the wind profile differ from case
-    to case."""
+    """Counts, positions of blocks, and shared numbers of a scene, as a kernel reads them.
+
+    ``starts`` : positions of the parameter blocks; ``size_p`` : number of parameters; ``gusty`` :
+    True if factor and turn of the wind profile are parameters.
+    """
     joints = list(scene.joint)
     pool = Pool()
     pool.add(

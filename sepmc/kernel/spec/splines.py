@@ -78,8 +78,8 @@ def pack(
 
 
 def _axis(points, ends):
-    """Numbers of one axis, and the matrix (coefficients, points) from tabulated values to spline
-    coefficients."""
+    """Numbers of one axis of a pack (spans, breaks, basis polynomials) of cubic splines, and the
+    matrix (coefficients, points) from tabulated values to spline coefficients."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415  (0.3 s that scenes without tables do not need)
 
     assert np.all(np.diff(points) > 0.0)
@@ -99,8 +99,8 @@ def _axis(points, ends):
 
 
 def _lines(points):
-    """Numbers of an axis of lines, and the matrix (coefficients, points) to its coefficients: the
-    values and two zeros."""
+    """Numbers of one axis of a pack (spans, breaks, basis polynomials) of lines, and the matrix
+    (coefficients, points) from tabulated values to its coefficients: the values and two zeros."""
     widths = np.diff(points)
     pieces = np.zeros((len(widths), 4, 4))
     pieces[:, 0, 0], pieces[:, 0, 1], pieces[:, 1, 1] = 1.0, -1.0 / widths, 1.0 / widths
@@ -108,8 +108,8 @@ def _lines(points):
 
 
 def _steps(points):
-    """Numbers of an axis of steps, and the matrix (coefficients, points) to its coefficients: the
-    values and three zeros."""
+    """Numbers of one axis of a pack (spans, breaks, basis polynomials) of steps, and the matrix
+    (coefficients, points) from tabulated values to its coefficients: the values and three zeros."""
     pieces = np.zeros((len(points), 4, 4))
     pieces[:, 0, 0] = 1.0
     breaks = [*points, points[-1] + FAR]
@@ -117,8 +117,9 @@ def _steps(points):
 
 
 def _with_constant_ends(basis):
-    """Numbers of an axis with a span beyond each end: there the first and the last coefficient,
-    which are added, are the values."""
+    """Numbers of one axis of a pack (``basis``) with one more span beyond each end, where the
+    function is the constant that a coefficient, to be added before the first or after the last,
+    gives."""
     spans = int(basis[0])
     breaks, pieces = basis[1 : spans + 2], basis[spans + 2 :]
     constants = np.zeros((2, 4, 4))
@@ -129,8 +130,9 @@ def _with_constant_ends(basis):
 
 
 def _monotone(points, values, ends):
-    """Numbers of an axis of monotone cubics, and the coefficients of functions (functions, points,
-    ...): values and slopes in turn, with that axis at the end."""
+    """Numbers of one axis of a pack (spans, breaks, basis polynomials) of monotone cubics, and the
+    coefficients of functions with the tabulated ``values`` (functions, points, ...): values and
+    slopes in turn, with that axis moved to the end."""
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415
 
     slopes = PchipInterpolator(points, values, axis=1).derivative()(points)
@@ -157,8 +159,8 @@ def _raised(degree):
 
 
 def _pieces(knots, starts):
-    """Basis functions i to i + 3 on span i as polynomials in x - start, shape (spans, 4 functions,
-    4 powers)."""
+    """Cubic B-spline basis functions i to i + 3 on span i as polynomials in x - start, shape
+    (spans, 4 functions, 4 powers); ``starts`` are the starts of the spans."""
     from scipy.interpolate import BSpline  # noqa: PLC0415
 
     basis = BSpline(knots, np.eye(len(knots) - 4), 3)

@@ -63,8 +63,9 @@ def _needs_any_order(spec: KernelSpec) -> bool:
 
 
 def _has_several_conditions(scene: Scene, until: Condition) -> bool:
-    """True if a phase ends by several conditions, or by one that is handled as such: a spring
-    stroke, or the burn-out of a motor whose ignition time is not known beforehand."""
+    """True if the condition ``until`` of a phase combines several, or is one that is handled as
+    such: a spring stroke, or the burn-out of a motor whose ignition time is not known
+    beforehand."""
     keys = ("time", "burn_out", *_ON_LOAD, *_ON_STATE)
     return (
         bool(until.any or until.all or until.spring)
@@ -110,7 +111,8 @@ def make_kernel_spec(
 
 
 def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) -> KernelSpec:
-    """Kernel specification of a variant."""
+    """Kernel specification of a scene in just this variant, whether it needs a more general one or
+    not."""
     names, of_file = Names(layout.scene), layout
     layout, dispersed = names.layout(layout), frozenset(names.path(path) for path in dispersed)
     scene = layout.scene
@@ -193,7 +195,8 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
 
 
 def _count_samples(scene: Scene, dispersed: frozenset[str]) -> int:
-    """Maximum number of times at which sampled signals change."""
+    """Maximum number of times within a case at which a signal is sampled or a sample begins to be
+    used."""
     count = 0
     for signal in scene.signal:
         if signal.sample is not None:
@@ -232,8 +235,8 @@ def _may_fail(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
 
 
 def _kinds_of(scene: Scene, joint: str) -> list[tuple[int, ...]]:
-    """Row codes of a joint over phases and releases, the most rows first: a joint only loses
-    rows."""
+    """Kinds of a joint in all phases and releases, each as the codes of its constraint rows; in the
+    order of their numbers, the most rows first: a joint only loses rows."""
     kinds = [phase.joints.get(joint, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == joint]
     codes = dict.fromkeys(tuple(rows_of(scene.joint[joint], kind)) for kind in kinds)
@@ -241,12 +244,12 @@ def _kinds_of(scene: Scene, joint: str) -> list[tuple[int, ...]]:
 
 
 def _kind_number(scene: Scene, joint: str, kind: str) -> int:
-    """Number of a kind among those of a joint."""
+    """Number, in the order of `_kinds_of`, of a kind of a joint, given by its name."""
     return _kinds_of(scene, joint).index(tuple(rows_of(scene.joint[joint], kind)))
 
 
 def _kind_in_phase(scene: Scene, joint: str, phase: int) -> int:
-    """Number of the kind that a joint has in a phase."""
+    """Number (`_kinds_of`) of the kind that a joint has in phase number ``phase``."""
     return _kind_number(scene, joint, scene.phase[phase].joints.get(joint, "free"))
 
 
@@ -266,8 +269,9 @@ def _changes(scene: Scene) -> list[Change]:
 def _possible_kinds(
     scene: Scene, joint: str, phase: int, dispersed: frozenset[str], any_order: bool
 ) -> Kinds:
-    """Kinds that a joint may have in a phase: that of the phase, those it is released to and, if it
-    may be delayed or fail in ``any_order``, those of the phases before."""
+    """Kinds, by number, that a joint may have in phase number ``phase``: that of the phase, those
+    it is released to and, with ``any_order``, those of the phases before if its release may be
+    delayed or fail."""
     numbers_of_phases = [_kind_in_phase(scene, joint, phase)]
     if any_order and (_may_be_late(scene, joint, dispersed) or _may_fail(scene, joint, dispersed)):
         numbers_of_phases = [_kind_in_phase(scene, joint, number) for number in range(phase + 1)]
@@ -340,8 +344,8 @@ def _add_late(
 
 
 def _has_equal_rows(segment: Segment, late: Segment) -> bool:
-    """True if a segment without releases has the rows that the next one has before its delayed
-    releases."""
+    """True if a segment has no releases and the same rows as the next one, ``late``, has before its
+    delayed releases."""
     return not (
         segment.variable_joints or segment.dropped or segment.redundant or late.redundant
     ) and (
@@ -370,7 +374,8 @@ def _add_end(
 
 
 def _burn_out(layout: ParameterLayout, name: str) -> Due:
-    """Time of the burn-out of motor ``name``, as the sum of parameters."""
+    """Time of the burn-out of motor ``name``: a sum of parameters, counted from its ignition if
+    that is triggered, else from the start."""
     motor = next(one for one in layout.scene.motor if one.name == name)
     keys = ("burn",) if motor.trigger is not None else ("ignition", "delay", "burn")
     slots = tuple(layout.slots[f"motor.{name}.{key}"] for key in keys)
@@ -424,7 +429,7 @@ def _clauses(
 
 
 def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Release]:
-    """Releases independent of phases, and observation events."""
+    """Releases independent of phases, then observation events, of a scene."""
     names = [(r.name, r.joint) for r in layout.scene.release]
     names += [(event.name, "") for event in layout.scene.event]
     return [
@@ -434,7 +439,7 @@ def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Releas
 
 
 def _thresholds(layout: ParameterLayout, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
-    """Leaves with a parameter path, and the parameter index of their threshold."""
+    """Comparisons in the conditions of a scene whose threshold is a parameter, with its index."""
     first = int(layout.model.scene[0].leaves_p)
     for number, leaf in enumerate(make_conditions(layout.scene, dispersed).leaves):
         if leaf.path is not None:
@@ -454,7 +459,8 @@ def _is_fixed(scene: Scene, segment: Segment, bodies: tuple[str, str]) -> bool:
 
 
 def brief_transient(scene: Scene) -> float:
-    """Time constant below which a transient is an integration interval of its own.
+    """Time constant below which a transient of a motor (build-up or tail-off of its thrust) is an
+    integration interval of its own.
 
     Parameters
     ----------
@@ -503,7 +509,8 @@ def _make_segment(
     releases: list[Release],
     variant: Variant,
 ) -> Segment:
-    """Build a segment: rigid groups and constraint rows.
+    """Build a segment of a phase, or before it: its rigid groups, its constraint rows, and those of
+    the ``releases`` that may occur in it. How it ends is set afterwards.
 
     Rotation rows within a group are left out, since its bodies share one attitude. If rows are
     redundant while joints may change in any order, or may become redundant, all bodies rotate by
@@ -565,7 +572,8 @@ def _make_segment(
 
 
 def _groups(scene: Scene, welds: list[str], order: list[str]) -> list[tuple[str, ...]]:
-    """Bodies that rotate as one rigid group, and the ground."""
+    """Rigid groups of bodies that joints without relative rotation (``welds``) connect, bodies in
+    the given order; the ground, if in a group, comes first, and may be a group of its own."""
     group: dict[str, tuple[str, ...]] = {body: (body,) for body in order}
     for joint in welds:
         first, second = scene.joint[joint].bodies

@@ -25,6 +25,7 @@ def whole_numbers(module: ast.Module, lanes: int) -> dict[str, int]:
     Returns
     -------
     dict of str to int
+        values by name; LANES, with the number of lanes, comes first
     """
     numbers = {"LANES": lanes}
     for node in module.body:
@@ -45,6 +46,7 @@ def fold(function: ast.FunctionDef, numbers: dict[str, int]) -> None:
     function : ast.FunctionDef
         changed in place
     numbers : dict of str to int
+        values of the constants by name, of `whole_numbers`
     """
     for line in function.body:
         _Folding(numbers).visit(line)

@@ -37,7 +37,8 @@ def size_of(shape: Shape) -> int:
 
 
 def items_of(path: str, shapes: tuple[Shape, ...]) -> Iterator[tuple[str, Shape]]:
-    """Paths and shapes of the items of a tuple."""
+    """Workspace path and shape of each item of a tuple that is stored from ``path`` on, one item
+    after the other."""
     offset = 0
     for shape in shapes:
         yield (f"{path} + {offset} * LANES" if offset else path), shape
@@ -45,14 +46,16 @@ def items_of(path: str, shapes: tuple[Shape, ...]) -> Iterator[tuple[str, Shape]
 
 
 def store_line(path: str, code: str, shape: Shape) -> str:
-    """Line that stores code of some shape at a path."""
+    """Line, within a loop over lanes, that stores the value of ``code``, of some shape, at a
+    workspace path."""
     if shape in _STORED:
         return f"put{_STORED[shape][0]}(w, {path} + l, {code})"
     return f"w[{path} + l] = {f'1.0 if {code} else 0.0' if shape == CONDITION else code}"
 
 
 def read_of(path: str, shape: Shape) -> tuple[str, int]:
-    """Code and precedence of a read from a path."""
+    """Code, within a loop over lanes, that reads a value of some shape from a workspace path, and
+    its precedence (`PRECEDENCE`)."""
     if isinstance(shape, tuple):
         return f"({', '.join(read_of(at, item)[0] for at, item in items_of(path, shape))})", ATOM
     if shape in _STORED:
@@ -65,7 +68,7 @@ def read_of(path: str, shape: Shape) -> tuple[str, int]:
 
 
 def _shared(index: int, shape: Shape) -> tuple[str, int]:
-    """Code and precedence of a read of shared numbers."""
+    """Code that reads a number, or a vector, of those that all cases share, and its precedence."""
     return f"w[SHARED + {index}]" if shape == NUMBER else f"vec3.get(w, SHARED + {index})", ATOM
 
 
@@ -78,7 +81,7 @@ READS: dict[str, Callable[[Any, Shape], tuple[str, int]]] = {
 
 
 def number_code(a: Any) -> str:
-    """Code of a known number."""
+    """Code of a number that is known while the kernel is written."""
     if isinstance(a, float) and not math.isfinite(a):
         return "math.nan" if math.isnan(a) else "math.inf" if a > 0.0 else "-math.inf"
     return repr(a)

@@ -47,7 +47,8 @@ class Text:
         return self.indented(1)
 
     def lanes(self) -> "Text":
-        """Append a loop over lanes; return the text of its body."""
+        """Append the head of a loop over lanes, with the counter ``l``; return the text of its
+        body."""
         return self.block("for l in range(LANES):")
 
     def function(self, signature: str, docstring: str) -> "Text":
@@ -56,6 +57,7 @@ class Text:
         Parameters
         ----------
         signature : str
+            name and arguments, such as ``rates_phase1(w)``
         docstring : str
 
         Returns
@@ -96,7 +98,8 @@ class Text:
         )
 
     def wrapped(self, start: str, terms: list[str], end: str) -> None:
-        """Append a sum, broken into lines of at most `WIDTH` characters."""
+        """Append a statement ``start`` + sum of ``terms`` + ``end``, broken into lines of at most
+        `WIDTH` characters."""
         lead = "    " * self.indent
         whole = lead + start + " + ".join(terms) + end
         if len(whole) <= WIDTH:

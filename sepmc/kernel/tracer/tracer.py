@@ -49,14 +49,15 @@ _TAKEN |= {
 
 
 class Expr:
-    """Symbolic number, condition or tuple in the kernel that is being written."""
+    """Symbolic number, condition or tuple in the kernel that is being written: node number ``node``
+    of a ``scope``. Operators and indices on it are traced."""
 
     def __init__(self, scope: "Scope", node: int, shape: Shape):
         self.scope, self.node, self.shape = scope, node, shape
 
     def called(self, name: str) -> "Expr":
-        """Give the expression a line of its own with a variable called ``name`` (numbered if
-        taken)."""
+        """Give the expression a line of its own in the kernel, with a variable called ``name``
+        (numbered if taken); return the expression."""
         self.scope.names.setdefault(self.node, name)
         return self
 
@@ -135,7 +136,8 @@ def _is(a: Any, number: float) -> bool:
 
 
 def _times(value: Expr, factor: Any) -> Any:
-    """Product with the known factor 0, 1 or -1; None for other factors."""
+    """Product of an expression and a known factor 0, 1 or -1, without a new node for 0 or 1; None
+    for any other factor."""
     if _is(factor, 0.0):
         return 0.0
     return value if _is(factor, 1.0) else -value if _is(factor, -1.0) else None
@@ -229,7 +231,8 @@ class Scope:
     # -- tracing
 
     def add(self, op: str, args: tuple[Any, ...], shape: Shape) -> Expr:
-        """Record a call, or return the node of an equal one."""
+        """Expression of a call of an operator or formula (as in `trace`) in this scope: a new node,
+        or that of an equal call."""
         args = self._adopted(args)
         key = (op, shape, _key(args))
         if key not in self._known:
@@ -238,19 +241,20 @@ class Scope:
         return Expr(self, self._known[key], shape)
 
     def load(self, path: str, shape: Shape = NUMBER) -> Expr:
-        """Value at a workspace path such as ``S + X_body1``, or the value stored there before."""
+        """Value at a workspace path such as ``S + X_body1``; if this scope has stored one there,
+        that value."""
         return self.stores[path][1] if path in self.stores else self.add("load", (path,), shape)
 
     def parameter(self, index: int) -> Expr:
-        """Parameter of a case by its index."""
+        """Parameter of a case by its index in the parameter vector, SI."""
         return self.add("parameter", (index,), NUMBER)
 
     def shared(self, index: int, shape: Shape = NUMBER) -> Expr:
-        """Number that all cases share, by its index."""
+        """Number (or, with the shape 3, vector) of those that all cases share, by its index."""
         return self.add("shared", (index,), shape)
 
     def named(self, name: str) -> Expr:
-        """Constant of the module, or argument of the function."""
+        """Constant of the kernel's module, or argument of the function, by its name."""
         return self.add("named", (name,), NUMBER)
 
     def store(self, path: str, value: Any) -> None:
@@ -274,7 +278,8 @@ class Scope:
         return self._adopt(value) if isinstance(value, Expr) else value
 
     def _adopted(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Arguments as seen from this scope."""
+        """Arguments, nested tuples included, with the expressions of other scopes replaced by those
+        of this scope (`_adopt`)."""
         return tuple(
             self._adopt(a)
             if isinstance(a, Expr)
@@ -285,8 +290,8 @@ class Scope:
         )
 
     def _adopt(self, value: Expr) -> Expr:
-        """Expression as seen from this scope: values of the case scope are read from their fields,
-        parameters and shared numbers directly."""
+        """Expression of this scope for an expression of this or the case scope: values of the case
+        scope are read from their fields, parameters and shared numbers directly."""
         if value.scope is self:
             return value
         assert value.scope is self.case, "an expression of another function"
@@ -296,7 +301,8 @@ class Scope:
         return self.add("load", (value.scope.field_of(value),), shape)
 
     def field_of(self, value: Expr) -> str:
-        """Field in which a value of the case scope is stored."""
+        """Workspace field in which a value of this scope, the case scope, is stored for others; it
+        is added when first needed."""
         if value.node not in self._fields:
             name = self.names.get(value.node, self.nodes[value.node][0].rpartition(".")[2])
             name = (name if name.isidentifier() else "value").upper()
@@ -367,7 +373,8 @@ class Scope:
 
 
 class _Writer:
-    """Variable names and lines of a scope."""
+    """Lines of a scope and the names of its variables; ``of_function`` has the shapes of the names
+    that the function uses already."""
 
     def __init__(self, scope: Scope, of_function: dict[str, Any]):
         self.scope, self.of_function = scope, of_function
@@ -450,7 +457,8 @@ class _Writer:
         return name
 
     def _code(self, op: str, args: tuple[Any, ...], shape: Shape) -> tuple[str, int]:
-        """Code of a call and its precedence."""
+        """Code of a node, given its operator or formula, arguments and shape; and its
+        precedence."""
         rank = PRECEDENCE.get(op, ATOM)
         if op in READS:
             return READS[op](args[0], shape)
@@ -491,7 +499,7 @@ class _Writer:
 
 
 def _key(a: Any) -> Any:
-    """Hashable key of an argument."""
+    """Hashable key of an argument of a call: equal for equal expressions, numbers and tuples."""
     if isinstance(a, Expr):
         return ("value", a.node)
     if isinstance(a, tuple):
@@ -518,7 +526,15 @@ def _word(op: str, args: tuple[Any, ...]) -> str:
 
 
 class Formulas:
-    """Formulas of a physics module: calls on expressions are traced."""
+    """Formulas of a module, as attributes: calls on expressions are traced.
+
+    Parameters
+    ----------
+    prefix : str
+        Name of the module in the kernel; "" for functions imported by name.
+    shapes : dict of str to Shape
+        Shape of the result of each formula.
+    """
 
     def __init__(self, prefix: str, shapes: dict[str, Shape]):
         self._prefix, self._shapes = prefix, shapes

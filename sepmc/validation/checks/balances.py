@@ -12,8 +12,8 @@ ROUND_OFF = 1e-11  # relative to the largest cancelling term
 
 
 def no_work() -> list[Line]:
-    """Power of the wrench of an ideal joint on its two bodies, the sum of F . v(r) + M . w,
-    relative to its largest term."""
+    """Check: the power of the wrench of an ideal joint on its two bodies, the sum of F . v(r) +
+    M . w, is zero, relative to its largest term."""
     lines = []
     for kind in KINDS:
         run = nominal_run(kind)
@@ -68,8 +68,8 @@ def _integral(run: NominalRun, rate: Array) -> Array:
 
 
 def _thrust(run: NominalRun) -> tuple[Array, Array, Array]:
-    """Force, moment about the origin and power of all motors, ground axes. The thrust is
-    constant."""
+    """Force (n, 3), N, moment about the origin (n, 3), N m, and power (n,), W, of all motors over
+    time, ground axes. The thrust is constant."""
     force, moment, power = (
         np.zeros((len(run.t), 3)),
         np.zeros((len(run.t), 3)),
@@ -125,8 +125,9 @@ def _springs(run: NominalRun) -> tuple[Array, Array]:
 
 
 def balance() -> list[Line]:
-    """Three bodies, a ball joint, a slider that is released, two springs, two motors: momentum,
-    angular momentum and energy at the end follow from impulse, moment and work of the thrust."""
+    """Check: three bodies, a ball joint, a slider that is released, two springs, two motors:
+    momentum, angular momentum and energy at the end follow from impulse, moment and work of the
+    thrust."""
     lines = []
     for case, settings in (
         ("chain with springs", {"motor.ahead.thrust_N": 0.0, "motor.retro.thrust_N": 0.0}),

@@ -19,7 +19,7 @@ TOPS = {
 
 
 def free_body() -> list[Line]:
-    """Euler's equations of a body without symmetry, in both branches and near the separatrix
+    """Check: Euler's equations of a body without symmetry, in both branches and near the separatrix
     between them."""
     lines = []
     for name, rates in TOPS.items():
@@ -39,7 +39,8 @@ def free_body() -> list[Line]:
 
 
 def _welded(run: NominalRun, joint: str, case: str) -> list[Line]:
-    """Rates, attitude and joint wrench of two welded bodies against those of the composite."""
+    """Lines on rates, attitude and joint wrench of two bodies welded by ``joint``, against those of
+    the composite; ``case`` is their label."""
     scene = run.scene
     first, second = scene.joint[joint].bodies
     # from the joint point
@@ -66,13 +67,13 @@ def _welded(run: NominalRun, joint: str, case: str) -> list[Line]:
 
 
 def welded() -> list[Line]:
-    """Two asymmetric bodies in a fixed joint are one rigid body."""
+    """Check: two asymmetric bodies in a fixed joint are one rigid body."""
     return _welded(NominalRun(campaign("welded"), 0.05), "weld", "welded pair")
 
 
 def nasa_boxes() -> list[Line]:
-    """NASA/TP-2016-219326 test case 1: the closed form, and the digits of an independent solution
-    with 24 unknowns (half a unit of the last digit)."""
+    """Check: NASA/TP-2016-219326 test case 1: the closed form, and the digits of an independent
+    solution with 24 unknowns (half a unit of the last digit)."""
     case, run = "NASA boxes", NominalRun(campaign("nasa_boxes"), 0.05)
     lines = _welded(run, "face", case)
     for axis, value, digits in zip(
@@ -91,8 +92,8 @@ def nasa_boxes() -> list[Line]:
 
 
 def pushed_apart() -> list[Line]:
-    """A linear spring between two free bodies: during the push, and with a stroke limit, where
-    momentum and energy give the speeds."""
+    """Check: a linear spring between two free bodies, during the push, and with a stroke limit,
+    where momentum and energy give the speeds."""
     lines = []
     for case, settings in (
         ("spring", {}),
@@ -111,7 +112,7 @@ def pushed_apart() -> list[Line]:
 
 
 def _pushed(run: NominalRun, case: str) -> list[Line]:
-    """Extension of the spring and speeds of the bodies."""
+    """Lines on the extension of the spring and the speeds of both bodies and of the separation."""
     spring, mass = run.scene.spring[0], [run.scene.body[b].mass for b in ("fore", "aft")]
     spring_data = ref.reduced_mass(*mass), spring.force, spring.stiffness
     x, v = ref.spring_extension(run.t, *spring_data, spring.damping)
@@ -134,8 +135,8 @@ def _pushed(run: NominalRun, case: str) -> list[Line]:
 
 
 def thrust_slider() -> list[Line]:
-    """Thrust along a slider that accelerates both bodies: gap and rate, with build-up and tail-off,
-    and the release time."""
+    """Check: thrust along a slider that accelerates both bodies: gap and rate, with build-up and
+    tail-off, and the release time."""
     motors = [f"motor.{name}" for name in ("ahead", "retro")]
     ending = {f"{motor}.burn_s": 0.3 for motor in motors} | {
         f"{motor}.tail_off_s": 0.1 for motor in motors
@@ -165,8 +166,8 @@ def thrust_slider() -> list[Line]:
 
 
 def rail() -> list[Line]:
-    """Tip-off: a rocket turns about its rear shoe under gravity after the front one has left the
-    rail, until the rear one leaves."""
+    """Check: tip-off: a rocket turns about its rear shoe under gravity after the front one has left
+    the rail, until the rear one leaves."""
     run, case = NominalRun(campaign("rail")), "tip-off from a rail"
     scene = run.scene
     body, motor, g, elevation = (

@@ -11,8 +11,8 @@ from sepmc.validation.line import Line, worst
 
 
 def pendulum() -> list[Line]:
-    """A body without symmetry on a revolute joint: swinging, circling, its period, and the loads of
-    the hinge."""
+    """Check: a body without symmetry on a revolute joint: swinging, circling, its period, and the
+    loads of the hinge."""
     lines = []
     for case, rate in (("physical pendulum", 0.0), ("pendulum over the top", 9.0)):
         run = NominalRun(campaign("pendulum", {"initial.omega_rad_s": [0.0, 0.0, rate]}))
@@ -73,8 +73,8 @@ def _started_top(pitch: float, spin: float, precession: float) -> NominalRun:
 
 
 def top() -> list[Line]:
-    """A symmetric body on a spherical joint: tilt and spin of the top and the spherical pendulum,
-    and steady precession of both."""
+    """Check: a symmetric body on a spherical joint: tilt and spin of the top and the spherical
+    pendulum, and steady precession of both."""
     scene = campaign("top").scene
     g, length, mass = (
         scene.environment.surface_gravity,
@@ -110,8 +110,8 @@ def top() -> list[Line]:
 
 
 def rod_pendulum() -> list[Line]:
-    """A body on a rod at its mass centre: swing and tension of the simple pendulum, the conical
-    one, and its free rotation."""
+    """Check: a body on a rod at its mass centre: swing and tension of the simple pendulum, the
+    conical one, and its free rotation."""
     scene = campaign("rod_pendulum").scene
     mass, g, length = (
         scene.body["bob"].mass,
@@ -160,8 +160,9 @@ def rod_pendulum() -> list[Line]:
 
 
 def hooke() -> list[Line]:
-    """A universal joint between two shafts in bearings, a closed loop through the ground: attitude
-    and rate of the driven shaft, and the energy of both, from the angle of the driving one."""
+    """Check: a universal joint between two shafts in bearings, a closed loop through the ground:
+    attitude and rate of the driven shaft, and the energy of both, from the angle of the driving
+    one."""
     case, bend, run = "Hooke's joint", math.radians(40.0), NominalRun(campaign("hooke"))
     driving, driven = run.body("driving"), run.body("driven")
     angle = np.radians(run.history["driving_roll_deg"].to_numpy())

@@ -22,7 +22,7 @@ KINDS = (*(kind for kind in lagrange.KINDS if kind != "free"), *CUSTOM)
 
 
 def _campaign(kind: str, other_settings: dict[str, Any] | None = None) -> Campaign:
-    """two_bodies.toml with a joint of one kind, and ``more`` settings."""
+    """Campaign of two_bodies.toml with a joint of one kind, and ``other_settings`` by TOML path."""
     name = "own" if kind in CUSTOM else kind
     settings: dict[str, Any] = {"phase": [{"name": "held", "joints": {"link": name}}]} | (
         other_settings or {}
@@ -38,7 +38,7 @@ def _campaign(kind: str, other_settings: dict[str, Any] | None = None) -> Campai
 
 @cache
 def nominal_run(kind: str) -> NominalRun:
-    """Nominal run of that campaign, cached."""
+    """Nominal run of two_bodies.toml with a joint of one kind, cached."""
     return NominalRun(_campaign(kind), 0.05)
 
 
@@ -68,7 +68,8 @@ def sizes(run: NominalRun) -> dict[str, float]:
 
 
 def full_against_reduced() -> list[Line]:
-    """Every column of the history; at long steps, whose errors are equal in both formulations."""
+    """A line for each joint kind: full against reduced formulation, largest difference in any
+    column of the history; at long steps, whose errors are equal in both."""
     lines = []
     for kind in KINDS:
         reduced, full = (
@@ -88,7 +89,8 @@ def full_against_reduced() -> list[Line]:
 
 
 def against_lagrange() -> list[Line]:
-    """Outcomes, history and reaction at the end against minimal coordinates."""
+    """A line for each joint kind: outcomes, last row of the history and joint loads at the end
+    against minimal coordinates."""
     lines = []
     for kind in KINDS:
         run = nominal_run(kind)

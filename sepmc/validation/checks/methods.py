@@ -33,7 +33,8 @@ RELEASE = {
 
 
 def _order(case: str, method: str, steps: np.ndarray, error: Callable[[dict], float]) -> Line:
-    """Slope of log error over log step."""
+    """Line on the order of a method: the slope of log error over log step, fitted to its errors at
+    ``steps``, s; ``error`` returns that of a run with the settings it is given."""
     order, allowed, *_ = STUDIES[method]
     errors = [error({"solver.method": method, "solver.step_s": float(step)}) for step in steps]
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
@@ -41,8 +42,8 @@ def _order(case: str, method: str, steps: np.ndarray, error: Callable[[dict], fl
 
 
 def orders() -> list[Line]:
-    """Rates and attitude of a free body against the closed form; after a release, against Newton
-    and Euler."""
+    """Check: rates and attitude of a free body against the closed form; after a release, against
+    Newton and Euler."""
     smooth, event = campaign("free_body", SMOOTH), campaign("two_bodies", RELEASE)
     w, r = ref.asymmetric_top(
         smooth.scene.run.end_time, tensor(smooth.scene, "stone"), smooth.scene.initial.omega

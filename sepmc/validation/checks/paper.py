@@ -28,12 +28,12 @@ CASES = range(4)
 
 @cache
 def _table() -> dict[str, np.ndarray]:
-    """Table of 200 cases."""
+    """Case table of the first 200 cases of table2.toml, in steps of 10 ms."""
     return load("table2.toml", FINE).run(cases=200, announce=no_log).table
 
 
 def _deviations() -> dict[str, float]:
-    """Standard deviation of every outcome over the campaign."""
+    """Standard deviation of every outcome, in its unit, over these 200 cases of table2.toml."""
     return {
         name: float(np.std(column, ddof=1))
         for name, column in _table().items()
@@ -42,8 +42,8 @@ def _deviations() -> dict[str, float]:
 
 
 def phases() -> list[Line]:
-    """Nominal case, ended within each phase: every outcome, and the reaction of the joint relative
-    to its magnitude."""
+    """Check: nominal case, ended within each phase: every outcome, and the reaction of the joint
+    relative to its magnitude."""
     lines = []
     for phase, formulation, settings in PHASES:
         base = load("table2.toml", FINE | settings)
@@ -67,8 +67,8 @@ def phases() -> list[Line]:
 
 
 def cases() -> list[Line]:
-    """Dispersed cases, every outcome at the end: compiled in steps of 10 ms, and interpreted in
-    selected steps."""
+    """Check: dispersed cases, every outcome at the end: compiled in steps of 10 ms, and interpreted
+    in selected steps."""
     base, lines = load("table2.toml", FINE), []
     tables = {
         "steps of 10 ms": _table(),

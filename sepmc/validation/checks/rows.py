@@ -114,7 +114,8 @@ def _rotation(a: _Body, b: _Body, constrained: str) -> tuple[Row, Row]:
 
 
 def rows() -> list[Line]:
-    """Worst of the rows of each kind over random states, relative to the largest C' or C''."""
+    """Check: worst of the rows of each kind over random states, relative to the largest C' or
+    C''."""
     lines = []
     for number, (kind, (translations, rotations)) in enumerate(KINDS.items()):
         if kind == "free":

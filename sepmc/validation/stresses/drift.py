@@ -90,7 +90,7 @@ def invariants(run: NominalRun) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def hours() -> tuple[Hour, ...]:
-    """Every motion with every method of drift control."""
+    """Runs of every motion with every method of drift control, cached."""
     runs = []
     for motion, tree in motions().items():
         trees = {method: tree | {"solver": {"step_s": STEP, "drift": method}} for method in METHODS}
@@ -155,8 +155,8 @@ def _bounds() -> dict[str, Bound]:
 
 
 def hour() -> list[Stress]:
-    """One hour of 72,000 steps: energy and angular momentum are constant, and a weld follows its
-    closed form."""
+    """Stress: one hour of 72,000 steps: energy and angular momentum are constant, and a weld
+    follows its closed form."""
     lines = []
     turned = float(np.linalg.norm(OMEGA)) * HOUR
     for x in hours():

@@ -19,7 +19,8 @@ AIR = {
 def _probe(
     aero: Tree, environment: Tree | None = None, initial: Tree | None = None, end: float = 1.0
 ) -> Tree:
-    """A body in uniform air, without gravity, at 5 km and 300 m/s."""
+    """Scene of a body in uniform air, without gravity, at 5 km and 300 m/s; tables of the file by
+    the names of the arguments, end in s."""
     data = {"reference_area_m2": AREA, "reference_length_m": 1.0, **aero}
     tree = scene(
         {"probe": body(MASS, [10.0, 50.0, 50.0], [1.0, 0.0, 0.0], aerodynamics=data)},
@@ -36,7 +37,8 @@ def _probe(
 
 
 def _drag(t: np.ndarray, axial: float, speed: float = SPEED) -> np.ndarray:
-    """Speed with drag of a constant coefficient, m/s: v' = -k v^2."""
+    """Speed at times t, s, with drag of a constant coefficient, from ``speed`` at 0, m/s:
+    v' = -k v^2."""
     return speed / (1.0 + 0.5 * DENSITY * AREA * axial / MASS * speed * t)
 
 
@@ -46,8 +48,8 @@ def _speed_error(run: NominalRun, expected: np.ndarray) -> float:
 
 
 def aero_tables() -> list[Stress]:
-    """Tables of one coefficient over Mach, alpha or beta, entered on the edge, just inside and just
-    outside.
+    """Stress: tables of one coefficient over Mach, alpha or beta, entered on the edge, just inside
+    and just outside.
 
     On an edge the round-off of speed or angle decides: inside and accurate, or outside and flagged,
     are both right.
@@ -108,7 +110,8 @@ def aero_tables() -> list[Stress]:
 
 
 def air() -> list[Stress]:
-    """Air tabulated up to a height, and the 1976 atmosphere: on the edges, and through them."""
+    """Stress: air tabulated up to a height, and the 1976 atmosphere: on the edges, and through
+    them."""
     lines = []
     drag = {"axial": {"const": 0.4}}
     for label, altitude, pitch, inside in (
@@ -148,7 +151,7 @@ def air() -> list[Stress]:
 
 
 def wind() -> list[Stress]:
-    """Wind profile below, within and above its rows: constant beyond them."""
+    """Stress: wind profile below, within and above its rows: constant beyond them."""
     lines = []
     profile = {
         "altitude_m": [1000.0, 5000.0, 6000.0],
@@ -167,8 +170,8 @@ def wind() -> list[Stress]:
 
 
 def _near(distance: list[float], axial: list[float], step: float, push: float) -> Tree:
-    """Two bodies whose drag depends on the distance between them; a pusher separates them, or
-    drives them together."""
+    """Scene of two bodies, the first with increments of its axial coefficient over their distance,
+    m; a force ``push``, N, separates them, or drives them together. Steps in s."""
     tree = _probe({}, end=1.0)
     data = tree["body"]["probe"]["aerodynamics"]
     tree["body"]["other"] = body(MASS, [10.0, 50.0, 50.0], [3.0, 0.0, 0.0], aerodynamics=dict(data))
@@ -182,8 +185,8 @@ def _near(distance: list[float], axial: list[float], step: float, push: float) -
 
 
 def proximity() -> list[Stress]:
-    """Increments far beyond both ends of their distances: constant there. A corner at the end of a
-    table within a step."""
+    """Stress: increments far beyond both ends of their distances: constant there. A corner at the
+    end of a table within a step."""
     lines: list[Stress] = []
     for label, distance, push in (
         ("proximity, beyond its last row", [0.0, 0.05, 0.1], 100.0),

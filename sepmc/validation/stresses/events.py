@@ -39,8 +39,8 @@ def _load(angle: float, start: float) -> float:
 
 
 def peak_loads() -> list[Stress]:
-    """A break load just below, and just above, the peak load of a swing, which lies within a
-    step."""
+    """Stress: a break load just below, and just above, the peak load of a swing, which lies within
+    a step."""
     frequency, start = math.sqrt(2.0 * 9.80665 / 2.3), math.radians(-80.0)
     lowest, peak = 0.25 * ref.pendulum_period(frequency, start), _load(0.0, start)
     lines = []
@@ -78,8 +78,8 @@ def peak_loads() -> list[Stress]:
 
 
 def angle_limits() -> list[Stress]:
-    """A hinge released at an angle just below, at and beyond half a turn, where the angle between
-    two bodies turns back."""
+    """Stress: a hinge released at an angle just below, at and beyond half a turn, where the angle
+    between two bodies turns back."""
     lines = []
     for degrees in (1e-6, 90.0, 179.0, 179.999, 180.0):
         for step in (0.05, 0.013):
@@ -109,7 +109,8 @@ def angle_limits() -> list[Stress]:
 
 
 def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
-    """A core with two boosters beside it on sliders, pushed back equally."""
+    """Run of a core with two boosters beside it, left and right, on sliders, pushed back equally;
+    releases and phases as in a file."""
     bodies = {"core": body(4.0, [2.0, 5.0, 5.0], [2.0, 0.0, 0.0])}
     joints, springs = {}, []
     for name, side in (("left", 1.0), ("right", -1.0)):
@@ -129,8 +130,8 @@ def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
 
 
 def simultaneous() -> list[Stress]:
-    """Two joints released at one instant; a stroke reached at a given time; conditions met before
-    their phase begins."""
+    """Stress: two joints released at one instant; a stroke reached at a given time; conditions met
+    before their phase begins."""
     lines = []
     # 2 N on 1 kg, and 4 N on 4 kg the other way: 3 m/s2
     stroke, time = 0.0375, math.sqrt(2.0 * 0.0375 / 3.0)
@@ -172,7 +173,8 @@ def simultaneous() -> list[Stress]:
 
 
 def _line(label: str, until: dict[str, Any], stroke: float, time: float) -> Stress:
-    """Line on the release time of a pushed pair."""
+    """Line on the release time of a pushed pair, which ends its slider at a stroke, m, or as
+    ``until`` gives; expected at ``time``, s."""
     run = simulate(pushed(stroke, **until))
     return judge(
         label,
@@ -230,8 +232,8 @@ def _cascade() -> list[Stress]:
 
 
 def under_load() -> list[Stress]:
-    """A weld with up to 1e9 N is released: momentum and energy are constant, and each mass centre
-    continues along its tangent."""
+    """Stress: a weld with up to 1e9 N is released: momentum and energy are constant, and each mass
+    centre continues along its tangent."""
     lines = []
     for rate in (1.0, 100.0, 1e4):
         bodies = {

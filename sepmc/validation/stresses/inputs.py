@@ -24,8 +24,8 @@ HUGE, TINY = 1e300, 1e-300
 
 
 class _Varied:
-    """A scene whose every number is dispersed where a file allows it, and its kernel, interpreted,
-    with the steps of the scene."""
+    """A scene with a dispersion of every number that may vary, and its interpreted kernel, in the
+    steps of the scene."""
 
     def __init__(self, tree: Tree):
         file = parse_campaign(copy.deepcopy(tree), "stress", None)
@@ -51,7 +51,7 @@ class _Varied:
         )
 
     def simulate(self, changed: list[dict[str, float]]) -> Block:
-        """Rows of cases that differ from the scene in some numbers, SI, by path."""
+        """Result block of cases, each with some numbers of the scene ``changed``, SI, by path."""
         return step_selection.integrate(
             self.campaign,
             self.integration,
@@ -59,7 +59,7 @@ class _Varied:
         )
 
     def row(self, block: Block, i: int) -> dict[str, float]:
-        """Outcomes and audit of a case."""
+        """Outcomes and audit of case ``i`` of a block, by column name."""
         return {
             c.name: x for c, x in zip(self.campaign.result_columns, block.outcomes[i], strict=True)
         }
@@ -74,7 +74,7 @@ class _Varied:
         i: int,
         resolved: bool = False,
     ) -> Stress:
-        """Line of a case."""
+        """Line of case ``i`` of a block, with its status and its audit."""
         status = Status(int(block.status[i])).label
         return Stress(
             label,
@@ -118,8 +118,8 @@ def _varied() -> _Varied:
 
 
 def not_finite() -> list[Stress]:
-    """NaN and infinities in every parameter in turn, with a valid case before and after all of
-    them, which must not change."""
+    """Stress: NaN and infinities in every parameter in turn, with a valid case before and after all
+    of them, which must not change."""
     varied, lines = _varied(), []
     count, alone = len(varied.nominal), varied.simulate([{}])
     for value in (math.nan, math.inf, -math.inf):
@@ -140,7 +140,7 @@ def not_finite() -> list[Stress]:
 
 
 def not_physical() -> list[Stress]:
-    """Impossible masses and inertias: each is flagged."""
+    """Stress: impossible masses and inertias: each is flagged."""
     varied, lines = _varied(), []
     for path, values in (
         ("body.aft.mass", (0.0, -0.0, -1.0)),
@@ -157,8 +157,8 @@ def not_physical() -> list[Stress]:
 
 
 def absurd() -> list[Stress]:
-    """Every parameter in turn at +-1e300 and 1e-300: rows with status ok have finite outcomes, but
-    for times of what need not occur."""
+    """Stress: every parameter in turn at +-1e300 and 1e-300: rows with status ok have finite
+    outcomes, except times of releases and ends of strokes, which need not occur."""
     varied, lines = _varied(), []
     # without calibration cases there is no error estimate
     needed = [
@@ -186,8 +186,8 @@ def absurd() -> list[Stress]:
 
 
 def rods_without_length() -> list[Stress]:
-    """A rod whose ends a dispersion brings together, or nearly: flagged in the run. In a file it is
-    refused."""
+    """Stress: a rod whose ends a dispersion brings together, or nearly: flagged in the run. In a
+    file it is refused."""
     tree = pair("rod", end=0.2, step=0.01)
     tree["joint"]["link"]["second_point_m"] = [2.5, 0.1, 0.0]
     varied, lines = _Varied(tree), []
@@ -204,7 +204,7 @@ def rods_without_length() -> list[Stress]:
 
 
 def _refusal(label: str, tree: Tree) -> Stress:
-    """Line of a scene that must be refused."""
+    """Line that passes if a scene is refused when it is read."""
     try:
         make(tree)
     except SceneError:
@@ -213,7 +213,7 @@ def _refusal(label: str, tree: Tree) -> Stress:
 
 
 def refused() -> list[Stress]:
-    """Impossible scenes are refused when they are read."""
+    """Stress: impossible scenes are refused when they are read."""
 
     def with_(path: str, value: Any) -> Tree:
         """Pair with one value changed."""

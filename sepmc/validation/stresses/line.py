@@ -103,7 +103,7 @@ def judge(
     run: NominalRun,
     resolved: bool = False,
 ) -> Stress:
-    """Line of a run."""
+    """Line on the error of a quantity of a nominal run, with its status and its audit."""
     return Stress(label, quantity, float(error), bound, run.status, beyond(run.outcomes), resolved)
 
 
@@ -119,7 +119,8 @@ def relative(values: ArrayLike, expected: ArrayLike, size: float = 0.0) -> float
 
 
 def _flag(line: Stress) -> str:
-    """Status, or the audit columns beyond their bounds."""
+    """Text of the flag: the status if it is not ok, else the first audit column beyond its bound
+    and the number of others, else ok."""
     if line.status != Status.OK.label:
         return line.status
     return (

@@ -23,18 +23,18 @@ from sepmc.validation.stresses.scenes import (
 RATIOS = (1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
 
 
-def _scaled(label: dict, mass: float, inertia: float) -> dict:
-    """Body with another mass and inertia."""
+def _scaled(table: dict, mass: float, inertia: float) -> dict:
+    """Table of a body with its mass and inertia multiplied by factors."""
     scaled = {
-        key: [inertia * x for x in label[key]]
+        key: [inertia * x for x in table[key]]
         for key in ("inertia_kg_m2", "inertia_products_kg_m2")
     }
-    return label | scaled | {"mass_kg": mass * label["mass_kg"]}
+    return table | scaled | {"mass_kg": mass * table["mass_kg"]}
 
 
 def masses() -> list[Stress]:
-    """A weld between bodies of mass ratio 1e-9 to 1e9 and equal sizes; all entries of its matrix
-    scale with the lighter one.
+    """Stress: a weld between bodies of mass ratio 1e-9 to 1e9 and equal sizes; all entries of its
+    matrix scale with the lighter one.
 
     The force is compared at the lighter body: the position of the heavier one in the composite is a
     difference that loses all digits.
@@ -56,8 +56,8 @@ def masses() -> list[Stress]:
 
 
 def light_link() -> list[Stress]:
-    """A light body welded between two heavy ones: the condition number of the matrix is the ratio
-    of masses."""
+    """Stress: a light body welded between two heavy ones: the condition number of the matrix is the
+    ratio of masses."""
     lines = []
     for ratio in (1e-3, 1e-6, 1e-9, 1e-12):
         light = _scaled(body(1.0, [1.0, 2.0, 2.2], [2.0, 0.0, 0.0]), ratio, ratio)
@@ -82,8 +82,8 @@ def light_link() -> list[Stress]:
 
 
 def inertias() -> list[Stress]:
-    """Very different inertias with similar masses: a lever arm over a small inertia makes the
-    matrix of the weld ill-conditioned."""
+    """Stress: very different inertias with similar masses: a lever arm over a small inertia makes
+    the matrix of the weld ill-conditioned."""
     lines = []
     for ratio in RATIOS:
         bound = conditioned(max(1.0, 1.0 / ratio))
@@ -95,8 +95,8 @@ def inertias() -> list[Stress]:
 
 
 def needles() -> list[Stress]:
-    """A free symmetric needle with moments that differ by up to 1e12: the rate about its axis is
-    constant, the others rotate about it."""
+    """Stress: a free symmetric needle with moments that differ by up to 1e12: the rate about its
+    axis is constant, the others rotate about it."""
     lines = []
     for ratio in (1e-3, 1e-6, 1e-9, 1e-12):
         needle = body(1.0, [0.7 * ratio, 0.7, 0.7], [1.0, 0.0, 0.0])
@@ -116,8 +116,8 @@ def needles() -> list[Stress]:
 
 
 def nearly_singular() -> list[Stress]:
-    """A thin rod along (1, 2, 3): its inertia is full and nearly singular, with round-off larger
-    than the minimum moment."""
+    """Stress: a thin rod along (1, 2, 3): its inertia is full and nearly singular, with round-off
+    larger than the minimum moment."""
     n = np.array([1.0, 2.0, 3.0]) / math.sqrt(14.0)
     lines = []
     for minimum in (1e-3, 1e-6, 1e-9, 1e-12, 1e-15):
@@ -143,7 +143,8 @@ def nearly_singular() -> list[Stress]:
 
 
 def arms() -> list[Stress]:
-    """A weld whose point is up to 1 km from both mass centres, or at one or both of them."""
+    """Stress: a weld whose point is up to 1 km from both mass centres, or at one or both of
+    them."""
     lines = []
     for length in (0.0, 1e-6, 1.0, 30.0, 1e3):
         fore, aft = FORE | {"cg_m": [0.0, 0.0, 0.0]}, AFT | {"cg_m": [2.0 * length, 0.0, 0.0]}
@@ -191,7 +192,7 @@ def arms() -> list[Stress]:
 
 
 def long_pendulum() -> list[Stress]:
-    """A small body on a ball joint to the ground 1 km away, released at 60 deg: a plane
+    """Stress: a small body on a ball joint to the ground 1 km away, released at 60 deg: a plane
     pendulum."""
     lines = []
     for length in (1.0, 1e3):

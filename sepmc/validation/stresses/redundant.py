@@ -53,8 +53,8 @@ def _axes(data: Any) -> Array:
 
 
 def jacobian(run: NominalRun) -> Array:
-    """Constraint rows of all joints at the start, on the velocities and rates of all bodies, in
-    body axes; in the engine's order."""
+    """Constraint rows (m, 6 n) of all joints at the start, on the velocities and rates of all n
+    bodies, in body axes; in the engine's order."""
     names, rows = list(run.scene.body), []
     for name, data in run.scene.joint.items():
         translations, rotations = CONSTRAINED[run.scene.phase[0].joints[name]]
@@ -74,7 +74,8 @@ def jacobian(run: NominalRun) -> Array:
 
 
 def multipliers(run: NominalRun) -> Array:
-    """Joint wrenches of the engine at the start, along the rows of `jacobian`."""
+    """Components (m,) of the engine's joint forces, N, and moments, N m, at the start, along the
+    rows of `jacobian`."""
     components = []
     for name, data in run.scene.joint.items():
         translations, rotations = CONSTRAINED[run.scene.phase[0].joints[name]]
@@ -120,8 +121,8 @@ def _reactions(
 
 
 def welds() -> list[Stress]:
-    """Two fixed joints between the same bodies, from 1 m to 1e-12 m apart: one weld, with all rows
-    of one of them redundant."""
+    """Stress: two fixed joints between the same bodies, from 1 m to 1e-12 m apart: one weld, with
+    all rows of one of them redundant."""
     lines, reference = [], simulate(pair("fixed"))
     for distance in (1.0, 1e-3, 1e-6, 1e-9, 1e-12, 0.0):
         tree = pair("fixed")
@@ -147,7 +148,7 @@ def welds() -> list[Stress]:
 
 
 def triangle() -> list[Stress]:
-    """Three bodies in a loop of three welds, of which two would do."""
+    """Stress: three bodies in a loop of three welds, of which two would do."""
     third = body(2.1, [0.8, 1.5, 1.2], [2.0, 1.5, 0.06], [0.0, -0.1, 0.15])
     joints = {
         "ab": joint("fore", "aft", [2.0, 0.1, 0.0]),
@@ -191,8 +192,8 @@ def _bars(last: str) -> Tree:
 
 
 def four_bar() -> list[Stress]:
-    """A plane four-bar of hinges in space: the last needs only two translations; three of its rows
-    are redundant."""
+    """Stress: a plane four-bar of hinges in space: the last needs only two translations; three of
+    its rows are redundant."""
     run, without = simulate(_bars("revolute")), simulate(_bars("point-on-line"))
     lines = _same_motion("closed four-bar of hinges", run, without, FORM)
     return lines + _reactions("closed four-bar of hinges", run, without, 3, FORM)
@@ -207,8 +208,8 @@ def _run_unless_refused(tree: Tree) -> NominalRun | None:
 
 
 def two_balls() -> list[Stress]:
-    """Two ball joints 1 m to 1e-12 m apart are a hinge about the line between them, with one
-    redundant row.
+    """Stress: two ball joints 1 m to 1e-12 m apart are a hinge about the line between them, with
+    one redundant row.
 
     The lever arms of the hinge are of their distance: the matrix has the condition number of its
     square.
@@ -248,8 +249,8 @@ def two_balls() -> list[Stress]:
 
 
 def near_parallel() -> list[Stress]:
-    """Two hinges at one point with axes 1 to 1e-12 rad apart constrain all three rotations, the
-    third one weakly: a weld."""
+    """Stress: two hinges at one point with axes 1 to 1e-12 rad apart constrain all three rotations,
+    the third one weakly: a weld."""
     lines, reference = [], simulate(pair("fixed"))
     for angle in (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
         tree = pair("revolute")
@@ -268,8 +269,8 @@ def near_parallel() -> list[Stress]:
 
 
 def short_rods() -> list[Stress]:
-    """A rod of 1 m to 1e-9 m between two turning bodies; without length it is refused, or flagged
-    in the run."""
+    """Stress: a rod of 1 m to 1e-9 m between two turning bodies; without length it is refused, or
+    flagged in the run."""
     lines = []
     for length in (1.0, 1e-3, 1e-6, 1e-9, 1e-12):
         tree = pair("rod", step=0.01)

@@ -102,7 +102,8 @@ def pair(
     aft: Tree = AFT,
     **other_tables: Any,
 ) -> Tree:
-    """Two bodies turning in empty space, connected by one joint."""
+    """Scene of two bodies turning in empty space, connected by one joint of a kind; end and step in
+    s."""
     tables = {"omega": OMEGA, **other_tables}
     return scene(
         {"fore": fore, "aft": aft},
@@ -122,8 +123,9 @@ def pushed(
     spring: Tree | None = None,
     **until: Any,
 ) -> Tree:
-    """3 kg and 1 kg on a slider without offset, pushed apart with 1.5 N: relative acceleration 2
-    m/s2. The slider ends at a stroke, m."""
+    """Scene of 3 kg and 1 kg on a slider (or another kind of joint) without offset, pushed apart
+    with 1.5 N, at a relative acceleration of 2 m/s2. The joint ends at a stroke, m, or at a
+    condition in ``until``; ``spring`` has other keys of the pusher."""
     push = {
         "name": "push",
         "bodies": ["fore", "aft"],

@@ -14,8 +14,8 @@ MASS, FORCE = ref.reduced_mass(3.0, 1.0), 1e3  # kg, N
 def _sprung(
     stiffness: float, turn: float, damping: float = 0.0, roll: float = 0.0, steps: int = 100
 ) -> Tree:
-    """Two bodies on a slider pushed apart with 1000 N by a spring, with steps of ``turn``, rad, of
-    its phase."""
+    """Scene of two bodies on a slider pushed apart with 1000 N by a spring (N/m, N s/m), rolling at
+    ``roll``, rad/s; ``steps`` steps, in each of which the spring oscillates by ``turn``, rad."""
     step = turn / math.sqrt(stiffness / MASS)
     tree = pushed(
         1.0,
@@ -35,7 +35,7 @@ def _error(run: NominalRun, stiffness: float, damping: float = 0.0) -> float:
 
 
 def stiff() -> list[Stress]:
-    """Stiffness 1 to 1e9 N/m with 0.1 rad a step, with and without damping."""
+    """Stress: stiffness 1 to 1e9 N/m with 0.1 rad a step, with and without damping."""
     lines = []
     for stiffness in (1.0, 1e3, 1e6, 1e9):
         for ratio in (0.0, 0.3):
@@ -56,8 +56,8 @@ def stiff() -> list[Stress]:
 
 
 def unresolved() -> list[Stress]:
-    """1e9 N/m with steps that are too long, and far too long; also nearly critically damped, so
-    that the motion ends soon."""
+    """Stress: 1e9 N/m with steps that are too long, and far too long; also nearly critically
+    damped, so that the motion ends soon."""
     lines = []
     damping = 1.8 * math.sqrt(1e9 * MASS)
     for turn in (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 6.0, 30.0, 1e3):
@@ -87,10 +87,10 @@ def unresolved() -> list[Stress]:
 
 
 def hidden() -> list[Stress]:
-    """The same in bodies that roll with 1e6 times the energy of the spring, which hides an error of
-    the spring.
+    """Stress: 1e9 N/m between bodies that roll with 1e3 and 1e6 times the energy of the spring,
+    which hides an error of the spring.
 
-    Status ok promises the energy to 1e-6 of the whole, which is all the energy of the spring.
+    Status ok promises the energy to 1e-6 of the whole, which can be all the energy of the spring.
     """
     lines = []
     for turn in (0.3, 1.0, 1.5, 2.0, 3.0, 6.0):

@@ -36,7 +36,7 @@ def truncation(z: float) -> float:
 
 
 def strokes() -> list[Stress]:
-    """Pins from 0 to 1 m long, drawn with 2 m/s2: release time and final speed."""
+    """Stress: pins from 0 to 1 m long, drawn with 2 m/s2: release time and final speed."""
     lines = []
     for stroke in (0.0, 1e-15, 1e-12, 1.001e-12, 1e-11, 1e-9, 1e-6, 1e-3, 0.25):
         time, speed = math.sqrt(2.0 * stroke / ACCELERATION), math.sqrt(2.0 * ACCELERATION * stroke)
@@ -104,8 +104,8 @@ def _lead_time(margin: float) -> float:
 
 
 def grazing() -> list[Stress]:
-    """A stroke just reached, and just missed, at the top of an oscillation: in converged steps, and
-    between two steps of 0.05 to 0.3 s.
+    """Stress: a stroke just reached, and just missed, at the top of an oscillation: in converged
+    steps, and between two steps of 0.05 to 0.3 s.
 
     Where the margin is less than the tolerance of a condition, or than the truncation, either
     answer is right. With a given step, a kernel may miss a condition that is nearly reached within
@@ -168,8 +168,8 @@ def grazing() -> list[Stress]:
 
 
 def slow() -> list[Stress]:
-    """A stroke of 1 mm passed slowly, far from the mass centre: positions are known to round-off,
-    and so is the time."""
+    """Stress: a stroke of 1 mm passed slowly, far from the mass centre: positions are known to
+    round-off, and so is the time."""
     lines = []
     for force, station in (
         (1e-2, 2.0),
@@ -208,8 +208,8 @@ def slow() -> list[Stress]:
 
 
 def spent_springs() -> list[Stress]:
-    """A spring whose own stroke ends just below, or just above, the top of the swing: it is spent,
-    or pulls the bodies back."""
+    """Stress: a spring whose own stroke ends just below, or just above, the top of the swing: it is
+    spent, or pulls the bodies back."""
     lines = []
     for margin in (1e-3, 1e-6, 1e-9, -1e-9, -1e-6, -1e-3):
         tree = _oscillator(2.0 * TOP)

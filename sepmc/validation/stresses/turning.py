@@ -32,14 +32,15 @@ STONE = body(1.0, [1.0, 2.0, 2.2], [1.0, 0.0, 0.0], [0.2, -0.1, 0.15])
 
 
 def _tumbling(deg_s: float, step: float, steps: int) -> NominalRun:
-    """A weld of two bodies without symmetry that tumbles at a rate, deg/s."""
+    """Run of a weld of two bodies without symmetry that tumbles at a rate, deg/s, for ``steps``
+    steps of ``step``, s."""
     rate = np.array(OMEGA) / np.linalg.norm(OMEGA) * math.radians(deg_s)
     return simulate(pair("fixed", end=steps * step, step=step, omega=rate.tolist()), 10)
 
 
 def resolved_spins() -> list[Stress]:
-    """0 to 1e5 deg/s with steps of a tenth of a radian, or the default step where that is shorter:
-    200 steps."""
+    """Stress: 0 to 1e5 deg/s with steps of a tenth of a radian, or the default step where that is
+    shorter: 200 steps."""
     lines = []
     for deg_s in (0.0, 1e-6, 1e-3, 1.0, 1e2, 1e3, 1e4, 1e5):
         run = _tumbling(deg_s, min(0.05, 0.1 / max(math.radians(deg_s), 1e-9)), 200)
@@ -54,8 +55,8 @@ def resolved_spins() -> list[Stress]:
 
 
 def long_steps() -> list[Stress]:
-    """Steps of 0.05 s in which the vehicle turns by up to 87 rad: wrong, so it must be flagged
-    unless the promise of status ok is kept."""
+    """Stress: steps of 0.05 s in which the vehicle turns by up to 87 rad: wrong, so it must be
+    flagged unless the promise of status ok is kept."""
     lines = []
     for turn in (0.2, 0.5, 0.8, 1.1, 1.2, 1.3, 1.4, 1.5, 2.0, 4.0, 8.0, 20.0, 87.3):
         run = _tumbling(math.degrees(turn / 0.05), 0.05, 100)
@@ -90,7 +91,7 @@ def long_steps() -> list[Stress]:
 
 
 def step_lengths() -> list[Stress]:
-    """A weld tumbling at 1.2 rad/s with steps from 1 us to 1 s."""
+    """Stress: a weld tumbling at 1.2 rad/s with steps from 1 us to 1 s."""
     lines = []
     for step in (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0):
         steps = 10_000 if step < 1e-3 else max(20, round(1.0 / step))
@@ -108,7 +109,7 @@ def step_lengths() -> list[Stress]:
 
 
 def hinged_steps() -> list[Stress]:
-    """A pendulum with steps up to a third of its period, against elliptic functions."""
+    """Stress: a pendulum with steps up to a third of its period, against elliptic functions."""
     lines = []
     for step in (1e-3, 1e-2, 0.1, 0.3, 1.0):
         bob = AFT | {"cg_m": [1.0, 0.0, 0.0]}
@@ -160,8 +161,8 @@ def _judge_angles(
 
 
 def angles() -> list[Stress]:
-    """Pitch and roll are continuous through +-90 deg, half a turn and many turns; through yaw = 90
-    deg they jump, and that is flagged."""
+    """Stress: pitch and roll are continuous through +-90 deg, half a turn and many turns; through
+    yaw = 90 deg they jump, and that is flagged."""
     lines = []
     round_stone = {"stone": body(1.0, [2.0, 2.0, 2.0], [1.0, 0.0, 0.0])}
     for name, axis, rate in (
@@ -208,8 +209,8 @@ def angles() -> list[Stress]:
 
 
 def angles_at_long_steps() -> list[Stress]:
-    """Random tumbling at up to a quarter turn a step: pitch and roll as with a step of 5 ms, or
-    flagged."""
+    """Stress: random tumbling at up to a quarter turn a step: pitch and roll as with a step of 5
+    ms, or flagged."""
     lines = []
     random = np.random.default_rng(1)
     for number in range(12):
