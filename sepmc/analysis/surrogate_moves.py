@@ -137,9 +137,9 @@ class SurrogateMove:
         moves = (np.abs(scores) < _REACH).all(axis=1)
         turns = np.concatenate([random.permutation(dimensions) for _ in range(_TURNS)])
         for k in turns[: math.ceil(length * len(turns))]:
-            step = _STEP * random.standard_normal(size)
+            step = _STEP * random.standard_normal((size, 1))
             uniform = random.random(size)
-            trial = values + step[:, None] * self.lines[k]
+            trial = values + step * self.lines[k]
             trial_scores, within = self.coordinates.scores(trial)
             trial_likelihood = self._log_likelihood(trial)
             trial_logs = trial_likelihood + self.coordinates.log_density(trial_scores)

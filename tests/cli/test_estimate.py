@@ -68,27 +68,12 @@ def test_an_estimate_is_a_run_of_the_posterior(folder):
     assert again.exit_code == 0, again.output
 
 
-@pytest.mark.slow
-def test_a_missing_load_is_named_a_shortfall(folder):
-    flown = sepmc.load(folder / "c.toml")
-    drag = {"name": "drag", "body": "fore", "force_N": [20.0, 0.0, 0.0], "point_m": [1.0, 0.0, 0.0]}
-    drag |= {"start_s": 0.2, "end_s": 0.25}
-    with run_interpreted():
-        history = flown.with_settings({"load": [drag]}).simulate(CASE, 0.03)
-        table = pd.DataFrame({"time_s": history["time_s"] + 100.0})
-        table["back"] = -0.5 * history["separation_speed_m_s"]
-        table.to_csv(folder / "short.csv", index=False)
-        short = flown.with_settings({"measurement.0.file": "short.csv"})
-        check = estimate(short, 100, announce=str).check
-    assert check.is_short
-
-
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
         ({"delay_s": 0.0}, "0 samples within the run"),
         ({"file": "none.csv"}, "measurement.0.file = none.csv: "),
-        ({"channel": "gone"}, "no channel gone"),
+        ({"channel": "gone"}, "no channel 'gone'"),
         ({"channel": "0 * back"}, "measurement.0.channel"),
     ],
 )
