@@ -44,6 +44,7 @@ _NO_OUTCOME = (
     "scenario",
     "map",
     "size",
+    "measurement",
 )  # keys of a file that change no row
 # keys of [run] that change no row, and the path of the sample table, which has a digest of its own
 _NOT_IN_DIGEST = ("cases", "seed", "chunk", "samples")

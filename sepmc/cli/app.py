@@ -13,6 +13,7 @@ from sepmc.cli.compare import compare
 from sepmc.cli.compile import compile_
 from sepmc.cli.doctor import doctor
 from sepmc.cli.draw import draw
+from sepmc.cli.estimate import estimate
 from sepmc.cli.exits import MEANINGS, Program
 from sepmc.cli.export import export
 from sepmc.cli.fit import fit
@@ -97,6 +98,7 @@ for _command in (
     size,
     allocate,
     studio,
+    estimate,
     scenarios,
     report,
     export,

@@ -65,6 +65,7 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
     from sepmc.kernel.spec.describe import lines
     from sepmc.scene.budget import budget_lines
     from sepmc.scene.units import unit_text
+    from sepmc.schema import history_columns
 
     click.echo(f"{campaign.name}: {campaign.file.title or 'no title'}")
     for sentence in campaign.file.understood:
@@ -100,6 +101,7 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
         keys = [dispersions[index].parameter.key for index in copula.places]
         click.echo(f"    correlated: {', '.join(keys)}")
     required = campaign.file.requirements
+    units_of_histories = {c.name: c.unit for c in history_columns(campaign.layout.contents)}
     units = {column.name: column.unit for column in campaign.outcome_columns}
     click.echo(f"  required     {len(required) or 'nothing'}")
     for item in required:
@@ -108,6 +110,10 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
     for scenario in campaign.file.scenarios:
         values = as_text(scenario.settings).items()
         click.echo(f"  scenario     {scenario.name}: {', '.join(f'{k} = {v}' for k, v in values)}")
+    for one in campaign.file.measurements:
+        delay = f", delay +- {one.delay_sigma:g} s" if one.delay_sigma else ""
+        unit = units_of_histories[one.column]
+        click.echo(f"  measured     {one.column}: {one.file}, sigma {one.sigma:g} {unit}{delay}")
 
 
 def _input_warnings(campaign: "Campaign") -> list[str]:

@@ -226,7 +226,7 @@ def integrate_nominal(
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s.
     instants : ndarray, shape (m, 3)
-        Time of a row, s; number of its segment; 1 for the state just after that time, -1 before.
+        As in `integrate_histories`.
 
     Returns
     -------
@@ -242,24 +242,69 @@ def integrate_nominal(
     rows : ndarray, shape (m, columns)
         History rows in SI units; NaN if the case ended before.
     """
-    columns, none = len(schema.result_columns(layout.contents)), np.empty(0, dtype=np.int64)
-    outcomes, status = (
-        np.full((columns + kernel.n_indicators, 1), np.nan),
-        np.zeros(1, dtype=np.int64),
+    outcomes, status, ends, rows = integrate_histories(
+        kernel, layout, steps, typical, np.empty(0, dtype=np.int64), np.empty((1, 0)), instants
     )
-    ends = np.empty((kernel.n_segments + kernel.n_changes, 1))
-    history = np.full((1, len(instants), len(schema.history_columns(layout.contents))), np.nan)
-    _call(
-        kernel, layout, steps, typical, none, np.empty((1, 0)), instants, outcomes, ends, history,
-        status,
-    )  # fmt: skip
+    columns = len(schema.result_columns(layout.contents))
     return (
         outcomes[:columns, 0],
         int(status[0]),
         bool(np.isneginf(outcomes[columns:]).any()),
         ends[:, 0],
-        history[0],
+        rows[0],
     )
+
+
+def integrate_histories(
+    kernel: Kernel,
+    layout: ParameterLayout,
+    steps: np.ndarray,
+    typical: np.ndarray,
+    slots: np.ndarray,
+    samples: np.ndarray,
+    instants: np.ndarray,
+    rows: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Integrate cases with a kernel written for full histories, in one call.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    layout : ParameterLayout
+    steps : ndarray of int, shape (segments,)
+    typical : ndarray, shape (segments,)
+        Typical duration of each segment, s.
+    slots : ndarray of int, shape (d,)
+        Positions of the sampled values in the parameter vector.
+    samples : ndarray, shape (n, d)
+        Sampled values in SI units.
+    instants : ndarray, shape (m, 3)
+        Time of a row, s; number of its segment; 1 for the state just after that time, -1 before.
+    rows : ndarray, shape (n, m, columns), optional
+        Memory for the rows.
+
+    Returns
+    -------
+    outcomes : ndarray, shape (o + indicators, n)
+        Outcomes and audit columns in SI units, then error indicators.
+    status : ndarray, shape (n,)
+        As in `integrate_cases`.
+    ends : ndarray, shape (segments + changes, n)
+        Times at which segments end, then times of the releases within segments, s.
+    rows : ndarray, shape (n, m, columns)
+        History rows in SI units; NaN where a case is in another segment or has ended.
+    """
+    n, columns = len(samples), len(schema.result_columns(layout.contents))
+    outcomes = np.full((columns + kernel.n_indicators, n), np.nan)
+    status = np.zeros(n, dtype=np.int64)
+    ends = np.empty((kernel.n_segments + kernel.n_changes, n))
+    if rows is None:
+        rows = np.empty((n, len(instants), len(schema.history_columns(layout.contents))))
+    rows.fill(np.nan)
+    _call(
+        kernel, layout, steps, typical, slots, samples, instants, outcomes, ends, rows, status,
+    )  # fmt: skip
+    return outcomes, status, ends, rows
 
 
 def _call(

@@ -62,7 +62,7 @@ class _Raw:
     unit: str
 
 
-def parse_map(text: str, columns: Sequence[str]) -> MappedChannel:
+def parse_map(text: str, columns: Sequence[str], option: str = "map") -> MappedChannel:
     """Read a mapping, ``COLUMN=[-][FACTOR*]CHANNEL[UNIT]``.
 
     Parameters
@@ -71,6 +71,8 @@ def parse_map(text: str, columns: Sequence[str]) -> MappedChannel:
         Such as ``upper_omega_y_deg_s=-gyro_z[rad/s]``.
     columns : sequence of str
         Columns of histories that may be mapped.
+    option : str
+        Name of the option or key, for messages.
 
     Returns
     -------
@@ -83,13 +85,13 @@ def parse_map(text: str, columns: Sequence[str]) -> MappedChannel:
     column, equal, right = (part.strip() for part in text.partition("="))
     match = _MAP.fullmatch(right)
     if not equal or match is None:
-        raise InputError(f"map {shorten(text)}: must be COLUMN=CHANNEL, such as {_EXAMPLE}")
+        raise InputError(f"{option} {shorten(text)}: must be COLUMN=CHANNEL, such as {_EXAMPLE}")
     if column not in columns:
         hint = nearest(column, columns)
-        raise InputError(f"map {shorten(text)}: no column {column} of histories; {hint}")
+        raise InputError(f"{option} {shorten(text)}: no column {column} of histories; {hint}")
     factor = float(match[2] or 1.0) * (-1.0 if match[1] == "-" else 1.0)
     if not (math.isfinite(factor) and factor):
-        raise InputError(f"map {shorten(text)}: the factor must be finite and not 0")
+        raise InputError(f"{option} {shorten(text)}: the factor must be finite and not 0")
     return MappedChannel(column, match[3], factor)
 
 

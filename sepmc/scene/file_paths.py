@@ -83,6 +83,8 @@ def locate(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     def located(key: str, value: Any) -> Any:
         if isinstance(value, dict):
             return {name: located(str(name), item) for name, item in value.items()}
+        if isinstance(value, list):
+            return [located(key, item) for item in value]
         if key != "file" or not isinstance(value, str) or not value.isprintable():
             return value
         try:

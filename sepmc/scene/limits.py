@@ -69,6 +69,7 @@ ITEMS = {
     "dispersion": 2000,
     "outcome": 2000,
     "scenario": 64,
+    "measurement": 64,
     "discrete": 1000,
     "weights": 1000,
     "parameters": 500,

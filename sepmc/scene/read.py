@@ -26,6 +26,7 @@ from sepmc.scene.formula_outcomes import check_formula_outcomes
 from sepmc.scene.initial_rates import check_initial_rates
 from sepmc.scene.input_table import CASE, InputTable, Reader
 from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, read_limited
+from sepmc.scene.measurements import Measurement, check_measurements
 from sepmc.scene.messages import (
     Problems,
     SceneError,
@@ -57,6 +58,7 @@ _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _OWN_TABLES = (
     *("name", "title", "dispersion", "correlation", "requirement", "reference", "scenario"),
     *("map", "size"),
+    "measurement",
 )
 
 
@@ -92,6 +94,8 @@ class CampaignFile:
         Axes of ``sepmc map``.
     size : SizePlan or None
         Variables and costs of ``sepmc size``.
+    measurements : tuple of Measurement
+        Telemetry that parameters are estimated from.
     """
 
     name: str
@@ -109,6 +113,7 @@ class CampaignFile:
     scenarios: tuple[Scenario, ...] = ()
     map: MapPlan | None = None
     size: SizePlan | None = None
+    measurements: tuple[Measurement, ...] = ()
 
     @property
     def toml(self) -> str:
@@ -272,6 +277,7 @@ def _parse(
     requirements = read_array(Requirement, tree.get("requirement", []), "requirement", problems)
     correlations = read_array(Correlation, tree.get("correlation", []), "correlation", problems)
     scenarios = read_scenarios(tree.get("scenario", []), problems)
+    measurements = read_array(Measurement, tree.get("measurement", []), "measurement", problems)
     problems.raise_if_any(source)
     scene = _with_strokes(scene)
     if signals or driven:
@@ -314,6 +320,7 @@ def _parse(
         _check_reference(reference, outcomes, problems)
     for requirement in requirements:
         _check_requirement(requirement, requirements, outcomes, problems)
+    check_measurements(measurements, contents(scene, dispersed), problems)
     for scenario in scenarios:
         scenario_tree(tree, scene, scenario, problems)
     map_plan = read_map(tree, scene, problems)
@@ -337,6 +344,7 @@ def _parse(
         scenarios,
         map_plan,
         size_plan,
+        measurements,
     )
 
 

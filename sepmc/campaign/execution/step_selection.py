@@ -68,7 +68,7 @@ def kernel_spec(campaign: Definition, variant: int = Variant.STANDARD) -> Kernel
 def kernel_text(
     campaign: Definition,
     solver: str | None = None,
-    history: bool = False,
+    history: int = False,
     variant: int = Variant.STANDARD,
 ) -> str:
     """Text of the kernel of a campaign, a Python module.
@@ -78,8 +78,8 @@ def kernel_text(
     campaign : Definition
     solver : str, optional
         Name of other integration methods.
-    history : bool
-        Write stored histories.
+    history : int
+        Write stored histories (1), or full ones: see `sepmc.engine.kernel_texts.written`.
     variant : int
         A `Variant` of the kernel.
 
@@ -98,7 +98,7 @@ def stage_names(spec: KernelSpec) -> list[str]:
     ]
 
 
-def fallbacks(campaign: Definition, spec: KernelSpec, history: bool) -> tuple[FallbackKernel, ...]:
+def fallbacks(campaign: Definition, spec: KernelSpec, history: int) -> tuple[FallbackKernel, ...]:
     """Fallback kernels for cases that the kernel of a specification rejects."""
     phases = [phase.name for phase in spec.scene.phase]
     numbers = np.array([phases.index(segment.phase) for segment in spec.segments])

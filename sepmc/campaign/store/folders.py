@@ -46,6 +46,7 @@ _FIGURES = (
     "scatter",
     "rare",
     "telemetry",
+    "posterior",
 )
 _DERIVED = (  # derived from the cases
     "statistics.csv",
@@ -56,6 +57,8 @@ _DERIVED = (  # derived from the cases
     "causes.csv",
     "telemetry.csv",
     "telemetry.json",
+    "posterior.csv",
+    "posterior.json",
     "distributions.csv",
     "report.html",
     "rare.json",

@@ -367,9 +367,12 @@ def _remove_unrecorded(folder: Path) -> None:
 
 
 def campaign_text(file: CampaignFile, **run: Any) -> str:
-    """TOML of the resolved campaign of a folder, with other values of its ``run`` table."""
+    """TOML of the resolved campaign of a folder, with other values of its ``run`` table; without
+    measurements, whose files lie elsewhere."""
     settings = run | ({"samples": folders.SAMPLES} if file.input_table else {})
-    tree = {**file.tree, "run": {**file.tree.get("run", {}), **settings}} if settings else file.tree
+    tree = {key: value for key, value in file.tree.items() if key != "measurement"}
+    if settings:
+        tree["run"] = {**tree.get("run", {}), **settings}
     return replace(file, tree=tree).toml
 
 

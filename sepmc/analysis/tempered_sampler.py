@@ -1,0 +1,241 @@
+"""Samples of a posterior over independent standard normal scores, of a model whose residuals are
+normal: tempered sequential Monte Carlo.
+
+The likelihood is raised to powers (temperatures) from 0 to 1, each chosen so that half of the
+particles stay effective (Del Moral, Doucet and Jasra, J. R. Stat. Soc. B 68 (2006) 411). At each
+one, particles are resampled and then moved until they have forgotten where they started, by two
+Metropolis moves: chains on a surrogate (`sepmc.analysis.surrogate_moves`), and, for what a
+regression does not see, a Crank-Nicolson proposal that keeps a t distribution with mean and
+covariance of the particles (Grumitt, Karamanis and Seljak, Inverse Problems 40 (2024) 125023).
+Approximations shape proposals alone; the likelihood is the model's.
+
+The sampler is our own: a likelihood here is one call of a kernel for all particles, of a model that
+no library can trace. blackjax needs one in JAX; pocoMC needs torch, and is under the GPL; emcee has
+no evidence; dynesty asks for one point after the other; particles draws from the global random
+state of numpy, which others share.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sepmc.analysis.surrogate_moves import Coordinates, SurrogateMove
+
+_EFFECTIVE = 0.5  # fraction of the particles that a temperature leaves effective
+_FREEDOM = 5.0  # degrees of freedom of the t distribution: tails heavier than those of a posterior
+_ACCEPTED = 0.5  # acceptance rate below which proposals become shorter
+_ADAPTED = 1.5  # largest factor of the length of a proposal from one sweep to the next
+_SHORTEST = 1e-2  # proposal
+_GLOBAL = 4  # one in so many sweeps proposes by the t distribution
+_CORRELATED = 0.5  # with the start of a temperature, at which moves end
+_SWEEPS, _LAST_SWEEPS = 20, 100  # at most, of a temperature and of the last one
+# maps scores (n, d) to residuals (n, m) in sigma, NaN where a case has none
+Residuals = Callable[[np.ndarray], np.ndarray]
+
+
+class NoLikelihoodError(ValueError):
+    """No sample of the prior has a likelihood above 0."""
+
+
+@dataclass(frozen=True)
+class PosteriorSample:
+    """Sample of a posterior.
+
+    Attributes
+    ----------
+    scores : ndarray, shape (n, d)
+    log_likelihood : ndarray, shape (n,)
+        Minus half of the sum of the squares of the residuals.
+    log_evidence : float
+        Natural logarithm of the mean of this likelihood over the prior.
+    temperatures : tuple of float
+        Rising to 1.
+    sweeps : int
+        Moves of every particle, of all temperatures.
+    correlation : float
+        Largest correlation over the dimensions of the scores with those at the start of the last
+        temperature, where particles have copies.
+    """
+
+    scores: np.ndarray
+    log_likelihood: np.ndarray
+    log_evidence: float
+    temperatures: tuple[float, ...]
+    sweeps: int
+    correlation: float
+
+
+def sample_posterior(
+    residuals: Residuals,
+    dimensions: int,
+    size: int,
+    random: np.random.Generator,
+    coordinates: Coordinates | None = None,
+    report: Callable[[float, int], None] | None = None,
+) -> PosteriorSample:
+    """Sample a posterior whose prior is standard normal.
+
+    Parameters
+    ----------
+    residuals : callable
+        Maps scores (n, d) to residuals (n, m).
+    dimensions, size : int
+        Of the scores, d and n.
+    random : Generator
+    coordinates : Coordinates, optional
+        In which the residuals are nearly quadratic; default the scores.
+    report : callable (temperature, sweeps), optional
+
+    Returns
+    -------
+    PosteriorSample
+
+    Raises
+    ------
+    NoLikelihoodError
+    """
+    if coordinates is None:
+        coordinates = Coordinates(np.tile(Coordinates.knots()[:, None], dimensions))
+    scores = random.standard_normal((size, dimensions))
+    rest = residuals(scores)
+    logs = _log_likelihood(rest)
+    if not np.isfinite(logs).any():
+        raise NoLikelihoodError
+    temperature, temperatures, log_evidence = 0.0, list[float](), 0.0
+    sweeps, correlation, lengths = 0, 0.0, [1.0, 1.0]
+    while temperature < 1.0:
+        increment = _increment(logs, 1.0 - temperature)
+        weights = _weights(increment * logs)
+        log_evidence += _log_mean_exp(increment * logs)
+        temperature = min(temperature + increment, 1.0)
+        temperatures.append(temperature)
+        moves: tuple[SurrogateMove | _GlobalMove, ...] = (
+            SurrogateMove.of(scores, rest, weights, temperature, coordinates),
+            _GlobalMove.of(scores, weights),
+        )
+        chosen = _resample(weights, random)
+        scores, rest, logs = scores[chosen], rest[chosen], logs[chosen]
+        start, last = scores, temperature == 1.0
+        enough = 3.0 / math.sqrt(size) if last else _CORRELATED
+        for sweep in range(_LAST_SWEEPS if last else _SWEEPS):
+            which = int(sweep % _GLOBAL == _GLOBAL - 1)
+            proposal, context = moves[which].propose(scores, rest, lengths[which], random)
+            new = residuals(proposal)
+            proposed = _log_likelihood(new)
+            log_ratio = moves[which].log_ratio(proposal, context)
+            with np.errstate(invalid="ignore"):
+                log_ratio += temperature * (proposed - logs)
+                log_ratio += 0.5 * ((scores**2).sum(axis=1) - (proposal**2).sum(axis=1))
+            accepted = np.log(random.random(size)) < log_ratio
+            scores = np.where(accepted[:, None], proposal, scores)
+            rest = np.where(accepted[:, None], new, rest)
+            logs = np.where(accepted, proposed, logs)
+            sweeps += 1
+            change = min(max(accepted.mean() / _ACCEPTED, 0.5), _ADAPTED)
+            lengths[which] = float(np.clip(lengths[which] * change, _SHORTEST, 1.0))
+            if report:
+                report(temperature, sweeps)
+            correlation = _largest_correlation(start, scores)
+            if correlation < enough:
+                break
+    order = random.permutation(size)  # copies of one particle stood together
+    return PosteriorSample(
+        scores[order], logs[order], log_evidence, tuple(temperatures), sweeps, correlation
+    )
+
+
+def _log_likelihood(residuals: np.ndarray) -> np.ndarray:
+    """Log likelihoods (n,); minus infinity where a residual is NaN."""
+    logs = -0.5 * (residuals**2).sum(axis=1)
+    return np.where(np.isnan(logs), -np.inf, logs)
+
+
+@dataclass(frozen=True)
+class _GlobalMove:
+    """Proposals that keep a t distribution: ``mean`` (d,), Cholesky ``factor`` (d, d) of its
+    scale."""
+
+    mean: np.ndarray
+    factor: np.ndarray
+
+    @classmethod
+    def of(cls, scores: np.ndarray, weights: np.ndarray) -> "_GlobalMove":
+        """Fit to weighted particles (n, d); with few of them, correlations shrink."""
+        mean = weights @ scores
+        offsets = scores - mean
+        covariance = (weights[:, None] * offsets).T @ offsets
+        count, dimensions = 1.0 / (weights**2).sum(), scores.shape[1]
+        diagonal = np.diag(np.diag(covariance))
+        shrinkage = dimensions / (dimensions + count)
+        covariance = (1.0 - shrinkage) * covariance + shrinkage * diagonal
+        return cls(mean, np.linalg.cholesky(covariance + 1e-12 * np.eye(dimensions)))
+
+    def propose(
+        self, scores: np.ndarray, _: np.ndarray, length: float, random: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Proposals (n, d), and what `log_ratio` needs. A ``length`` of 1 forgets the scores."""
+        size, dimensions = scores.shape
+        distance = self._distance(scores)
+        scale = 0.5 * (_FREEDOM + distance)
+        scale /= random.gamma(0.5 * (_FREEDOM + dimensions), size=size)
+        noise = random.standard_normal((size, dimensions)) @ self.factor.T
+        proposal = self.mean + math.sqrt(1.0 - length**2) * (scores - self.mean)
+        return proposal + length * np.sqrt(scale)[:, None] * noise, distance
+
+    def log_ratio(self, proposal: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """Logs (n,) of the ratio of the densities of proposing back and forth."""
+        new, half = self._distance(proposal), 0.5 * (_FREEDOM + proposal.shape[1])
+        return np.asarray(half * (np.log1p(new / _FREEDOM) - np.log1p(distance / _FREEDOM)))
+
+    def _distance(self, scores: np.ndarray) -> np.ndarray:
+        """Squared Mahalanobis distances (n,)."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415
+
+        offsets = solve_triangular(self.factor, (scores - self.mean).T, lower=True)
+        return np.asarray((offsets**2).sum(axis=0))
+
+
+def _weights(logs: np.ndarray) -> np.ndarray:
+    """Normalised weights (n,)."""
+    weights = np.exp(logs - logs.max())
+    return np.asarray(weights / weights.sum())
+
+
+def _log_mean_exp(logs: np.ndarray) -> float:
+    return float(logs.max() + np.log(np.mean(np.exp(logs - logs.max()))))
+
+
+def _increment(logs: np.ndarray, most: float) -> float:
+    """Increment of the temperature, at most ``most``, that leaves a fraction of the possible
+    particles effective."""
+    wanted = _EFFECTIVE * np.count_nonzero(np.isfinite(logs))
+
+    def suffices(increment: float) -> bool:
+        return bool(1.0 / (_weights(increment * logs) ** 2).sum() >= wanted)
+
+    if suffices(most):
+        return most
+    low, high = 0.0, most
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if suffices(middle) else (low, middle)
+    return high if low == 0.0 else low
+
+
+def _resample(weights: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """Indices (n,) of particles in proportion to their weights (systematic resampling)."""
+    points = (np.arange(len(weights)) + random.random()) / len(weights)
+    return np.minimum(np.searchsorted(np.cumsum(weights), points), len(weights) - 1)
+
+
+def _largest_correlation(start: np.ndarray, scores: np.ndarray) -> float:
+    """Largest correlation of scores (n, d) with their start, over the dimensions."""
+    a, b = start - start.mean(axis=0), scores - scores.mean(axis=0)
+    product = (a * b).sum(axis=0)
+    sizes = np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0))
+    return float(np.max(product / np.where(sizes > 0.0, sizes, 1.0)))
+
+
+__all__ = ["NoLikelihoodError", "PosteriorSample", "sample_posterior"]

@@ -1,0 +1,368 @@
+"""Parameter estimation from telemetry: the distributions of a campaign are the prior, its
+measurements give the likelihood, and a sample of the posterior is a table of inputs."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis.model_check import ModelCheck, check_model
+from sepmc.analysis.surrogate_moves import Coordinates
+from sepmc.analysis.tempered_sampler import NoLikelihoodError, PosteriorSample, sample_posterior
+from sepmc.campaign import cases as sampling
+from sepmc.campaign.execution.batch_histories import BatchHistories
+from sepmc.campaign.measured_channels import (
+    MeasuredChannel,
+    at_samples,
+    history_times,
+    read_measurements,
+)
+from sepmc.engine.dispatch import check_int, check_threads
+from sepmc.scene.messages import InputError, Log
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign
+
+CASES = 1000  # of a posterior sample
+INTERVAL = 0.9  # credible
+CORRELATED = 0.7  # posterior correlation that is reported
+UNINFORMED = 0.9  # ratio of standard deviations above which the flight says little
+_MIN_PER_PARAMETER, _MIN_CASES, _MOST_CASES = 10, 100, 100_000
+_PRIOR = 20_000  # samples of the statistics of the prior
+_BANDS = 500  # cases of the band of the prior
+_NUMERICAL = 0.1  # change of the standardised residuals together by the numerical error
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """Posterior of a campaign and its measurements.
+
+    Attributes
+    ----------
+    table : DataFrame
+        A row for each dispersed parameter and estimated delay: ``parameter`` (key), ``unit``;
+        ``prior_mean``, ``prior_std``, ``prior_low``, ``prior_high``, and ``mean``, ``std``,
+        ``low``, ``high`` of the posterior, with the ends of the 90 % interval; ``std_ratio``,
+        posterior over prior (NaN of a constant).
+    correlations : list of (str, str, float)
+        Pairs of parameters with strongly correlated posterior scores.
+    inputs : DataFrame
+        Sample of the posterior, a row per case: inputs by column, in the units of the file.
+    sample : PosteriorSample
+    check : ModelCheck
+        Whether the model explains the measurements.
+    channels : list of MeasuredChannel
+    curves : DataFrame
+        Long form, a row per sample: ``measurement`` (number), ``column``, ``time_s``, ``measured``,
+        ``sigma``, 5, 50 and 95 % of the cases of prior and posterior (``prior_low``,
+        ``prior_median``, ...), and ``residual``, measured minus posterior mean.
+    log_evidence : float
+        Natural logarithm of the density of the measurements under the campaign.
+    impossible : float
+        Fraction of the prior without a history at the times of all samples.
+    understood, notes : list of str
+    seed : int
+    model : Model
+    """
+
+    table: pd.DataFrame
+    correlations: list[tuple[str, str, float]]
+    inputs: pd.DataFrame
+    sample: PosteriorSample
+    check: ModelCheck
+    channels: list[MeasuredChannel]
+    curves: pd.DataFrame
+    log_evidence: float
+    impossible: float
+    understood: list[str]
+    notes: list[str]
+    seed: int
+    model: "Model" = field(repr=False)
+
+    def density_at(self, scores: np.ndarray) -> float:
+        """Logarithm of the posterior density at scores (d,) of parameters and delays, but for the
+        constant that `sample` leaves out too."""
+        residuals = self.model.residuals(scores[None])[0]
+        return float(-0.5 * (residuals**2).sum() - 0.5 * (scores**2).sum())
+
+
+def estimate(
+    campaign: "Campaign",
+    cases: int = CASES,
+    seed: int | None = None,
+    threads: int | None = None,
+    announce: Log | None = None,
+    report: Callable[[float, int], None] | None = None,
+) -> Estimation:
+    """Estimate the dispersed parameters of a campaign from its measurements.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    cases : int
+        Of the sample of the posterior.
+    seed : int, optional
+        Of the file if None.
+    threads : int, optional
+    announce : callable (text), optional
+        Called with messages.
+    report : callable (temperature, sweeps), optional
+        Called with the progress of the sampler.
+
+    Returns
+    -------
+    Estimation
+
+    Raises
+    ------
+    InputError
+        If there are no measurements or distributions, or no case comes near the measurements.
+    """
+    check_threads(threads)
+    model = Model(campaign, threads, announce)
+    fewest = max(_MIN_CASES, _MIN_PER_PARAMETER * model.dimensions)
+    cases = check_int("cases", cases, fewest, _MOST_CASES)
+    seed = campaign.checked_seed(seed)
+    random = sampling.generator(seed, "estimation")
+    try:
+        sample = sample_posterior(
+            model.residuals, model.dimensions, cases, random, model.coordinates, report
+        )
+    except NoLikelihoodError:
+        raise InputError(
+            f"{campaign.name}: none of {cases} cases of the distributions reaches the end of the "
+            "measurements; look at their statuses (sepmc campaign), and at delay_s"
+        ) from None
+    predictions = model.predictions(sample.scores)
+    channels = model.channels
+    check = check_model(
+        [channel.time for channel in channels],
+        [channel.values / channel.sigma for channel in channels],
+        predictions,
+        sample.scores,
+    )
+    prior = model.predictions(random.standard_normal((_BANDS, model.dimensions)))
+    names = [column.name for column in campaign.input_columns]
+    return Estimation(
+        model.table(sample.scores, random),
+        model.correlations(sample.scores),
+        pd.DataFrame(model.inputs(sample.scores), columns=names),
+        sample,
+        check,
+        channels,
+        _curves(channels, prior, predictions),
+        sample.log_evidence + model.log_scale,
+        float(np.mean([np.isnan(values).any(axis=1) for values in prior])),
+        model.understood,
+        model.notes,
+        seed,
+        model,
+    )
+
+
+class Model:
+    """Predictions of the measurements of a campaign at normal scores: those of its dispersed
+    parameters, then those of the clocks with estimated delays.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    threads : int, optional
+    announce : callable (text), optional
+    """
+
+    def __init__(
+        self, campaign: "Campaign", threads: int | None = None, announce: Log | None = None
+    ):
+        file = campaign.file
+        if not file.measurements:
+            raise InputError(
+                f"{campaign.name}: has no measurement: give [[measurement]] column, file, sigma"
+            )
+        if not file.dispersions:
+            raise InputError(
+                f"{campaign.name}: nothing is dispersed; give [dispersion], what is known of the "
+                "parameters before the flight"
+            )
+        if file.input_table is not None:
+            raise InputError(
+                f"run.samples = {file.input_table.path.name}: a table has no density to estimate "
+                "with; give [dispersion] distributions, and no run.samples"
+            )
+        self.campaign, self.notes = campaign, list[str]()
+        self.channels, self.understood = read_measurements(campaign)
+        self.clocks = list(dict.fromkeys(c.file for c in self.channels if c.delay_sigma > 0.0))
+        self.dimensions = len(file.dispersions) + len(self.clocks)
+        self.columns = list(dict.fromkeys(channel.column for channel in self.channels))
+        self.times = history_times(self.channels, campaign.scene.run.end_time)
+        tolerances = [
+            min(_tolerance(c) for c in self.channels if c.column == name) for name in self.columns
+        ]
+        trials = campaign.sample(0, 64) if not self._is_sized else campaign.sample(0, 1)
+        self.histories = BatchHistories(
+            campaign, self.columns, self.times, tolerances, trials, threads, announce
+        )
+        self._drop_undefined(trials)
+        if self.histories.error > 1.0:
+            self.notes.append(
+                "numerical errors of histories are "
+                f"{self.histories.error:.2g} times what the measurements allow: parameters may be "
+                "biased"
+            )
+
+    @property
+    def _is_sized(self) -> bool:
+        """True if the sampler of the file can sample no fewer cases."""
+        return self.campaign.scene.run.sampler in sampling.SIZE_DEPENDENT
+
+    def _drop_undefined(self, trials: np.ndarray) -> None:
+        """Leave out samples at which no trial case has a value, such as angles in still air."""
+        histories = self.histories(trials)
+        for k, channel in enumerate(self.channels):
+            values = histories[:, self.columns.index(channel.column)]
+            known = np.isfinite(at_samples(values, self.times, channel.time, None)).any(axis=0)
+            if not known.all():
+                count = int(np.count_nonzero(~known))
+                self.notes.append(
+                    f"{channel.column}: {count} samples of {channel.file} are left out: no case "
+                    "has a value then"
+                )
+                if np.count_nonzero(known) < 2:
+                    raise InputError(
+                        f"measurement.{k}.column = {channel.column}: no case has a value at the "
+                        "times of its samples"
+                    )
+                self.channels[k] = channel.only(known)
+
+    def inputs(self, scores: np.ndarray) -> np.ndarray:
+        """Inputs (n, d) in the units of the file."""
+        file = self.campaign.file
+        own = scores[:, : len(file.dispersions)]
+        return sampling.inputs_at_scores(file.dispersions, own, file.copulas)
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Inputs as functions of their scores, which histories are nearly quadratic in."""
+        knots = Coordinates.knots()
+        values = np.tile(knots[:, None], self.dimensions)
+        values[:, : len(self.campaign.file.dispersions)] = self.inputs(values)
+        for copula in self.campaign.file.copulas:  # functions of several scores
+            values[:, list(copula.places)] = knots[:, None]
+        return Coordinates(values)
+
+    def _delay_of(self, channel: MeasuredChannel, scores: np.ndarray) -> np.ndarray | None:
+        """Deviations (n,) of a delay from that of the file, s; None if it is known."""
+        if channel.delay_sigma == 0.0:
+            return None
+        clock = len(self.campaign.file.dispersions) + self.clocks.index(channel.file)
+        return np.asarray(channel.delay_sigma * scores[:, clock])
+
+    def predictions(self, scores: np.ndarray) -> list[np.ndarray]:
+        """Predictions (n, m) of each channel in units of sigma, NaN where a case has no value."""
+        histories = self.histories(self.inputs(scores))
+        return [
+            at_samples(
+                histories[:, self.columns.index(channel.column)],
+                self.times,
+                channel.time,
+                self._delay_of(channel, scores),
+            )
+            / channel.sigma
+            for channel in self.channels
+        ]
+
+    def residuals(self, scores: np.ndarray) -> np.ndarray:
+        """Residuals (n, m) of all channels in sigma; NaN where a case has no value."""
+        predictions = zip(self.channels, self.predictions(scores), strict=True)
+        return np.concatenate([c.values / c.sigma - values for c, values in predictions], axis=1)
+
+    @property
+    def log_scale(self) -> float:
+        """Log likelihood of residuals of 0."""
+        sigmas = np.concatenate([channel.sigma for channel in self.channels])
+        return -float(np.log(sigmas * math.sqrt(2.0 * math.pi)).sum())
+
+    def table(self, scores: np.ndarray, random: np.random.Generator) -> pd.DataFrame:
+        """Table of `Estimation`."""
+        before = random.standard_normal((_PRIOR, self.dimensions))
+        prior, posterior = (np.hstack([self.inputs(s), self._delays(s)]) for s in (before, scores))
+        units = [column.unit for column in self.campaign.input_columns]
+        rows: dict[str, object] = {
+            "parameter": self._names,
+            "unit": units + ["s"] * len(self.clocks),
+        }
+        ends = (0.5 - 0.5 * INTERVAL, 0.5 + 0.5 * INTERVAL)
+        for stem, values in (("prior_", prior), ("", posterior)):
+            low, high = np.quantile(values, ends, axis=0)
+            spread = values.std(axis=0)
+            # of a constant, round-off
+            spread[np.ptp(values, axis=0) == 0.0] = 0.0
+            own = {"mean": values.mean(axis=0), "std": spread, "low": low, "high": high}
+            rows |= {stem + name: column for name, column in own.items()}
+        table = pd.DataFrame(rows)
+        table["std_ratio"] = table["std"] / table["prior_std"].where(table["prior_std"] > 0.0)
+        return table
+
+    @property
+    def _names(self) -> list[str]:
+        """Keys of the parameters, and names of the delays."""
+        keys = [one.parameter.key for one in self.campaign.file.dispersions]
+        return keys + [f"delay of {name}" for name in self.clocks]
+
+    def _delays(self, scores: np.ndarray) -> np.ndarray:
+        """Delays (n, clocks), s: of the first measurement of each file."""
+        delays = np.empty((len(scores), len(self.clocks)))
+        for k, name in enumerate(self.clocks):
+            channel = next(one for one in self.channels if one.file == name)
+            deviation = self._delay_of(channel, scores)
+            delays[:, k] = channel.delay + (0.0 if deviation is None else deviation)
+        return delays
+
+    def correlations(self, scores: np.ndarray) -> list[tuple[str, str, float]]:
+        """Strong correlations of the posterior, the strongest first."""
+        spread = scores.std(axis=0) > 0.0
+        with np.errstate(invalid="ignore", divide="ignore"):
+            matrix = np.corrcoef(scores, rowvar=False).reshape(2 * (self.dimensions,))
+        names = self._names
+        pairs = [
+            (names[i], names[k], float(matrix[i, k]))
+            for i in range(self.dimensions)
+            for k in range(i)
+            if spread[i] and spread[k] and abs(matrix[i, k]) >= CORRELATED
+        ]
+        return sorted(pairs, key=lambda pair: -abs(pair[2]))
+
+
+def _tolerance(channel: MeasuredChannel) -> float:
+    """Root mean square of a numerical error that hardly changes the likelihood, in the unit of the
+    column."""
+    return float(_NUMERICAL * channel.sigma.min() / math.sqrt(len(channel.time)))
+
+
+def _curves(
+    channels: Sequence[MeasuredChannel], prior: list[np.ndarray], posterior: list[np.ndarray]
+) -> pd.DataFrame:
+    """Curves of `Estimation`, from predictions in units of sigma."""
+    frames = []
+    percent = (50.0 - 50.0 * INTERVAL, 50.0, 50.0 + 50.0 * INTERVAL)
+    for k, channel in enumerate(channels):
+        table: dict[str, object] = {
+            "measurement": k,
+            "column": channel.column,
+            "time_s": channel.time,
+            "measured": channel.values,
+            "sigma": channel.sigma,
+        }
+        for stem, values in (("prior", prior[k]), ("posterior", posterior[k])):
+            bands = np.nanpercentile(values * channel.sigma, percent, axis=0)
+            for name, band in zip(("low", "median", "high"), bands, strict=True):
+                table[f"{stem}_{name}"] = band
+        table["residual"] = channel.values - posterior[k].mean(axis=0) * channel.sigma
+        frames.append(pd.DataFrame(table))
+    return pd.concat(frames, ignore_index=True)
+
+
+__all__ = ["Estimation", "estimate"]

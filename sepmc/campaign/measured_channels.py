@@ -1,0 +1,179 @@
+"""Measurements of a campaign: reading of their files, and histories at the times of their
+samples."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sepmc import schema
+from sepmc.campaign.definition import Definition
+from sepmc.formats.telemetry import parse_map, read_telemetry
+from sepmc.formats.text_table import FormatError
+from sepmc.scene.measurements import Measurement
+from sepmc.scene.messages import InputError
+
+_MOST_SAMPLES = 1000  # of a channel; more are averaged in groups
+_MIN_ROWS, _MOST_ROWS = 400, 1000  # of histories that are interpolated
+_DELAYS = 4.0  # standard deviations of a delay that the samples used allow for
+
+
+@dataclass(frozen=True)
+class MeasuredChannel:
+    """Samples of a measurement within the run.
+
+    Attributes
+    ----------
+    column, unit : str
+    time : ndarray, shape (m,)
+        Of the run, at the delay of the file, s.
+    values, sigma : ndarray, shape (m,)
+        In the unit of the column.
+    file : str
+    delay, delay_sigma : float
+        s.
+    left_out : int
+        Samples of the file outside the run.
+    averaged : int
+        Samples in each group that a value is the mean of.
+    """
+
+    column: str
+    unit: str
+    time: np.ndarray
+    values: np.ndarray
+    sigma: np.ndarray
+    file: str
+    delay: float
+    delay_sigma: float
+    left_out: int
+    averaged: int
+
+    def only(self, kept: np.ndarray) -> "MeasuredChannel":
+        """The channel with some of its samples (m,)."""
+        return replace(self, time=self.time[kept], values=self.values[kept], sigma=self.sigma[kept])
+
+
+def read_measurements(campaign: Definition) -> tuple[list[MeasuredChannel], list[str]]:
+    """Read the measurements of a campaign.
+
+    Parameters
+    ----------
+    campaign : Definition
+
+    Returns
+    -------
+    list of MeasuredChannel
+    list of str
+        What was understood.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or has no samples within the run.
+    """
+    columns = schema.history_columns(campaign.layout.contents)
+    names, units = [c.name for c in columns], {c.name: c.unit for c in columns}
+    channels, understood = [], list[str]()
+    for number, one in enumerate(campaign.file.measurements):
+        path, key_path = campaign.file.folder / one.file, f"measurement.{number}"
+        channel = one.channel or one.column
+        mapped = parse_map(f"{one.column} = {channel}", names, f"{key_path}.channel")
+        try:
+            series, sentences = read_telemetry(path, [mapped], names, one.time)
+        except FormatError as error:
+            raise InputError(f"{key_path}.file = {one.file}: {error}") from None
+        except OSError as error:
+            raise InputError(f"{key_path}.file = {one.file}: {error.strerror}") from None
+        own = _within(one, units[one.column], *series[one.column], campaign.scene.run.end_time)
+        if len(own.time) < 2:
+            raise InputError(
+                f"{key_path}: {one.file} has {len(own.time)} samples within the run, at a delay of "
+                f"{one.delay:.14g} s; give delay_s, the time of the file at time 0 of the run"
+            )
+        channels.append(own)
+        understood += sentences
+        if own.left_out:
+            understood[-1] += f"; {own.left_out} outside the run"
+        if own.averaged > 1:
+            understood[-1] += f"; means of {own.averaged} each"
+    return channels, understood
+
+
+def _within(
+    one: Measurement, unit: str, time: np.ndarray, values: np.ndarray, end: float
+) -> MeasuredChannel:
+    """Samples of a file that lie within the run at every delay that is probable."""
+    time, margin = time - one.delay, _DELAYS * one.delay_sigma
+    inside = (time >= margin - 1e-9 * end) & (time <= end - margin + 1e-9 * end)
+    left_out, time, values = int(np.count_nonzero(~inside)), time[inside], values[inside]
+    group = -(-len(time) // _MOST_SAMPLES) or 1
+    starts = np.arange(0, len(time), group)
+    if not len(starts):
+        time, values, sigma = np.empty((3, 0))
+    else:
+        counts = np.diff(starts, append=len(time))
+        time, values = (np.add.reduceat(x, starts) / counts for x in (time, values))
+        sigma = one.sigma / np.sqrt(counts)
+    time = np.clip(time, 0.0, end)
+    return MeasuredChannel(
+        one.column, unit, time, values, sigma, one.file, one.delay, one.delay_sigma, left_out, group
+    )
+
+
+def history_times(channels: Sequence[MeasuredChannel], end: float) -> np.ndarray:
+    """Times (t,) of the rows of histories: those of the samples if these are known and not too
+    many, else evenly spaced.
+
+    Parameters
+    ----------
+    channels : sequence of MeasuredChannel
+    end : float
+        Of the run, s.
+
+    Returns
+    -------
+    ndarray, shape (t,)
+    """
+    times = np.unique(np.concatenate([channel.time for channel in channels]))
+    margin = _DELAYS * max(channel.delay_sigma for channel in channels)
+    if margin == 0.0 and len(times) <= _MOST_ROWS:
+        return times
+    count = int(np.clip(2 * len(times), _MIN_ROWS, _MOST_ROWS))
+    return np.linspace(max(times[0] - margin, 0.0), min(times[-1] + margin, end), count)
+
+
+def at_samples(
+    values: np.ndarray, times: np.ndarray, samples: np.ndarray, delays: np.ndarray | None
+) -> np.ndarray:
+    """Histories at the times of samples, linear between their rows.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, t)
+    times : ndarray, shape (t,)
+        Of the rows, s.
+    samples : ndarray, shape (m,)
+        Times, s.
+    delays : ndarray, shape (n,) or None
+        Subtracted from the times, s.
+
+    Returns
+    -------
+    ndarray, shape (n, m)
+    """
+    if delays is None:
+        index = np.searchsorted(times, samples)
+        if index[-1] < len(times) and (times[index] == samples).all():
+            return np.asarray(values[:, index])
+        delays = np.zeros(1)
+    wanted = np.clip(samples - delays[:, None], times[0], times[-1])
+    index = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, len(times) - 2)
+    part = (wanted - times[index]) / (times[index + 1] - times[index])
+    rows = np.broadcast_to(index, (len(values), len(samples)))
+    low = np.take_along_axis(values, rows, axis=1)
+    high = np.take_along_axis(values, rows + 1, axis=1)
+    return np.asarray((1.0 - part) * low + np.where(part > 0.0, part * high, 0.0))
+
+
+__all__ = ["MeasuredChannel", "at_samples", "history_times", "read_measurements"]

@@ -1,0 +1,185 @@
+"""Files and screen of `sepmc estimate`."""
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sepmc import __version__
+from sepmc.analysis.model_check import LEVEL, ChiSquareTest
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.estimation import CORRELATED, UNINFORMED, Estimation
+from sepmc.campaign.store import folders, manifests, shards
+from sepmc.scene.messages import Log
+from sepmc.text_table import text_table
+
+_EVERY_S = 5.0  # between messages on the progress
+_MOST_PAIRS = 8  # correlations shown
+
+
+def count_sweeps(log: Log) -> Callable[[float, int], None]:
+    """Report the progress of the sampler from time to time."""
+    last = time.monotonic()
+
+    def report(temperature: float, sweeps: int) -> None:
+        nonlocal last
+        if time.monotonic() - last > _EVERY_S:
+            last = time.monotonic()
+            log(f"{sweeps} moves of all cases, {100.0 * temperature:.2g} % of the information used")
+
+    return report
+
+
+def write_samples(estimation: Estimation, campaign: Campaign, path: Path) -> Path:
+    """Write the sample of the posterior as a table for ``run.samples``; return its path."""
+    about = {"campaign": campaign.name, "digest": campaign.digest, "sepmc": __version__}
+    inputs = estimation.inputs
+    columns = campaign.input_columns
+    data = {column.name: inputs[column.name].to_numpy() for column in columns}
+    shards.write_parquet(path, columns, data, about)
+    return path
+
+
+def write_estimation(estimation: Estimation, folder: Path, figure: bool) -> list[Path]:
+    """Write ``posterior.csv`` (parameters), ``posterior.json`` and the figure into a run folder;
+    return their paths."""
+    written = [folder / "posterior.csv", folder / "posterior.json"]
+    folders.write_text(written[0], estimation.table.to_csv(index=False))
+    folders.write_json(written[1], _summary(estimation))
+    if figure:
+        from sepmc.report.posterior_figure import posterior_figure
+
+        written.append(posterior_figure(estimation, folder.name, folder / "posterior.png"))
+    manifests.record_derived(folder, written)
+    return written
+
+
+def _summary(estimation: Estimation) -> dict[str, Any]:
+    """Content of ``posterior.json``."""
+    check, sample = estimation.check, estimation.sample
+    tests = {"blocks": check.blocks, "parameters": check.parameters, "noise": check.noise}
+    return {
+        "seed": estimation.seed,
+        "cases": len(sample.scores),
+        "log_evidence": estimation.log_evidence,
+        "temperatures": list(sample.temperatures),
+        "moves": sample.sweeps,
+        "remaining_correlation": sample.correlation,
+        "impossible": estimation.impossible,
+        "measurements": estimation.understood,
+        "correlations": [
+            {"parameters": [a, b], "correlation": value} for a, b, value in estimation.correlations
+        ],
+        "model_is_short": check.is_short,
+        "noise_is_larger": check.noise.fails,
+        "tests": {
+            name: {"chi_square": one.chi_square, "freedom": one.freedom, "p_value": one.p_value}
+            for name, one in tests.items()
+        },
+        "blocks": [
+            {
+                "column": estimation.channels[one.channel].column,
+                "start_s": one.start_s,
+                "end_s": one.end_s,
+                "residual_sigma": one.residual,
+                "score": one.score,
+            }
+            for one in check.by_time
+        ],
+    }
+
+
+def render_estimation(estimation: Estimation, folder: Path) -> str:
+    """Render parameters, correlations, evidence and the check of the model."""
+    lines = [*estimation.understood, ""]
+    lines += _parameters(estimation)
+    for first, second, value in estimation.correlations[:_MOST_PAIRS]:
+        lines.append(f"correlation {value:+.2f}: {first}, {second}: the flight knows them together")
+    more = len(estimation.correlations) - _MOST_PAIRS
+    if more > 0:
+        lines.append(f"and {more} more pairs beyond {CORRELATED:g} in posterior.json")
+    lines += ["", f"log evidence {estimation.log_evidence:.2f} (natural)"]
+    if estimation.impossible > 0.0:
+        lines.append(
+            f"{100.0 * estimation.impossible:.2g} % of the cases of the distributions have no "
+            "value at all samples; they count as impossible"
+        )
+    lines += _check(estimation)
+    path = folder / folders.SAMPLES
+    lines.append(f"posterior: {len(estimation.inputs)} cases, to run by --samples {path}")
+    return "\n".join(lines)
+
+
+def _parameters(estimation: Estimation) -> list[str]:
+    """Parameters that the flight informs, the best known first, and the names of the others."""
+    table = estimation.table.sort_values("std_ratio", kind="stable")
+    informed = table[table["std_ratio"] <= UNINFORMED]
+    head = ("parameter", "unit", "before", "std", "after", "std", "5 %", "95 %", "ratio")
+    rows = [
+        [
+            row["parameter"],
+            row["unit"],
+            *_rounded(row, "prior_std", ("prior_mean", "prior_std")),
+            *_rounded(row, "std", ("mean", "std", "low", "high")),
+            f"{row['std_ratio']:.2f}",
+        ]
+        for row in informed.to_dict("records")
+    ]
+    others = table[table["std_ratio"] > UNINFORMED]["parameter"]
+    lines = list(text_table([head, *rows], left=(0, 1))) if rows else []
+    lines.append(
+        f"{len(rows)} of {len(table)} parameters are known better: ratio, of the standard "
+        f"deviations after and before, at most {UNINFORMED:g}"
+    )
+    if len(others):
+        lines.append(f"hardly known better: {', '.join(others)}")
+    return lines
+
+
+def _rounded(row: Mapping[Any, Any], spread: str, names: Sequence[str]) -> list[str]:
+    """Values of a row, to two digits of a standard deviation."""
+    digits = 0
+    if row[spread] > 0.0:
+        digits = min(max(1 - math.floor(math.log10(row[spread])), 0), 12)
+    return [f"{row[name]:.{digits}f}" for name in names]
+
+
+def _test_text(test: ChiSquareTest) -> str:
+    return f"chi-square {test.chi_square:.4g} of {test.freedom} (p = {test.p_value:.2g})"
+
+
+def _check(estimation: Estimation) -> list[str]:
+    """Check of the model in words."""
+    check = estimation.check
+    lines = [
+        f"model check: residuals by time {_test_text(check.blocks)}; parameters against their "
+        f"distributions {_test_text(check.parameters)}; all residuals {_test_text(check.noise)}"
+    ]
+    if not check.is_short:
+        lines.append(
+            "the model with these distributions explains the measurements (false alarms: "
+            f"{100.0 * LEVEL:g} %)"
+        )
+    if check.blocks.fails:
+        worst = check.worst
+        column = estimation.channels[worst.channel].column
+        score = "" if np.isnan(worst.score) else f", {abs(worst.score):.1f} times its deviation"
+        lines.append(
+            "MODEL SHORTFALL: residuals that no values of the parameters remove, the largest in "
+            f"{column} from {worst.start_s:.4g} to {worst.end_s:.4g} s: mean {worst.residual:+.2g} "
+            f"sigma{score}. A load or an effect is missing there; the estimate cannot be trusted"
+        )
+    if check.parameters.fails:
+        lines.append(
+            "MODEL SHORTFALL: the estimate lies outside the distributions: they are too narrow, or "
+            "the parameters stand for a load or an effect that is missing"
+        )
+    if check.noise.fails and not check.blocks.fails:
+        lines.append(
+            "residuals scatter more than sigma says: sigma is too small, or the model lacks "
+            "something fast"
+        )
+    return lines

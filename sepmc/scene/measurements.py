@@ -1,0 +1,41 @@
+"""Telemetry of a flight or test that parameters are estimated from: [[measurement]]."""
+
+from collections.abc import Iterable
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from sepmc.scene.messages import Problems, nearest
+from sepmc.scene.model import Quantity
+from sepmc.schema import Contents, history_columns
+
+
+class Measurement(Struct, frozen=True, kw_only=True):
+    """A column of histories, and the channel of a file that measured it with independent normal
+    errors."""
+
+    column: str
+    file: str
+    sigma: Annotated[float, Meta(gt=0.0)]  # in the unit that the name of the column ends with
+    channel: str | None = None  # with factor and unit, as -0.5*gyro_z[rad/s]; None: the column
+    time: str | None = None  # channel of the time; None: one that is called so
+    delay: Annotated[float, Quantity("time")] = 0.0  # time of the file at time 0 of the run
+    # standard deviation of the delay; measurements of one file share its deviation
+    delay_sigma: Annotated[float, Quantity("time"), Meta(ge=0.0)] = 0.0
+
+
+def check_measurements(
+    measurements: Iterable[Measurement], contents: Contents, problems: Problems
+) -> None:
+    """Note measurements of no column of histories, and files with two clocks."""
+    columns = [column.name for column in history_columns(contents)]
+    clocks: dict[str, float] = {}
+    for number, one in enumerate(measurements):
+        key_path = f"measurement.{number}"
+        if one.column not in columns:
+            reason = f"no such column of histories; {nearest(one.column, columns)}"
+            problems.add(f"{key_path}.column", reason, one.column)
+        sigma = clocks.setdefault(one.file, one.delay_sigma)
+        if one.delay_sigma != sigma:
+            reason = f"must be {sigma:g} s as for the other measurements of {one.file}: one clock"
+            problems.add(f"{key_path}.delay_sigma_s", reason, one.delay_sigma)
