@@ -30,10 +30,10 @@ _HALF = np.array([0.5, *(COUNT - 2) * [1.0], 0.5])
 _COEFFICIENTS = (
     2.0 / (COUNT - 1) * np.outer(_HALF, _HALF) * np.cos(np.outer(np.arange(COUNT), np.arccos(_X)))
 )
-_SLOPE = 2.0 * (np.arange(COUNT) ** 2.0 * (-1.0) ** np.arange(1, COUNT + 1)) @ _COEFFICIENTS
+SLOPE = 2.0 * (np.arange(COUNT) ** 2.0 * (-1.0) ** np.arange(1, COUNT + 1)) @ _COEFFICIENTS
 # Weights of the last coefficient and of slopes, for formulas that loops over lanes inline
 _THETA, _LAST = tuple(THETA.tolist()), tuple(_COEFFICIENTS[-1].tolist())
-_START_SLOPE, _END_SLOPE = tuple(_SLOPE.tolist()), tuple(_SLOPE[::-1].tolist())
+_START_SLOPE, _END_SLOPE = tuple(SLOPE.tolist()), tuple(SLOPE[::-1].tolist())
 # Rule of Gauss and Kronrod for a mean over a step: 15 points from the middle outwards, of which
 # every second one is a point of Gauss's rule (Kronrod 1965; Piessens et al., QUADPACK, 1983)
 _POINTS = (
@@ -71,14 +71,12 @@ _ROUGH, _DIP = 1e-8, 0.6
 # Tolerances of the integral: relative to the peak so far and, for round-off, to the larger of force
 # and moment (N, N m).
 _AGREE, _NOISE, _HALVINGS = 1e-12, 1e-13, 80
-_NEAR = 0.9  # of the peak so far: a lower magnitude at the nodes cannot reach it between them
+NEAR = 0.9  # of the peak so far: a lower magnitude at the nodes cannot reach it between them
 # Slope at an end, relative to the magnitude, per step: a lower one gains less than a tenth of it,
 # and may be round-off.
 _STEEP = 1e-10
-_ROUNDS = 40
+ROUNDS = 40
 _SAME = 1.0 + 1e-13  # ratio of equal magnitudes: a constant load has its peak at its first time
-_TOUCH = 1e-12  # of a threshold: a magnitude this close has reached it
-_NEARBY = 1e-4  # of a step: distance of two magnitudes whose difference gives a rate
 _CLOSE = 1e-9  # of a step: tolerance of a peak's time; its value is then accurate to round-off
 
 
@@ -100,7 +98,7 @@ def _at(x, w, scratch):
 
 
 @routine
-def _size(theta, w, scratch):
+def size_at(theta, w, scratch):
     """Magnitude of the vector with the coefficients at w[scratch], at the fraction ``theta`` of the
     step."""
     a, b, c = _at(2.0 * theta - 1.0, w, scratch)
@@ -113,16 +111,16 @@ def _height(theta, w, scratch, ends):
     w[scratch]. If ``ends`` is 0, it is the magnitude of the vector. Otherwise it is -max(F, 0) / P:
     the force F separates the guide, P is the sum of the loads of its ``ends`` pin ends."""
     if ends == 0:
-        return _size(theta, w, scratch)
+        return size_at(theta, w, scratch)
     load = 0.0
     for end in range(1, ends + 1):
-        load += _size(theta, w, scratch + 3 * COUNT * end)
+        load += size_at(theta, w, scratch + 3 * COUNT * end)
     push = _at(2.0 * theta - 1.0, w, scratch)[0]
     return -max(push, 0.0) / load if load > 0.0 else -math.inf
 
 
 @routine
-def _highest(low, high, w, scratch, ends):
+def highest(low, high, w, scratch, ends):
     """Fraction of the step, between ``low`` and ``high``, with the largest `_height`: Brent's
     method, parabolas with golden section as a fallback (1973, ch. 5)."""
     golden = 0.5 * (3.0 - math.sqrt(5.0))
@@ -131,7 +129,7 @@ def _highest(low, high, w, scratch, ends):
     f_best = _height(best, w, scratch, ends)
     f_second = f_third = f_best
     move, last_move = 0.0, 0.0
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         middle = 0.5 * (low + high)
         if abs(best - middle) <= 2.0 * _CLOSE - 0.5 * (high - low):
             break
@@ -168,7 +166,7 @@ def _mean(low, high, w, scratch):
     step, by the Gauss-Lobatto rule of five nodes."""
     total = 0.0
     for i in range(5):
-        total += _WEIGHT[i] * _size(low + _NODE[i] * (high - low), w, scratch)
+        total += _WEIGHT[i] * size_at(low + _NODE[i] * (high - low), w, scratch)
     return total
 
 
@@ -200,7 +198,7 @@ def _halved(tolerance, w, scratch):
 
 
 @routine
-def _put_sizes(nodes, stride, w, sizes):
+def put_sizes(nodes, stride, w, sizes):
     """Store the magnitudes of a vector at the nodes from w[sizes] on. Returns the largest, and the
     number of the first node that has it."""
     largest, node = 0.0, 0
@@ -279,7 +277,7 @@ def _higher(largest, theta, size, node):
 
 @formula
 def _is_inner_summit(previous, current, following):
-    """1 if the magnitude at a node is higher than at its neighbours, else 0; see `_rises`."""
+    """1 if the magnitude at a node is higher than at its neighbours, else 0; see `rises`."""
     smaller = previous if previous < following else following
     rises = 1.0 if current > previous else 0.0
     rises = rises if current >= following else 0.0
@@ -288,7 +286,7 @@ def _is_inner_summit(previous, current, following):
 
 @formula
 def _is_end_summit(end, inner, slope):
-    """1 if the magnitude rises from an end into the step, else 0; see `_rises`."""
+    """1 if the magnitude rises from an end into the step, else 0; see `rises`."""
     rises = 0.0 if end < inner else 1.0
     return rises if slope > _STEEP * end else 0.0
 
@@ -367,7 +365,7 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
     smooth = active if is_rough == 0.0 else 0.0
     has_summit = _has_summit(*sizes)
     has_summit = 1.0 if has_summit > 0.0 else 0.0
-    has_summit = has_summit if largest > _NEAR * peak else 0.0
+    has_summit = has_summit if largest > NEAR * peak else 0.0
     return (
         (peak, peak_time, integral + h * fine if smooth > 0.0 else integral),
         tolerance if is_rough > 0.0 else 0.0,
@@ -396,9 +394,9 @@ def update_between(w, nodes, stride, scratch, out, tolerance, has_summit, t, h):
         Start and length of the step, s.
     """
     noinline()
-    _set_coefficients(nodes, stride, w, scratch)
+    set_coefficients(nodes, stride, w, scratch)
     if has_summit > 0.0:
-        _put_sizes(nodes, stride, w, scratch + 3 * COUNT)
+        put_sizes(nodes, stride, w, scratch + 3 * COUNT)
         _note_summits(scratch + 3 * COUNT, w, scratch, out, t, h)
     if tolerance > 0.0:
         w[out + 2 * LANES] += h * _halved(tolerance, w, scratch)
@@ -410,11 +408,11 @@ def update_peak(w, nodes, stride, scratch, out, t, h):
     the integral; arguments as in `update_between`."""
     noinline()
     sizes = scratch + 3 * COUNT
-    largest, node = _put_sizes(nodes, stride, w, sizes)
+    largest, node = put_sizes(nodes, stride, w, sizes)
     if not largest <= _SAME * w[out]:
         w[out], w[out + LANES] = largest, t + THETA[node] * h
-    if largest > _NEAR * w[out] and _any_rises(sizes, w):
-        _set_coefficients(nodes, stride, w, scratch)
+    if largest > NEAR * w[out] and _any_rises(sizes, w):
+        set_coefficients(nodes, stride, w, scratch)
         _note_summits(sizes, w, scratch, out, t, h)
 
 
@@ -447,19 +445,19 @@ def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
         w[ratios + i] = max(w[k], 0.0) / load if load > 0.0 else math.inf
         w[out] = min(w[out], w[ratios + i])
     for end in range(ends + 1):
-        _set_coefficients(nodes + 3 * end * LANES, stride, w, scratch + 3 * COUNT * end)
+        set_coefficients(nodes + 3 * end * LANES, stride, w, scratch + 3 * COUNT * end)
     for i in range(COUNT):
         low, high = max(i - 1, 0), min(i + 1, COUNT - 1)
         if (
             w[ratios + i] <= min(w[ratios + low], w[ratios + high])
             and 0.0 < w[ratios + i] < math.inf
         ):
-            theta = _highest(THETA[low], THETA[high], w, scratch, ends)
+            theta = highest(THETA[low], THETA[high], w, scratch, ends)
             w[out] = min(w[out], -_height(theta, w, scratch, ends))
 
 
 @routine
-def _set_coefficients(nodes, stride, w, scratch):
+def set_coefficients(nodes, stride, w, scratch):
     """Compute the Chebyshev coefficients of the three components of a vector from their values at
     the nodes, to w[scratch]."""
     noinline()
@@ -472,7 +470,7 @@ def _set_coefficients(nodes, stride, w, scratch):
 
 
 @routine
-def _rises(sizes, w, i):
+def rises(sizes, w, i):
     """Return True if a peak is next to node ``i``: its magnitude is higher than those of its
     neighbours or, for the first and last node, rises from the end into the step."""
     if 0 < i < COUNT - 1:
@@ -486,15 +484,15 @@ def _rises(sizes, w, i):
     if w[first] < w[first + step]:
         return False
     for n in range(COUNT):
-        slope += _SLOPE[n] * w[first + step * n]
+        slope += SLOPE[n] * w[first + step * n]
     return slope > _STEEP * w[first]
 
 
 @routine
 def _any_rises(sizes, w):
-    """Return True if a peak is next to any node (`_rises`)."""
+    """Return True if a peak is next to any node (`rises`)."""
     for i in range(COUNT):
-        if _rises(sizes, w, i):
+        if rises(sizes, w, i):
             return True
     return False
 
@@ -505,196 +503,8 @@ def _note_summits(sizes, w, scratch, out, t, h):
     t and lasts h, s."""
     noinline()
     for i in range(COUNT):
-        if _rises(sizes, w, i):
-            theta = _highest(THETA[max(i - 1, 0)], THETA[min(i + 1, COUNT - 1)], w, scratch, 0)
-            size = _size(theta, w, scratch)
+        if rises(sizes, w, i):
+            theta = highest(THETA[max(i - 1, 0)], THETA[min(i + 1, COUNT - 1)], w, scratch, 0)
+            size = size_at(theta, w, scratch)
             if size > _SAME * w[out]:
                 w[out], w[out + LANES] = size, t + theta * h
-
-
-@routine
-def first_reached(w, nodes, stride, scratch, threshold):
-    """Find where in a step the magnitude of a vector first reaches a threshold from below.
-
-    Parameters
-    ----------
-    w, nodes, stride, scratch
-        As in `update_between`.
-    threshold : float
-        In the unit of the vector.
-
-    Returns
-    -------
-    theta : float
-        Fraction of the step; 0 if reached at the start, to round-off; 2 if not reached.
-    rate : float
-        Rate of the magnitude there, per step.
-    """
-    noinline()
-    sizes, lower = scratch + 3 * COUNT, threshold - _TOUCH * max(1.0, abs(threshold))
-    largest, _ = _put_sizes(nodes, stride, w, sizes)
-    if w[sizes] >= lower:
-        return 0.0, _rate_at(sizes, w)
-    if not largest > _NEAR * threshold:
-        return 2.0, 0.0
-    _set_coefficients(nodes, stride, w, scratch)
-    for i in range(COUNT - 1):
-        low, high = THETA[i], THETA[i + 1]
-        if w[sizes + i + 1] < threshold:
-            if not (_rises(sizes, w, i) or _rises(sizes, w, i + 1)):
-                continue
-            high = _highest(low, high, w, scratch, 0)
-            if _size(high, w, scratch) < threshold:
-                continue
-        start, best, best_size = low, high, _size(high, w, scratch)
-        low_size = _size(low, w, scratch)
-        for n in range(_ROUNDS):  # false position, halved every third time
-            middle = (
-                low + (high - low) * (threshold - low_size) / (best_size - low_size)
-                if n % 3 != 2
-                else 0.5 * (low + high)
-            )
-            size = _size(middle, w, scratch)
-            if size >= threshold:
-                high, best, best_size = middle, middle, size
-            else:
-                low, low_size = middle, size
-            if high - low <= 1e-16 or best_size - threshold <= 1e-15 * threshold:
-                break
-        nearby = max(start, best - _NEARBY)
-        slope = (
-            (_size(best, w, scratch) - _size(nearby, w, scratch)) / (best - nearby)
-            if best > nearby
-            else 0.0
-        )
-        return best, slope
-    return 2.0, 0.0
-
-
-@routine
-def first_crossed(w, nodes, stride, scratch, threshold, side, rising, falling):
-    """Find where in a step the magnitude of a vector first crosses a threshold in a direction that
-    counts.
-
-    Parameters
-    ----------
-    w, nodes, stride, scratch
-        As in `update_between`.
-    threshold : float
-        In the unit of the vector.
-    side : float
-        1 below the threshold before the step, -1 above, 0 at it or without a step before. A jump to
-        the other side at the start of the step is a crossing.
-    rising, falling : bool
-        Directions that count: from below, from above.
-
-    Returns
-    -------
-    theta : float
-        Fraction of the step; 2 if there is no crossing.
-    rate : float
-        Magnitude of the rate there, per step.
-    """
-    noinline()
-    sizes = scratch + 3 * COUNT
-    _put_sizes(nodes, stride, w, sizes)
-    _set_coefficients(nodes, stride, w, scratch)
-    current = _side(w[sizes], threshold, 0.0)
-    if side != current and (rising if side > 0.0 else falling and side < 0.0):
-        return 0.0, abs(_rate_at(sizes, w))
-    side = current
-    for i in range(COUNT - 1):
-        low, high = THETA[i], THETA[i + 1]
-        matches = rising if side > 0.0 else falling
-        # a magnitude that stays at the threshold has reached it
-        next_side = _side(w[sizes + i + 1], threshold, -side if matches else side)
-        if side == 0.0 or (next_side != side and not matches):
-            side = next_side
-            continue
-        if next_side == side:  # at most there and back between two nodes
-            if not (_turns(sizes, w, i, side) or _turns(sizes, w, i + 1, side)):
-                continue
-            extremum = (
-                _highest(low, high, w, scratch, 0) if side > 0.0 else _lowest(low, high, w, scratch)
-            )
-            if side * (_size(extremum, w, scratch) - threshold) < 0.0:
-                continue
-            low, high = (low, extremum) if matches else (extremum, high)
-            side = side if matches else -side
-        return _crossing(low, high, w, scratch, threshold, side)
-    return 2.0, 0.0
-
-
-@routine
-def _crossing(low, high, w, scratch, threshold, side):
-    """Fraction of the step, between ``low`` and ``high``, at which the magnitude crosses a
-    threshold from a ``side`` (1 from below, -1 from above), by bisection; and the size of its rate
-    there, per step."""
-    start = low
-    while high - low > 1e-16 + 2e-16 * high:
-        middle = 0.5 * (low + high)
-        if middle <= low or middle >= high:
-            break
-        beyond = side * (_size(middle, w, scratch) - threshold) >= 0.0
-        low, high = (low, middle) if beyond else (middle, high)
-    nearby = max(start, high - _NEARBY)
-    rise = abs(_size(high, w, scratch) - _size(nearby, w, scratch))
-    return high, rise / (high - nearby) if high > nearby else 0.0
-
-
-@routine
-def side_at(w, nodes, stride, scratch, threshold, theta, side):
-    """Side of a threshold on which the magnitude of a vector is at the fraction ``theta`` of a
-    step: 1 below, -1 above; at the threshold the last side before, ``side`` before the step. Other
-    arguments as in `update_between`."""
-    noinline()
-    _set_coefficients(nodes, stride, w, scratch)
-    for i in range(COUNT):
-        if THETA[i] < theta:
-            side = _side(_size(THETA[i], w, scratch), threshold, side)
-    return _side(_size(theta, w, scratch), threshold, side)
-
-
-@routine
-def _side(size, threshold, last_side):
-    """Side of a threshold on which a magnitude is: 1 below, -1 above, ``last_side`` if at it, to
-    round-off."""
-    tolerance = _TOUCH * max(1.0, threshold)
-    return (
-        1.0 if size < threshold - tolerance else -1.0 if size > threshold + tolerance else last_side
-    )
-
-
-@routine
-def _turns(sizes, w, i, side):
-    """Return True if a peak (from ``side`` 1) or a minimum (-1) is next to node ``i``."""
-    if side > 0.0:
-        return _rises(sizes, w, i)
-    previous, current, following = (
-        w[sizes + max(i - 1, 0)],
-        w[sizes + i],
-        w[sizes + min(i + 1, COUNT - 1)],
-    )
-    return current <= previous and current <= following
-
-
-@routine
-def _lowest(low, high, w, scratch):
-    """Fraction of the step, between ``low`` and ``high``, with the smallest magnitude, by golden
-    section."""
-    golden = 0.5 * (3.0 - math.sqrt(5.0))
-    for _ in range(_ROUNDS):
-        one, other = low + golden * (high - low), high - golden * (high - low)
-        rises = _size(one, w, scratch) < _size(other, w, scratch)
-        low, high = (low, other) if rises else (one, high)
-    return 0.5 * (low + high)
-
-
-@routine
-def _rate_at(sizes, w):
-    """Rate of the magnitude at the start of a step, per step, from its values at the nodes, stored
-    from w[sizes] on."""
-    slope = 0.0
-    for n in range(COUNT):
-        slope += _SLOPE[n] * w[sizes + n]
-    return slope

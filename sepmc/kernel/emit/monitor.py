@@ -2,7 +2,8 @@
 that end a phase.
 
 Loads are evaluated at PEAK_NODES points of each step by the continuous extension; polynomials
-through them give peaks and threshold crossings (`sepmc.routines.peaks`).
+through them give peaks (`sepmc.routines.peaks`) and crossings of thresholds
+(`sepmc.routines.crossings`).
 """
 
 import math
@@ -184,10 +185,12 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
             counts = [
                 load.direction in (side_name, "either") for side_name in ("rising", "falling")
             ]
-            sides.append(f"w[{side} + l] = peaks.side_at({arguments}, w[THETA + l], w[{side} + l])")
+            sides.append(
+                f"w[{side} + l] = crossings.side_at({arguments}, w[THETA + l], w[{side} + l])"
+            )
             arguments += f", w[{side} + l], {counts[0]}, {counts[1]}"
         routine = "first_crossed" if load.direction else "first_reached"
-        pending(f"theta_{i}, rate = peaks.{routine}({arguments})")
+        pending(f"theta_{i}, rate = crossings.{routine}({arguments})")
         pending.block(f"if theta_{i} < first:")(f"first, slope = theta_{i}, rate")
     reached = inner.block("if first <= 1.0:")
     reached("any_reached, w[CUT + l], w[THETA + l], w[REACH + l] = 1.0, 1.0, first, first")
