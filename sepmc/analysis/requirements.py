@@ -164,8 +164,8 @@ class RequirementCounter:
         return float(np.abs(self._near).min(initial=math.inf))
 
     def in_doubt(self, error: float) -> tuple[int, int] | None:
-        """Return the smallest and largest number of violations for outcomes off by up to ``error``;
-        None if too many cases are that near to the bound."""
+        """Return the smallest and largest number of violations if outcomes are off by up to
+        ``error``, in the unit of the outcome; None if too many cases are so near to the bound."""
         near = self._near[np.abs(self._near) < error]
         if len(near) == _MAX_NEAR:
             return None

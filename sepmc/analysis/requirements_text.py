@@ -38,8 +38,8 @@ def render_verdicts(
 
 
 def render_cases_needed(verdicts: Sequence[Verdict]) -> str:
-    """Return a sentence on the further cases that filtered cases need to pass; empty if none are
-    needed."""
+    """Return a sentence on how many more of the cases chosen by a filter, without a violation,
+    would show the requirements that are not shown; empty if there are none."""
     pending = [v for v in verdicts if v.verdict == NOT_SHOWN]
     if not pending:
         return ""

@@ -21,12 +21,13 @@ _STEP = 2.0  # standard deviations
 
 
 class Coordinates:
-    """Rising functions of single scores, linear in each cell of a table.
+    """Piecewise linear rising functions of single scores.
 
     Parameters
     ----------
     values : ndarray, shape (knots, d)
-        At the scores of `knots`; a column that does not rise is replaced by the scores.
+        Values of the functions at the scores `knots`. Only the shape of a column counts: `of`
+        shifts and scales it. One that does not rise everywhere is replaced by the scores.
     """
 
     def __init__(self, values: np.ndarray):

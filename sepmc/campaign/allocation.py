@@ -224,13 +224,15 @@ def _propose(
 
     The first inputs in the order of ``candidates`` are scaled: as many as possible if the campaign
     passes, else as few as possible. Their number is searched by bisection, at most `MAX_TRIES`
-    runs; if the campaign passes and none of them does, the last one scales nothing.
+    runs; if the campaign passes and none of them does, the last one scales nothing, as the only
+    one without candidates. Without candidates for a campaign that does not pass there is no run:
+    False, None and ``seed``.
     """
     best: tuple[list[Dispersion], bool, pd.DataFrame | None, int] = ([], False, None, seed)
     low, high = (0, len(candidates)) if passes else (1, len(candidates))
     count = len(candidates)  # the first try scales all
     for number in range(1, MAX_TRIES + 1):
-        if not candidates or low > high:
+        if low > high:
             break
         if passes and number == MAX_TRIES and not best[1]:
             count = 0

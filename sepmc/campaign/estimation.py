@@ -313,7 +313,8 @@ class Model:
         return keys + [f"delay of {name}" for name in self.clocks]
 
     def _delays(self, scores: np.ndarray) -> np.ndarray:
-        """Delays (n, clocks), s: of the first measurement of each file."""
+        """Delays (n, clocks) at normal scores (n, dimensions), s. A clock is a file with estimated
+        delay; if its measurements have several nominal delays, that of the first one counts."""
         delays = np.empty((len(scores), len(self.clocks)))
         for k, name in enumerate(self.clocks):
             channel = next(one for one in self.channels if one.file == name)

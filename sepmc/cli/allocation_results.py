@@ -69,8 +69,6 @@ def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]
 
 def _without_proposal(allocation: Allocation) -> str:
     if allocation.verdicts is None:
-        if allocation.passes:
-            return "no spread can be doubled: each doubled one alone fails a requirement"
         return "no halved spread surely helps: change the design, or give more --cases"
     if not allocation.passes:
         return (

@@ -185,7 +185,8 @@ def _function(element: Element, root: Element, variables: dict[str, Element]) ->
 
 
 def _grid(element: Element, root: Element) -> Element:
-    """The gridded table of a function."""
+    """The gridded table of a function: its own, or the one of ``root`` that it refers to. Raises
+    FormatError if there is none."""
     own = next(element.all("griddedTableDef"), None) or next(element.all("griddedTable"), None)
     if own is not None:
         return own

@@ -14,25 +14,25 @@ from sepmc.routines.layout import GRAIN
 
 @formula
 def motor_params(i, m, case):
-    """Position of the parameters of motor i in ``w``."""
+    """Position in ``w`` of the parameters of motor i of the case at ``case``; m: `Model`."""
     return case + m.scene.motors_p + at.MOTOR_SIZE * i
 
 
 @formula
 def load_params(i, m, case):
-    """Position of the parameters of load i in ``w``."""
+    """Position in ``w`` of the parameters of load i of the case at ``case``; m: `Model`."""
     return case + m.scene.loads_p + at.LOAD_SIZE * i
 
 
 @formula
 def motor_work(i, m, case):
-    """Position of the interval data of motor i in ``w``."""
+    """Position in ``w`` of the interval data of motor i of the case at ``case``; m: `Model`."""
     return case + m.scene.motors_w + at.MOTOR_WORK * i
 
 
 @formula
 def load_work(i, m, case):
-    """Position of the interval data of load i in ``w``."""
+    """Position in ``w`` of the interval data of load i of the case at ``case``; m: `Model`."""
     return case + m.scene.loads_w + at.LOAD_WORK * i
 
 

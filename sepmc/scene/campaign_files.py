@@ -20,7 +20,7 @@ def find_file(file: str | Path) -> Path:
     campaign. Raises SceneError if there is none."""
     if isinstance(file, dict):
         reason = (
-            "must be the name of a file or run folder, not a table; to change values of a file, "
+            "must be the name of a file or run folder, not a dict; to change values of a file, "
             "give them as settings"
         )
         raise SceneError([f"campaign = {shorten(file)}: {reason}"])

@@ -162,7 +162,8 @@ def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
         )
         problems.add(
             f"joint.{name}.guide",
-            f"{reason}of its own); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases",
+            f"{reason}of its own); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases "
+            "and after releases",
         )
 
 

@@ -153,7 +153,7 @@ def cost_tree(minimise: str, variables: Sequence[Variable]) -> Node:
         raise InputError(f"minimise = {minimise}: {error}") from None
     for name in names(tree):
         if name not in known:
-            raise InputError(f"minimise = {minimise}: {name!r} is none; {nearest(name, known)}")
+            raise InputError(f"minimise = {minimise}: no variable {name!r}; {nearest(name, known)}")
     if not names(tree):
         raise InputError(f"minimise = {minimise}: must contain a variable: {', '.join(known)}")
     return tree

@@ -227,7 +227,8 @@ def _path(tree: ast.expr) -> str:
 
 def _function(name: str, arguments: tuple[Node, ...]) -> Node:
     """Node of a function by its name: ``clip``, and ``min`` and ``max`` of more than two, become
-    nested calls. Raises FormulaError for an unknown function or a wrong number of arguments."""
+    nested calls. Raises FormulaError for an unknown function, or a wrong number or type of
+    arguments."""
     if name not in FUNCTIONS:
         raise FormulaError(f"has {name}(...): functions are {', '.join(FUNCTIONS)}")
     count = FUNCTIONS[name]

@@ -178,7 +178,7 @@ def _check_part(key_path: str, part: Part, problems: Problems) -> None:
             problems.add(key_path_of_sector, reason, [math.degrees(x) for x in part.sector])
         if part.hollow:
             problems.add(
-                f"{key_path}.hollow", "leave it out: a sector is a thin wall with two sides"
+                f"{key_path}.hollow", "leave it out: a sector is already a thin wall with two sides"
             )
     if part.points and any(part.offset):
         problems.add(

@@ -27,7 +27,8 @@ class Measurement(Struct, frozen=True, kw_only=True):
 def check_measurements(
     measurements: Iterable[Measurement], contents: Contents, problems: Problems
 ) -> None:
-    """Note measurements of no column of histories, and files with two clocks."""
+    """Note measurements of no column of histories, and those of one file that differ in
+    ``delay_sigma``: a file has one clock."""
     columns = [column.name for column in history_columns(contents)]
     clocks: dict[str, float] = {}
     for number, one in enumerate(measurements):

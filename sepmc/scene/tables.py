@@ -145,7 +145,7 @@ def _read_named(
             )
         elif len(name) > LONGEST_NAME:
             problems.add(
-                _join(key_path, shorten(name)), f"must have at most {LONGEST_NAME} letters"
+                _join(key_path, shorten(name)), f"must have at most {LONGEST_NAME} characters"
             )
     return {
         name: read_table(kind, sub, _join(key_path, name), problems) for name, sub in tree.items()

@@ -81,7 +81,7 @@ def deep(depth):
         (small(title="x" * 10**6), "has 1,000,000 characters: must be at most 2,000"),
         (small(**{"a\x1b": 1}), "'a\\x1b': must be text without control characters"),
         (small(name="n" * 65), "letter or digit, at most 64 of them"),
-        (small(body={"b" * 65: {}}), "must have at most 64 letters"),
+        (small(body={"b" * 65: {}}), "must have at most 64 characters"),
         (deep(5000), "must be at most 32 tables deep"),
         (small(run={f"k{i}": 1 for i in range(2000)}), "there are more problems than these"),
         (small(dispersion={"body.a.mass_kg": {"discrete": [1.0] * 1001}}), "1,001 entries"),

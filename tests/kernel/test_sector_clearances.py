@@ -99,7 +99,7 @@ def test_sectors_vary():
         ({"sector_deg": [0, 361]}, r"sector_deg = \[0.0, 361.0\]: must be two angles"),
         ({"sector_deg": [180, 0]}, r"sector_deg = \[180.0, 0.0\]: must be two angles"),
         ({"sector_deg": [0]}, r"outline\.half\.sector_deg"),
-        ({"hollow": True}, r"outline\.half\.hollow: leave it out: a sector is a thin wall"),
+        ({"hollow": True}, r"outline\.half\.hollow: leave it out: a sector is already a thin wall"),
         ({"stations_m": [7.0, 7.0]}, r"sector_deg: only a frustum of some length has a sector"),
     ],
 )

@@ -334,7 +334,7 @@ def _largest(errors_by_name: dict[str, float]) -> tuple[str, float]:
 
 
 def achieved(campaign: Definition, largest_errors: np.ndarray, cases: int) -> AchievedAccuracy:
-    """Achieved accuracy from the largest errors of calibration cases.
+    """Achieved accuracy: its errors are `SAFETY` times the largest ones of calibration cases.
 
     Parameters
     ----------

@@ -40,8 +40,8 @@ def _constraining_joints(segment: Segment) -> list[str]:
 
 class FullSystem:
     """Full linear system of a segment at a state for the accelerations of all bodies and the
-    wrenches of all joints, given the constraint rows and the loads on the bodies: forces in ground
-    axes, N, moments in body axes, N m."""
+    wrenches at both ends of all joints that constrain it, given the constraint rows and the loads
+    on the bodies: forces in ground axes, N, moments in body axes, N m."""
 
     def __init__(self, s: State, rows: Rows, force: dict[str, Any], moment: dict[str, Any]):
         self.s, self.rows = s, rows

@@ -293,7 +293,7 @@ def _audits(c: Context) -> list[str]:
 
 
 def _set_status(text: Text, c: Context) -> None:
-    """Append lines that set the status of each case: that of its rejection; for smaller steps, if
+    """Append lines that set the status of each case: that of its rejection; else `FINER_STEPS` if
     the end time is not reached, attitude or energy drifted, or an outcome of a body is not finite;
     else ok or never released."""
     c.workspace.add("STATUS", 1)

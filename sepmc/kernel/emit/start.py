@@ -35,8 +35,8 @@ def shared_size(c: Context) -> int:
 
 
 def emit_prepare(out: Text, c: Context) -> None:
-    """Write the function that prepares a case; it is written last, when all needed values are
-    known."""
+    """Write the function that sets the initial state of a case and all that follows from its
+    parameters alone; it is written last, when it is known which values the others need."""
     spec, workspace, case = c.spec, c.workspace, c.case
     text = out.function(
         "prepare(w)",
