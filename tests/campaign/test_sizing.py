@@ -186,7 +186,7 @@ def test_a_range_in_which_nothing_passes_is_refused():
     ("minimise", "cases", "message"),
     [
         ("push +", 100, r"minimise = push \+: is no formula"),
-        ("pull", 100, r"minimise = pull: 'pull' is none"),
+        ("pull", 100, r"minimise = pull: no variable 'pull'"),
         ("3", 100, "must contain a variable"),
         ("push", 20, "cannot be shown with fewer than"),
     ],
