@@ -62,7 +62,7 @@ def test_a_scenario_has_none_of_them():
         ({"size": SIZE | {"vary": {"push": "a=1"}}}, r"size\.vary\.push = push=a=1: must be NAME"),
         ({"size": SIZE | {"vary": {"push": "a.b_N=1:2"}}}, r"size\.vary\.push: a\.b_N: "),
         ({"size": SIZE | {"vary": {}}}, r"size\.vary: has 0 variables"),
-        ({"size": SIZE | {"minimise": "pull"}}, r"size\.minimise = pull: 'pull' is none"),
+        ({"size": SIZE | {"minimise": "pull"}}, r"size\.minimise = pull: no variable 'pull'"),
         ({"size": SIZE | {"minimise": ["push", "1 +"]}}, r"size\.minimise = 1 \+: is no formula"),
         ({"size": SIZE | {"minimise": []}}, r"size\.minimise = \[\]: must be a formula, or a list"),
         ({"size": SIZE | {"minimise": 3}}, r"size\.minimise = 3: must be"),
