@@ -179,6 +179,8 @@ def _first_row(lines: list[tuple[int, str]], gaps: bool) -> tuple[str, int]:
                     f"line {line_number}: {comma} has a decimal comma; write it with a point, "
                     f"{comma.replace(',', '.')}"
                 )
+            while gaps and index and _is_row_with_gaps(lines[index - 1][1], separator, line):
+                index -= 1
             return separator, index
     for index, ((_, above), (_, line)) in enumerate(pairwise(lines) if gaps else (), 1):
         for separator in _SEPARATORS:
@@ -190,6 +192,13 @@ def _first_row(lines: list[tuple[int, str]], gaps: bool) -> tuple[str, int]:
     raise FormatError(
         f"line {line_number}: is no line of numbers, such as 0.1, 25.0: {shorten(line)}"
     )
+
+
+def _is_row_with_gaps(line: str, separator: str, row: str) -> bool:
+    """True for a line with as many cells as a row, some blank and the others numbers."""
+    cells = _cells(line, separator)
+    known = [cell for cell in cells if cell]
+    return len(known) < len(cells) == len(_cells(row, separator)) and all(map(_is_number, known))
 
 
 def _is_number_or_comma(cell: str) -> bool:

@@ -210,3 +210,13 @@ def test_tdms(tmp_path, is_waveform):
         writer.write_segment(channels)
     result, _ = read(tmp_path / "f.tdms", "upper_omega_y_deg_s=gyro")
     assert_allclose(result["upper_omega_y_deg_s"], [TIME, np.rad2deg(RATE)])
+
+
+@pytest.mark.parametrize("header", ["time,gyro,acc", "time,gyro,acc\ns,deg/s,1", "#time,gyro,acc"])
+def test_rows_with_gaps_before_the_first_full_row_are_no_header(tmp_path, header):
+    rows = ["0.0,,", "0.1,1.0,", "0.2,,5.0", "0.3,2.0,6.0"]
+    path = tmp_path / "f.csv"
+    path.write_text("\n".join([header, *rows]))
+    channels, _ = read(path, "upper_omega_y_deg_s=gyro", "signal_gain=acc")
+    assert_allclose(channels["upper_omega_y_deg_s"], [[0.1, 0.3], [1.0, 2.0]])
+    assert_allclose(channels["signal_gain"], [[0.2, 0.3], [5.0, 6.0]])
