@@ -76,12 +76,14 @@ def estimate(
     campaign = load_campaign(file, settings)
     folder = out or folders.next_folder(campaign.name)
     log = logger(quiet)
-    with folders.opened(folder, overwrite, resume=False):
+    folders.check_folder(folder, overwrite)
+    with folders.opened(folder, resume=True):  # a run in it stays until it can be replaced
         estimation = estimate_parameters(
             campaign, cases, seed, threads, log, None if quiet else count_sweeps(log)
         )
         with TemporaryDirectory() as temporary:
             table = write_samples(estimation, campaign, Path(temporary) / folders.SAMPLES)
+            folders.clear(folder)
             _run(campaign, table, threads, folder, log)
         written = write_estimation(estimation, folder, figure=not no_plots)
     if not quiet:

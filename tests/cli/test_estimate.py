@@ -68,6 +68,18 @@ def test_an_estimate_is_a_run_of_the_posterior(folder):
     assert again.exit_code == 0, again.output
 
 
+def test_a_run_stays_if_the_estimate_that_replaces_it_fails(folder):
+    out = folder / "kept"
+    with run_interpreted():
+        sepmc.load(folder / "c.toml").run(3, out=out)
+    before = sorted(path.name for path in out.iterdir())
+    wrong = "measurement.0.file=none.csv"
+    done = estimated(folder / "c.toml", "--set", wrong, "--out", out, "--overwrite")
+    assert done.exit_code == 2, done.output
+    assert sorted(path.name for path in out.iterdir()) == before
+    assert len(sepmc.open(out).to_pandas()) == 3
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [

@@ -124,7 +124,7 @@ def opened(
     try:
         with _locked_folder(folder):
             if overwrite:
-                _clear(folder)
+                clear(folder)
             _remove_temporary(folder)
             revoke_lease(folder)
             _open_folders.add(folder.resolve())
@@ -227,7 +227,7 @@ def make_writable(folder: Path) -> None:
         raise StoreError(f"{folder}: cannot be reached: {error}") from None
 
 
-def _clear(folder: Path) -> None:
+def clear(folder: Path) -> None:
     """Remove the files and data folders of a run from a folder, and nothing else."""
     for name in (*DATA_FOLDERS, *_FORMAT_1):
         if is_local(folder):
