@@ -207,19 +207,29 @@ class DesignSearch:
         self, item: Requirement, most: int, columns: Mapping[str, np.ndarray]
     ) -> np.ndarray:
         """Margin (m,) of each design to a requirement: that of its case of rank ``most``, from the
-        worst. Cases without the outcome are worse than all others."""
-        status = columns["status"]
-        if item.metric in columns and not is_yes_or_no(item.metric):
-            values = margins(columns[item.metric], item)
-            values = np.where((status == Status.OK) & ~np.isnan(values), values, -np.inf)
-            if item.name not in self.scales:
-                finite = values[np.isfinite(values)]
-                spread = float(finite.std()) if len(finite) else 1.0
-                self.scales[item.name] = spread or 1.0
-            ranked = np.partition(values, most, axis=1)[:, most]
-            return np.asarray(ranked / self.scales[item.name])
+        worst; of the violation of any other requirement, by the smallest margin of each case.
+        Cases without the outcome are worse than all others."""
+        if item.metric == VIOLATION:
+            judged = [one for one in self.items if one.metric != VIOLATION]
+        else:
+            judged = [item]
+        if all(one.metric in columns and not is_yes_or_no(one.metric) for one in judged):
+            values = np.min([self._scaled_margins(one, columns) for one in judged], axis=0)
+            return np.asarray(np.partition(values, most, axis=1)[:, most])
         violates = self._violations(item, columns)
         return np.asarray((most - violates.sum(axis=1)) / max(1.0, 0.01 * self.cases))
+
+    def _scaled_margins(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Margins (m, cases) to the bounds of an outcome, in the standard deviation of those first
+        seen; minus infinity without the outcome."""
+        values = margins(columns[item.metric], item)
+        known = (columns["status"] == Status.OK) & ~np.isnan(values)
+        values = np.where(known, values, -np.inf)
+        if item.name not in self.scales:
+            finite = values[np.isfinite(values)]
+            spread = float(finite.std()) if len(finite) else 1.0
+            self.scales[item.name] = spread or 1.0
+        return np.asarray(values / self.scales[item.name])
 
     def _violations(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Mask (m, cases) of the cases that violate a requirement on a status, a yes-or-no outcome

@@ -113,6 +113,15 @@ def test_an_accepted_range_narrower_than_the_grid():
 
 
 @pytest.mark.slow
+def test_a_requirement_on_any_violation_leaves_the_direction_of_the_search():
+    """All cases of all these designs violate one: those with the largest force by the least."""
+    both = campaign(SPEED, {"name": "none", "metric": "violation", "probability": 0.95})
+    weak = Variable("push", FORCE.key, 100.0, 400.0)
+    with pytest.raises(InputError, match=r"the nearest is spring.pusher.force_N = 400$"):
+        size(both, [weak], "push", cases=100)
+
+
+@pytest.mark.slow
 def test_the_border_where_cases_lack_the_outcome():
     """No margin says there how far the border is."""
     far = {"event": [{"name": "far", "when": {"joint": "ring", "stroke_m": 1.6}}]}
