@@ -146,6 +146,24 @@ def test_questions_that_have_no_answer(server, body, words):
 def test_long_questions_are_refused(server):
     assert request(server, "POST", "run", None, Content_Length="1000001")[0] == 413
     assert request(server, "POST", "run", None, Content_Length="-1")[0] == 413
+    assert request(server, "POST", "run", None, Content_Length="9" * 5000)[0] == 413
+
+
+def test_connections_wait():
+    """As many as a browser and its tabs open at once are not reset before they are accepted."""
+    with Server(studio_of(campaign())) as one:
+        address = one.server_address[:2]
+        connections = [socket.create_connection(address, timeout=5.0) for _ in range(40)]
+        for connection in connections:
+            connection.sendall(b"GET / HTTP/1.1\r\n\r\n")
+        thread = threading.Thread(target=one.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        answers = [connection.recv(12) for connection in connections]
+        one.shutdown()
+        thread.join()
+    for connection in connections:
+        connection.close()
+    assert answers == 40 * [b"HTTP/1.1 403"]
 
 
 def test_answer_is_that_of_a_run(server):
