@@ -39,11 +39,13 @@ class AtOnce:
 
 
 def studio_of(problem):
-    return Studio(problem, first_sliders(problem, {}), ranked_outcomes, text_of, AtOnce(), CASES, 1)
+    return Studio(
+        problem, first_sliders(problem, {}), ranked_outcomes, texts_of, AtOnce(), CASES, 1
+    )
 
 
-def text_of(settings, cases, seed):
-    return f"{settings} {cases} {seed}"
+def texts_of(settings, cases, seed):
+    return {"command": f"{settings} {cases} {seed}", "python": "load"}
 
 
 @pytest.fixture(scope="module")
@@ -280,7 +282,7 @@ def test_settings_to_take_away(server):
     """For a run on cases that did not choose them."""
     _, texts = asked(server, "settings", values={FORCE.key: 2900.0}, cases=200, seed=3)
     assert texts["command"] == f"{ {FORCE.key: 2900.0} } 200 4"
-    assert f"{{'{FORCE.key}': 2900.0}}).run(200, seed=4)" in texts["python"]
+    assert texts["python"] == "load"
     assert "force_N = 2900.0" in texts["toml"]
 
 
@@ -309,8 +311,12 @@ def test_command_line(monkeypatch):
     thrust, mass = server.studio.sliders
     assert (thrust.low, thrust.high, mass.value) == (300.0, 700.0, 460.0)
     values = {"body.upper.mass_kg": 465.0}
-    text = server.studio.settings(Question(values=values, seed=2019))["command"]
-    assert shlex.split(text) == shlex.split(
+    texts = server.studio.settings(Question(values=values, seed=2019))
+    assert texts["python"] == (
+        "sepmc.load('table2', {'run.end_time_s': 0.4, 'body.upper.mass_kg': 465.0})"
+        ".run(2000, seed=2020)"
+    )
+    assert shlex.split(texts["command"]) == shlex.split(
         "sepmc campaign table2 --set run.end_time_s=0.4 --set body.upper.mass_kg=465.0 "
         "--cases 2000 --seed 2020"
     )
