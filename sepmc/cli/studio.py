@@ -77,16 +77,20 @@ def studio(
     from sepmc.cli.render import logger
     from sepmc.cli.size_results import other_settings
     from sepmc.processes import processes
-    from sepmc.scene.settings import inline_toml
+    from sepmc.scene.settings import inline_toml, parse_setting
     from sepmc.studio.answers import Studio
     from sepmc.studio.server import Server
     from sepmc.studio.sliders import first_sliders
 
-    def command(changed: dict[str, Any], cases: int, seed: int) -> str:
+    def copies(changed: dict[str, Any], cases: int, seed: int) -> dict[str, str]:
+        others = other_settings(settings, changed, campaign.file.tree)
         own = [f"{key}={inline_toml(value)}" for key, value in changed.items()]
-        all_settings = [*other_settings(settings, changed, campaign.file.tree), *own]
-        words = ["sepmc", "campaign", file, *(w for one in all_settings for w in ("--set", one))]
-        return shlex.join([*words, "--cases", str(cases), "--seed", str(seed)])
+        words = ["sepmc", "campaign", file, *(w for one in [*others, *own] for w in ("--set", one))]
+        values = dict(parse_setting(text) for text in others) | changed
+        return {
+            "command": shlex.join([*words, "--cases", str(cases), "--seed", str(seed)]),
+            "python": f"sepmc.load({file!r}, {values!r}).run({cases}, seed={seed})",
+        }
 
     log = logger(quiet)
     campaign = load_campaign(file, (*settings, "run.history_step_s=0.0"))
@@ -96,7 +100,7 @@ def studio(
     try:
         with processes(1) as second:  # ended at once by Ctrl-C
             answers = Studio(
-                campaign, sliders, ranked_outcomes, command, second, cases, seed, threads
+                campaign, sliders, ranked_outcomes, copies, second, cases, seed, threads
             )
             with Server(answers, port) as server:
                 answers.prepare(log)

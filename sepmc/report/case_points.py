@@ -10,7 +10,7 @@ from sepmc.report.style import to_words
 
 MAX_POINTS = 2000
 _BINS = 480  # of a histogram of all cases
-_EXTREMES = 24  # lowest and highest cases of each outcome among the points
+_EXTREMES = 24  # lowest and highest cases of each outcome among the points, fewer of many outcomes
 _DIGITS = 4  # of the range of a column
 
 
@@ -61,11 +61,12 @@ def _points(cases: Mapping[str, Any], rows: np.ndarray, outcomes: Sequence[str])
     if len(rows) <= MAX_POINTS:
         return rows
     extremes = [np.empty(0, dtype=np.int64)]
+    each = min(_EXTREMES, max(1, MAX_POINTS // max(1, 2 * len(outcomes))))
     for name in outcomes:
         values = column(cases, name)[rows]
         known = np.flatnonzero(np.isfinite(values))
         order = known[np.argsort(values[known], kind="stable")]
-        extremes += [order[:_EXTREMES], order[-_EXTREMES:]]
+        extremes += [order[:each], order[-each:]]
     first = np.unique(np.concatenate(extremes))[:MAX_POINTS]
     others = np.setdiff1d(np.arange(len(rows)), first)
     count = MAX_POINTS - len(first)

@@ -68,6 +68,9 @@ _WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
 # halved anyway: near a corner both rules may err alike. Otherwise Kronrod's rule was within 1e-12
 # for 17,000 random vectors.
 _ROUGH, _DIP = 1e-8, 0.6
+# Ratio of the smallest to the largest magnitude at the points of an interval, below which it is
+# halved even if its halves agree: a component may reverse twice between two points.
+_REVERSES = 0.2
 # Tolerances of the integral: relative to the peak so far and, for round-off, to the larger of force
 # and moment (N, N m).
 _AGREE, _NOISE, _HALVINGS = 1e-12, 1e-13, 80
@@ -163,37 +166,41 @@ def highest(low, high, w, scratch, ends):
 @routine
 def _mean(low, high, w, scratch):
     """Mean magnitude of the vector with the coefficients at w[scratch] between two fractions of the
-    step, by the Gauss-Lobatto rule of five nodes."""
-    total = 0.0
+    step, by the Gauss-Lobatto rule of five nodes; and the smallest and largest magnitude there."""
+    total, smallest, largest = 0.0, math.inf, 0.0
     for i in range(5):
-        total += _WEIGHT[i] * size_at(low + _NODE[i] * (high - low), w, scratch)
-    return total
+        size = size_at(low + _NODE[i] * (high - low), w, scratch)
+        total += _WEIGHT[i] * size
+        smallest, largest = min(smallest, size), max(largest, size)
+    return total, smallest, largest
 
 
 @routine
 def _halved(tolerance, w, scratch):
     """Mean magnitude (`_mean`) over the step, by halving each interval until the means of its
-    halves agree with its own to ``tolerance``. A corner takes about twenty halvings; the limit is
-    _HALVINGS."""
+    halves agree with its own to ``tolerance``, and the magnitude is not near zero in it or too
+    small to matter. A corner takes about twenty halvings; the limit is _HALVINGS."""
     noinline()
     total, low, width, budget = 0.0, 0.0, 1.0, _HALVINGS
-    estimate = _mean(0.0, 1.0, w, scratch)
+    estimate = _mean(0.0, 1.0, w, scratch)[0]
     while low < 1.0:
-        first = _mean(low, low + 0.5 * width, w, scratch)
-        second = _mean(low + 0.5 * width, low + width, w, scratch)
-        if (
-            budget > 0
-            and width > 2.0**-24
-            and not abs(0.5 * (first + second) - estimate) * width <= tolerance
-        ):
-            width, estimate, budget = 0.5 * width, first, budget - 1
+        half = 0.5 * width
+        first, first_smallest, first_largest = _mean(low, low + half, w, scratch)
+        second, second_smallest, second_largest = _mean(low + half, low + width, w, scratch)
+        smallest = min(first_smallest, second_smallest)
+        largest = max(first_largest, second_largest)
+        agrees = abs(0.5 * (first + second) - estimate) * width <= tolerance
+        if smallest < _REVERSES * largest and largest * width > tolerance:
+            agrees = False
+        if budget > 0 and width > 2.0**-24 and not agrees:
+            width, estimate, budget = half, first, budget - 1
             continue
-        total += 0.5 * width * (first + second)
+        total += half * (first + second)
         low += width
         while width < 1.0 and low % (2.0 * width) == 0.0:
             width *= 2.0
         if low < 1.0:
-            estimate = _mean(low, low + width, w, scratch)
+            estimate = _mean(low, low + width, w, scratch)[0]
     return total
 
 

@@ -87,8 +87,8 @@ class Studio:
         At the start.
     rank : callable (campaign, statistics)
         Names of the outcomes, the most important ones first.
-    command : callable (settings, cases, seed)
-        Command line of a run.
+    copies : callable (settings, cases, seed)
+        Texts that make a run: ``command``, of a command line, and ``python``.
     second : Executor
         Second process.
     cases, seed : int
@@ -100,7 +100,7 @@ class Studio:
         campaign: "Campaign",
         sliders: list[Slider],
         rank: "Callable[[Campaign, pd.DataFrame], list[str]]",
-        command: Callable[[dict[str, Any], int, int], str],
+        copies: Callable[[dict[str, Any], int, int], Mapping[str, str]],
         second: Executor,
         cases: int,
         seed: int,
@@ -108,7 +108,7 @@ class Studio:
     ):
         self.campaign, self.sliders, self._rank, self._second = campaign, sliders, rank, second
         self.cases, self.seed, self._threads = cases, seed, threads
-        self._command = command
+        self._copies = copies
         self.message = ""  # of the run in progress
         self._running = threading.Lock()
         self._case_s = 1.0  # seconds of a case in the last run
@@ -188,8 +188,7 @@ class Studio:
         campaign, settings, _ = self._changed(question)
         cases, seed = question.cases, question.seed + 1
         return {
-            "command": self._command(settings, cases, seed),
-            "python": f"sepmc.load({self.campaign.name!r}, {settings!r}).run({cases}, seed={seed})",
+            **self._copies(settings, cases, seed),
             "toml": campaign.file.toml,
         }
 

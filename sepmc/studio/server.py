@@ -18,6 +18,7 @@ from sepmc.studio.answers import Question, Studio, as_json
 
 HOST = "127.0.0.1"
 _MAX_BODY = 1_000_000  # bytes of a question
+_DIGITS = 7  # of that number: Python refuses to read thousands of them
 _IDLE_S = 60.0  # a connection without a request is closed
 _JSON, _SCRIPT, _PAGE = "application/json", "text/javascript", "text/html"
 # the page may load nothing but its own scripts and answers
@@ -56,6 +57,7 @@ class Server(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    request_queue_size = 128  # connections that wait; more than the few of the default are reset
     block_on_close = False
 
     def __init__(self, studio: Studio, port: int = 0):
@@ -119,7 +121,8 @@ class _Handler(BaseHTTPRequestHandler):
         size = self.headers.get("Content-Length", "")
         if self.name not in _QUESTIONS:
             return self._refuse(Http.NOT_FOUND, "no such question")
-        if not (size.isascii() and size.isdigit() and int(size) <= _MAX_BODY):
+        is_short = size.isascii() and size.isdigit() and len(size) <= _DIGITS
+        if not (is_short and int(size) <= _MAX_BODY):
             return self._refuse(Http.REQUEST_ENTITY_TOO_LARGE, "a question has a short body")
         body = self.rfile.read(int(size))
         ask: Callable[[Question], Any] = getattr(self.server.studio, self.name)

@@ -37,7 +37,7 @@ def main(names: list[str]) -> None:
         campaign = sepmc.load(name, {"run.history_step_s": 0.0})
         sliders = first_sliders(campaign, {})
         with ThreadPoolExecutor(1) as second:
-            studio = Studio(campaign, sliders, ranked_outcomes, str, second, CASES, 1)
+            studio = Studio(campaign, sliders, ranked_outcomes, dict, second, CASES, 1)
             studio.prepare(no_log)
             with Server(studio) as server:
                 Thread(target=server.serve_forever, daemon=True).start()

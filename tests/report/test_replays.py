@@ -451,6 +451,17 @@ def test_points_are_extremes_and_others():
     assert len(few["cases"]) == few["total"] == 49
 
 
+def test_points_have_the_extremes_of_many_outcomes():
+    """However many outcomes there are, the lowest and the highest case of each is a point."""
+    rng, count, names = np.random.default_rng(6), 5_000, [f"a{k}_m" for k in range(100)]
+    cases = pd.DataFrame(rng.normal(size=(count, len(names))), columns=names)
+    cases["case"], cases["status"] = np.arange(count), "ok"
+    points = case_points(dict(cases), names, [], dict.fromkeys(names, "m"), {})
+    assert len(points["cases"]) == MAX_POINTS
+    extremes = {*cases[names].idxmin(), *cases[names].idxmax()}
+    assert extremes <= set(points["cases"])
+
+
 @pytest.mark.slow
 @chromium
 def test_points(browser):

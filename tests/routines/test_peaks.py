@@ -104,6 +104,16 @@ def test_a_smooth_vector(name):
     assert abs(result[2] - 0.5 * mean) <= 1e-11 * peak
 
 
+@pytest.mark.parametrize("half", [0.05, 0.01, 0.003, 0.001])
+def test_a_component_that_reverses_twice(half):
+    """A dip below zero counts wherever it is in the step, and however short it is."""
+    for middle in np.linspace(half, 1.0 - half, 200):
+        result = updated(lambda x, c=middle: ((x - c) ** 2 - half * half, 0.0, 0.0))
+        dip = 4.0 / 3.0 * half**3
+        mean = ((1.0 - middle) ** 3 + middle**3) / 3.0 - half * half + 2.0 * dip
+        assert abs(result[2] - mean) <= 1e-11 * result[0]
+
+
 def test_constant_load():
     """The peak of a constant load is at its first time, not where round-off is largest."""
     result = updated(lambda x: (1.0 + 1e-15 * math.sin(40.0 * x), 0.0, 0.0), t=3.0, h=2.0)
