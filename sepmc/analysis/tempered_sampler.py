@@ -31,12 +31,17 @@ _SHORTEST = 1e-2  # proposal
 _GLOBAL = 4  # one in so many sweeps proposes by the t distribution
 _CORRELATED = 0.5  # with the start of a temperature, at which moves end
 _SWEEPS, _LAST_SWEEPS = 20, 100  # at most, of a temperature and of the last one
+_TEMPERATURES = 150  # at most
 # maps scores (n, d) to residuals (n, m) in sigma, NaN where a case has none
 Residuals = Callable[[np.ndarray], np.ndarray]
 
 
 class NoLikelihoodError(ValueError):
     """No sample of the prior has a likelihood above 0."""
+
+
+class FarPosteriorError(ValueError):
+    """The posterior is so far from the prior that `_TEMPERATURES` do not reach it."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +100,7 @@ def sample_posterior(
     Raises
     ------
     NoLikelihoodError
+    FarPosteriorError
     """
     if coordinates is None:
         coordinates = Coordinates(np.tile(Coordinates.knots()[:, None], dimensions))
@@ -110,6 +116,8 @@ def sample_posterior(
         weights = _weights(increment * logs)
         log_evidence += _log_mean_exp(increment * logs)
         temperature = min(temperature + increment, 1.0)
+        if len(temperatures) == _TEMPERATURES:
+            raise FarPosteriorError
         temperatures.append(temperature)
         moves: tuple[SurrogateMove | _GlobalMove, ...] = (
             SurrogateMove.of(scores, rest, weights, temperature, coordinates),
@@ -238,4 +246,4 @@ def _largest_correlation(start: np.ndarray, scores: np.ndarray) -> float:
     return float(np.max(product / np.where(sizes > 0.0, sizes, 1.0)))
 
 
-__all__ = ["NoLikelihoodError", "PosteriorSample", "sample_posterior"]
+__all__ = ["FarPosteriorError", "NoLikelihoodError", "PosteriorSample", "sample_posterior"]

@@ -11,7 +11,12 @@ import pandas as pd
 
 from sepmc.analysis.model_check import ModelCheck, check_model
 from sepmc.analysis.surrogate_moves import Coordinates
-from sepmc.analysis.tempered_sampler import NoLikelihoodError, PosteriorSample, sample_posterior
+from sepmc.analysis.tempered_sampler import (
+    FarPosteriorError,
+    NoLikelihoodError,
+    PosteriorSample,
+    sample_posterior,
+)
 from sepmc.campaign import cases as sampling
 from sepmc.campaign.execution.batch_histories import BatchHistories
 from sepmc.campaign.measured_channels import (
@@ -135,6 +140,12 @@ def estimate(
         raise InputError(
             f"{campaign.name}: none of {cases} cases of the distributions reaches the end of the "
             "measurements; look at their statuses (sepmc campaign), and at delay_s"
+        ) from None
+    except FarPosteriorError:
+        raise InputError(
+            f"{campaign.name}: the measurements are too far from all cases of the distributions; "
+            "look at the units, the sign and the clock of each channel, and whether its angles "
+            "jump by 360 degrees; or widen the distributions"
         ) from None
     predictions = model.predictions(sample.scores)
     channels = model.channels

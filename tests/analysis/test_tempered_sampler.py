@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from sepmc.analysis import tempered_sampler
 from sepmc.analysis.surrogate_moves import Coordinates
 from sepmc.analysis.tempered_sampler import NoLikelihoodError, sample_posterior
 
@@ -75,6 +76,13 @@ def test_what_is_impossible_has_no_samples():
     assert (sample.scores >= 0.5).all()
     with pytest.raises(NoLikelihoodError):
         sample_posterior(lambda z: np.full_like(z, np.nan), 2, 50, np.random.default_rng(0))
+
+
+def test_a_posterior_that_is_too_far_ends(monkeypatch):
+    """The number of temperatures is bounded."""
+    monkeypatch.setattr(tempered_sampler, "_TEMPERATURES", 3)
+    with pytest.raises(tempered_sampler.FarPosteriorError):
+        sample_posterior(lambda z: 1e4 * (z - 4.0), 2, 50, np.random.default_rng(0))
 
 
 def test_coordinates_and_scores_are_inverse():

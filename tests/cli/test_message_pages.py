@@ -85,6 +85,7 @@ def test_every_error_of_a_user_is_on_the_page(site):
         "FormulaError",  # its text becomes that of a problem
         "FormatError",  # its text becomes that of a problem
         "NoLikelihoodError",  # its text becomes that of an InputError
+        "FarPosteriorError",  # its too
         "TooManyProblems",  # ends the reading of a file with many problems
         "UnknownError",  # of `sepmc check`, whose text says what is not known
         "UnknownPath",  # its text becomes that of a problem
