@@ -33,7 +33,7 @@ PLAN = "case,in_body_a_mass_kg,in_body_b_mass_kg\n0,1.0,2.0\n1,1.5,2.5\n"
         (formulas.formulas, 2000),
         (tables.tables, 150),
         pytest.param(run_folders.run_folders, 25, marks=pytest.mark.slow),
-        pytest.param(flights.rows, 2, marks=pytest.mark.slow),
+        pytest.param(flights.rows, 1, marks=pytest.mark.slow),
         pytest.param(flights.numbers, 2, marks=pytest.mark.slow),
     ],
     ids=lambda value: getattr(value, "__name__", value),
