@@ -211,6 +211,8 @@ def _curve(points: list[tuple[float, float]], what: str, numbers: Any) -> Thrust
     if len(times) < 2:
         raise FormatError("has fewer than two rows")
     understood = []
+    if negative := sum(thrust < 0.0 for thrust in thrusts):
+        understood.append(f"the thrust is negative in {negative} rows, down to {min(thrusts):g} N")
     if steps:
         understood.append(
             f"a step at {', '.join(f'{t:g} s' for t in steps[:4])}: two rows at one time"

@@ -127,6 +127,12 @@ def test_units_without_a_header_are_noted(tmp_path):
         assert "has no header; give the names" in problem(tmp_path, MOTOR, "c.csv", text)
 
 
+def test_negative_thrust_is_noted(tmp_path):
+    curve = "time_s,thrust_N\n0,0\n0.5,-100\n1,0\n"
+    understood = campaign(tmp_path, MOTOR, "c.csv", curve).file.understood
+    assert "the thrust is negative in 1 rows, down to -100 N" in " ".join(understood)
+
+
 def test_fractions_need_a_thrust(tmp_path):
     text = "time_s,fraction\n0,1\n1,0.5\n"
     assert "'thrust_N' is missing" in problem(tmp_path, MOTOR, "c.csv", text)
