@@ -163,9 +163,11 @@ def _cells(state: Element, units: dict[str, str]) -> list[str]:
     """Texts of some elements of a state, which are in these units."""
     cells = []
     for tag, unit in units.items():
-        element = next(state.all(tag), None)
-        if element is None:
-            raise FormatError(f"line {state.line}: <{state.tag}> has no <{tag}>")
+        elements = list(state.all(tag))
+        if len(elements) != 1:
+            count = f"{len(elements)} elements" if elements else "no"
+            raise FormatError(f"line {state.line}: <{state.tag}> has {count} <{tag}>")
+        element = elements[0]
         own = element.attributes.get("units", unit)
         if unit and own.lower() != unit:
             raise FormatError(f"line {element.line}: <{tag}> is in {shorten(own)}; must be {unit}")

@@ -107,6 +107,7 @@ def test_message_within_an_ndm():
         ("oem", ("oem", "opm"), "<opm> has no message <oem>"),
         ("oem", (' version="2.0"', ""), "<oem> has no version"),
         ("oem", ("<Z>4.7</Z>", ""), "line 6: <stateVector> has no <Z>"),
+        ("oem", ("<Z>4.7</Z>", "<Z>4.7</Z><Z>4.8</Z>"), "<stateVector> has 2 elements <Z>"),
         ("oem", ("<Z>4.7</Z>", '<Z units="m">4700</Z>'), "<Z> is in 'm'; must be km"),
         ("oem", ("<Z>4.7</Z>", "<Z>4,7</Z>"), "line 6: .* is no row of numbers"),
         ("oem", ("stateVector", "state"), "has no segment with rows"),
