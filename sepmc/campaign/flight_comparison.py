@@ -1,5 +1,6 @@
 """A run against the telemetry of a flight: channels of a file, histories of cases, comparison."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from sepmc.campaign.execution.case_histories import case_histories
 from sepmc.campaign.store import shards
 from sepmc.formats.telemetry import parse_map, read_telemetry
 from sepmc.formats.text_table import FormatError
-from sepmc.scene.messages import InputError, Log
+from sepmc.scene.messages import InputError, Log, shorten
 
 if TYPE_CHECKING:
     from sepmc.campaign.result import Result
@@ -34,6 +35,16 @@ def compare_with_flight(
     announce: Log,
 ) -> FlightComparison:
     """Compare a run with the telemetry of a flight; see `Result.compare_flight`."""
+    if not isinstance(mapping, Mapping):
+        example = '{"upper_omega_y_deg_s": "-gyro_z[rad/s]"}'
+        raise InputError(
+            f"map = {shorten(mapping)}: must be a dict of channels by column, as {example}"
+        )
+    is_number = isinstance(shift_s, int | float) and not isinstance(shift_s, bool)
+    if shift_s is not None and not (is_number and math.isfinite(shift_s)):
+        raise InputError(
+            f"shift_s = {shorten(shift_s)}: must be a finite number of seconds, or None"
+        )
     columns = {c.name: c.unit for c in schema.history_columns(result.campaign.layout.contents)}
     mapped = [parse_map(f"{column}={text}", list(columns)) for column, text in mapping.items()]
     try:

@@ -35,7 +35,7 @@ from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import shards
 from sepmc.engine.dispatch import check_int, check_text
 from sepmc.scene.limits import CASES
-from sepmc.scene.messages import InputError, Log, RunWarning, nearest, no_log, warn
+from sepmc.scene.messages import InputError, Log, RunWarning, nearest, no_log, shorten, warn
 from sepmc.scene.model import Requirement
 from sepmc.schema import NOT_OK_LABELS, is_yes_or_no
 
@@ -329,7 +329,11 @@ class Result:
             If the file cannot be read, has no such channel, or does not overlap with the run.
         """
         log, chosen = announce or no_log, check_int("cases", cases, 2, CASES)
-        comparison = compare_with_flight(self, Path(data), map or {}, time, shift_s, chosen, log)
+        if not isinstance(data, str | Path):
+            raise InputError(f"data = {shorten(data)}: must be the path of a file")
+        comparison = compare_with_flight(
+            self, Path(data), {} if map is None else map, time, shift_s, chosen, log
+        )
         for note in comparison.notes if announce is None else ():
             warn(note, RunWarning)
         return comparison

@@ -177,3 +177,11 @@ def test_a_suspicious_shift_warns_in_python(run, tmp_path):
         result.compare_flight(data, {"a": "b"})
     with pytest.raises(sepmc.InputError, match="cases = 1"):
         result.compare_flight(data, cases=1)
+    for wrong, reason in (
+        ({"map": "a=b"}, "map = 'a=b': must be a dict"),
+        ({"shift_s": "1"}, "shift_s = '1': must be a finite number"),
+        ({"shift_s": float("nan")}, "shift_s = nan: must be a finite number"),
+        ({"data": [1]}, "must be the path of a file"),
+    ):
+        with pytest.raises(sepmc.InputError, match=reason):
+            result.compare_flight(**({"data": data} | wrong))
