@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from sepmc.jit import formula, noinline, routine
-from sepmc.routines.lanes import LANES, larger, largest3
+from sepmc.routines.lanes import LANES, get3, larger, largest3
 from sepmc.routines.layout import GRAIN, PEAK_NODES
 
 COUNT = PEAK_NODES
@@ -104,8 +104,7 @@ def _at(x, w, scratch):
 def size_at(theta, w, scratch):
     """Magnitude of the vector with the coefficients at w[scratch], at the fraction ``theta`` of the
     step."""
-    a, b, c = _at(2.0 * theta - 1.0, w, scratch)
-    return math.sqrt(a * a + b * b + c * c)
+    return magnitude(_at(2.0 * theta - 1.0, w, scratch))
 
 
 @routine
@@ -211,11 +210,8 @@ def put_sizes(nodes, stride, w, sizes):
     largest, node = 0.0, 0
     for i in range(COUNT):
         k = nodes + i * stride
-        size = math.sqrt(
-            w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES]
-        )
-        w[sizes + i] = size
-        largest, node = (size, i) if size > _SAME * largest else (largest, node)
+        w[sizes + i] = magnitude(get3(w, k))
+        largest, node = _higher(largest, node, w[sizes + i], i)
     return largest, node
 
 
@@ -276,24 +272,23 @@ def _smaller(a, b):
 
 @formula
 def _higher(largest, theta, size, node):
-    """Largest magnitude and its fraction of the step, after one more node at the fraction
-    ``node``."""
+    """Largest magnitude and where it is, ``theta``, after one more, which is at ``node``: fractions
+    of the step or numbers of nodes."""
     is_larger = size > _SAME * largest
     return size if is_larger else largest, node if is_larger else theta
 
 
 @formula
 def _is_inner_summit(previous, current, following):
-    """1 if the magnitude at a node is higher than at its neighbours, else 0; see `rises`."""
-    smaller = previous if previous < following else following
+    """1 if the magnitude at a node is higher than at its neighbours, else 0."""
     rises = 1.0 if current > previous else 0.0
     rises = rises if current >= following else 0.0
-    return rises if current > _SAME * smaller else 0.0
+    return rises if current > _SAME * _smaller(previous, following) else 0.0
 
 
 @formula
 def _is_end_summit(end, inner, slope):
-    """1 if the magnitude rises from an end into the step, else 0; see `rises`."""
+    """1 if the magnitude rises from an end, with this slope, into the step, else 0."""
     rises = 0.0 if end < inner else 1.0
     return rises if slope > _STEEP * end else 0.0
 
@@ -481,18 +476,11 @@ def rises(sizes, w, i):
     """Return True if a peak is next to node ``i``: its magnitude is higher than those of its
     neighbours or, for the first and last node, rises from the end into the step."""
     if 0 < i < COUNT - 1:
-        previous, current, following = w[sizes + i - 1], w[sizes + i], w[sizes + i + 1]
-        return (
-            current > previous
-            and current >= following
-            and current > _SAME * min(previous, following)
-        )
+        return _is_inner_summit(w[sizes + i - 1], w[sizes + i], w[sizes + i + 1]) > 0.0
     first, step, slope = (sizes, 1, 0.0) if i == 0 else (sizes + COUNT - 1, -1, 0.0)
-    if w[first] < w[first + step]:
-        return False
     for n in range(COUNT):
         slope += SLOPE[n] * w[first + step * n]
-    return slope > _STEEP * w[first]
+    return _is_end_summit(w[first], w[first + step], slope) > 0.0
 
 
 @routine
