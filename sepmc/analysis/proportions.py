@@ -18,6 +18,12 @@ import numpy as np
 CONFIDENCE = 0.95  # of printed intervals, unless a requirement sets its own
 
 
+def raised(confidence: float, looks: int) -> float:
+    """Confidence of each of some looks, so that all together are wrong no more often than one at
+    ``confidence`` (Bonferroni)."""
+    return 1.0 - (1.0 - confidence) / looks
+
+
 def binomial_cdf(k: int, n: int, p: float) -> float:
     """Return BinCDF(k; n, p), the probability of at most k successes in n trials of probability
     p."""

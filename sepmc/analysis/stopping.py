@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.constant_outcomes import round_to_error
-from sepmc.analysis.proportions import CONFIDENCE, binomial_interval
+from sepmc.analysis.proportions import CONFIDENCE, binomial_interval, raised
 from sepmc.analysis.rare_values import Occurrence, RareValue, undersampled
 from sepmc.analysis.statistics import PERCENTILES, student_half_width
 from sepmc.scene.messages import InputError, nearest
@@ -123,7 +123,7 @@ class StoppingRule:
             (`sepmc.analysis.constant_outcomes.max_spread`), 0 of others; the interval of a constant
             outcome is that of its numerical error.
         """
-        value, low, high = self.interval(summary, 1.0 - (1.0 - CONFIDENCE) / looks)
+        value, low, high = self.interval(summary, raised(CONFIDENCE, looks))
         if spread > 0.0:
             error = 0.5 * spread
             value = 0.0 if self.statistic == "sigma" else round_to_error(value, error)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.proportions import CONFIDENCE, binomial_interval
+from sepmc.analysis.proportions import CONFIDENCE, binomial_interval, raised
 from sepmc.analysis.requirements import NOT_SHOWN
 from sepmc.campaign.judging import raised_confidence
 from sepmc.scene.design_tables import MapAxis, parse_axis
@@ -132,7 +132,7 @@ def map_designs(
         more, more_timing = run(np.flatnonzero(is_open), count)
         table = pd.concat([table[~is_open], more]).sort_index()
         timing = {key: timing[key] + more_timing[key] for key in timing}
-    confidence = 1.0 - (1.0 - CONFIDENCE) / len(looks)
+    confidence = raised(CONFIDENCE, len(looks))
     for name in names:
         counts = table[[f"{name}_violations", f"{name}_missing", "cases"]].to_numpy()
         table[[f"{name}_low", f"{name}_high"]] = [

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.proportions import allowed_violations, binomial_cdf
+from sepmc.analysis.proportions import allowed_violations, binomial_cdf, raised
 from sepmc.analysis.requirements import margins
 from sepmc.campaign.session import Session
 from sepmc.scene.design_tables import Variable
@@ -29,11 +29,8 @@ VERDICT_CASES = 4  # times the cases of the search
 TOLERANCE = 1e-4  # of the range of a variable
 _LIKELY = 0.95  # probability that the run for the verdict shows a design at the edge
 _GRID, _ROOTS = 13, 24  # one variable: points of the grid, and steps to the border, at most
-_ZOOMS, _PEAKS, _CLOSER = (
-    3,
-    3,
-    9,
-)  # closer looks, at peaks of the margin, designs between neighbours
+# closer looks, at peaks of the margin, designs between neighbours
+_ZOOMS, _PEAKS, _CLOSER = 3, 3, 9
 _FINE = 2001  # costs between two neighbours of a point of the grid
 _STEPS = 40  # several variables: designs for each, at most, after the first ones
 
@@ -89,8 +86,8 @@ def accepted_violations(
     -------
     int
     """
-    count, raised = VERDICT_CASES * cases, 1.0 - (1.0 - item.confidence) / tries
-    allowed = allowed_violations(count, item.probability, raised)
+    count = VERDICT_CASES * cases
+    allowed = allowed_violations(count, item.probability, raised(item.confidence, tries))
     low, high = 0, cases  # the first is accepted, the last is not
     while high - low > 1:
         middle = (low + high) // 2

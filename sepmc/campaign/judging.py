@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from sepmc.analysis.proportions import required_cases
+from sepmc.analysis.proportions import raised, required_cases
 from sepmc.analysis.requirements import PASS
 from sepmc.scene.design_tables import check_subject_to
 from sepmc.scene.messages import InputError, Log
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 def raised_confidence(campaign: Any, looks: int) -> dict[str, float]:
-    """Settings with the confidence of each requirement raised for a number of looks: all together
-    are then wrong no more often than one at the confidence of the file (Bonferroni)."""
+    """Settings with the confidence of each requirement raised for a number of looks; see
+    `sepmc.analysis.proportions.raised`."""
     return {
-        f"requirement.{item.name}.confidence": 1.0 - (1.0 - item.confidence) / looks
+        f"requirement.{item.name}.confidence": raised(item.confidence, looks)
         for item in campaign.file.requirements
     }
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.proportions import required_cases
+from sepmc.analysis.proportions import raised, required_cases
 from sepmc.campaign.design_search import (
     MAX_TRIES,
     TOLERANCE,
@@ -149,8 +149,8 @@ def start_search(
     campaign = with_requirements(campaign, subject_to)
     items = checked_requirements(campaign, cases)
     for item in items:
-        raised = 1.0 - (1.0 - item.confidence) / tries
-        needed = math.ceil(required_cases(0, item.probability, raised) / VERDICT_CASES)
+        confidence = raised(item.confidence, tries)
+        needed = math.ceil(required_cases(0, item.probability, confidence) / VERDICT_CASES)
         if cases < needed:
             raise InputError(
                 f"cases = {cases}: requirement {item.name} cannot be shown with fewer than "

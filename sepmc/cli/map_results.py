@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from sepmc import __version__
-from sepmc.analysis.proportions import required_cases
+from sepmc.analysis.proportions import raised, required_cases
 from sepmc.analysis.requirements import FAIL, PASS
 from sepmc.analysis.requirements_text import requirement_sentence
 from sepmc.campaign.campaign import Campaign
@@ -87,7 +87,7 @@ def render_map(designs: DesignMap, campaign: Campaign) -> str:
         rest = len(verdicts) - shown - refuted
         sentence = _sentence(campaign, item)
         lines.append(f"{sentence}: shown at {shown} designs, refuted at {refuted}, open at {rest}")
-        confidence = 1.0 - (1.0 - item.confidence) / n_looks
+        confidence = raised(item.confidence, n_looks)
         needed = required_cases(0, item.probability, confidence)
         if most < needed:
             option = "--max-cases" if n_looks > 1 else "--cases"
