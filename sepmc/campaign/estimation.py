@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -339,7 +340,9 @@ class Model:
     def _names(self) -> list[str]:
         """Keys of the parameters, and names of the delays."""
         keys = [one.parameter.key for one in self.campaign.file.dispersions]
-        return keys + [f"delay of {name}" for name in self.clocks]
+        short = [Path(name).name for name in self.clocks]
+        clocks = short if len(set(short)) == len(short) else self.clocks
+        return keys + [f"delay of {name}" for name in clocks]
 
     def _delays(self, scores: np.ndarray) -> np.ndarray:
         """Delays (n, clocks) at normal scores (n, dimensions), s. A clock is a file with estimated
