@@ -145,9 +145,9 @@ def estimate(
         If there are no measurements or distributions, or no case comes near the measurements.
     """
     check_threads(threads)
+    cases = check_int("cases", cases, _MIN_CASES, _MOST_CASES)
     model = Model(campaign, threads, announce)
-    fewest = max(_MIN_CASES, _MIN_PER_PARAMETER * model.dimensions)
-    cases = check_int("cases", cases, fewest, _MOST_CASES)
+    check_int("cases", cases, _MIN_PER_PARAMETER * model.dimensions)
     seed = campaign.checked_seed(seed)
     random = sampling.generator(seed, "estimation")
     try:

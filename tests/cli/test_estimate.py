@@ -120,8 +120,9 @@ def test_a_campaign_needs_measurements_and_distributions(folder):
     for settings, reason in (({"measurement": []}, "no measurement"), ({"dispersion": {}}, "disp")):
         with pytest.raises(InputError, match=reason):
             estimate(campaign.with_settings(settings))
-    with run_interpreted(), pytest.raises(InputError, match="cases = 50: must be >= 100"):
-        estimate(campaign, 50, announce=str)
+    done = estimated(folder / "c.toml", "--cases", "50", "--out", folder / "few")
+    assert done.exit_code == 2
+    assert "cases = 50: must be" in done.output
 
 
 @pytest.mark.parametrize(
