@@ -42,7 +42,7 @@ class ChiSquareTest:
 
     @property
     def is_too_small(self) -> bool:
-        """True if the ratio is far below 1, and a model that is right rarely gives so small a one."""
+        """True if the ratio is far below 1, and rarely so small of a model that is right."""
         from scipy.stats import chi2  # noqa: PLC0415
 
         return self.ratio < _TOO_SMALL and chi2.cdf(self.chi_square, self.freedom) < LEVEL
