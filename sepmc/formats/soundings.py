@@ -30,7 +30,9 @@ _QUANTITIES = {
     "across": Quantity("speed", ("across", "windacross", "windz")),
 }  # fmt: skip
 _DEFAULTS = {"from": "deg", "direction": "deg"}
-_WYOMING = re.compile(r"^\s*PRES\s+HGHT\s+TEMP\s+DWPT\s+RELH\s+MIXR\s+DRCT\s+SK?NT", re.MULTILINE)
+_WYOMING = re.compile(
+    r"^[ \t]*PRES\s+HGHT\s+TEMP\s+DWPT\s+RELH\s+MIXR\s+DRCT\s+(SKNT|SPED)\b", re.MULTILINE
+)
 _WIDTH = 7  # of a column of a Wyoming sounding
 _SPC = re.compile(r"^[ \t]*LEVEL\s+HGHT\s+TEMP\s+DWPT\s+WDIR\s+WSPD[^%]*%RAW%", re.MULTILINE)
 _MISSING = -9998.0  # values below are none
@@ -134,15 +136,17 @@ def _columns(
     if path.suffix.lower() != ".parquet":
         text = text_of(path)
         for pattern, rows_of, layout in (
-            (_WYOMING, _wyoming_rows, "a sounding of fixed width: PRES HGHT TEMP ... DRCT SKNT"),
+            (_WYOMING, _wyoming_rows, "a sounding of fixed width: PRES HGHT TEMP ... DRCT {}"),
             (_SPC, _spc_rows, "a sounding of SPC: LEVEL (hPa) HGHT (m) TEMP (C) WDIR WSPD (kt)"),
         ):
             count = len(pattern.findall(text))
             if count > 1:
                 raise FormatError(f"has {count} soundings; must be one in a file")
             if match := pattern.search(text):
-                table, left = _sounding(rows_of(text[match.start() :]), needed)
-                understood = [layout]
+                rows = rows_of(text, match.start())
+                table, left = _sounding(rows, needed)
+                is_si = bool(rows and "SPED" in rows[0])
+                understood = [layout.format("SPED (m/s)" if is_si else "SKNT (kn)")]
                 if left:
                     understood.append(f"{left} rows without {', '.join(needed)} are not read")
                 return Columns(table), understood
@@ -170,10 +174,10 @@ def _sounding(rows: list[dict[str, float]], needed: tuple[str, ...]) -> tuple[Te
     return TextTable(columns, (), "fixed width"), len(rows) - len(whole)
 
 
-def _wyoming_rows(text: str) -> list[dict[str, float]]:
-    """Rows of a sounding as the University of Wyoming gives it: columns of seven characters, blank
-    where nothing was measured."""
-    lines = text.splitlines()
+def _wyoming_rows(text: str, begin: int) -> list[dict[str, float]]:
+    """Rows of a sounding as the University of Wyoming gives it, from its titles on: columns of
+    seven characters, blank where nothing was measured."""
+    lines = text[begin:].splitlines()
     names = ("PRES", "HGHT", "TEMP", "DWPT", "RELH", "MIXR", "DRCT",
              "SKNT" if "SKNT" in lines[0] else "SPED")  # fmt: skip
     rows = list[dict[str, float]]()
@@ -189,16 +193,20 @@ def _wyoming_rows(text: str) -> list[dict[str, float]]:
     return rows
 
 
-def _spc_rows(text: str) -> list[dict[str, float]]:
+def _spc_rows(text: str, begin: int) -> list[dict[str, float]]:
     """Rows of a sounding as the Storm Prediction Center and SHARPpy have it, between %RAW% and
     %END%; -9999 where nothing was measured."""
     names = ("PRES", "HGHT", "TEMP", "DWPT", "DRCT", "SKNT")
     rows = list[dict[str, float]]()
-    for line in text.partition("%RAW%")[2].partition("%END%")[0].splitlines():
+    head, _, body = text[begin:].partition("%RAW%")
+    first = len((text[:begin] + head + "%").splitlines())
+    for n, line in enumerate(body.partition("%END%")[0].splitlines(), first):
         cells = [cell.strip() for cell in line.split(",")]
         if len(cells) < len(names):
             if line.strip():
-                raise FormatError(f"{shorten(line.strip())} is no row of {' '.join(names)}")
+                raise FormatError(
+                    f"line {n}: {shorten(line.strip())} is no row of {' '.join(names)}"
+                )
             continue
         rows.append({name: _value(cell) for name, cell in zip(names, cells, strict=False)})
     return rows
