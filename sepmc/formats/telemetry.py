@@ -55,11 +55,12 @@ class MappedChannel:
 
 @dataclass(frozen=True)
 class _Raw:
-    """A channel of a file: time, s or in the unit of its title, values, and unit."""
+    """A channel of a file: time, s or in the unit of its title, values, unit, and lines of text."""
 
     time: np.ndarray
     values: np.ndarray
     unit: str
+    lines: tuple[int, ...] = ()
 
 
 def parse_map(text: str, columns: Sequence[str], option: str = "map") -> MappedChannel:
@@ -154,9 +155,11 @@ def read_telemetry(
         falling = np.flatnonzero(np.diff(times) < 0.0)
         if len(falling):
             k = int(falling[0])
+            later = int(np.flatnonzero(kept)[k + 1])
+            where = f"in line {raw.lines[later]}" if raw.lines else f"at its sample {later + 1}"
             raise FormatError(
                 f"channel {own.channel}: the time falls from {times[k]:.14g} to "
-                f"{times[k + 1]:.14g} s at its sample {k + 1}"
+                f"{times[k + 1]:.14g} s {where}"
             )
         result[each.column] = times, values
         factor = "" if own.factor == 1.0 else f"{own.factor:g} * "
@@ -233,7 +236,8 @@ def _channels(path: Path, time: str | None) -> dict[str, _Raw]:
     """Channels of a file by title."""
     kind = path.suffix.lower()
     if kind not in (".mat", *_PACKAGES):
-        return _of_table(read_table(path, most=FILE_BYTES, gaps=True).columns, time)
+        table = read_table(path, most=FILE_BYTES, gaps=True)
+        return _of_table(table.columns, time, lines=table.lines)
     if read_bytes(path, FILE_BYTES).startswith(_HDF5) and kind == ".mat":
         kind = ".h5"
     if kind in _PACKAGES:
@@ -272,7 +276,10 @@ def _by_library(path: Path, kind: str, time: str | None) -> dict[str, _Raw]:
 
 
 def _of_table(
-    columns: Mapping[str, np.ndarray], time: str | None, stem: str = ""
+    columns: Mapping[str, np.ndarray],
+    time: str | None,
+    stem: str = "",
+    lines: tuple[int, ...] = (),
 ) -> dict[str, _Raw]:
     """Channels of columns of one length, of which one is the time."""
     title = _time_title(columns, time)
@@ -283,7 +290,7 @@ def _of_table(
     seconds = columns[title] * factor
     if not np.isfinite(seconds).any():
         raise FormatError(f"column {title}: has no number; times are numbers, in s unless said")
-    return {stem + k: _Raw(seconds, v, "") for k, v in columns.items() if k != title}
+    return {stem + k: _Raw(seconds, v, "", lines) for k, v in columns.items() if k != title}
 
 
 def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
