@@ -256,11 +256,7 @@ def _numbers(
     while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
                                             for _, row in rows):  # fmt: skip
         header = header[:-1]  # a separator at the end of each line
-    for name, count in Counter(name for name in header if name).items():
-        if count > 1:
-            raise FormatError(f"has the column {shorten(name)} twice")
-        if not printable(name, 100) == name:
-            raise FormatError(f"has a column of another name than text: {printable(name, 60)}")
+    _check_names(header)
     values = np.empty((len(rows), len(header)))
     for k, (line, row) in enumerate(rows):
         cells = row[: len(header)] if not any(row[len(header) :]) else row
@@ -288,6 +284,16 @@ def _numbers(
     return {name: values[:, i] for i, name in enumerate(header) if name}
 
 
+def _check_names(names: Sequence[str]) -> None:
+    """Raise FormatError for a name that is there twice, or that cannot be printed; blank ones may
+    be."""
+    for name, count in Counter(name for name in names if name).items():
+        if count > 1:
+            raise FormatError(f"has the column {shorten(name)} twice")
+        if printable(name) != name:
+            raise FormatError(f"has a column of another name than text: {printable(name, 60)}")
+
+
 def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
     import pyarrow as pa  # noqa: PLC0415  (that text files do not need)
     import pyarrow.parquet as pq  # noqa: PLC0415
@@ -307,6 +313,7 @@ def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
         raise FormatError(f"cannot be read as Parquet: {reason}") from None
     if not table.num_rows:
         raise FormatError("has no rows")
+    _check_names(table.column_names)
     columns = {}
     for name, column in zip(table.column_names, table.columns, strict=True):
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
