@@ -4,16 +4,12 @@ An evaluation of the rates of a phase is one function of the kernel, straight-li
 lanes. Its operations are counted in the optimised LLVM code: an addition, subtraction,
 multiplication, division or square root counts one per lane, so that a fused multiply-add is two;
 comparisons, signs and roundings count none. The evaluations of a case are counted by running it
-with the JIT off. The stage sums follow from the tableau of the method: two operations for each
+in plain Python. The stage sums follow from the tableau of the method: two operations for each
 nonzero coefficient of each integrated number, and one to scale by the step. Set-up, corrections,
 event prediction and outcomes are not counted.
-
-Numba exposes only code that it compiled itself, not linked code, so a process compiles the function
-again; the count is cached beside the kernel.
 """
 
 import collections
-import json
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -24,16 +20,17 @@ from sepmc.bench import subprocess_calls
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.integration import Integration, by_name
 from sepmc.campaign.execution.step_selection import kernel_text
-from sepmc.engine import interpreted, kernel_cache
+from sepmc.engine import interpreted
 from sepmc.engine.dispatch import integrate_cases
-from sepmc.jit import BARE
-from sepmc.kernel.emit.compile_units import ENTRY, split
+from sepmc.jit import PLAIN
+from sepmc.kernel.emit.compile_units import split
 from sepmc.kernel.emit.context import Context
 from sepmc.kernel.spec.methods import method
 from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.lanes import LANES
 from sepmc.routines.layout import NO_HISTORY
 from sepmc.scene.read import parse_campaign
+from sepmc.translator.compiler import ENTRY, assembly, optimised
 
 _FUNCTION = re.compile(r"^define[^\n]*?@\"?(\S+?)\"?\(.*?^\}", re.MULTILINE | re.DOTALL)
 _ARITHMETIC = re.compile(
@@ -83,9 +80,7 @@ def count(campaign: Campaign, integration: Integration) -> Flops | None:
         integration.durations.tolist(),
     ]
     arguments += [solver, integration.method_names]
-    evaluations = subprocess_calls.call(
-        "flops:count_evaluations", arguments, {"NUMBA_DISABLE_JIT": "1"}
-    )
+    evaluations = subprocess_calls.call("flops:count_evaluations", arguments, {PLAIN: "1"})
     rates = sum(evaluations[name] * each[name] for name in names)
     sums = 0.0
     for segment, name in zip(shape.segments, integration.method_names, strict=True):
@@ -99,38 +94,25 @@ def count(campaign: Campaign, integration: Integration) -> Flops | None:
 
 
 def _flops_by_phase(text: str, segment_of_phase: dict[str, str]) -> dict[str, float]:
-    """Return the flops of an evaluation by phase, where the code shows them, from the cache if
-    possible."""
+    """Return the flops of an evaluation by phase, where the code shows them."""
     texts = {unit.name: unit.text for unit in split(text)}
-    by_phase: dict[str, float | None] = {}
-    for phase, segment in segment_of_phase.items():
-        unit = texts[f"rates_{segment}"]
-        cache_file = (
-            kernel_cache.CACHE_FOLDER / f"{kernel_cache.write_modules([unit])[0]}.flops.json"
-        )
-        if cache_file.is_file():
-            by_phase[phase] = json.loads(cache_file.read_text(encoding="utf-8"))
-            continue
-        by_phase[phase] = subprocess_calls.call("flops:count_flops", [unit], {BARE: "1"})
-        if by_phase[phase] is not None:
-            cache_file.write_text(json.dumps(by_phase[phase]), encoding="utf-8")
+    by_phase = {
+        phase: flops_of_unit(texts[f"rates_{segment}"])
+        for phase, segment in segment_of_phase.items()
+    }
     return {phase: flops for phase, flops in by_phase.items() if flops is not None}
 
 
-def count_flops(unit: str) -> float | None:
-    """Return the flops of an evaluation by a compile unit, compiled in this process."""
-    module = kernel_cache.load_module(kernel_cache.write_modules([unit])[0])
-    return flops_in_llvm(getattr(module, ENTRY)._library.get_llvm_str(), ENTRY)
+def flops_of_unit(text: str) -> float | None:
+    """Return the flops per lane of a compile unit, given as source text; None if its function is
+    not in the code."""
+    return flops_in_llvm(str(optimised(assembly(text, ENTRY))), ENTRY)
 
 
 def flops_in_llvm(code: str, name: str) -> float | None:
     """Return the flops per lane of a function in LLVM code; None if it is absent."""
-    counts = [  # mangled by Numba: length, name, version
-        _flops_per_lane(match[0])
-        for match in _FUNCTION.finditer(code)
-        if f"{len(name)}{name}B" in match[1]
-    ]
-    return max(counts, default=None)  # wrappers of the function have none
+    bodies = (match[0] for match in _FUNCTION.finditer(code) if match[1] == name)
+    return next(map(_flops_per_lane, bodies), None)
 
 
 def _flops_per_lane(body: str) -> float:
@@ -149,7 +131,7 @@ def count_evaluations(
     solver: str | None,
     methods: list[str],
 ) -> dict[str, int]:
-    """Return the evaluations of a case by phase; needs the JIT off, so that kernel functions are
+    """Return the evaluations of a case by phase; needs a process in which formulas run as plain
     Python."""
     campaign = Campaign(parse_campaign(tree, name))
     kernel = interpreted.load(kernel_text(campaign, solver))

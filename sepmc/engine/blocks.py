@@ -1,62 +1,20 @@
-"""Entry into compiled kernels: one parallel loop over blocks of lanes, for all scenes, that calls a
-kernel by its address.
-
-A kernel compiled into a parallel loop of its own would be optimised and turned into machine code
-three times, a third of its compile time.
-"""
+"""Entry into kernels: all blocks of lanes of the cases of a run."""
 
 import itertools
 import math
-from ctypes import CFUNCTYPE, PYFUNCTYPE, c_int64
-from functools import cache
-from typing import Any
+from ctypes import CFUNCTYPE, c_int64
 
 import numpy as np
-from numba import get_thread_id, prange, types
-from numba.extending import intrinsic
 
-from sepmc.engine import cache_files, threads
+from sepmc.engine import block_loop, threads
 from sepmc.engine.written_kernel import Kernel
-from sepmc.jit import compiled, machine_code
 from sepmc.routines.lanes import LANES
 
-NAME = "blocks"  # of the loop's object file
 _LINE, _PAGE = 8, 512  # numbers in a cache line and in a page of memory
 # The page that a workspace starts at can double the time of a kernel (6 % of the pages, `table2`
 # without an atmosphere). So each call starts at the next page, and no run stays on a slow one.
 _PAGES = 16
 _calls = itertools.count()
-
-
-def _enter_intrinsic(typing_context, kernel, workspace, first, arguments):
-    """Typer of a Numba intrinsic that calls a kernel at an address: void (double* workspace, int64
-    first, int64* arguments)."""
-
-    def generate(context, builder, signature, values):
-        from llvmlite import ir  # noqa: PLC0415
-
-        integer, double_p = ir.IntType(64), ir.DoubleType().as_pointer()
-        types_in = [double_p, integer, integer.as_pointer()]
-        function = ir.FunctionType(ir.VoidType(), types_in).as_pointer()
-        address, data, first, values_p = values
-        builder.call(
-            builder.inttoptr(address, function),
-            [builder.inttoptr(data, double_p), first, builder.inttoptr(values_p, types_in[2])],
-        )
-        return context.get_dummy_value()
-
-    return types.none(*4 * (types.int64,)), generate
-
-
-_enter: Any = intrinsic(_enter_intrinsic)
-
-
-def _run_blocks(kernel, blocks, workspaces, size, arguments):
-    """Integrate ``blocks`` blocks of LANES cases each, in parallel, with the kernel at the address
-    ``kernel``. The first workspace is at the address ``workspaces``, those of the other threads are
-    ``size`` bytes apart; ``arguments`` is the address of the sizes of all arrays."""
-    for number in prange(blocks):
-        _enter(kernel, workspaces + get_thread_id() * size, number * LANES, arguments)
 
 
 def integrate(
@@ -137,13 +95,13 @@ def integrate(
         _run_serial(kernel.address, blocks, workspaces, sizes.ctypes.data)
         return
     with threads.parallel_region():
-        _loop()(kernel.address, blocks, workspaces, buffer.strides[0], sizes.ctypes.data)
+        block_loop.loop()(kernel.address, blocks, workspaces, buffer.strides[0], sizes.ctypes.data)
 
 
 def _run_serial(kernel: int, blocks: int, workspace: int, arguments: int) -> None:
     """Integrate all blocks on the thread of the caller, outside of Numba's threads, by the same
     machine code, so with the same bits. ``kernel``, ``workspace`` and ``arguments`` are addresses,
-    as in `_run_blocks`."""
+    as in `block_loop`."""
     enter = CFUNCTYPE(None, *3 * (c_int64,))(kernel)
     for number in range(blocks):
         enter(workspace, number * LANES, arguments)
@@ -162,20 +120,3 @@ def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
     offset = -(buffer.ctypes.data // buffer.itemsize) % _LINE + next(_calls) % _PAGES * _PAGE
     buffer.view(np.int64)[:, offset : offset + len(addresses)] = addresses
     return buffer, buffer.ctypes.data + (offset + len(addresses)) * buffer.itemsize
-
-
-def compile_blocks() -> None:
-    """Compile the parallel loop over blocks and store its object file in the cache folder."""
-    signature = types.void(*5 * (types.int64,))
-    cache_files.store(NAME, *machine_code(compiled(_run_blocks, signature, parallel=True)))
-
-
-@cache
-def _loop() -> Any:
-    """The loop over blocks, `_run_blocks`, as a callable: loaded from the cache folder, after
-    compiling it if it is missing there."""
-    threads.in_use()  # starts the threads that the machine code uses
-    return PYFUNCTYPE(None, *5 * (c_int64,))(cache_files.link_or_make(NAME, compile_blocks))
-
-
-__all__ = ["NAME", "compile_blocks", "integrate"]

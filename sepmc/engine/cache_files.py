@@ -1,8 +1,7 @@
 """Files of the cache folder, each with a checksum: a truncated or changed file counts as missing.
 Object files of compiled functions, and their linking into this process.
 
-Object files are specific to the processor. Numba's own cache also stores the data to compile more
-functions on top, and takes 10 ms to load a function, thirty times as long.
+Object files are specific to the processor.
 """
 
 import hashlib
@@ -12,12 +11,13 @@ import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numba
+import llvmlite
 from llvmlite import binding
 
 from sepmc.cache_folder import SETTING
-from sepmc.jit import CACHE_FOLDER, load_helpers
+from sepmc.jit import CACHE_FOLDER
 
+LOOP = "blocks"  # name of the object file of the loop over blocks (`sepmc.engine.block_loop`)
 _DIGEST = hashlib.sha256().digest_size  # bytes
 _seen: dict[str, tuple[list[str], bytes]] = {}  # symbols and code, read but not linked
 _linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, owners of the code
@@ -147,15 +147,16 @@ def _link(objects: Sequence[tuple[list[str], bytes]]) -> tuple[list[int], bindin
     Raises RuntimeError if a symbol that they need is missing: LLVM would load them without an
     error.
     """
-    load_helpers()
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
     target = binding.Target.from_default_triple().create_target_machine(jit=True)
     engine = binding.create_mcjit_compiler(binding.parse_assembly(""), target)
     needed = dict.fromkeys(name for symbols, _ in objects for name in symbols[1:])
     missing = [name for name in needed if not binding.address_of_symbol(name)]
     if missing:
         raise RuntimeError(
-            f"machine code of numba {numba.__version__} needs {', '.join(missing)}, not defined "
-            "in this process; install a version of numba that sepmc was tested with"
+            f"machine code (llvmlite {llvmlite.__version__}) needs {', '.join(missing)}, not "
+            "defined in this process; install a version of numba that sepmc was tested with"
         )
     for _, code in objects:
         engine.add_object_file(binding.ObjectFileRef.from_data(code))

@@ -3,15 +3,13 @@
 import numpy as np
 from numba import njit, prange
 
-from sepmc.jit import formula
-
 NUMBERS = 64  # numbers in a chain, in vector registers
 CHAINS = 8  # independent chains: a multiply-add takes four cycles, two can start in each
 STEPS = 32  # multiply-adds on each number between load and store
 FLOPS = 2 * STEPS * CHAINS * NUMBERS  # in a pass over a block
 
 
-@formula
+@njit(forceinline=True, fastmath={"contract"})
 def _one(x, a, b):
     """Multiply-add x a + b of each of the eight numbers in ``x``."""
     return (
@@ -20,13 +18,13 @@ def _one(x, a, b):
     )  # fmt: skip
 
 
-@formula
+@njit(forceinline=True, fastmath={"contract"})
 def _four(x, a, b):
     """Four multiply-adds x a + b in succession on each of the eight numbers in ``x``."""
     return _one(_one(_one(_one(x, a, b), a, b), a, b), a, b)
 
 
-@formula
+@njit(forceinline=True, fastmath={"contract"})
 def _sixteen(x, a, b):
     """Sixteen multiply-adds x a + b in succession on each of the eight numbers in ``x``."""
     return _four(_four(_four(_four(x, a, b), a, b), a, b), a, b)

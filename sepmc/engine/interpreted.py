@@ -1,8 +1,8 @@
 """Written kernels run as plain Python: the same text, one lane, nothing compiled. Used for a few
 cases of a new scene, and in a debugger.
 
-The formulas that a text calls are imported a second time with the compiler off; the compiled ones
-stay in use. Python's floats make this three times as fast as numpy's. Where numpy's would give
+The formulas that a text calls are imported a second time, for one lane. Python's floats make this
+three times as fast as numpy's. Where numpy's would give
 infinity or NaN and Python's raise an error (division by zero, roots and powers), safe operations
 replace the plain ones.
 """
@@ -24,7 +24,7 @@ from sepmc.engine.work_budget import SEARCHES, counting_lines
 from sepmc.engine.written_kernel import Kernel
 from sepmc.jit import config
 
-_COPIED = ("sepmc.jit.", "sepmc.physics.", "sepmc.routines.")  # imported a second time
+_COPIED = ("sepmc.physics.", "sepmc.routines.")  # imported a second time
 _plain: dict[str, ModuleType] = {}  # second copies, by name
 _loaded: dict[str, Kernel] = {}  # kernels, by their text
 _BETWEEN = "\n\n\n"  # two functions of a kernel
@@ -234,26 +234,26 @@ def _copied() -> dict[str, ModuleType]:
 
 
 @contextlib.contextmanager
-def _without_compiler() -> Iterator[None]:
-    """Context in which imports of formulas and routines give second copies that are not compiled;
-    the compiled ones are back in `sys.modules` afterwards."""
-    compiled, switch, finder = _copied(), config.DISABLE_JIT, _Finder()
+def _second_copies() -> Iterator[None]:
+    """Context in which imports of formulas and routines give second copies; the first ones are back
+    in `sys.modules` afterwards."""
+    first, switch, finder = _copied(), config.plain, _Finder()
     package = sys.modules["sepmc"]
-    for name in compiled:
+    for name in first:
         del sys.modules[name]
     sys.modules.update(_plain)
-    config.DISABLE_JIT = 1
+    config.plain = True
     sys.meta_path.insert(0, finder)
     try:
         yield
     finally:
         sys.meta_path.remove(finder)
-        config.DISABLE_JIT = switch
+        config.plain = switch
         _plain.update(_copied())
         for name in _copied():
             del sys.modules[name]
-        sys.modules.update(compiled)
-        for name, module in compiled.items():  # also attributes of the package
+        sys.modules.update(first)
+        for name, module in first.items():  # also attributes of the package
             if name.count(".") == 1:
                 setattr(package, name.partition(".")[2], module)
 
@@ -263,7 +263,7 @@ def load(text: str) -> Kernel:
     if text not in _loaded:
         module = ModuleType("sepmc_scene")
         vars(module).update(_over=_over, _power=_power)
-        with _without_compiler():
+        with _second_copies():
             _run_module(text, module.__dict__)
         for name, value in vars(module).items():
             if _is_of_kernel(value):

@@ -2,20 +2,18 @@
 
 import gc
 import hashlib
-import importlib.util
 import os
 import sys
 from collections.abc import Sequence
-from types import ModuleType
 
 import msgspec
 
-from sepmc.engine import blocks, cache_files, call_types
-from sepmc.engine.compile_units import table
+from sepmc.engine import cache_files
 from sepmc.engine.compile_workers import Progress, compile_all
-from sepmc.engine.written_kernel import Kernel
-from sepmc.jit import CACHE_FOLDER, cache_lock, machine_code
-from sepmc.kernel.emit.compile_units import ENTRY, kernel_properties, split
+from sepmc.engine.written_kernel import Kernel, table
+from sepmc.jit import CACHE_FOLDER, cache_lock
+from sepmc.kernel.emit.compile_units import kernel_properties, split
+from sepmc.translator.compiler import compile_text
 
 # Objects between two garbage collections, which took a fifth of the compile time.
 _GC_THRESHOLD = 1_000_000
@@ -100,23 +98,16 @@ def _is_written(name: str) -> bool:
         return False
 
 
-def load_module(name: str) -> ModuleType:
-    """Import a module of the cache folder, which compiles its compile unit; return the module."""
-    spec = importlib.util.spec_from_file_location(name, CACHE_FOLDER / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def _compile(name: str) -> None:
     """Compile a compile unit, by the name of its module, or the loop over blocks
-    (`sepmc.engine.blocks.NAME`), and store the object file in the cache folder."""
-    if name == blocks.NAME:
-        blocks.compile_blocks()
+    (`cache_files.LOOP`), and store the object file in the cache folder."""
+    if name == cache_files.LOOP:
+        from sepmc.engine.block_loop import compile_loop  # noqa: PLC0415  (numba)
+
+        compile_loop()
     else:
-        cache_files.store(name, *machine_code(getattr(load_module(name), ENTRY)))
+        text = (CACHE_FOLDER / f"{name}.py").read_text(encoding="utf-8")
+        cache_files.store(name, [name], compile_text(text, name))
 
 
 def load(units: CompileUnits) -> Kernel:
@@ -142,7 +133,7 @@ def missing_units(units: CompileUnits) -> list[str]:
     that of the loop over blocks, if it is not."""
     absent = [name for name in dict.fromkeys(units.names) if not cache_files.is_stored(name)]
     absent.sort(key=_compile_order, reverse=True)
-    return absent if cache_files.is_stored(blocks.NAME) else [blocks.NAME, *absent]
+    return absent if cache_files.is_stored(cache_files.LOOP) else [cache_files.LOOP, *absent]
 
 
 def _compile_order(name: str) -> tuple[bool, int]:
@@ -183,7 +174,6 @@ def serve() -> None:
     output = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # other output goes to standard error
     gc.set_threshold(_GC_THRESHOLD)
-    call_types.cache_call_types()
     for line in sys.stdin:
         name = line.strip()
         _compile(name)

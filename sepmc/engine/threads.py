@@ -11,14 +11,16 @@ import os
 import sys
 import threading
 from collections.abc import Iterator
+from typing import Any
 
+import numba
 from numba import get_num_threads, set_num_threads
 from numba.np.ufunc import parallel
 
 from sepmc.engine.host_process import at_fork
-from sepmc.jit import config
 from sepmc.scene.messages import InputError
 
+config: Any = numba.config  # its attributes are set at run time
 _LAYERS = ("default", "omp", "tbb", "workqueue", "safe", "forksafe", "threadsafe")
 _EXCLUSIVE = "workqueue"
 _region_lock = threading.Lock()

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+_ALIGNMENT = 8  # addresses: the workspace behind the padded table stays aligned
+
 
 @dataclass(frozen=True)
 class Kernel:
@@ -18,7 +20,7 @@ class Kernel:
     size : int
         Number of floats in the workspace.
     table : ndarray of int
-        Addresses of the compile units, stored in front of the workspace (`compile_units.table`).
+        Addresses of the compile units, stored in front of the workspace (`table`).
     n_indicators : int
         Number of error indicators of a case.
     n_segments : int
@@ -44,3 +46,10 @@ class Kernel:
     def __getstate__(self) -> dict[str, Any]:
         """State for pickling: without addresses and without code."""
         return {**vars(self), "address": 0, "table": np.zeros(0, dtype=np.int64), "plain": None}
+
+
+def table(addresses: list[int]) -> np.ndarray:
+    """Addresses of compile units in the order in which they are stored in front of a workspace:
+    zeros up to a whole cache line, then the addresses from the last unit to the first."""
+    padding = -len(addresses) % _ALIGNMENT
+    return np.array([*padding * [0], *reversed(addresses)], dtype=np.int64)

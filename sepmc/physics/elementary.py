@@ -9,8 +9,6 @@ import math
 import struct
 
 import numpy as np
-from numba import types
-from numba.extending import lower_builtin, type_callable
 
 from sepmc.jit import formula
 
@@ -21,29 +19,13 @@ _TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 
 def power_of_two(k: float) -> float:
-    """2^k for an integer k of -1022 to 1023, given as a float; NaN for NaN."""
+    """2^k for an integer k of -1022 to 1023, given as a float; NaN for NaN. Compiled code shifts
+    bits (`sepmc.translator.operations`)."""
     return (
         math.nan
         if math.isnan(k)
         else struct.unpack("<d", struct.pack("<q", (int(k) + 1023) << 52))[0]
     )
-
-
-@type_callable(power_of_two)
-def _type_of_power(context):
-    """Numba's type of `power_of_two`."""
-    return lambda k: types.float64
-
-
-@lower_builtin(power_of_two, types.float64)
-def _compiled_power(context, builder, signature, arguments):
-    """Compile `power_of_two`: the bits of the exponent, shifted into place."""
-    from llvmlite import ir  # noqa: PLC0415
-
-    bits = builder.fptosi(
-        builder.fadd(arguments[0], ir.Constant(ir.DoubleType(), 1023.0)), ir.IntType(64)
-    )
-    return builder.bitcast(builder.shl(bits, ir.Constant(ir.IntType(64), 52)), ir.DoubleType())
 
 
 @formula

@@ -12,8 +12,8 @@ import numpy as np
 from sepmc.jit import config, formula
 from sepmc.routines import layout
 
-# without the compiler there is nothing to vectorise
-LANES = 1 if config.DISABLE_JIT else layout.LANES
+# plain Python runs one lane
+LANES = 1 if config.plain else layout.LANES
 
 
 @formula

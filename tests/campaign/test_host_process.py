@@ -172,7 +172,7 @@ def test_a_forked_child_leaves_the_compilers_of_its_parent(tmp_path):
     """It neither ends them as it ends, nor writes into their pipes, and starts its own."""
     out, _ = in_a_host(
         """
-SHORT = '''from sepmc.engine.compile_units import compile_unit, workspace
+SHORT = '''from sepmc.translator.units import compile_unit, workspace
 @compile_unit("")
 def entry(address):
     w = workspace(address)

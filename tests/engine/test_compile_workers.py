@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from sepmc.engine import cache_files, compile_workers, kernel_cache
+from sepmc.translator.compiler import compile_text
 
-SHORT = """from sepmc.engine.compile_units import compile_unit, workspace
+SHORT = """from sepmc.translator.units import compile_unit, workspace
 @compile_unit("")
 def entry(address):
     w = workspace(address)
@@ -52,12 +53,12 @@ def test_dead_process_is_replaced():
 
 
 def test_compile_failure():
-    """The call reports a failure, and loading the module raises the error itself."""
+    """The call reports a failure, and compiling in this process raises the error itself."""
     (bad,) = kernel_cache.write_modules(["raise ValueError('no kernel')\n"])
     assert not compile_workers.compile_all([bad])
     assert compile_workers.running() == []
     with pytest.raises(ValueError, match="no kernel"):
-        kernel_cache.load_module(bad)
+        compile_text((kernel_cache.CACHE_FOLDER / f"{bad}.py").read_text(encoding="utf-8"), bad)
 
 
 def test_idle_processes_end(monkeypatch):

@@ -3,9 +3,9 @@ which side of it the x axis passed."""
 
 import numpy as np
 import pytest
-from numba import njit
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from support.compiled import compiled
 
 from sepmc.physics import quat
 
@@ -65,9 +65,7 @@ def test_pitch_and_roll_are_followed_past_the_vertical(pair):
     )
 
 
-@njit
-def winds(u, v, bend):
-    return quat.may_wind(u, v, bend)
+winds = compiled(quat.may_wind)
 
 
 def test_which_paths_may_pass_the_origin_on_either_side():

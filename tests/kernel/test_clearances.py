@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from oracles import geometry
 from scipy.spatial.transform import Rotation
+from support.compiled import compiled
 from support.exact_clearances import exact
 
 import sepmc
@@ -17,6 +18,10 @@ from sepmc.physics.outlines import gap
 from sepmc.physics.rims import rim_gap
 from sepmc.physics.shell_edge import edge_gap, edge_gap_bound
 
+gap = compiled(gap)
+rim_gap = compiled(rim_gap)
+edge_gap = compiled(edge_gap)
+edge_gap_bound = compiled(edge_gap_bound)
 NOZZLE = Path(__file__).parents[1] / "data" / "nozzle.toml"
 FLUSH = Path(__file__).parents[1] / "data" / "flush.toml"
 

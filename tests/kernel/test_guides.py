@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from numba import njit
 from numpy.testing import assert_allclose
 from oracles import independent
+from support.compiled import compiled
 from turning_pair import MID, PUSH, TURNING, agrees, alone
 
 from sepmc.routines import friction
@@ -148,11 +148,6 @@ def test_a_guide_that_jams(pair, friction, status):
     assert alone(campaign)[0] == status
 
 
-@njit
-def settled(w, ends, out):
-    return friction.balance(w, 0, ends, out)
-
-
 def balance(guide_ends, shares, forces):
     """Friction of guides by `friction.balance`; rows of ``forces`` of each end: y, z without
     friction and per newton of each guide's friction."""
@@ -161,7 +156,7 @@ def balance(guide_ends, shares, forces):
         numbers += [share, *np.ravel(ends)]
     w = np.zeros((len(numbers) + len(shares)) * LANES)
     w[: len(numbers) * LANES : LANES] = numbers
-    result = settled(w, guide_ends, len(numbers) * LANES)
+    result = compiled(friction.balance)(w, 0, guide_ends, len(numbers) * LANES)
     return result, w[len(numbers) * LANES :: LANES]
 
 

@@ -272,7 +272,7 @@ def solve(solver, matrix, right):
     w = np.full(n * n + n + 9, 7.0)
     w[2 : 2 + n * n], w[5 + n * n : 5 + n * n + n] = np.ravel(matrix), right
     with np.errstate(invalid="ignore"):  # compiled code does not warn
-        pivot = getattr(solver, "py_func", solver)(w, 2, 5 + n * n, n)
+        pivot = solver(w, 2, 5 + n * n, n)
     assert np.all(np.delete(w, np.r_[2 : 2 + n * n, 5 + n * n : 5 + n * n + n]) == 7.0)
     return pivot, w[5 + n * n : 5 + n * n + n]
 

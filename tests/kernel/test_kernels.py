@@ -763,21 +763,21 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 ASSEMBLY = """
 import json, re
 from sepmc.campaign.execution import step_selection
-from sepmc.kernel.emit.compile_units import ENTRY, split
-from sepmc.engine import kernel_cache
+from sepmc.kernel.emit.compile_units import split
+from sepmc.translator import compiler
 import sepmc
 text = step_selection.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
 code = []
 for piece in split(text):
     if piece.name.startswith("rates_"):
-        module = kernel_cache.load_module(kernel_cache.write_modules([piece.text])[0])
-        lines = getattr(module, ENTRY)._library.get_asm_str().splitlines()
+        module = compiler.optimised(compiler.assembly(piece.text, "entry"))
+        lines = compiler.target_machine().emit_assembly(module).splitlines()
         code += [(piece.name, line) for line in lines]
 found, function = {}, None
 for name, line in code:
     label = re.match(r"([A-Za-z_][^\\s:]*):", line)
-    if label:  # a cfunc only calls it
-        function = name if ENTRY in label[1] and not label[1].startswith("cfunc") else None
+    if label:
+        function = name if label[1] == "entry" else None
     if ".cfi_endproc" in line:
         function = None
     if function:

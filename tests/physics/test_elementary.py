@@ -8,6 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from support.compiled import compiled
 
 from sepmc.physics.atmosphere import (
     NEAR,
@@ -29,6 +30,29 @@ from sepmc.physics.elementary import (
 from sepmc.physics.gravity import inverse_square, inverse_square_near
 from sepmc.physics.us1976_table import R0
 from sepmc.routines.lanes import larger, nearest_turn, time_left
+
+density_in_layer = compiled(density_in_layer)
+density_near = compiled(density_near)
+density_series = compiled(density_series)
+geopotential = compiled(geopotential)
+geopotential_rise = compiled(geopotential_rise)
+in_layer = compiled(in_layer)
+arctan2 = compiled(arctan2)
+arctan2_of_two = compiled(arctan2_of_two)
+exponential = compiled(exponential)
+sine_cosine = compiled(sine_cosine)
+inverse_square = compiled(inverse_square)
+inverse_square_near = compiled(inverse_square_near)
+larger = compiled(larger)
+nearest_turn = compiled(nearest_turn)
+time_left = compiled(time_left)
+us1976 = compiled(us1976)
+
+
+@compiled
+def compiled_power(k):
+    return power_of_two(k)
+
 
 SAMPLES = 1000
 INF, NAN = math.inf, math.nan
@@ -100,9 +124,10 @@ def test_exponential_rises_across_its_seams():
 
 
 def test_power_of_two():
-    """Exact, from the smallest normal number to the largest power; also without the JIT."""
+    """Exact, from the smallest normal number to the largest power; compiled and in Python."""
     for k in (-1022, -1021, -1, 0, 1, 52, 1000, 1023):
         assert power_of_two(float(k)) == math.ldexp(1.0, k)
+        assert compiled_power(float(k)) == math.ldexp(1.0, k)
     assert math.isnan(power_of_two(NAN))
 
 

@@ -7,10 +7,16 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
+from support.compiled import compiled
 
 from sepmc.physics.outlines import gap, gap_bound, inside_gap, wall_gap
 from sepmc.physics.separation import widest_gap
 
+gap = compiled(gap)
+gap_bound = compiled(gap_bound)
+inside_gap = compiled(inside_gap)
+wall_gap = compiled(wall_gap)
+widest_gap = compiled(widest_gap)
 ALONG_X, ALONG_Y, ALONG_Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 CLOSE = 1e-10  # m, of parts of metres
 SLAB = 1e-6  # m; the direction between the points has the square root of the relative error

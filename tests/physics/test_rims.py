@@ -4,10 +4,13 @@ import math
 
 import numpy as np
 from numpy.testing import assert_allclose
+from support.compiled import compiled
 
 from sepmc.physics.outlines import inside_gap
 from sepmc.physics.rims import rim_gap
 
+inside_gap = compiled(inside_gap)
+rim_gap = compiled(rim_gap)
 ALONG_X, ALONG_Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
 

@@ -7,11 +7,15 @@ import pytest
 from numpy.testing import assert_allclose
 from oracles import geometry
 from scipy.spatial.transform import Rotation
+from support.compiled import compiled
 
 from sepmc.physics.outlines import gap
 from sepmc.physics.sectors import point_gap, sector_gap
 
 pytestmark = pytest.mark.slow  # the first test compiles `sector_gap`: 7 s
+gap = compiled(gap)
+point_gap = compiled(point_gap)
+sector_gap = compiled(sector_gap)
 ALONG_X, UP, RIGHT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 

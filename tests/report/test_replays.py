@@ -183,7 +183,7 @@ def test_thrust_lines_are_those_of_the_formula(campaign):
     for cant, clock, deflection, of_clock in rng.uniform(-3.0, 3.0, (5, 4)):
         motor = msgspec.structs.replace(campaign.scene.motor[0], cant=cant, clock=clock)
         line = thrust_lines(motor, np.array([deflection]), np.array([of_clock]))[0]
-        expected = thrust_direction.py_func(cant, clock, deflection, of_clock)
+        expected = thrust_direction(cant, clock, deflection, of_clock)
         assert_allclose(line, expected, atol=1e-14)
 
 

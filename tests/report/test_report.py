@@ -300,10 +300,10 @@ def test_thrust_is_drawn_as_it_acts():
     rng = np.random.default_rng(1)
     for motor in motors:
         motor = msgspec.structs.replace(motor, radius=rng.uniform(0.1, 2.0))
-        expected = thrust_direction.py_func(motor.cant, motor.clock, 0.0, 0.0)
+        expected = thrust_direction(motor.cant, motor.clock, 0.0, 0.0)
         assert_allclose(motor.direction, expected, atol=1e-15)
         y, z = motor.offset
-        arm = thrust_arm.py_func((0.0, 0.0, 0.0), motor.station, motor.radius, motor.clock, y, z)
+        arm = thrust_arm((0.0, 0.0, 0.0), motor.station, motor.radius, motor.clock, y, z)
         assert_allclose(nozzle_point(motor), (-arm[0], *arm[1:]), atol=1e-15)
 
 

@@ -48,9 +48,9 @@ def test_polynomials_are_reproduced(name):
                 for k in range(AT_POINT):
                     position = points + (i * size + AT_POINT * j + k) * LANES + lane
                     w[position] = curve.deriv(k)(t) if k else curve(t)
-    curves.fit.py_func(w, points, joints, count, rk.curve, length, coefficients, stride)
+    curves.fit(w, points, joints, count, rk.curve, length, coefficients, stride)
     history = np.full((LANES, 60, 2 * joints), np.nan)
-    curves.write.py_func(w, coefficients, joints, stride, begin, end, length, 0.01, history, 0)
+    curves.write(w, coefficients, joints, stride, begin, end, length, 0.01, history, 0)
     times = 0.01 * np.arange(60)
     for lane, of_lane in enumerate(exact):
         last = w[end + lane]
@@ -70,10 +70,10 @@ def test_negative_times_have_no_rows():
     w[length : length + LANES], w[begin : begin + LANES], w[end:] = 0.1, START, START + 0.1
     w[length], w[begin], w[end] = 2.0, -1.2, 0.8
     history = np.full((LANES, 60, 2), np.nan)
-    curves.write.py_func(w, coefficients, joints, stride, begin, end, length, 0.01, history, 0)
+    curves.write(w, coefficients, joints, stride, begin, end, length, 0.01, history, 0)
     assert np.isfinite(history[0]).all()
     assert (np.isfinite(history[1:]).sum(axis=(1, 2)) == 2 * 11).all()
     w[begin] = -np.inf
     history[:] = np.nan
-    curves.write.py_func(w, coefficients, joints, stride, begin, end, length, 0.01, history, 0)
+    curves.write(w, coefficients, joints, stride, begin, end, length, 0.01, history, 0)
     assert np.isnan(history).all()

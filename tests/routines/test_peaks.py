@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 import pytest
-from numba import njit
 from numpy.polynomial import Chebyshev
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
+from support.compiled import compiled
 
 from sepmc.routines import peaks
 from sepmc.routines.lanes import LANES, get3, put3
@@ -19,7 +19,6 @@ NODES, SCRATCH, OUT, RELATED, INDICATOR = 0, 10 * STRIDE, 20 * STRIDE, 30 * STRI
 NOTHING = (0.0, math.nan, 0.0)
 
 
-@njit
 def at_nodes(w, t, h):
     """What a kernel does in all lanes."""
     nodes = (
@@ -41,7 +40,7 @@ def at_nodes(w, t, h):
     return peaks.update_by_nodes(nodes, fine, coarse, get3(w, OUT), w[RELATED], t, h)
 
 
-@njit
+@compiled
 def update(w, t, h):
     record, tolerance, has_summit = at_nodes(w, t, h)
     put3(w, OUT, record)

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline, PchipInterpolator, RegularGridInterpolator
 from spline_values import curve, grid6
+from support.compiled import compiled
 
 from sepmc.kernel.emit.tables import cell_sum_lines
 from sepmc.kernel.spec.splines import pack
@@ -14,6 +15,10 @@ from sepmc.routines import layout
 from sepmc.routines.lanes import LANES
 from sepmc.routines.splines import in_cell, load_cell
 
+curve = compiled(curve)
+grid6 = compiled(grid6)
+in_cell = compiled(in_cell)
+load_cell = compiled(load_cell)
 X = [-1.0, -0.2, 0.1, 0.9, 1.4]
 Y = [0.0, 1.0, 1.5, 2.5]
 Z = [-3.0, -2.0, 0.0, 0.5, 1.0, 4.0]

@@ -23,7 +23,7 @@ _CODES = {"int": "i", "float": "f", "Arrays": "a"}
 _MARK = "noinline"  # marks functions that are not inlined; a compile unit needs no mark
 _HEAD = '''"""CompileUnit of a written kernel."""
 
-from sepmc.engine.compile_units import callee, compile_unit, workspace
+from sepmc.translator.units import callee, compile_unit, workspace
 '''
 
 
@@ -153,7 +153,7 @@ def kernel_properties(text: str) -> dict[str, Any]:
 def _as_unit(function: ast.FunctionDef, codes: str) -> ast.FunctionDef:
     """The function as the entry of a compile unit: called `ENTRY`, with the address of the
     workspace as first argument, without docstring. ``codes`` as in
-    `sepmc.engine.compile_units.compile_unit`."""
+    `sepmc.translator.units.compile_unit`."""
     mark, start = (
         ast.parse(line).body[0]
         for line in (f"@compile_unit({codes!r})\ndef {ENTRY}(): ...", _START)

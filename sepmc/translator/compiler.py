@@ -1,0 +1,64 @@
+"""Machine code of compile units, by LLVM."""
+
+import ast
+from functools import cache
+
+from llvmlite import binding
+
+from sepmc.jit import features, processor
+from sepmc.translator.module import Module
+from sepmc.translator.sources import unit_source
+
+ENTRY = "entry"  # name of the function of every compile unit
+
+
+def compile_text(text: str, symbol: str) -> bytes:
+    """Object file of a compile unit.
+
+    Parameters
+    ----------
+    text : str
+        Source of a module with the function `ENTRY`, decorated with `units.compile_unit`.
+    symbol : str
+        Name of that function in the object file.
+
+    Returns
+    -------
+    bytes
+    """
+    return target_machine().emit_object(optimised(assembly(text, symbol)))
+
+
+def assembly(text: str, symbol: str) -> str:
+    """LLVM's assembly of a compile unit, not optimised; arguments as in `compile_text`."""
+    source, module = unit_source(text, ENTRY), Module()
+    mark = source.node.decorator_list[0]
+    assert isinstance(mark, ast.Call)
+    module.entry(source, symbol, ast.literal_eval(mark.args[0]))
+    return module.text()
+
+
+@cache
+def target_machine() -> binding.TargetMachine:
+    """Processor that code is compiled for."""
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    target = binding.Target.from_default_triple()
+    reloc = "static" if target.name.startswith("x86") else "default"
+    return target.create_target_machine(
+        cpu=processor(), features=features(), opt=3, reloc=reloc, codemodel="jitdefault", jit=True
+    )
+
+
+def optimised(text: str) -> binding.ModuleRef:
+    """Module in LLVM's assembly, verified and optimised."""
+    machine = target_machine()
+    module = binding.parse_assembly(text)
+    module.triple = binding.get_process_triple()
+    module.data_layout = str(machine.target_data)
+    module.verify()
+    options = binding.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization, options.slp_vectorization = True, False
+    builder = binding.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    return module

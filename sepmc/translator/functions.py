@@ -1,0 +1,525 @@
+"""Translation of a function, from its syntax tree to LLVM's assembly.
+
+The language is what kernels, formulas and routines are written in: numbers, tuples, arrays, loops
+over ranges, branches; types follow from the arguments. A variable has one type.
+"""
+
+import ast
+import builtins
+from collections.abc import Callable, Iterable, Iterator
+from types import FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from sepmc.translator import operations
+from sepmc.translator.sources import Source, source_of
+from sepmc.translator.values import (
+    BOOL,
+    FLOAT,
+    INT,
+    POINTER,
+    Array,
+    Named,
+    Number,
+    Record,
+    common_kind,
+    constant,
+    leaves,
+    rebuilt,
+)
+from sepmc.translator.variables import stored_names
+from sepmc.translator.writer import Writer
+
+_ZERO_I = constant(0)
+_CHEAP = (
+    ast.Constant, ast.Name, ast.UnaryOp, ast.Compare, ast.BoolOp, ast.Tuple, ast.expr_context,
+    ast.unaryop, ast.cmpop, ast.boolop,
+)  # fmt: skip
+
+
+class TranslationError(TypeError):
+    """The source of a function is not in the language that can be translated."""
+
+
+class Function(Writer):
+    """A function in translation.
+
+    Parameters
+    ----------
+    source : Source
+    arguments : tuple
+        Values of its arguments.
+    module : sepmc.translator.module.Module
+        Where it stands, with the functions that it calls.
+    """
+
+    def __init__(self, source: Source, arguments: tuple[Any, ...], module: Any):
+        super().__init__(module)
+        self.source = source
+        self.stored = stored_names(source.node)
+        self.values: dict[str, Any] = {}  # of names
+        self.slots: dict[str, Any] = {}  # values of pointers to variables, and their types
+        self.loops: list[tuple[str, str]] = []  # labels after `continue` and `break`
+        self.result: Any = None
+        self.returns = False
+        self.noinline = False
+        for name, value in zip(
+            (argument.arg for argument in source.node.args.args), arguments, strict=True
+        ):
+            self._assign_name(name, value)
+        self._body(source.body)
+        if not self.ended:
+            self._return(())
+
+    # Statements
+
+    def _fail(self, node: ast.AST, reason: str) -> TranslationError:
+        line = getattr(node, "lineno", 0)
+        return TranslationError(f"{self.source.node.name}, line {line}: {reason}")
+
+    def _body(self, lines: list[ast.stmt]) -> None:
+        for line in lines:
+            if self.ended:
+                return
+            method = getattr(self, f"_{type(line).__name__.lower()}_line", None)
+            if method is None:
+                raise self._fail(line, f"{type(line).__name__} cannot be translated")
+            method(line)
+
+    def _expr_line(self, line: ast.Expr) -> None:
+        self.value(line.value)
+
+    def _pass_line(self, line: ast.Pass) -> None:
+        pass
+
+    def _assign_line(self, line: ast.Assign) -> None:
+        value = self.value(line.value)
+        for target in line.targets:
+            self._assign(target, value)
+
+    def _augassign_line(self, line: ast.AugAssign) -> None:
+        target, value = line.target, self.value(line.value)
+        if isinstance(target, ast.Name):
+            self._assign_name(target.id, self.operate(line.op, self._read(target), value))
+            return
+        assert isinstance(target, ast.Subscript)
+        element, pointer = self._element(target)
+        old = self.emit(element, f"load {element}, ptr {pointer.text}")
+        self._store(self.operate(line.op, old, value), element, pointer)
+
+    def _assign(self, target: ast.expr, value: Any) -> None:
+        if isinstance(target, ast.Name):
+            self._assign_name(target.id, value)
+        elif isinstance(target, ast.Tuple):
+            items = value.values if isinstance(value, Named) else value
+            for one, item in zip(target.elts, items, strict=True):
+                self._assign(one, item)
+        elif isinstance(target, ast.Subscript):
+            element, pointer = self._element(target)
+            self._store(value, element, pointer)
+        else:
+            raise self._fail(target, "no such target")
+
+    def _store(self, value: Number, element: str, pointer: Number) -> None:
+        number = self.converted(value, element)
+        self.run(f"store {element} {number.text}, ptr {pointer.text}")
+
+    def _assign_name(self, name: str, value: Any) -> None:
+        if name not in self.stored:
+            self.values[name] = value
+            return
+        numbers = list(leaves(value))
+        if name not in self.slots:
+            pointers = iter([self.allocate(number.kind) for number in numbers])
+            self.slots[name] = rebuilt(value, pointers), [number.kind for number in numbers]
+        slot, kinds = self.slots[name]
+        if len(numbers) != len(kinds):
+            raise TypeError(f"{self.source.node.name}: two types of {name}")
+        for number, pointer, kind in zip(numbers, leaves(slot), kinds, strict=True):
+            self._store(number, kind, pointer)
+
+    def _read(self, node: ast.Name) -> Any:
+        name = node.id
+        if name in self.slots:
+            template, kinds = self.slots[name]
+            numbers = [
+                self.emit(kind, f"load {kind}, ptr {pointer.text}")
+                for pointer, kind in zip(leaves(template), kinds, strict=True)
+            ]
+            return rebuilt(template, iter(numbers))
+        if name in self.values:
+            return self.values[name]
+        return self.lift(self._global(node))
+
+    def _global(self, node: ast.Name) -> Any:
+        names = self.source.names
+        if node.id in names:
+            return names[node.id]
+        try:
+            return getattr(builtins, node.id)
+        except AttributeError:
+            raise self._fail(node, f"unknown name {node.id}") from None
+
+    def lift(self, value: Any) -> Any:
+        """Value of an object of Python: a number, a tuple of numbers or an array is a constant;
+        anything else stays as it is."""
+        if isinstance(value, bool | int | float | np.floating):
+            return constant(value if not isinstance(value, np.floating) else float(value))
+        if isinstance(value, tuple) and not hasattr(value, "_fields"):
+            return tuple(self.lift(item) for item in value)
+        if isinstance(value, np.ndarray):
+            return self.module.constant_array(value)
+        return value
+
+    def _return_line(self, line: ast.Return) -> None:
+        self._return(() if line.value is None else self.value(line.value))
+
+    def _return(self, value: Any) -> None:
+        if not self.returns:
+            self.result, self.returns = value, True
+        kinds = [leaf.kind for leaf in leaves(self.result)]
+        numbers = list(leaves(value))
+        if len(numbers) != len(kinds):
+            raise TypeError(f"{self.source.node.name}: returns of different types")
+        numbers = [
+            self.converted(number, kind) for number, kind in zip(numbers, kinds, strict=True)
+        ]
+        if not kinds:
+            self.run("ret void")
+        elif len(kinds) == 1:
+            self.run(f"ret {kinds[0]} {numbers[0].text}")
+        else:
+            kind, whole = result_type(kinds), "poison"
+            for k, number in enumerate(numbers):
+                text = f"insertvalue {kind} {whole}, {number.kind} {number.text}, {k}"
+                whole = self.emit(kind, text).text
+            self.run(f"ret {kind} {whole}")
+        self.ended = True
+
+    def _if_line(self, line: ast.If) -> None:
+        test = operations.truth(self, self.value(line.test))
+        if test.constant is not None:
+            self._body(line.body if test.constant else line.orelse)
+            return
+        yes, no, after = self.label(), self.label(), self.label()
+        self.branch(test, yes, no if line.orelse else after)
+        self.begin(yes)
+        self._body(line.body)
+        all_ended = self.ended
+        self.jump(after)
+        if line.orelse:
+            self.begin(no)
+            self._body(line.orelse)
+            all_ended = all_ended and self.ended
+            self.jump(after)
+        else:
+            all_ended = False
+        if all_ended:
+            self.ended = True
+        else:
+            self.begin(after)
+
+    def _while_line(self, line: ast.While) -> None:
+        test, body, after = self.label(), self.label(), self.label()
+        self.jump(test)
+        self.begin(test)
+        self.branch(operations.truth(self, self.value(line.test)), body, after)
+        self.begin(body)
+        self.loops.append((test, after))
+        self._body(line.body)
+        self.loops.pop()
+        self.jump(test)
+        self.begin(after)
+
+    def _for_line(self, line: ast.For) -> None:
+        if isinstance(line.iter, ast.Call) and self._callee(line.iter) is range:
+            self._range(line, [self.value(argument) for argument in line.iter.args])
+            return
+        items = self.value(line.iter)
+        if not isinstance(items, tuple):
+            raise self._fail(line, "loops are over ranges and tuples")
+        after = self.label()
+        for item in items:
+            following = self.label()
+            self._assign(line.target, item)
+            self.loops.append((following, after))
+            self._body(line.body)
+            self.loops.pop()
+            self.jump(following)
+            self.begin(following)
+        self.jump(after)
+        self.begin(after)
+
+    def _range(self, line: ast.For, limits: list[Number]) -> None:
+        """Translate a loop over a range with a known step."""
+        first, last, step = {
+            1: lambda: (_ZERO_I, limits[0], 1),
+            2: lambda: (limits[0], limits[1], 1),
+            3: lambda: (limits[0], limits[1], limits[2].constant),
+        }[len(limits)]()
+        if not isinstance(step, int) or step == 0:
+            raise self._fail(line, "the step of a range must be a known whole number")
+        test, body, following, after = (self.label() for _ in range(4))
+        before = self.block
+        index, rest = Number(INT, f"%v{next(self.names)}"), Number(INT, f"%v{next(self.names)}")
+        self.jump(test)
+        self.begin(test)
+        self.run(
+            f"{index.text} = phi i64 [ {first.text}, %{before} ], [ {rest.text}, %{following} ]"
+        )
+        relation = "slt" if step > 0 else "sgt"
+        goes_on = self.emit(BOOL, f"icmp {relation} i64 {index.text}, {last.text}")
+        self.branch(goes_on, body, after)
+        self.begin(body)
+        self._assign(line.target, index)
+        self.loops.append((following, after))
+        self._body(line.body)
+        self.loops.pop()
+        self.jump(following)
+        self.begin(following)
+        self.run(f"{rest.text} = add nsw i64 {index.text}, {step}")
+        self.jump(test)
+        self.begin(after)
+
+    def _continue_line(self, line: ast.Continue) -> None:
+        self.jump(self.loops[-1][0])
+
+    def _break_line(self, line: ast.Break) -> None:
+        self.jump(self.loops[-1][1])
+
+    # Expressions
+
+    def value(self, node: ast.expr) -> Any:
+        """Translate an expression; return its value."""
+        method: Callable[[Any], Any] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
+        if method is None:
+            raise self._fail(node, f"{type(node).__name__} cannot be translated")
+        return method(node)
+
+    def _name(self, node: ast.Name) -> Any:
+        return self._read(node)
+
+    def _constant(self, node: ast.Constant) -> Any:
+        if not isinstance(node.value, bool | int | float):
+            raise self._fail(node, f"constant {node.value!r}")
+        return constant(node.value)
+
+    def _tuple(self, node: ast.Tuple) -> tuple[Any, ...]:
+        items: list[Any] = []
+        for item in node.elts:
+            if isinstance(item, ast.Starred):
+                items += self.value(item.value)
+            else:
+                items.append(self.value(item))
+        return tuple(items)
+
+    def _attribute(self, node: ast.Attribute) -> Any:
+        owner = self.value(node.value)
+        if isinstance(owner, Named):
+            return owner.values[owner.type._fields.index(node.attr)]
+        if isinstance(owner, Array) and node.attr == "shape":
+            return owner.shape
+        if isinstance(owner, Record):
+            offset = 8 * owner.fields.index(node.attr)
+            pointer = self.emit(POINTER, f"getelementptr i8, ptr {owner.data.text}, i64 {offset}")
+            return self.emit(INT, f"load i64, ptr {pointer.text}")
+        if isinstance(owner, ModuleType):
+            return self.lift(getattr(owner, node.attr))
+        raise self._fail(node, f"no attribute {node.attr}")
+
+    def _subscript(self, node: ast.Subscript) -> Any:
+        owner = self.value(node.value)
+        if isinstance(owner, Named):
+            owner = owner.values
+        if isinstance(owner, tuple):
+            index = self.value(node.slice)
+            if index.constant is not None:
+                return owner[index.constant]
+            return self._dynamic(owner, index)
+        element, pointer = self._element(node, owner)
+        return self.emit(element, f"load {element}, ptr {pointer.text}")
+
+    def _dynamic(self, items: tuple[Any, ...], index: Number) -> Number:
+        """Item of a tuple of numbers at an index that is not known."""
+        kind = items[0].kind
+        if all(item.constant is not None for item in items):
+            kinds = {FLOAT: np.float64, INT: np.int64}
+            values = np.array([item.constant for item in items], dtype=kinds[kind])
+            base = self.module.constant_array(values).data
+        else:
+            base = self.allocate(kind, len(items))
+            for k, item in enumerate(items):
+                text = f"getelementptr {kind}, ptr {base.text}, i64 {k}"
+                self._store(item, kind, self.emit(POINTER, text))
+        text = f"getelementptr {kind}, ptr {base.text}, i64 {index.text}"
+        return self.emit(kind, f"load {kind}, ptr {self.emit(POINTER, text).text}")
+
+    def _element(self, node: ast.Subscript, owner: Any = None) -> tuple[str, Number]:
+        """Type of an array's elements, and a pointer to one."""
+        array = self.value(node.value) if owner is None else owner
+        if not isinstance(array, Array):
+            raise self._fail(node, "no array")
+        keys = self.value(node.slice)
+        keys = keys if isinstance(keys, tuple) else (keys,)
+        if len(keys) != max(1, len(array.shape)) or any(key.kind != INT for key in keys):
+            raise self._fail(node, "the indices of an array are a whole number for each axis")
+        place = keys[0]
+        for key, size in zip(keys[1:], array.shape[1:], strict=True):
+            place = operations.add_int(self, operations.multiply_int(self, place, size), key)
+        text = f"getelementptr inbounds {array.element}, ptr {array.data.text}, i64 {place.text}"
+        return array.element, self.emit(POINTER, text)
+
+    def _unaryop(self, node: ast.UnaryOp) -> Any:
+        value = self.value(node.operand)
+        if isinstance(node.op, ast.Not):
+            return operations.negation(self, operations.truth(self, value))
+        if isinstance(node.op, ast.USub):
+            return operations.minus(self, value)
+        raise self._fail(node, "no such operation")
+
+    def _binop(self, node: ast.BinOp) -> Any:
+        return self.operate(node.op, self.value(node.left), self.value(node.right))
+
+    def operate(self, op: ast.operator, left: Any, right: Any) -> Any:
+        """Result of an arithmetic operation."""
+        if isinstance(left, tuple) and isinstance(op, ast.Add):
+            return left + right
+        return operations.arithmetic(self, op, left, right)
+
+    def _compare(self, node: ast.Compare) -> Number:
+        left = self.value(node.left)
+
+        def tests() -> Iterator[Callable[[], Number]]:
+            current = left
+            for op, right in zip(node.ops, node.comparators, strict=True):
+
+                def test(op: ast.cmpop = op, right: ast.expr = right) -> Number:
+                    nonlocal current
+                    other = self.value(right)
+                    before, current = current, other
+                    if isinstance(op, ast.In):
+                        return operations.is_in(self, before, other)
+                    return operations.comparison(self, op, before, other)
+
+                yield test
+
+        simple = all(map(self._is_simple, node.comparators[1:]))
+        return self._connected(tests(), True, simple)
+
+    def _boolop(self, node: ast.BoolOp) -> Number:
+        tests = [lambda item=item: operations.truth(self, self.value(item)) for item in node.values]
+        simple = all(map(self._is_simple, node.values[1:]))
+        return self._connected(tests, isinstance(node.op, ast.And), simple)
+
+    def _connected(
+        self, tests: Iterable[Callable[[], Number]], wanted: bool, simple: bool
+    ) -> Number:
+        """Conjunction of tests (``wanted`` True) or disjunction; a later test is evaluated only if
+        it matters, unless all are ``simple``."""
+        first, *rest = tests
+        value = first()
+        if simple:
+            for test in rest:
+                value = operations.connected(self, value, test(), wanted)
+            return value
+        end, ways = self.label(), []
+        for test in rest:
+            if value.constant is not None:
+                if value.constant != wanted:
+                    break
+                value = test()
+                continue
+            ways.append((constant(not wanted), self.block))
+            following = self.label()
+            yes, no = (following, end) if wanted else (end, following)
+            self.branch(value, yes, no)
+            self.begin(following)
+            value = test()
+        if not ways:
+            return value
+        ways.append((value, self.block))
+        self.jump(end)
+        self.begin(end)
+        return self.phi(ways)
+
+    def _ifexp(self, node: ast.IfExp) -> Any:
+        test = operations.truth(self, self.value(node.test))
+        if test.constant is not None:
+            return self.value(node.body if test.constant else node.orelse)
+        if self._is_simple(node.body) and self._is_simple(node.orelse):
+            yes, no = self._alike(self.value(node.body), self.value(node.orelse))
+            chosen = [
+                operations.select(self, test, a, b)
+                for a, b in zip(leaves(yes), leaves(no), strict=True)
+            ]
+            return rebuilt(yes, iter(chosen))
+        yes, no, end = self.label(), self.label(), self.label()
+        self.branch(test, yes, no)
+        values, blocks = [], []
+        for label, expression in ((yes, node.body), (no, node.orelse)):
+            self.begin(label)
+            values.append(self.value(expression))
+            blocks.append(self.block)
+            self.jump(end)
+        self.begin(end)
+        before = len(self.lines)
+        pairs = zip(*(leaves(value) for value in self._alike(*values)), strict=True)
+        if len(self.lines) > before:
+            raise self._fail(node, "both values must have the same type")
+        numbers = [self.phi(list(zip(pair, blocks, strict=True))) for pair in pairs]
+        return rebuilt(values[0], iter(numbers))
+
+    def _alike(self, *values: Any) -> list[Any]:
+        """Values with numbers of the same types."""
+        rows = []
+        for numbers in zip(*(leaves(value) for value in values), strict=True):
+            kind = common_kind(*numbers)
+            rows.append([self.converted(number, kind) for number in numbers])
+        columns = zip(*rows, strict=True) if rows else [()] * len(values)
+        return [rebuilt(value, iter(column)) for value, column in zip(values, columns, strict=True)]
+
+    def _is_simple(self, node: ast.expr) -> bool:
+        """Return True if an expression costs next to nothing and reads no array, so that it can be
+        evaluated although its value may not be needed."""
+        return all(self._is_cheap(part) for part in ast.walk(node))
+
+    def _is_cheap(self, part: ast.AST) -> bool:
+        """Return True for names, constants, their comparisons and items of tuples."""
+        owner = getattr(part, "value", None)
+        if isinstance(part, ast.Attribute) and isinstance(owner, ast.Name):
+            return isinstance(self.source.names.get(owner.id), ModuleType)
+        if isinstance(part, ast.Subscript) and isinstance(owner, ast.Name):
+            return isinstance(self.values.get(owner.id), tuple)
+        return isinstance(part, _CHEAP)
+
+    def _call(self, node: ast.Call) -> Any:
+        function = self._callee(node)
+        if node.keywords:
+            raise self._fail(node, "arguments have no names here")
+        arguments = self._tuple(ast.Tuple(node.args, ast.Load()))
+        known = operations.CALLS.get(function) if hasattr(function, "__hash__") else None
+        if known is not None:
+            return known(self, *arguments)
+        if isinstance(function, type) and hasattr(function, "_fields"):
+            return Named(function, arguments)
+        if isinstance(function, Source | FunctionType):
+            source = function if isinstance(function, Source) else source_of(function)
+            return self.module.call(self, source, arguments)
+        if hasattr(function, "call"):  # a compile unit
+            return function.call(self, *arguments)
+        raise self._fail(node, f"no such function: {ast.unparse(node.func)}")
+
+    def _callee(self, node: ast.Call) -> Any:
+        function = node.func
+        if isinstance(function, ast.Name):
+            return self.values.get(function.id) or self._global(function)
+        assert isinstance(function, ast.Attribute)
+        return getattr(self.value(function.value), function.attr)
+
+
+def result_type(kinds: list[str]) -> str:
+    """Type of a result in LLVM, given the types of its leaves."""
+    if not kinds:
+        return "void"
+    return kinds[0] if len(kinds) == 1 else "{ " + ", ".join(kinds) + " }"

@@ -1,0 +1,116 @@
+"""Names of a function whose value is not known from the last assignment before a use, since
+branches or loops assign them: they are stored in memory, from which LLVM takes them."""
+
+import ast
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+_Path = tuple[tuple[int, int], ...]  # lists of statements around a use, and positions in them
+
+
+@dataclass
+class _Use:
+    """An assignment or a read of a name: where it is, and the loops around it."""
+
+    order: int
+    path: _Path
+    loops: tuple[int, ...]
+    is_store: bool
+
+
+@dataclass
+class _Uses:
+    """Uses of all names of a function, in the order in which they are translated."""
+
+    by_name: dict[str, list[_Use]] = field(default_factory=lambda: defaultdict(list))
+    count: int = 0
+
+    def add(self, name: str, path: _Path, loops: tuple[int, ...], is_store: bool) -> None:
+        """Add a use of a name."""
+        self.count += 1
+        self.by_name[name].append(_Use(self.count, path, loops, is_store))
+
+    def expression(self, node: ast.AST | None, path: _Path, loops: tuple[int, ...]) -> None:
+        """Add the reads in an expression."""
+        for part in ast.walk(node) if node is not None else ():
+            if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Load):
+                self.add(part.id, path, loops, False)
+
+    def target(self, node: ast.AST, path: _Path, loops: tuple[int, ...]) -> None:
+        """Add the reads and assignments of a target."""
+        self.expression(node, path, loops)
+        for part in ast.walk(node):
+            if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store):
+                self.add(part.id, path, loops, True)
+
+    def body(self, lines: list[ast.stmt], path: _Path, loops: tuple[int, ...]) -> None:
+        """Add the uses in a list of statements."""
+        for position, line in enumerate(lines):
+            self.statement(line, (*path, (id(lines), position)), loops)
+
+    def statement(self, line: ast.stmt, path: _Path, loops: tuple[int, ...]) -> None:
+        """Add the uses in a statement."""
+        if isinstance(line, ast.Assign):
+            self.expression(line.value, path, loops)
+            for target in line.targets:
+                self.target(target, path, loops)
+        elif isinstance(line, ast.AugAssign):
+            self.expression(line.value, path, loops)
+            if isinstance(line.target, ast.Name):
+                self.add(line.target.id, path, loops, False)
+            self.target(line.target, path, loops)
+        elif isinstance(line, ast.If):
+            self.expression(line.test, path, loops)
+            self.body(line.body, path, loops)
+            self.body(line.orelse, path, loops)
+        elif isinstance(line, ast.While):
+            inner = (*loops, id(line))
+            self.expression(line.test, path, inner)
+            self.body(line.body, path, inner)
+        elif isinstance(line, ast.For):
+            self.expression(line.iter, path, loops)
+            inner = (*loops, id(line))
+            self.target(line.target, (*path, (id(line.body), -1)), inner)
+            self.body(line.body, path, inner)
+        elif isinstance(line, ast.Return | ast.Expr):
+            self.expression(line.value, path, loops)
+
+
+def stored_names(node: ast.FunctionDef) -> set[str]:
+    """Names of a function that are stored in memory: some read is not of the last assignment before
+    it in the text."""
+    uses = _Uses()
+    for argument in node.args.args:
+        uses.add(argument.arg, (), (), True)
+    uses.body(node.body, (), ())
+    return {name for name, found in uses.by_name.items() if not _is_simple(found)}
+
+
+def _is_simple(uses: list[_Use]) -> bool:
+    """Return True if each read of a name is of the last assignment before it in the text."""
+    stores = [use for use in uses if use.is_store]
+    last: _Use | None = None
+    for use in uses:
+        if use.is_store:
+            last = use
+        elif stores and not (last is not None and _reaches(last, use, stores)):
+            return False
+    return True
+
+
+def _reaches(store: _Use, read: _Use, stores: list[_Use]) -> bool:
+    """Return True if a read is always of the assignment ``store``, the last one before it in the
+    text: all ways to the read go through it, and no loop returns with another one."""
+    if store.path:
+        *around, (block, position) = store.path
+        depth = len(around)
+        if len(read.path) <= depth or list(read.path[:depth]) != around:
+            return False
+        other_block, other_position = read.path[depth]
+        if other_block != block or other_position < position:
+            return False
+    return not any(
+        later.order > read.order
+        and any(loop in later.loops and loop not in store.loops for loop in read.loops)
+        for later in stores
+    )
