@@ -273,7 +273,7 @@ TABLED = {'atmosphere = "none"': 'atmosphere = "table"', "environment = {": "[en
 def test_air_of_a_table(tmp_path):
     heights = [0.0, 2000.0, 9000.0]
     rows = "\n".join(
-        f"{h / 1000:g};{us1976(h)[1] / 100.0!r};{us1976(h)[2] - 273.15!r}" for h in heights
+        f"{h / 1000:g};{float(us1976(h)[1]) / 100.0!r};{us1976(h)[2] - 273.15!r}" for h in heights
     )
     text = f"Height (km);Pressure (hPa);Temperature (°C)\n{rows}\n"
     air = campaign(tmp_path, AIR, "air.csv", text, **TABLED).scene.environment.air
