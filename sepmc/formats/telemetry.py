@@ -28,6 +28,7 @@ _LONGEST_S, _BASE_S, _PER_MEGABYTE_S = 300.0, 4.0, 10.0
 _MEMORY = 4 << 30  # bytes that it may use
 _MAP = re.compile(r"([+-]?)\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*)?\s*(.+?)\s*")
 _UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
+_NAMED = "--time (time in a campaign and in Python)"
 _TIMES = ("time", "t", "times", "timestamp", "timestamps", "timesec", "seconds")
 # packages that read a kind of file, and their extras; MATLAB 7.3 is HDF5
 _PACKAGES = {
@@ -341,7 +342,7 @@ def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
     titles = [title for title in columns if plain(split_header(title, "time")[0]) in wanted]
     if len(titles) != 1:
         what = "no column" if not titles else f"{len(titles)} columns"
-        raise FormatError(f"{what} of time; name its channel, of {_listed(columns)}")
+        raise FormatError(f"{what} of time; name its channel by {_NAMED}, of {_listed(columns)}")
     return titles[0]
 
 
@@ -395,7 +396,9 @@ def _of_structs(content: Mapping[str, Any], time: str | None) -> dict[str, _Raw]
     channels: dict[str, _Raw] = {}
     _add_vectors(channels, content, "", time, 0)
     if not channels:
-        raise FormatError("has no vectors with a vector of time beside them; name its channel")
+        raise FormatError(
+            f"has no vectors with a vector of time beside them; name its channel by {_NAMED}"
+        )
     return channels
 
 

@@ -260,5 +260,7 @@ def _curve(points: list[tuple[float, float]], places: list[str]) -> ThrustCurve:
             f"a step at {', '.join(f'{t:g} s' for t in steps[:4])}: two rows at one time"
         )
     if thrusts[-1] != 0.0:
-        understood.append(f"the thrust ends at {thrusts[-1]:g}, not 0, at {times[-1]:g} s")
+        understood.append(
+            f"the thrust ends at {thrusts[-1]:g}, not 0, at {times[-1]:g} s: there is none after it"
+        )
     return ThrustCurve(times, thrusts, False, understood)
