@@ -24,10 +24,13 @@ _QUANTITIES = {
     "speed_of_sound": Quantity("speed", ("speedofsound", "soundspeed", "a", "cs")),
     "speed": Quantity("speed", ("speed", "windspeed", "wspd", "sknt", "ws", "sped", "ff")),
     "from": Quantity("angle", ("from", "windfrom", "drct", "wdir", "fromdirection", "dd",
-                               "directionfrom", "winddirectionfrom")),
+                               "directionfrom", "winddirectionfrom", "windfromdirection")),
     "direction": Quantity("angle", ("direction", "to", "directionto", "windto")),
     "along": Quantity("speed", ("along", "windalong", "windx")),
     "across": Quantity("speed", ("across", "windacross", "windz")),
+    # components of the air's motion; an east wind comes from the east
+    "east": Quantity("speed", ("east", "eastward", "ueast", "eastwardwind", "windeastward")),
+    "north": Quantity("speed", ("north", "northward", "vnorth", "northwardwind", "windnorthward")),
 }  # fmt: skip
 _DEFAULTS = {"from": "deg", "direction": "deg"}
 _WYOMING = re.compile(
@@ -105,15 +108,19 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
         With the reason why the file is refused.
     """
     columns, understood = _columns(path, options, ("HGHT", "DRCT", "SKNT"))
-    columns_read = _find(
-        columns, ("altitude", "geopotential", "speed", "from", "direction", "along", "across")
-    )
+    names = ("speed", "from", "direction", "along", "across", "east", "north")
+    columns_read = _find(columns, ("altitude", "geopotential", *names))
     tree = _heights(columns_read)
     if "along" in columns_read and "across" in columns_read:
         tree["speed_m_s"] = np.hypot(columns_read["along"], columns_read["across"]).tolist()
         tree["direction_deg"] = np.degrees(
             np.arctan2(columns_read["across"], columns_read["along"])
         ).tolist()
+    elif "east" in columns_read and "north" in columns_read:
+        east, north = columns_read["east"], columns_read["north"]
+        tree["speed_m_s"] = np.hypot(east, north).tolist()
+        tree["from_deg"] = (np.degrees(np.arctan2(-east, -north)) % 360.0).tolist()
+        understood.append("east and north taken as where the air moves to")
     elif "speed" in columns_read and ("from" in columns_read) != ("direction" in columns_read):
         key = "from" if "from" in columns_read else "direction"
         tree["speed_m_s"] = columns_read["speed"].tolist()
@@ -123,7 +130,8 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     else:
         raise FormatError(
             "needs speed and from_deg (by compass) or direction_deg (to, from ground x), or along "
-            "and across; has " + ", ".join(columns.table.columns)
+            'and across, or east and north; choose by columns = { from = "TITLE" } and the like; '
+            "has " + ", ".join(columns.table.columns)
         )
     return _sorted(tree, understood)
 

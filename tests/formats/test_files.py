@@ -310,6 +310,24 @@ def test_a_sounding(tmp_path):
     assert_array_equal(np.round(profile.altitude, 1), [360.0, 1500.4, 3001.4])
 
 
+def test_wind_of_components_by_compass(tmp_path):
+    """Air that moves to the east comes from 270 deg, and north is 0."""
+    (tmp_path / "w.csv").write_text("alt_ft,u_east_kn,North (m/s)\n0,10,0\n1000,0,-2\n2000,-1,1\n")
+    tree, understood = read_wind(tmp_path / "w.csv", {})
+    knot = 1852.0 / 3600.0
+    assert_allclose(tree["speed_m_s"], [10.0 * knot, 2.0, math.hypot(knot, 1.0)])
+    assert_allclose(tree["from_deg"], [270.0, 0.0, 90.0 + math.degrees(math.atan2(1.0, knot))])
+    assert "where the air moves to" in " ".join(understood)
+
+
+def test_a_wind_whose_sense_is_not_said_is_chosen(tmp_path):
+    (tmp_path / "w.csv").write_text("alt_m,Wind Direction (deg),speed_m_s\n0,270,1\n9,280,2\n")
+    with pytest.raises(FormatError, match=r'choose by columns = \{ from = "TITLE" \}'):
+        read_wind(tmp_path / "w.csv", {})
+    tree, _ = read_wind(tmp_path / "w.csv", {"columns": {"from": "Wind Direction (deg)"}})
+    assert tree["from_deg"] == [270.0, 280.0]
+
+
 @pytest.mark.parametrize(("title", "unit"), [("SKNT", 1852.0 / 3600.0), ("SPED", 1.0)])
 @pytest.mark.parametrize("head", ["", "\n\n", "a title\n\n \n"])
 def test_the_speed_of_a_sounding_is_in_the_unit_of_its_title(tmp_path, title, unit, head):
