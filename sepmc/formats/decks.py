@@ -160,7 +160,10 @@ def _from_lift(
         understood.append("CL and CD not read: CN and CA are there")
         return
     if lift is None or drag is None or "alpha" not in axes:
-        raise FormatError("needs CL and CD together, over alpha, to make CN and CA of them")
+        of_roll = "; Cl is the roll moment here: lift is CL" if "roll" in values else ""
+        raise FormatError(
+            f"needs CL and CD together, over alpha, to make CN and CA of them{of_roll}"
+        )
     if "beta" in axes and axes["beta"].any():
         raise FormatError("CL and CD at a sideslip are of other axes; give CN and CA")
     sine, cosine = np.sin(axes["alpha"]), np.cos(axes["alpha"])

@@ -250,6 +250,7 @@ BAD_DECKS = {
     "mach,alpha,CN\n1,0,0\n1,5,0.2\n2,0,0\n": "has no row for mach = 2, alpha = 5 deg (1 of 4",
     "mach,CN\n1,0\n\n1,0.2\n": "line 4: mach = 1 is there twice",
     "mach,CL\n1,0\n2,0.2\n": "needs CL and CD together",
+    "alpha,Cd,Cl\n1,0,0\n2,0,0\n": "of them; Cl is the roll moment here: lift is CL",
 }
 
 
