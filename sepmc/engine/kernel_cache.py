@@ -148,9 +148,6 @@ def compile_in_subprocesses(
 ) -> bool:
     """Compile the missing units and the block loop into the cache folder, in separate processes.
 
-    Campaigns always run code loaded from the cache: code just compiled and the same code loaded can
-    differ in the last bit.
-
     Parameters
     ----------
     units : CompileUnits

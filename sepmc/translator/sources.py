@@ -55,7 +55,7 @@ def _functions(path: str) -> dict[int, ast.FunctionDef]:
     """Functions of a Python file, by their first lines, decorators included."""
     return {
         min([node.lineno, *(mark.lineno for mark in node.decorator_list)]): node
-        for node in ast.parse(Path(path).read_bytes()).body
+        for node in ast.walk(ast.parse(Path(path).read_bytes()))
         if isinstance(node, ast.FunctionDef)
     }
 

@@ -18,6 +18,7 @@ _counter = itertools.count()
 _engines = []
 
 
+@functools.cache
 def compiled(function):
     """The compiled form of a function: takes and returns Python's numbers, tuples of them and
     arrays, as the function. Each Python type of the arguments is compiled once."""
