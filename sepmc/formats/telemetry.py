@@ -24,7 +24,7 @@ from sepmc.scene.units import UNITS, split_unit, unit_kind, unit_text
 
 FILE_BYTES = 200_000_000  # of a file
 # time, s, that a library may take: to start, and for a file, with more for each megabyte
-_LONGEST_S, _BASE_S, _PER_MEGABYTE_S = 300.0, 4.0, 10.0
+_LONGEST_S, _BASE_S, _PER_MEGABYTE_S = 300.0, 4.0, 30.0
 _MEMORY = 4 << 30  # bytes that it may use
 _MAP = re.compile(r"([+-]?)\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*)?\s*(.+?)\s*")
 _UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
@@ -250,16 +250,19 @@ def _channels(path: Path, time: str | None) -> tuple[dict[str, _Raw], list[str]]
     if data.startswith(_HDF5) and kind == ".mat":
         kind = ".h5"
     package, extra = _PACKAGES.get(kind, ("scipy.io", ""))
+    missing = InputError(
+        f"{path.name}: needs {package}, of the extra {extra} ({EXTRA.format(extra)})"
+    )
     if find_spec(package) is None:
-        raise InputError(
-            f"{path.name}: needs {package}, of the extra {extra} ({EXTRA.format(extra)})"
-        )
+        raise missing
     limit = min(_LONGEST_S, _BASE_S + _PER_MEGABYTE_S * len(data) / 1e6)
     # in a process of its own: damaged files can crash or stall these libraries
     with processes(1) as pool:
         try:
             pool.submit(_prepare, package).result(timeout=_LONGEST_S)
             channels, remarks = pool.submit(_by_library, path, kind, time).result(timeout=limit)
+        except ImportError:  # of a package that it needs itself
+            raise missing from None
         except BrokenExecutor:
             raise FormatError("is damaged: the library that reads it crashes") from None
         except TimeoutError:

@@ -212,6 +212,13 @@ def test_file_whose_library_does_not_end_is_refused(tmp_path, monkeypatch):
         read(tmp_path / "f.mat", "signal_gain=gyro")
 
 
+def test_library_that_cannot_be_imported_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(telemetry, "_prepare", ended_process.lack)
+    savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})
+    with pytest.raises(InputError, match=r"f.mat: needs scipy.io"):
+        read(tmp_path / "f.mat", "signal_gain=gyro")
+
+
 def test_memory_of_a_library_is_limited(tmp_path, monkeypatch):
     monkeypatch.setattr(telemetry, "_by_library", ended_process.fill)
     savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})

@@ -16,6 +16,11 @@ def wait(*_: object) -> None:
     time.sleep(60.0)
 
 
+def lack(*_: object) -> None:
+    """Raise ImportError."""
+    raise ImportError("no such module")
+
+
 def fill(*_: object) -> tuple[dict[str, object], list[str]]:
     """Take 8 GB of memory. Raises FormatError if there is a limit."""
     try:
