@@ -131,12 +131,10 @@ def _above(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
     rows = [h for h in _rising(top) if h > top]
     states = [tuple(map(float, us1976(h))) for h in rows]
     air[height_key] = heights + [h / length for h in rows]
-    air[density_key] = densities + [float(state[0]) / density for state in states]
+    air[density_key] = densities + [state[0] / density for state in states]
     if sound_key := keys.get("speed_of_sound"):
         factor = UNITS["speed"].get(split_unit(sound_key)[1], 1.0)
-        air[sound_key] = list(air[sound_key]) + [
-            sound_speed(state[2]) / factor for state in states
-        ]
+        air[sound_key] = list(air[sound_key]) + [sound_speed(state[2]) / factor for state in states]
     return [
         f"{key_path}: {len(rows)} rows of the standard atmosphere above {top:.6g} m, every "
         f"{_ABOVE:g} m up to {TOP:g} m"
