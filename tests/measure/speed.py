@@ -3,12 +3,15 @@ parts take about a quarter of an hour on an idle machine.
 
 Parts: ``commands`` with an empty cache and warm; ``campaigns``, each shipped one; ``features``, the
 cost of clearances and joint loads; ``big``, 1e8 cases of `table2`, twice (eight minutes);
-``before``, its kernel beside that of a checkout of another commit, alternating.
+``before``, its kernel beside that of a checkout of another commit, alternating; ``cold``, commands
+with an empty cache beside those of the checkout (of all its campaigns and of its template, each
+once: five minutes).
 """
 
 import argparse
 import copy
 import json
+import math
 import os
 import subprocess
 import sys
@@ -83,6 +86,39 @@ def commands(folder):
             f"{median(those) / base:.2f} x the imports",
             flush=True,
         )
+
+
+def cold(folder, before):
+    """Commands of 100 cases without figures, of another checkout and of this one in turn, each with
+    an empty cache and then warm: wall and processor time."""
+    here = Path(__file__).parents[2]
+    for file in [*(path.name for path in sorted((before / "campaigns").glob("*.toml"))), ""]:
+        times = {}
+        for checkout in (before, here):
+            place = folder / f"{checkout.name}-{file or 'template'}"
+            place.mkdir()
+            environment = os.environ | {"PYTHONPATH": str(checkout), "SEPMC_CACHE_DIR": str(place)}
+            sepmc = [sys.executable, "-m", "sepmc"]
+            name = file or str(place / "template.toml")
+            if not file:
+                words = [*sepmc, "template", name]
+                subprocess.run(words, check=True, env=environment, cwd=place, capture_output=True)
+            words = [*sepmc, "campaign", name, "--cases", "100", "--no-plots", "--quiet"]
+            for state in ("empty", "warm"):
+                out = ["--out", str(place / state)]
+                begun, used = time.perf_counter(), sum(os.times()[2:4])
+                done = subprocess.run(
+                    [*words, *out], env=environment, cwd=place, capture_output=True
+                )
+                seconds = time.perf_counter() - begun, sum(os.times()[2:4]) - used
+                times[checkout, state] = seconds if done.returncode == 0 else (math.nan, math.nan)
+        for state in ("empty", "warm"):
+            (a, b), (c, d) = times[before, state], times[here, state]
+            print(
+                f"{file or 'template'}, {state}: {a:.1f} s (processor {b:.1f}) before, {c:.1f} "
+                f"({d:.1f}): {c / a:.2f} x ({d / b:.2f} x)",
+                flush=True,
+            )
 
 
 def campaigns(folder, files):
@@ -211,6 +247,7 @@ def main():
         folder = Path(temporary)
         parts = {
             "before": lambda: arguments.before and against(arguments.before),
+            "cold": lambda: arguments.before and cold(folder, arguments.before),
             "big": lambda: big(folder),
             "commands": lambda: commands(folder),
             "campaigns": lambda: campaigns(folder, dispersed),
