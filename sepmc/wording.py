@@ -1,4 +1,4 @@
-"""Option names in messages, as on the command line or as in Python."""
+"""Option names in messages, as on the command line or as in Python; names of columns in words."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -66,3 +66,9 @@ def flying_again(folder: Path, file: str | None = None) -> str:
     if _commands:
         return f"sepmc campaign {file or folder} --out {folder} --resume"
     return f'sepmc.load("{file or folder}").run(out="{folder}", resume=True)'
+
+
+def to_words(name: str, unit: str = "") -> str:
+    """Return a column's name in words, without its unit."""
+    suffix = "_" + unit.replace("/", "_").replace(" ", "_").replace("²", "2").replace("^", "")
+    return (name.removesuffix(suffix) if unit else name).replace("_", " ")

@@ -30,6 +30,7 @@ FOLDER_ERRORS = (
 NOTES = {
     "analysis/rare_values.py": (),
     "analysis/subset_simulation.py": (),
+    "campaign/estimation.py": ("_sigma_notes", "_mixing_notes"),
     "campaign/execution/diagnostics.py": (),
     "campaign/execution/missing_events.py": (),
     "campaign/execution/rare_event.py": ("_notes", "_error_notes"),

@@ -27,6 +27,10 @@ OF_NOTES = {
     'give `interpolation = "monotone"` or `"linear"`: a cubic spline overshoots where distances '
     "between rows differ much",
     r"is it in the other unit": "check whether the key ends in `_deg` or `_rad`",
+    r"of sigma = .* which is far too large": "compare sigma with the noise that `sepmc compare RUN "
+    "--data` prints of the channel, and its unit with that of the column",
+    r"the sampler mixes badly": "two seeds that agree suffice; else more `--cases`, or constants "
+    "in place of distributions of parameters in the list *hardly known better*",
     r"is it per degree": 'give the slope per rad, or `per = "deg"` beside it',
     r"points left here": 'change the sign of `side`, or give `convention = "datcom"`',
     r"statically stable in alpha": "check the signs of `side` and `yaw`, and `moment_point_m`",

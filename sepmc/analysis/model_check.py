@@ -15,6 +15,7 @@ import numpy as np
 
 LEVEL = 0.01  # false alarms of all tests together, of a model that is right
 _TESTS = 3
+_TOO_SMALL = 0.5  # residuals over sigma, below which sigma is far too large
 _ABSORBED = 0.5  # of the variance of a direction: the fit follows the measurement there
 _BLOCKS = 20  # time blocks of a channel, at most
 _MIN_SAMPLES = 5  # of a block
@@ -33,6 +34,18 @@ class ChiSquareTest:
     def fails(self) -> bool:
         """True if a model that is right gives so large a value rarely (`LEVEL`)."""
         return self.p_value < LEVEL / _TESTS
+
+    @property
+    def ratio(self) -> float:
+        """Root mean square of what is tested, in its own standard deviations; NaN of nothing."""
+        return float(np.sqrt(self.chi_square / self.freedom)) if self.freedom else np.nan
+
+    @property
+    def is_too_small(self) -> bool:
+        """True if the ratio is far below 1, and rarely so small of a model that is right."""
+        from scipy.stats import chi2  # noqa: PLC0415
+
+        return self.ratio < _TOO_SMALL and chi2.cdf(self.chi_square, self.freedom) < LEVEL
 
 
 @dataclass(frozen=True)
@@ -70,12 +83,15 @@ class ModelCheck:
     noise : ChiSquareTest
         Of all residuals: noise beyond sigma, or errors of the model that are as fast.
     by_time : tuple of TimeBlock
+    channels : tuple of ChiSquareTest
+        Of the residuals of each channel.
     """
 
     blocks: ChiSquareTest
     parameters: ChiSquareTest
     noise: ChiSquareTest
     by_time: tuple[TimeBlock, ...]
+    channels: tuple[ChiSquareTest, ...]
 
     @property
     def is_short(self) -> bool:
@@ -127,12 +143,13 @@ def check_model(
             by_time.append(TimeBlock(channel, float(at[0]), float(at[1]), float(mean), score))
             k += 1
     stride = -(-len(scores) // _MAX_PREDICTIONS)
-    every = np.concatenate([h[::stride] for h in predicted], axis=1)
+    thinned = [h[::stride] for h in predicted]
     return ModelCheck(
         _test(np.concatenate(sums), block_predictions),
         _test(scores.mean(axis=0), scores),
-        _test(np.concatenate(residuals), every),
+        _test(np.concatenate(residuals), np.concatenate(thinned, axis=1)),
         tuple(by_time),
+        tuple(_test(r, h) for r, h in zip(residuals, thinned, strict=True)),
     )
 
 

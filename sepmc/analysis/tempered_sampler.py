@@ -62,6 +62,10 @@ class PosteriorSample:
     correlation : float
         Largest correlation over the dimensions of the scores with those at the start of the last
         temperature, where particles have copies.
+    acceptance : float
+        Fraction of the moves at the last temperature that were accepted.
+    effective : ndarray, shape (d,)
+        Number of independent particles whose mean would have the variance of that of each score.
     """
 
     scores: np.ndarray
@@ -70,6 +74,8 @@ class PosteriorSample:
     temperatures: tuple[float, ...]
     sweeps: int
     correlation: float
+    acceptance: float
+    effective: np.ndarray
 
 
 def sample_posterior(
@@ -110,7 +116,8 @@ def sample_posterior(
     if not np.isfinite(logs).any():
         raise NoLikelihoodError
     temperature, temperatures, log_evidence = 0.0, list[float](), 0.0
-    sweeps, correlation, lengths = 0, 0.0, [1.0, 1.0]
+    sweeps, correlations, lengths = 0, np.zeros(dimensions), [1.0, 1.0]
+    effective, acceptances = np.full(dimensions, float(size)), list[float]()
     while temperature < 1.0:
         increment = _increment(logs, 1.0 - temperature)
         weights = _weights(increment * logs)
@@ -125,7 +132,7 @@ def sample_posterior(
         )
         chosen = _resample(weights, random)
         scores, rest, logs = scores[chosen], rest[chosen], logs[chosen]
-        start, last = scores, temperature == 1.0
+        start, last, acceptances = scores, temperature == 1.0, []
         enough = 3.0 / math.sqrt(size) if last else _CORRELATED
         for sweep in range(_LAST_SWEEPS if last else _SWEEPS):
             which = int(sweep % _GLOBAL == _GLOBAL - 1)
@@ -141,16 +148,25 @@ def sample_posterior(
             rest = np.where(accepted[:, None], new, rest)
             logs = np.where(accepted, proposed, logs)
             sweeps += 1
-            change = min(max(accepted.mean() / _ACCEPTED, 0.5), _ADAPTED)
+            acceptances.append(float(accepted.mean()))
+            change = min(max(acceptances[-1] / _ACCEPTED, 0.5), _ADAPTED)
             lengths[which] = float(np.clip(lengths[which] * change, _SHORTEST, 1.0))
             if report:
                 report(temperature, sweeps)
-            correlation = _largest_correlation(start, scores)
-            if correlation < enough:
+            correlations = _correlations(start, scores)
+            if correlations.max() < enough:
                 break
+        effective = _effective(effective, weights, correlations)
     order = random.permutation(size)  # copies of one particle stood together
     return PosteriorSample(
-        scores[order], logs[order], log_evidence, tuple(temperatures), sweeps, correlation
+        scores[order],
+        logs[order],
+        log_evidence,
+        tuple(temperatures),
+        sweeps,
+        float(correlations.max()),
+        float(np.mean(acceptances)),
+        effective,
     )
 
 
@@ -238,12 +254,20 @@ def _resample(weights: np.ndarray, random: np.random.Generator) -> np.ndarray:
     return np.minimum(np.searchsorted(np.cumsum(weights), points), len(weights) - 1)
 
 
-def _largest_correlation(start: np.ndarray, scores: np.ndarray) -> float:
-    """Largest correlation of scores (n, d) with their start, over the dimensions."""
+def _correlations(start: np.ndarray, scores: np.ndarray) -> np.ndarray:
+    """Correlations (d,) of scores (n, d) with their start."""
     a, b = start - start.mean(axis=0), scores - scores.mean(axis=0)
     product = (a * b).sum(axis=0)
     sizes = np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0))
-    return float(np.max(product / np.where(sizes > 0.0, sizes, 1.0)))
+    return np.asarray(product / np.where(sizes > 0.0, sizes, 1.0))
+
+
+def _effective(before: np.ndarray, weights: np.ndarray, correlations: np.ndarray) -> np.ndarray:
+    """Numbers (d,) of independent particles after a temperature, from those ``before`` it: weights
+    (n,) make copies, of which moves keep a part, by the ``correlations`` (d,) with the start."""
+    size, kept = len(weights), correlations**2
+    copies = before / (size * (weights**2).sum())
+    return np.asarray(1.0 / ((1.0 - kept) / size + kept / copies))
 
 
 __all__ = ["FarPosteriorError", "NoLikelihoodError", "PosteriorSample", "sample_posterior"]

@@ -10,7 +10,7 @@ import pandas as pd
 
 from sepmc.analysis.proportions import CONFIDENCE, binomial_interval, raised
 from sepmc.analysis.requirements import NOT_SHOWN
-from sepmc.campaign.judging import raised_confidence
+from sepmc.campaign.judging import judged_requirements, raised_confidence
 from sepmc.scene.design_tables import MapAxis, parse_axis
 from sepmc.scene.messages import InputError, Log
 
@@ -91,12 +91,7 @@ def map_designs(
     InputError
         If the file has no requirement, its cases are not random, or there can be no session.
     """
-    if not campaign.file.requirements:
-        raise InputError(f"{campaign.name}: a map shows requirements; give [[requirement]]")
-    if (sampler := campaign.scene.run.sampler) != "random":
-        raise InputError(
-            f"run.sampler = {sampler!r}: a map judges by random cases; set run.sampler = 'random'"
-        )
+    requirements = judged_requirements(campaign)
     if len({axis.key for axis in axes}) < len(axes):
         raise InputError(f"{axes[0].key}: both axes vary it; give the second one another variable")
     cases = campaign.scene.run.cases if cases is None else cases
@@ -123,7 +118,7 @@ def map_designs(
         result.summary.insert(designs.shape[1], "cases", count)
         return result.summary.set_index(which), result.timing
 
-    names = [item.name for item in campaign.file.requirements]
+    names = [item.name for item in requirements]
     table, timing = run(np.arange(len(designs)), cases)
     for count in looks[1:]:
         is_open = (table[names] == NOT_SHOWN).any(axis=1)

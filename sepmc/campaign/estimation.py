@@ -3,7 +3,9 @@ measurements give the likelihood, and a sample of the posterior is a table of in
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,13 +37,14 @@ CASES = 1000  # of a posterior sample
 INTERVAL = 0.9  # credible
 CORRELATED = 0.7  # posterior correlation that is reported
 UNINFORMED = 0.9  # ratio of standard deviations above which the flight says little
+_MIXED = 0.25  # effective cases, of all, below which standard errors more than double
 _MIN_PER_PARAMETER, _MIN_CASES, _MOST_CASES = 10, 100, 100_000
 _PRIOR = 20_000  # samples of the statistics of the prior
 _BANDS = 500  # cases of the band of the prior
 _NUMERICAL = 0.1  # change of the standardised residuals together by the numerical error
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimation:
     """Posterior of a campaign and its measurements.
 
@@ -51,7 +54,8 @@ class Estimation:
         A row for each dispersed parameter and estimated delay: ``parameter`` (key), ``unit``;
         ``prior_mean``, ``prior_std``, ``prior_low``, ``prior_high``, and ``mean``, ``std``,
         ``low``, ``high`` of the posterior, with the ends of the 90 % interval; ``std_ratio``,
-        posterior over prior (NaN of a constant).
+        posterior over prior (NaN of a constant); ``effective_cases``, number of independent cases
+        whose mean would be as certain.
     correlations : list of (str, str, float)
         Pairs of parameters with strongly correlated posterior scores.
     inputs : DataFrame
@@ -85,7 +89,21 @@ class Estimation:
     understood: list[str]
     notes: list[str]
     seed: int
-    model: "Model" = field(repr=False)
+    model: "Model"
+
+    def __repr__(self) -> str:
+        state = "model shortfall" if self.check.is_short else "explained by the model"
+        known = int((self.table["std_ratio"] <= UNINFORMED).sum())
+        return (
+            f"<Estimation of {self.model.campaign.name}, seed {self.seed}: measurements {state}, "
+            f"{known} of {len(self.table)} parameters known better>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Notes and table of the parameters, the best known first, for notebooks."""
+        table = self.table.set_index("parameter").sort_values("std_ratio", kind="stable")
+        notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
+        return f"<p>{escape(repr(self))}</p>{notes}{table.to_html(float_format='{:.6g}'.format)}"
 
     def density_at(self, scores: np.ndarray) -> float:
         """Logarithm of the posterior density at scores (d,) of parameters and delays, but for the
@@ -127,9 +145,9 @@ def estimate(
         If there are no measurements or distributions, or no case comes near the measurements.
     """
     check_threads(threads)
+    cases = check_int("cases", cases, _MIN_CASES, _MOST_CASES)
     model = Model(campaign, threads, announce)
-    fewest = max(_MIN_CASES, _MIN_PER_PARAMETER * model.dimensions)
-    cases = check_int("cases", cases, fewest, _MOST_CASES)
+    check_int("cases", cases, _MIN_PER_PARAMETER * model.dimensions)
     seed = campaign.checked_seed(seed)
     random = sampling.generator(seed, "estimation")
     try:
@@ -144,8 +162,7 @@ def estimate(
     except FarPosteriorError:
         raise InputError(
             f"{campaign.name}: the measurements are too far from all cases of the distributions; "
-            "look at the units, the sign and the clock of each channel, and whether its angles "
-            "jump by 360 degrees; or widen the distributions"
+            "look at the units, the sign and the clock of each channel, or widen the distributions"
         ) from None
     predictions = model.predictions(sample.scores)
     channels = model.channels
@@ -157,8 +174,10 @@ def estimate(
     )
     prior = model.predictions(random.standard_normal((_BANDS, model.dimensions)))
     names = [column.name for column in campaign.input_columns]
+    table = model.table(sample.scores, random)
+    table["effective_cases"] = sample.effective
     return Estimation(
-        model.table(sample.scores, random),
+        table,
         model.correlations(sample.scores),
         pd.DataFrame(model.inputs(sample.scores), columns=names),
         sample,
@@ -168,7 +187,7 @@ def estimate(
         sample.log_evidence + model.log_scale,
         float(np.mean([np.isnan(values).any(axis=1) for values in prior])),
         model.understood,
-        model.notes,
+        [*model.notes, *_sigma_notes(campaign, channels, check), *_mixing_notes(table, cases)],
         seed,
         model,
     )
@@ -234,7 +253,7 @@ class Model:
         histories = self.histories(trials)
         for k, channel in enumerate(self.channels):
             values = histories[:, self.columns.index(channel.column)]
-            known = np.isfinite(at_samples(values, self.times, channel.time, None)).any(axis=0)
+            known = np.isfinite(at_samples(values, self.times, channel, None)).any(axis=0)
             if not known.all():
                 count = int(np.count_nonzero(~known))
                 self.notes.append(
@@ -278,7 +297,7 @@ class Model:
             at_samples(
                 histories[:, self.columns.index(channel.column)],
                 self.times,
-                channel.time,
+                channel,
                 self._delay_of(channel, scores),
             )
             / channel.sigma
@@ -321,7 +340,9 @@ class Model:
     def _names(self) -> list[str]:
         """Keys of the parameters, and names of the delays."""
         keys = [one.parameter.key for one in self.campaign.file.dispersions]
-        return keys + [f"delay of {name}" for name in self.clocks]
+        short = [Path(name).name for name in self.clocks]
+        clocks = short if len(set(short)) == len(short) else self.clocks
+        return keys + [f"delay of {name}" for name in clocks]
 
     def _delays(self, scores: np.ndarray) -> np.ndarray:
         """Delays (n, clocks) at normal scores (n, dimensions), s. A clock is a file with estimated
@@ -352,6 +373,34 @@ def _tolerance(channel: MeasuredChannel) -> float:
     """Root mean square of a numerical error that hardly changes the likelihood, in the unit of the
     column."""
     return float(_NUMERICAL * channel.sigma.min() / math.sqrt(len(channel.time)))
+
+
+def _sigma_notes(
+    campaign: "Campaign", channels: Sequence[MeasuredChannel], check: ModelCheck
+) -> list[str]:
+    """Notes on channels whose residuals are much smaller than stated."""
+    return [
+        f"{channel.column}: residuals are {test.ratio:.2g} of sigma = {one.sigma:g}, which is far "
+        f"too large: give {test.ratio * one.sigma:.2g} {channel.unit} or less, and parameters are "
+        "better known; of a filtered channel, whose errors are no independent ones, give fewer "
+        "samples instead"
+        for one, channel, test in zip(
+            campaign.file.measurements, channels, check.channels, strict=True
+        )
+        if test.is_too_small
+    ]
+
+
+def _mixing_notes(table: pd.DataFrame, cases: int) -> list[str]:
+    """Note on a sampler whose cases depend on each other."""
+    effective = table.set_index("parameter")["effective_cases"]
+    if effective.min() >= _MIXED * cases:
+        return []
+    return [
+        f"the sampler mixes badly: {cases} cases are worth {effective.min():.0f} independent ones "
+        f"of {effective.idxmin()}; compare the estimates of two seeds, give more cases, or "
+        "disperse fewer parameters that the flight cannot tell from each other"
+    ]
 
 
 def _curves(

@@ -11,7 +11,7 @@ import numpy as np
 from sepmc import schema
 from sepmc.analysis.statistics import ok_rows
 from sepmc.analysis.telemetry import Channel, FlightComparison, Histories, compare_channels
-from sepmc.campaign.execution.case_histories import case_histories
+from sepmc.campaign.execution.batch_histories import BatchHistories
 from sepmc.campaign.store import shards
 from sepmc.formats.telemetry import parse_map, read_telemetry
 from sepmc.formats.text_table import FormatError
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 CASES = 300  # simulated again for the envelope, by default
 _MIN_ROWS, _MOST_ROWS = 200, 1000  # of a history
+_NUMERICAL = 1e-6  # error of a history, of the extent of its channel
 _STORED = 20_000  # cases with stored histories that are read
 
 
@@ -69,22 +70,24 @@ def _histories(
     if not len(numbers):
         raise InputError("no case is ok, so there is no envelope")
     end = campaign.scene.run.end_time
-    stored = _stored_histories(result, names, numbers)
+    stored, chosen = _stored_histories(result, names, numbers), numbers[:cases]
     if stored is not None:
         numbers, step, values = stored
         announce(f"envelope: stored histories of {len(numbers)} cases")
         times = np.arange(values.shape[-1]) * step
     else:
-        chosen = numbers[:cases]
         announce(f"envelope: {len(chosen)} of {len(numbers)} ok cases, simulated again ...")
+        numbers = chosen
         spacing = min(float(np.median(np.diff(c.time))) for c in channels.values())
         count = int(np.clip(end / spacing if spacing > 0.0 else 0, _MIN_ROWS, _MOST_ROWS))
         times = np.linspace(0.0, end, count + 1)
-        numbers = chosen
-        values = case_histories(
-            campaign, list(numbers), names, times, result.seed, result.total, announce
-        )
-    nominal = case_histories(campaign, [-1], names, times, result.seed, result.total, announce)[0]
+    own = [campaign.sample(int(number), 1, result.seed, result.total) for number in chosen]
+    inputs = np.concatenate(own)
+    tolerances = [_NUMERICAL * float(np.ptp(c.values)) or np.inf for c in channels.values()]
+    simulate = BatchHistories(campaign, names, times, tolerances, inputs, None, announce)
+    if stored is None:
+        values = simulate(inputs)
+    nominal = simulate.of_samples(campaign.layout.nominal[None, campaign.slots])[0]
     return Histories(numbers, names, float(times[1]), values, nominal)
 
 

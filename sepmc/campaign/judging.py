@@ -37,17 +37,23 @@ def with_requirements(campaign: "Campaign", names: Sequence[str]) -> "Campaign":
     return campaign.with_settings(settings)
 
 
+def judged_requirements(campaign: "Campaign") -> tuple[Requirement, ...]:
+    """Requirements of a campaign, whose cases are random. Raises InputError."""
+    if not campaign.file.requirements:
+        raise InputError(f"{campaign.name}: has no requirement to judge by: give [[requirement]]")
+    if (sampler := campaign.scene.run.sampler) != "random":
+        raise InputError(
+            f"run.sampler = {sampler!r}: verdicts need random cases; set run.sampler = 'random'"
+        )
+    return campaign.file.requirements
+
+
 def checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement, ...]:
     """Requirements of a campaign, which so many random cases of different seeds can show. Raises
     InputError."""
-    items = campaign.file.requirements
-    if not items:
-        raise InputError(f"{campaign.name}: has no requirement to judge by: give [[requirement]]")
-    run = campaign.scene.run
-    if run.samples is not None:
+    items = judged_requirements(campaign)
+    if campaign.scene.run.samples is not None:
         raise InputError("run.samples: gives the run for the verdict the cases of the search")
-    if run.sampler != "random":
-        raise InputError(f"run.sampler = {run.sampler!r}: verdicts need random cases")
     for item in items:
         needed = required_cases(0, item.probability, item.confidence)
         if cases < needed:

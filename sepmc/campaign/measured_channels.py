@@ -15,6 +15,7 @@ from sepmc.scene.messages import InputError
 
 _MOST_SAMPLES = 1000  # of a channel; more are averaged in groups
 _MIN_ROWS, _MOST_ROWS = 400, 1000  # of histories that are interpolated
+_TURN = 360.0  # deg
 _DELAYS = 4.0  # standard deviations of a delay that the samples used allow for
 
 
@@ -36,6 +37,8 @@ class MeasuredChannel:
         Samples of the file outside the run.
     averaged : int
         Samples in each group that a value is the mean of.
+    wraps : bool
+        True of an angle within one turn, which counts up to full turns.
     """
 
     column: str
@@ -48,6 +51,7 @@ class MeasuredChannel:
     delay_sigma: float
     left_out: int
     averaged: int
+    wraps: bool
 
     def only(self, kept: np.ndarray) -> "MeasuredChannel":
         """The channel with some of its samples (m,)."""
@@ -95,6 +99,8 @@ def read_measurements(campaign: Definition) -> tuple[list[MeasuredChannel], list
         understood += sentences
         if own.left_out:
             understood[-1] += f"; {own.left_out} outside the run"
+        if own.wraps:
+            understood[-1] += "; an angle, up to full turns"
         if own.averaged > 1:
             understood[-1] += f"; means of {own.averaged} each"
     return channels, understood
@@ -107,17 +113,30 @@ def _within(
     time, margin = time - one.delay, _DELAYS * one.delay_sigma
     inside = (time >= margin - 1e-9 * end) & (time <= end - margin + 1e-9 * end)
     left_out, time, values = int(np.count_nonzero(~inside)), time[inside], values[inside]
+    wraps = unit == "deg" and len(values) > 0 and bool(np.ptp(values) <= _TURN)
     group = -(-len(time) // _MOST_SAMPLES) or 1
     starts = np.arange(0, len(time), group)
     if not len(starts):
         time, values, sigma = np.empty((3, 0))
     else:
         counts = np.diff(starts, append=len(time))
+        if wraps and group > 1:  # no means over jumps by a full turn
+            values = np.unwrap(values, period=_TURN)
         time, values = (np.add.reduceat(x, starts) / counts for x in (time, values))
         sigma = one.sigma / np.sqrt(counts)
     time = np.clip(time, 0.0, end)
     return MeasuredChannel(
-        one.column, unit, time, values, sigma, one.file, one.delay, one.delay_sigma, left_out, group
+        one.column,
+        unit,
+        time,
+        values,
+        sigma,
+        one.file,
+        one.delay,
+        one.delay_sigma,
+        left_out,
+        group,
+        wraps,
     )
 
 
@@ -144,17 +163,18 @@ def history_times(channels: Sequence[MeasuredChannel], end: float) -> np.ndarray
 
 
 def at_samples(
-    values: np.ndarray, times: np.ndarray, samples: np.ndarray, delays: np.ndarray | None
+    values: np.ndarray, times: np.ndarray, channel: MeasuredChannel, delays: np.ndarray | None
 ) -> np.ndarray:
-    """Histories at the times of samples, linear between their rows.
+    """Histories at the times of the samples of a channel, linear between their rows. Angles that
+    wrap are within half a turn of the measured ones.
 
     Parameters
     ----------
     values : ndarray, shape (n, t)
     times : ndarray, shape (t,)
         Of the rows, s.
-    samples : ndarray, shape (m,)
-        Times, s.
+    channel : MeasuredChannel
+        With m samples.
     delays : ndarray, shape (n,) or None
         Subtracted from the times, s.
 
@@ -162,10 +182,12 @@ def at_samples(
     -------
     ndarray, shape (n, m)
     """
+    samples = channel.time
     if delays is None:
         index = np.searchsorted(times, samples)
         if index[-1] < len(times) and (times[index] == samples).all():
-            return np.asarray(values[:, index])
+            exact = np.asarray(values[:, index])
+            return _nearest_turn(exact, channel.values) if channel.wraps else exact
         delays = np.zeros(1)
     wanted = np.clip(samples - delays[:, None], times[0], times[-1])
     index = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, len(times) - 2)
@@ -173,7 +195,15 @@ def at_samples(
     rows = np.broadcast_to(index, (len(values), len(samples)))
     low = np.take_along_axis(values, rows, axis=1)
     high = np.take_along_axis(values, rows + 1, axis=1)
+    if channel.wraps:
+        low = _nearest_turn(low, channel.values)
+        high = _nearest_turn(high, low)
     return np.asarray((1.0 - part) * low + np.where(part > 0.0, part * high, 0.0))
+
+
+def _nearest_turn(angles: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Angles plus full turns, within half a turn of others, deg."""
+    return np.asarray(angles + _TURN * np.round((others - angles) / _TURN))
 
 
 __all__ = ["MeasuredChannel", "at_samples", "history_times", "read_measurements"]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 @FILE
 @click.option(
     "--cases",
-    type=click.IntRange(min=100),
+    type=int,
     default=1000,
     show_default=True,
     help="Cases of the posterior sample, and of the run with them.",

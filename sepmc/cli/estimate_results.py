@@ -68,6 +68,8 @@ def _summary(estimation: Estimation) -> dict[str, Any]:
         "temperatures": list(sample.temperatures),
         "moves": sample.sweeps,
         "remaining_correlation": sample.correlation,
+        "acceptance": sample.acceptance,
+        "effective_cases": float(sample.effective.min()),
         "impossible": estimation.impossible,
         "measurements": estimation.understood,
         "correlations": [
@@ -79,6 +81,10 @@ def _summary(estimation: Estimation) -> dict[str, Any]:
             name: {"chi_square": one.chi_square, "freedom": one.freedom, "p_value": one.p_value}
             for name, one in tests.items()
         },
+        "residuals_of_sigma": [
+            {"column": channel.column, "ratio": one.ratio}
+            for channel, one in zip(estimation.channels, check.channels, strict=True)
+        ],
         "blocks": [
             {
                 "column": estimation.channels[one.channel].column,
@@ -101,7 +107,14 @@ def render_estimation(estimation: Estimation, folder: Path) -> str:
     more = len(estimation.correlations) - _MOST_PAIRS
     if more > 0:
         lines.append(f"and {more} more pairs beyond {CORRELATED:g} in posterior.json")
-    lines += ["", f"log evidence {estimation.log_evidence:.2f} (natural)"]
+    sample = estimation.sample
+    lines += [
+        "",
+        f"sampler: {sample.sweeps} moves of all cases, {100.0 * sample.acceptance:.0f} % of the "
+        f"last ones accepted; {len(sample.scores)} cases are worth at least "
+        f"{sample.effective.min():.0f} independent ones",
+        f"log evidence {estimation.log_evidence:.2f} (natural)",
+    ]
     if estimation.impossible > 0.0:
         lines.append(
             f"{100.0 * estimation.impossible:.2g} % of the cases of the distributions have no "
@@ -178,8 +191,11 @@ def _check(estimation: Estimation) -> list[str]:
             "the parameters stand for a load or an effect that is missing"
         )
     if check.noise.fails and not check.blocks.fails:
+        ratios = [np.nan_to_num(one.ratio) for one in check.channels]
+        worst_channel = int(np.argmax(ratios))
         lines.append(
-            "residuals scatter more than sigma says: sigma is too small, or the model lacks "
-            "something fast"
+            "residuals scatter more than sigma says, most in "
+            f"{estimation.channels[worst_channel].column}, {ratios[worst_channel]:.2g} times: "
+            "sigma is too small, or the model lacks something fast"
         )
     return lines

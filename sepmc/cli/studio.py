@@ -11,17 +11,13 @@ from sepmc.cli.options import FILE, QUIET, SEED, SETTINGS, THREADS, load_campaig
 
 def _parse_vary(text: str) -> tuple[str, tuple[float, float] | None]:
     """Parse ``KEY`` or ``KEY=LOW:HIGH``. Raises InputError."""
-    from sepmc.scene.messages import InputError
+    from sepmc.scene.design_tables import parse_range
 
-    key, equals, ends = text.rpartition("=")
-    if not equals:
+    if "=" not in text:
         return text.strip(), None
-    try:
-        low, high = (float(end) for end in ends.split(":"))
-    except ValueError:
-        reason = "must be KEY or KEY=LOW:HIGH, as spring.*.force_N=600:1200"
-        raise InputError(f"--vary = {text}: {reason}") from None
-    return key.strip(), (low, high)
+    form = "KEY or KEY=LOW:HIGH, as spring.*.force_N=600:1200"
+    key, (low, high) = parse_range(text, "--vary", form)
+    return key, (low, high)
 
 
 @click.command(short_help="Open a page with sliders for the parameters of FILE.")
@@ -35,7 +31,7 @@ def _parse_vary(text: str) -> tuple[str, tuple[float, float] | None]:
 )
 @click.option(
     "--cases",
-    type=click.IntRange(min=1, max=100_000),
+    type=int,
     default=2000,
     show_default=True,
     help="Cases of every run, on common random numbers.",

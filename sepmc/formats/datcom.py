@@ -108,6 +108,7 @@ def read_datcom(
         understood.append("C_Y taken as DATCOM's, sign turned")
     references = _references(text, output)
     _compare(references, aero)
+    understood += _moment_point(text, output, aero)
     if {"lref", "latref"} <= references.keys() and not any(
         key.startswith("lateral_length") for key in aero
     ):
@@ -132,6 +133,7 @@ _CARD_NAMES = {"SREF": "sref", "LREF": "lref", "CBARR": "lref", "LATREF": "latre
 _DIM = re.compile(r"^\s*(?:\d+\s+)?DIM\s+(M|CM|FT|IN)\b", re.MULTILINE | re.IGNORECASE)
 _METRES = {"M": 1.0, "CM": 0.01, "FT": 0.3048, "IN": 0.0254}
 _PRINTED = {"REF AREA": "sref", "REF LENGTH": "lref", "LAT REF LENGTH": "latref"}
+_OTHER_POINT = 2e-3  # m between moment centres that are not the same
 _OTHER = 0.02  # relative difference of reference quantities that are not the same
 
 
@@ -145,8 +147,7 @@ class _Reference:
 
 def _references(text: str, output: _Output) -> dict[str, _Reference]:
     """Reference quantities that a case prints; exact where an input card has that number."""
-    dim = _DIM.search(text)
-    metre = _METRES[dim[1].upper() if dim else "FT"]
+    metre = _metres_per_unit(text)
     cards: dict[str, list[float]] = {}
     for match in _CARD.finditer(text):
         name, value = _CARD_NAMES[match[1].upper()], number(match[2])
@@ -167,6 +168,41 @@ def _references(text: str, output: _Output) -> dict[str, _Reference]:
         exact = [each for each in cards.get(name, ()) if abs(each - value) <= rounding]
         references[name] = _Reference(exact[-1]) if exact else _Reference(value, rounding)
     return references
+
+
+def _metres_per_unit(text: str) -> float:
+    """Metres of the unit of length of a text; feet if no card names it."""
+    dim = _DIM.search(text)
+    return _METRES[dim[1].upper() if dim else "FT"]
+
+
+def _moment_point(text: str, output: _Output, aero: dict[str, Any]) -> list[str]:
+    """Sentence on the moment centre that a case prints, if it is not the moment point of the
+    aerodynamics: only who knows where both count from can say whether they are one point."""
+    printed = output.references.get("MOMENT CENTER")
+    if printed is None:
+        return []
+    key = next((key for key in aero if split_unit(key)[0] == "moment_point"), None)
+    if key is None:
+        return [
+            f"its moments are about MOMENT CENTER {printed} and taken about the centre of mass: "
+            "give moment_point_m, that point in your stations"
+        ]
+    digits, _, unit = printed.partition(" ")
+    own = aero[key][0] if isinstance(aero[key], list) and aero[key] else None
+    factor = UNITS["length"].get(split_unit(key)[1])
+    try:
+        centre = float(digits) * _METRES.get(unit.upper(), _metres_per_unit(text))
+    except ValueError:
+        return []
+    if not isinstance(own, int | float) or factor is None:
+        return []
+    if abs(centre - own * factor) <= _OTHER_POINT:
+        return []
+    return [
+        f"its moments are about MOMENT CENTER {printed} and taken about {key} = {aero[key]}: one "
+        "point only if its stations begin elsewhere"
+    ]
 
 
 def _ratio(lateral: _Reference, long: _Reference) -> float:

@@ -82,7 +82,7 @@ def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], li
         )
     understood = list(columns.understood)
     _from_lift(values, axes, understood)
-    grid_axes, order = _grid(axes)
+    grid_axes, order = _grid(axes, table)
     shape = [len(points) for points in grid_axes.values()]
     tree: dict[str, Any] = {}
     for name, points in grid_axes.items():
@@ -160,7 +160,10 @@ def _from_lift(
         understood.append("CL and CD not read: CN and CA are there")
         return
     if lift is None or drag is None or "alpha" not in axes:
-        raise FormatError("needs CL and CD together, over alpha, to make CN and CA of them")
+        of_roll = "; Cl is the roll moment here: lift is CL" if "roll" in values else ""
+        raise FormatError(
+            f"needs CL and CD together, over alpha, to make CN and CA of them{of_roll}"
+        )
     if "beta" in axes and axes["beta"].any():
         raise FormatError("CL and CD at a sideslip are of other axes; give CN and CA")
     sine, cosine = np.sin(axes["alpha"]), np.cos(axes["alpha"])
@@ -169,9 +172,11 @@ def _from_lift(
     understood.append("CN = CL cos alpha + CD sin alpha, CA = CD cos alpha - CL sin alpha")
 
 
-def _grid(axes: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Rising points of each axis, and the index of the row of each combination of them, the last
-    axis fastest. Raises FormatError if a combination is missing or there twice."""
+def _grid(
+    axes: dict[str, np.ndarray], table: TextTable
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Rising points of each axis of a table, and the index of the row of each combination of them,
+    the last axis fastest. Raises FormatError if a combination is missing or there twice."""
     points = {name: np.unique(values) for name, values in axes.items()}
     shape = tuple(len(each) for each in points.values())
     if math.prod(shape) > _CELLS:
@@ -185,8 +190,8 @@ def _grid(axes: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarra
     order = np.full(math.prod(shape), -1)
     for row, cell in enumerate(index):
         if order[cell] >= 0:
-            where = _where(points, int(cell), shape)
-            raise FormatError(f"row {row + 1} after the header: {where} is there twice")
+            what = _where(points, int(cell), shape)
+            raise FormatError(f"{table.where(row)}: {what} is there twice")
         order[cell] = row
     if (order < 0).any():
         missing = int(np.argmin(order))

@@ -24,13 +24,18 @@ _QUANTITIES = {
     "speed_of_sound": Quantity("speed", ("speedofsound", "soundspeed", "a", "cs")),
     "speed": Quantity("speed", ("speed", "windspeed", "wspd", "sknt", "ws", "sped", "ff")),
     "from": Quantity("angle", ("from", "windfrom", "drct", "wdir", "fromdirection", "dd",
-                               "directionfrom", "winddirectionfrom")),
+                               "directionfrom", "winddirectionfrom", "windfromdirection")),
     "direction": Quantity("angle", ("direction", "to", "directionto", "windto")),
     "along": Quantity("speed", ("along", "windalong", "windx")),
     "across": Quantity("speed", ("across", "windacross", "windz")),
+    # components of the air's motion; an east wind comes from the east
+    "east": Quantity("speed", ("east", "eastward", "ueast", "eastwardwind", "windeastward")),
+    "north": Quantity("speed", ("north", "northward", "vnorth", "northwardwind", "windnorthward")),
 }  # fmt: skip
 _DEFAULTS = {"from": "deg", "direction": "deg"}
-_WYOMING = re.compile(r"^\s*PRES\s+HGHT\s+TEMP\s+DWPT\s+RELH\s+MIXR\s+DRCT\s+SK?NT", re.MULTILINE)
+_WYOMING = re.compile(
+    r"^[ \t]*PRES\s+HGHT\s+TEMP\s+DWPT\s+RELH\s+MIXR\s+DRCT\s+(SKNT|SPED)\b", re.MULTILINE
+)
 _WIDTH = 7  # of a column of a Wyoming sounding
 _SPC = re.compile(r"^[ \t]*LEVEL\s+HGHT\s+TEMP\s+DWPT\s+WDIR\s+WSPD[^%]*%RAW%", re.MULTILINE)
 _MISSING = -9998.0  # values below are none
@@ -103,15 +108,19 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
         With the reason why the file is refused.
     """
     columns, understood = _columns(path, options, ("HGHT", "DRCT", "SKNT"))
-    columns_read = _find(
-        columns, ("altitude", "geopotential", "speed", "from", "direction", "along", "across")
-    )
+    names = ("speed", "from", "direction", "along", "across", "east", "north")
+    columns_read = _find(columns, ("altitude", "geopotential", *names))
     tree = _heights(columns_read)
     if "along" in columns_read and "across" in columns_read:
         tree["speed_m_s"] = np.hypot(columns_read["along"], columns_read["across"]).tolist()
         tree["direction_deg"] = np.degrees(
             np.arctan2(columns_read["across"], columns_read["along"])
         ).tolist()
+    elif "east" in columns_read and "north" in columns_read:
+        east, north = columns_read["east"], columns_read["north"]
+        tree["speed_m_s"] = np.hypot(east, north).tolist()
+        tree["from_deg"] = (np.degrees(np.arctan2(-east, -north)) % 360.0).tolist()
+        understood.append("east and north taken as where the air moves to")
     elif "speed" in columns_read and ("from" in columns_read) != ("direction" in columns_read):
         key = "from" if "from" in columns_read else "direction"
         tree["speed_m_s"] = columns_read["speed"].tolist()
@@ -121,7 +130,8 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     else:
         raise FormatError(
             "needs speed and from_deg (by compass) or direction_deg (to, from ground x), or along "
-            "and across; has " + ", ".join(columns.table.columns)
+            'and across, or east and north; choose by columns = { from = "TITLE" } and the like; '
+            "has " + ", ".join(columns.table.columns)
         )
     return _sorted(tree, understood)
 
@@ -134,15 +144,17 @@ def _columns(
     if path.suffix.lower() != ".parquet":
         text = text_of(path)
         for pattern, rows_of, layout in (
-            (_WYOMING, _wyoming_rows, "a sounding of fixed width: PRES HGHT TEMP ... DRCT SKNT"),
+            (_WYOMING, _wyoming_rows, "a sounding of fixed width: PRES HGHT TEMP ... DRCT {}"),
             (_SPC, _spc_rows, "a sounding of SPC: LEVEL (hPa) HGHT (m) TEMP (C) WDIR WSPD (kt)"),
         ):
             count = len(pattern.findall(text))
             if count > 1:
                 raise FormatError(f"has {count} soundings; must be one in a file")
             if match := pattern.search(text):
-                table, left = _sounding(rows_of(text[match.start() :]), needed)
-                understood = [layout]
+                rows = rows_of(text, match.start())
+                table, left = _sounding(rows, needed)
+                is_si = bool(rows and "SPED" in rows[0])
+                understood = [layout.format("SPED (m/s)" if is_si else "SKNT (kn)")]
                 if left:
                     understood.append(f"{left} rows without {', '.join(needed)} are not read")
                 return Columns(table), understood
@@ -170,10 +182,10 @@ def _sounding(rows: list[dict[str, float]], needed: tuple[str, ...]) -> tuple[Te
     return TextTable(columns, (), "fixed width"), len(rows) - len(whole)
 
 
-def _wyoming_rows(text: str) -> list[dict[str, float]]:
-    """Rows of a sounding as the University of Wyoming gives it: columns of seven characters, blank
-    where nothing was measured."""
-    lines = text.splitlines()
+def _wyoming_rows(text: str, begin: int) -> list[dict[str, float]]:
+    """Rows of a sounding as the University of Wyoming gives it, from its titles on: columns of
+    seven characters, blank where nothing was measured."""
+    lines = text[begin:].splitlines()
     names = ("PRES", "HGHT", "TEMP", "DWPT", "RELH", "MIXR", "DRCT",
              "SKNT" if "SKNT" in lines[0] else "SPED")  # fmt: skip
     rows = list[dict[str, float]]()
@@ -189,16 +201,20 @@ def _wyoming_rows(text: str) -> list[dict[str, float]]:
     return rows
 
 
-def _spc_rows(text: str) -> list[dict[str, float]]:
+def _spc_rows(text: str, begin: int) -> list[dict[str, float]]:
     """Rows of a sounding as the Storm Prediction Center and SHARPpy have it, between %RAW% and
     %END%; -9999 where nothing was measured."""
     names = ("PRES", "HGHT", "TEMP", "DWPT", "DRCT", "SKNT")
     rows = list[dict[str, float]]()
-    for line in text.partition("%RAW%")[2].partition("%END%")[0].splitlines():
+    head, _, body = text[begin:].partition("%RAW%")
+    first = len((text[:begin] + head + "%").splitlines())
+    for n, line in enumerate(body.partition("%END%")[0].splitlines(), first):
         cells = [cell.strip() for cell in line.split(",")]
         if len(cells) < len(names):
             if line.strip():
-                raise FormatError(f"{shorten(line.strip())} is no row of {' '.join(names)}")
+                raise FormatError(
+                    f"line {n}: {shorten(line.strip())} is no row of {' '.join(names)}"
+                )
             continue
         rows.append({name: _value(cell) for name, cell in zip(names, cells, strict=False)})
     return rows

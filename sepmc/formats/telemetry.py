@@ -1,12 +1,15 @@
 """Channels of telemetry: tables in text and Parquet, MATLAB, HDF5, MDF (ASAM), TDMS (LabVIEW)."""
 
+import logging
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +23,12 @@ from sepmc.scene.messages import InputError, nearest, printable, shorten
 from sepmc.scene.units import UNITS, split_unit, unit_kind, unit_text
 
 FILE_BYTES = 200_000_000  # of a file
-_LONGEST_S = 300.0  # that a library may take
+# time, s, that a library may take: to start, and for a file, with more for each megabyte
+_LONGEST_S, _BASE_S, _PER_MEGABYTE_S = 300.0, 4.0, 30.0
+_MEMORY = 4 << 30  # bytes that it may use
 _MAP = re.compile(r"([+-]?)\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*)?\s*(.+?)\s*")
 _UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
+_NAMED = "--time (time in a campaign and in Python)"
 _TIMES = ("time", "t", "times", "timestamp", "timestamps", "timesec", "seconds")
 # packages that read a kind of file, and their extras; MATLAB 7.3 is HDF5
 _PACKAGES = {
@@ -31,6 +37,8 @@ _PACKAGES = {
 }  # fmt: skip
 _HDF5 = (b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")  # first bytes
 _DEPTH = 4  # of structs within each other
+_LONGEST_REASON = 1000  # letters
+_LONGEST_REMARK, _MOST_REMARKS = 120, 3  # letters of a warning of a library, and warnings
 _MOST_VECTORS = 20_000  # of a file in HDF5
 
 
@@ -55,11 +63,12 @@ class MappedChannel:
 
 @dataclass(frozen=True)
 class _Raw:
-    """A channel of a file: time, s or in the unit of its title, values, and unit."""
+    """A channel of a file: time, s or in the unit of its title, values, unit, and lines of text."""
 
     time: np.ndarray
     values: np.ndarray
     unit: str
+    lines: tuple[int, ...] = ()
 
 
 def parse_map(text: str, columns: Sequence[str], option: str = "map") -> MappedChannel:
@@ -126,7 +135,7 @@ def read_telemetry(
     ------
     FormatError
     """
-    channels = _channels(path, time)
+    channels, remarks = _channels(path, time)
     if not mapped:
         mapped = [
             MappedChannel(column, title)
@@ -140,7 +149,7 @@ def read_telemetry(
                 f"{_listed(channels)}"
             )
     result: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    understood = []
+    understood = [f"the library that reads the file warns: {remark}" for remark in remarks]
     for each in mapped:
         if each.column in result:
             raise FormatError(f"two channels for the column {each.column}; choose one by a map")
@@ -154,9 +163,11 @@ def read_telemetry(
         falling = np.flatnonzero(np.diff(times) < 0.0)
         if len(falling):
             k = int(falling[0])
+            later = int(np.flatnonzero(kept)[k + 1])
+            where = f"in line {raw.lines[later]}" if raw.lines else f"at its sample {later + 1}"
             raise FormatError(
                 f"channel {own.channel}: the time falls from {times[k]:.14g} to "
-                f"{times[k + 1]:.14g} s at its sample {k + 1}"
+                f"{times[k + 1]:.14g} s {where}"
             )
         result[each.column] = times, values
         factor = "" if own.factor == 1.0 else f"{own.factor:g} * "
@@ -229,50 +240,90 @@ def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, st
     return in_si / UNITS[kind][own], unit, False
 
 
-def _channels(path: Path, time: str | None) -> dict[str, _Raw]:
-    """Channels of a file by title."""
+def _channels(path: Path, time: str | None) -> tuple[dict[str, _Raw], list[str]]:
+    """Channels of a file by title, and warnings of the library that reads it."""
     kind = path.suffix.lower()
     if kind not in (".mat", *_PACKAGES):
-        return _of_table(read_table(path, most=FILE_BYTES, gaps=True).columns, time)
-    if read_bytes(path, FILE_BYTES).startswith(_HDF5) and kind == ".mat":
+        table = read_table(path, most=FILE_BYTES, gaps=True)
+        return _of_table(table.columns, time, lines=table.lines), []
+    data = read_bytes(path, FILE_BYTES)
+    if data.startswith(_HDF5) and kind == ".mat":
         kind = ".h5"
-    if kind in _PACKAGES:
-        package, extra = _PACKAGES[kind]
-        try:
-            import_module(package)
-        except ImportError:
-            raise InputError(
-                f"{path.name}: needs {package}, of the extra {extra} ({EXTRA.format(extra)})"
-            ) from None
+    package, extra = _PACKAGES.get(kind, ("scipy.io", ""))
+    missing = InputError(
+        f"{path.name}: needs {package}, of the extra {extra} ({EXTRA.format(extra)})"
+    )
+    if find_spec(package) is None:
+        raise missing
+    limit = min(_LONGEST_S, _BASE_S + _PER_MEGABYTE_S * len(data) / 1e6)
     # in a process of its own: damaged files can crash or stall these libraries
     with processes(1) as pool:
         try:
-            channels = pool.submit(_by_library, path, kind, time).result(timeout=_LONGEST_S)
+            pool.submit(_prepare, package).result(timeout=_LONGEST_S)
+            channels, remarks = pool.submit(_by_library, path, kind, time).result(timeout=limit)
+        except ImportError:  # of a package that it needs itself
+            raise missing from None
         except BrokenExecutor:
             raise FormatError("is damaged: the library that reads it crashes") from None
         except TimeoutError:
-            raise FormatError(f"takes more than {_LONGEST_S:.0f} s to read") from None
+            raise FormatError(f"takes more than {limit:.0f} s to read: is it damaged?") from None
     if not channels:
         raise FormatError("has no channel of numbers over time")
-    return channels
+    return channels, remarks
 
 
-def _by_library(path: Path, kind: str, time: str | None) -> dict[str, _Raw]:
-    """Channels of a file that a library reads; ``kind`` is an ending."""
+def _prepare(package: str) -> None:
+    """Import a library, and limit the memory of this process: sizes in a damaged file are any."""
+    import_module(package)
+    with suppress(ImportError, OSError, ValueError):  # not on all systems
+        resource = import_module("resource")
+        most = resource.getrlimit(resource.RLIMIT_DATA)[1]
+        limit = _MEMORY if most == resource.RLIM_INFINITY else min(_MEMORY, most)
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
+
+
+@contextmanager
+def _collected_warnings() -> Iterator[list[str]]:
+    """Context that collects warnings and log messages of libraries, instead of printing them."""
+    texts: list[str] = []
+
+    def collect(_: logging.Logger, record: logging.LogRecord) -> None:
+        if record.levelno >= logging.WARNING:
+            texts.append(record.getMessage())
+
+    print_record = logging.Logger.callHandlers
+    logging.Logger.callHandlers = collect  # type: ignore[method-assign, assignment]
+    try:
+        with warnings.catch_warnings(record=True) as raised:
+            warnings.simplefilter("default")
+            yield texts
+        texts += [str(one.message) for one in raised]
+    finally:
+        logging.Logger.callHandlers = print_record  # type: ignore[method-assign]
+
+
+def _by_library(path: Path, kind: str, time: str | None) -> tuple[dict[str, _Raw], list[str]]:
+    """Channels of a file that a library reads, and its warnings; ``kind`` is an ending."""
     readers: dict[str, Callable[[Path, str | None], dict[str, _Raw]]]
     readers = {".mat": _of_matlab, ".mf4": _of_mdf, ".mdf": _of_mdf, ".tdms": _of_tdms}
     readers |= dict.fromkeys((".h5", ".hdf5"), _of_hdf5)
     try:
-        return readers[kind](path, time)
-    except FormatError:
-        raise
+        with _collected_warnings() as texts:
+            channels = readers[kind](path, time)
+        remarks = [printable(text, _LONGEST_REMARK) for text in dict.fromkeys(texts)]
+        return {printable(k): v for k, v in channels.items()}, remarks[:_MOST_REMARKS]
+    except FormatError as error:
+        raise FormatError(printable(str(error), _LONGEST_REASON)) from None
     except Exception as error:  # what libraries raise on damaged files has no common type
         reason = printable(str(error).partition("\n")[0])
         raise FormatError(f"cannot be read: {reason or type(error).__name__}") from None
 
 
 def _of_table(
-    columns: Mapping[str, np.ndarray], time: str | None, stem: str = ""
+    columns: Mapping[str, np.ndarray],
+    time: str | None,
+    stem: str = "",
+    lines: tuple[int, ...] = (),
 ) -> dict[str, _Raw]:
     """Channels of columns of one length, of which one is the time."""
     title = _time_title(columns, time)
@@ -283,7 +334,7 @@ def _of_table(
     seconds = columns[title] * factor
     if not np.isfinite(seconds).any():
         raise FormatError(f"column {title}: has no number; times are numbers, in s unless said")
-    return {stem + k: _Raw(seconds, v, "") for k, v in columns.items() if k != title}
+    return {stem + k: _Raw(seconds, v, "", lines) for k, v in columns.items() if k != title}
 
 
 def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
@@ -294,7 +345,7 @@ def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
     titles = [title for title in columns if plain(split_header(title, "time")[0]) in wanted]
     if len(titles) != 1:
         what = "no column" if not titles else f"{len(titles)} columns"
-        raise FormatError(f"{what} of time; name its channel, of {_listed(columns)}")
+        raise FormatError(f"{what} of time; name its channel by {_NAMED}, of {_listed(columns)}")
     return titles[0]
 
 
@@ -348,7 +399,9 @@ def _of_structs(content: Mapping[str, Any], time: str | None) -> dict[str, _Raw]
     channels: dict[str, _Raw] = {}
     _add_vectors(channels, content, "", time, 0)
     if not channels:
-        raise FormatError("has no vectors with a vector of time beside them; name its channel")
+        raise FormatError(
+            f"has no vectors with a vector of time beside them; name its channel by {_NAMED}"
+        )
     return channels
 
 

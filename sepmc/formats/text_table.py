@@ -38,14 +38,22 @@ class TextTable:
         Texts of the comment lines.
     separator : str
         In words.
-    has_header : bool
-        Names of the columns are of the file, or were given.
+    header : str
+        ``line`` if the names of the columns are of the file or were given, ``comment`` if they are
+        of one of its comments, ``assumed`` if there are none.
+    lines : tuple of int
+        Line of the file of each row; empty for a file without lines.
     """
 
     columns: dict[str, np.ndarray]
     comments: tuple[str, ...] = ()
     separator: str = ""
-    has_header: bool = True
+    header: str = "line"
+    lines: tuple[int, ...] = ()
+
+    def where(self, row: int) -> str:
+        """Position of a row (from 0) in the file, in words."""
+        return f"line {self.lines[row]}" if self.lines else f"row {row}, counted from 0"
 
 
 def read_bytes(path: Path, most: int = FILE_BYTES) -> bytes:
@@ -92,8 +100,7 @@ def read_table(
         Blank cells and those without a finite number, also whole columns, are NaN; otherwise they
         are refused.
     assumed : sequence of str
-        Names of the columns of a text file of as many columns without a header and comments, if
-        none are given.
+        Names of the columns of a text file of as many columns without a header, if none are given.
 
     Returns
     -------
@@ -148,21 +155,21 @@ def parse_table(
         raise FormatError("has no rows")
     separator, first = _first_row(lines, gaps)
     rows = [(number, _cells(line, separator)) for number, line in lines[first:]]
-    header = names or _header(lines[:first], separator)
+    header, kind = names or _header(lines[:first], separator), "line"
     if not header:
+        kind = "comment"
         titles = [_cells(comment, separator) for comment in comments[:before]]
         header = next((each for each in titles[::-1] if len(each) == len(rows[0][1])), [])
-    # comments may name other units
-    is_assumed = not (header or comments) and len(rows[0][1]) == len(assumed)
-    if is_assumed:
-        header = list(assumed)
+    if not header and len(rows[0][1]) == len(assumed):
+        header, kind = list(assumed), "assumed"
     if not header:
         raise FormatError(
             f"line {rows[0][0]}: has no header; give the names of its {len(rows[0][1])} columns, "
             'with units: columns = ["NAME_UNIT", ...]'
         )
     columns = _numbers(header, rows, separator, gaps)
-    return TextTable(columns, tuple(comments), _NAMES[separator], not is_assumed)
+    numbers = tuple(number for number, _ in rows)
+    return TextTable(columns, tuple(comments), _NAMES[separator], kind, numbers)
 
 
 def _first_row(lines: list[tuple[int, str]], gaps: bool) -> tuple[str, int]:
@@ -249,11 +256,7 @@ def _numbers(
     while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
                                             for _, row in rows):  # fmt: skip
         header = header[:-1]  # a separator at the end of each line
-    for name, count in Counter(name for name in header if name).items():
-        if count > 1:
-            raise FormatError(f"has the column {shorten(name)} twice")
-        if not printable(name, 100) == name:
-            raise FormatError(f"has a column of another name than text: {printable(name, 60)}")
+    _check_names(header)
     values = np.empty((len(rows), len(header)))
     for k, (line, row) in enumerate(rows):
         cells = row[: len(header)] if not any(row[len(header) :]) else row
@@ -281,6 +284,16 @@ def _numbers(
     return {name: values[:, i] for i, name in enumerate(header) if name}
 
 
+def _check_names(names: Sequence[str]) -> None:
+    """Raise FormatError for a name that is there twice, or that cannot be printed; blank ones may
+    be."""
+    for name, count in Counter(name for name in names if name).items():
+        if count > 1:
+            raise FormatError(f"has the column {shorten(name)} twice")
+        if printable(name) != name:
+            raise FormatError(f"has a column of another name than text: {printable(name, 60)}")
+
+
 def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
     import pyarrow as pa  # noqa: PLC0415  (that text files do not need)
     import pyarrow.parquet as pq  # noqa: PLC0415
@@ -300,6 +313,7 @@ def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
         raise FormatError(f"cannot be read as Parquet: {reason}") from None
     if not table.num_rows:
         raise FormatError("has no rows")
+    _check_names(table.column_names)
     columns = {}
     for name, column in zip(table.column_names, table.columns, strict=True):
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
@@ -307,6 +321,7 @@ def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
         values = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
         if not (gaps or np.isfinite(values).all()):
             row = int(np.argmin(np.isfinite(values)))
-            raise FormatError(f"row {row}: column {shorten(name)} is no number")
+            where = TextTable({}).where(row)
+            raise FormatError(f"{where}: column {shorten(name)} is no number")
         columns[name] = values
     return TextTable(columns, (), "Parquet")

@@ -2,14 +2,15 @@
 
 import contextlib
 import math
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sepmc.formats.columns import Columns, Quantity
-from sepmc.formats.text_table import FormatError, number, read_table, read_text
+from sepmc.formats.text_table import FormatError, TextTable, number, read_table, read_text
 from sepmc.scene.messages import nearest, shorten
 
 _TIME = Quantity("time", ("time", "t", "times", "burntime"))
@@ -17,6 +18,12 @@ _THRUST = Quantity("force", ("thrust", "force", "f", "fx", "thrustforce"))
 _FRACTION = Quantity("", ("fraction", "level", "relative", "thrustfraction"))
 _ASSUMED = ("time_s", "thrust_N")  # columns of a file without a header
 _HEADER = 7  # fields of the first line of an engine
+# in a comment: a file without a header may mean it as its unit
+_OTHER_UNIT = re.compile(
+    r"(?<![a-z])(kn|mn|lbf?|lbs|pounds?|kgf?|kp|gf?|grams?|ozf?|ms|msec|milliseconds?|minutes)"
+    r"(?![a-z])",
+    re.IGNORECASE,
+)
 
 
 @dataclass
@@ -52,7 +59,7 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
     ----------
     path : Path
         ``.eng``, or a table in text or Parquet; two columns without a header are time in s and
-        thrust in N.
+        thrust in N, unless a comment has another unit.
     options : dict
         ``columns`` of a table; ``engine``, the name or number of one of several in a ``.eng``.
 
@@ -68,28 +75,62 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
         return parse_eng(read_text(path), options.get("engine"))
     named = options.get("columns")
     names = [str(x) for x in named] if isinstance(named, list) else None
+    by_name = named if isinstance(named, dict) else None
     table = read_table(path, names, assumed=_ASSUMED)
-    columns = Columns(table, named if isinstance(named, dict) else None)
-    time = columns.find("time", _TIME, "")
-    fraction, thrust = columns.find("fraction", _FRACTION), columns.find("thrust", _THRUST)
+    time, fraction, thrust = _quantities(table, by_name)
+    if table.header == "comment" and time is fraction is thrust is None:
+        table = _without_header(table)
+        time, fraction, thrust = _quantities(table, by_name)
     if time is None or (fraction is None) == (thrust is None):
         raise FormatError(
             "needs a column of time and one of thrust or fraction, such as time_s and thrust_N; "
-            f"has {', '.join(columns.table.columns)}"
+            f"has {', '.join(table.columns)}"
         )
     values = thrust if thrust is not None else fraction
     assert values is not None
-    curve = _curve(list(zip(time.tolist(), values.tolist(), strict=True)), "row", range(len(time)))
+    points = list(zip(time.tolist(), values.tolist(), strict=True))
+    curve = _curve(points, [table.where(k) for k in range(len(points))])
     curve.is_fraction = thrust is None
     what = "fractions of thrust_N" if curve.is_fraction else "N"
     curve.understood.insert(0, f"{len(curve.time)} rows in {what}, linear between them")
-    if not table.has_header:
+    if table.header == "assumed":
+        _check_comments(table)
         curve.understood.insert(
             0,
             "no header: taken as time in s and thrust in N, as RocketPy does; other units by "
             'columns = ["time_s", "thrust_lbf"]',
         )
     return curve
+
+
+def _quantities(
+    table: TextTable, named: dict[str, Any] | None
+) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
+    """Time, fraction and thrust of a table, None for those that it has not."""
+    columns = Columns(table, named)
+    return (
+        columns.find("time", _TIME),
+        columns.find("fraction", _FRACTION),
+        columns.find("thrust", _THRUST),
+    )
+
+
+def _without_header(table: TextTable) -> TextTable:
+    """Table with assumed names in place of those of a comment, if it has as many columns."""
+    if len(table.columns) != len(_ASSUMED):
+        return table
+    columns = dict(zip(_ASSUMED, table.columns.values(), strict=True))
+    return replace(table, columns=columns, header="assumed")
+
+
+def _check_comments(table: TextTable) -> None:
+    """Raise FormatError if a comment of a table without a header has a unit other than s and N."""
+    for comment in table.comments:
+        if unit := _OTHER_UNIT.search(comment):
+            raise FormatError(
+                f"has no header, and {unit[0]} in the comment {shorten(comment)}; give the units "
+                'of its columns: columns = ["time_s", "thrust_N"] or others'
+            )
 
 
 def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
@@ -129,17 +170,17 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     if not rows:
         raise FormatError(f"line {line}: engine {header[0]} has no rows of time and thrust")
     points = [(t, f) for _, t, f in rows]
-    numbers = [n for n, _, _ in rows]
+    lines = [f"line {n}" for n, _, _ in rows]
     understood = [
         f"engine {header[0]} of {header[6]}" if len(header) > 6 else f"engine {header[0]}"
     ]
     if points[0][0] > 0.0:
         points.insert(0, (0.0, 0.0))
-        numbers.insert(0, numbers[0])
+        lines.insert(0, lines[0])
         understood.append(
             "the thrust rises from 0 at the ignition to the first row, as RASP means it"
         )
-    curve = _curve(points, "line", numbers)
+    curve = _curve(points, lines)
     peak = max(curve.thrust)
     understood.append(f"{len(curve.time)} rows, peak {peak:.6g} N, impulse {curve.impulse:.6g} N s")
     with contextlib.suppress(ValueError, IndexError):
@@ -188,15 +229,16 @@ def _pair(cells: list[str]) -> tuple[float, float] | None:
     return (time, thrust) if math.isfinite(time) and math.isfinite(thrust) else None
 
 
-def _curve(points: list[tuple[float, float]], what: str, numbers: Any) -> ThrustCurve:
-    """Curve through points, of which several at one time are a step. Raises FormatError if a time
-    is earlier than the one before it, or below zero."""
+def _curve(points: list[tuple[float, float]], places: list[str]) -> ThrustCurve:
+    """Curve through points, of which several at one time are a step. Raises FormatError, with the
+    position of the point in the file, if a time is earlier than the one before it, or below
+    zero."""
     times: list[float] = []
     thrusts: list[float] = []
     steps = list[float]()
-    for (time, thrust), n in zip(points, numbers, strict=True):
+    for (time, thrust), where in zip(points, places, strict=True):
         if time < 0.0:
-            raise FormatError(f"{what} {n}: the time {time:g} s is before the ignition")
+            raise FormatError(f"{where}: the time {time:g} s is before the ignition")
         if times and steps and times[-1] == math.nextafter(time, math.inf) and steps[-1] == time:
             thrusts[-1] = thrust  # a third row at one time: the last counts
         elif times and time == times[-1]:
@@ -204,7 +246,7 @@ def _curve(points: list[tuple[float, float]], what: str, numbers: Any) -> Thrust
             times.append(math.nextafter(time, math.inf))
             thrusts.append(thrust)
         elif times and time < times[-1]:
-            raise FormatError(f"{what} {n}: the time {time:g} s is before that of the row above")
+            raise FormatError(f"{where}: the time {time:g} s is before that of the row above")
         else:
             times.append(time)
             thrusts.append(thrust)
@@ -218,5 +260,7 @@ def _curve(points: list[tuple[float, float]], what: str, numbers: Any) -> Thrust
             f"a step at {', '.join(f'{t:g} s' for t in steps[:4])}: two rows at one time"
         )
     if thrusts[-1] != 0.0:
-        understood.append(f"the thrust ends at {thrusts[-1]:g}, not 0, at {times[-1]:g} s")
+        understood.append(
+            f"the thrust ends at {thrusts[-1]:g}, not 0, at {times[-1]:g} s: there is none after it"
+        )
     return ThrustCurve(times, thrusts, False, understood)

@@ -11,8 +11,9 @@ from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull, QhullError
 
 from sepmc.report.poses import Poses, poses
-from sepmc.report.style import BLACK, EDGES, TINTS, VERMILION, make_axes, to_words
+from sepmc.report.style import BLACK, EDGES, TINTS, VERMILION, make_axes
 from sepmc.scene.model import GROUND, Body, Joint, Part, Scene
+from sepmc.wording import to_words
 
 FRAMES, _PER_SECOND, _RIM_POINTS = 100, 20, 40  # frames, frames per second; points around a rim
 _VIEWS = ((1, "up (m)"), (2, "right (m)"))  # lateral coordinate and its label

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from sepmc.analysis.statistics import column, ok_rows
-from sepmc.report.style import to_words
+from sepmc.wording import to_words
 
 MAX_POINTS = 2000
 _BINS = 480  # of a histogram of all cases

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sepmc.report.style import BLUE, VERMILION, make_axes, make_folder, save, set_title, to_words
+from sepmc.report.style import BLUE, VERMILION, make_axes, make_folder, save, set_title
+from sepmc.wording import to_words
 
 
 def overlay_figure(

@@ -20,8 +20,8 @@ from sepmc.report.style import (
     make_folder,
     save,
     set_title,
-    to_words,
 )
+from sepmc.wording import to_words
 
 _POINTS = 400  # points of a curve
 _RISK = 0.05  # of an interval, both sides together

@@ -26,8 +26,8 @@ from sepmc.report.style import (
     make_folder,
     save,
     set_title,
-    to_words,
 )
+from sepmc.wording import to_words
 
 BANDS = (
     ("min", "max", "#dce9f5", "min to max"),

@@ -10,8 +10,8 @@ from sepmc.report.style import (
     make_folder,
     save,
     set_title,
-    to_words,
 )
+from sepmc.wording import to_words
 
 _BANDS = (("p0.5", "p99.5", "#cfe1f2", "99 % of cases"), ("p5", "p95", "#6aa7d6", "90 % of cases"))
 _DOTS = 150  # samples of a channel up to which each is marked

@@ -25,8 +25,8 @@ from sepmc.report.style import (
     make_folder,
     save,
     set_title,
-    to_words,
 )
+from sepmc.wording import to_words
 
 _GAP, _OWN = "_clearance_mm", "this case"
 BY_COMPONENT = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."))  # x, y, z

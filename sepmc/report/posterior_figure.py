@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from sepmc.campaign.estimation import INTERVAL, Estimation
-from sepmc.report.style import BLACK, VERMILION, make_axes, make_folder, save, set_title, to_words
+from sepmc.report.style import BLACK, VERMILION, make_axes, make_folder, save, set_title
+from sepmc.wording import to_words
 
 _PRIOR, _POSTERIOR = "#cfe1f2", "#2c7fb8"
 _SIGMAS = 2.0  # of the band of residuals

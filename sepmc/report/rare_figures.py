@@ -16,8 +16,8 @@ from sepmc.report.style import (
     make_folder,
     save,
     set_title,
-    to_words,
 )
+from sepmc.wording import to_words
 
 _MAX_INPUTS = 10  # inputs drawn
 _SAME_MARGIN = 1e-6  # fraction of the range of margins within which levels coincide

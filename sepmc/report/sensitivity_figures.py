@@ -21,8 +21,8 @@ from sepmc.report.style import (
     make_folder,
     save,
     set_title,
-    to_words,
 )
+from sepmc.wording import to_words
 
 _MAX_BARS = 8  # inputs per outcome
 _PAD = 0.12  # inches

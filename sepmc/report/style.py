@@ -53,12 +53,6 @@ def make_folder(folder: Path) -> Path:
     return folder
 
 
-def to_words(name: str, unit: str = "") -> str:
-    """Return a column's name in words, without its unit."""
-    suffix = "_" + unit.replace("/", "_").replace(" ", "_").replace("²", "2").replace("^", "")
-    return (name.removesuffix(suffix) if unit else name).replace("_", " ")
-
-
 def make_axes(
     rows: int, columns: int, size: tuple[float, float], widths: Sequence[float] | None = None
 ) -> tuple[Figure, list[Axes]]:

@@ -4,6 +4,7 @@ the wind comes."""
 import math
 from typing import Any
 
+from sepmc.physics.atmosphere import sound_speed, us1976
 from sepmc.physics.us1976_table import M0, R0, R_STAR, TOP
 from sepmc.scene.messages import Problems
 from sepmc.scene.units import UNITS, split_unit
@@ -125,18 +126,15 @@ def _above(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
     density = UNITS["density"].get(split_unit(density_key)[1])
     if length is None or density is None or not heights:
         return []  # noted by the model
-    from sepmc.physics.atmosphere import sound_speed, us1976  # noqa: PLC0415  (numba)
 
     top = heights[-1] * length
     rows = [h for h in _rising(top) if h > top]
-    states = [us1976(h) for h in rows]
+    states = [tuple(map(float, us1976(h))) for h in rows]
     air[height_key] = heights + [h / length for h in rows]
     air[density_key] = densities + [state[0] / density for state in states]
     if sound_key := keys.get("speed_of_sound"):
         factor = UNITS["speed"].get(split_unit(sound_key)[1], 1.0)
-        air[sound_key] = list(air[sound_key]) + [
-            float(sound_speed(state[2])) / factor for state in states
-        ]
+        air[sound_key] = list(air[sound_key]) + [sound_speed(state[2]) / factor for state in states]
     return [
         f"{key_path}: {len(rows)} rows of the standard atmosphere above {top:.6g} m, every "
         f"{_ABOVE:g} m up to {TOP:g} m"

@@ -99,38 +99,59 @@ class SizePlan:
     cases: int | None
 
 
-def parse_axis(text: str, name: str) -> MapAxis:
-    """Parse ``KEY=LOW:HIGH:COUNT``; ``name`` is that of the option or key. Raises InputError."""
-    key, separator, ends = text.partition("=")
-    numbers = ends.split(":")
+def parse_range(text: str, name: str, form: str, counts: int = 0) -> tuple[str, list[float]]:
+    """Key and numbers of ``KEY=LOW:HIGH``, after which so many ``counts`` may follow.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        Of the option or key, for messages.
+    form : str
+        What it must be, with an example, for messages.
+    counts : int
+
+    Returns
+    -------
+    str
+    list of float
+        LOW, HIGH and counts.
+
+    Raises
+    ------
+    InputError
+    """
+    key, _, written = text.rpartition("=")
     try:
-        low, high, count = float(numbers[0]), float(numbers[1]), int(numbers[2])
-        if not separator or len(numbers) != 3:
+        ends = written.split(":")
+        numbers = [*map(float, ends[:2]), *map(int, ends[2:])]
+        if not key.strip() or len(numbers) != 2 + counts:
             raise ValueError
-    except (ValueError, IndexError):
-        raise InputError(
-            f"{name} = {text}: must be KEY=LOW:HIGH:COUNT, as {_AXIS_EXAMPLE}"
-        ) from None
+    except ValueError:
+        raise InputError(f"{name} = {text}: must be {form}") from None
+    low, high = numbers[:2]
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise InputError(f"{name} = {text}: LOW and HIGH must be finite, and rise")
+    return key.strip(), numbers
+
+
+def parse_axis(text: str, name: str) -> MapAxis:
+    """Parse ``KEY=LOW:HIGH:COUNT``; ``name`` is that of the option or key. Raises InputError."""
+    form = f"KEY=LOW:HIGH:COUNT, as {_AXIS_EXAMPLE}"
+    key, (low, high, count) = parse_range(text, name, form, counts=1)
     if not 2 <= count <= _MAX_POINTS:
         raise InputError(f"{name} = {text}: COUNT must lie in 2 to {_MAX_POINTS}")
-    return MapAxis(key.strip(), low, high, count)
+    return MapAxis(key, low, high, int(count))
 
 
 def parse_variable(text: str, name: str = "--vary") -> Variable:
     """Parse ``NAME=KEY=LOW:HIGH``; ``name`` is that of the option or key. Raises InputError."""
-    own, _, rest = text.partition("=")
-    key, _, ends = rest.rpartition("=")
-    try:
-        low, high = (float(end) for end in ends.split(":"))
-        if not (own.strip().isidentifier() and key.strip()):
-            raise ValueError
-    except ValueError:
-        raise InputError(
-            f"{name} = {text}: must be NAME=KEY=LOW:HIGH, as {_VARIABLE_EXAMPLE}"
-        ) from None
-    return Variable(own.strip(), key.strip(), low, high)
+    form = f"NAME=KEY=LOW:HIGH, as {_VARIABLE_EXAMPLE}"
+    both, (low, high) = parse_range(text, name, form)
+    own, _, key = (part.strip() for part in both.partition("="))
+    if not (own.isidentifier() and key):
+        raise InputError(f"{name} = {text}: must be {form}")
+    return Variable(own, key, low, high)
 
 
 def check_variables(variables: Sequence[Variable]) -> None:

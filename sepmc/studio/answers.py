@@ -15,6 +15,7 @@ from sepmc.analysis.constant_outcomes import collapse_constant
 from sepmc.analysis.requirements import required_bounds
 from sepmc.campaign.design_map import MapAxis, map_designs
 from sepmc.campaign.run_statistics import RunStatistics, evaluate
+from sepmc.engine.dispatch import check_int
 from sepmc.report.page import verdict_row
 from sepmc.scene.messages import Log, no_log
 from sepmc.schema import Status
@@ -25,6 +26,7 @@ from sepmc.studio.sliders import (
     make_slider,
     moved_campaign,
 )
+from sepmc.wording import to_words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -107,7 +109,8 @@ class Studio:
         threads: int | None = None,
     ):
         self.campaign, self.sliders, self._rank, self._second = campaign, sliders, rank, second
-        self.cases, self.seed, self._threads = cases, seed, threads
+        self.cases = check_int("cases", cases, 1, MAX_CASES)
+        self.seed, self._threads = seed, threads
         self._copies = copies
         self.message = ""  # of the run in progress
         self._running = threading.Lock()
@@ -213,7 +216,9 @@ def _counts(result: "Result") -> list[str]:
 def _outcome(campaign: "Campaign", run: RunStatistics, name: str, unit: str) -> dict[str, Any]:
     """Histogram, statistics and bounds of an outcome."""
     histogram = collapse_constant(run.summary.histogram(name), run.table, name)
+    words = to_words(name, unit)
     return {
+        "title": words if unit == "1" else f"{words} ({unit})",
         "unit": "" if unit == "1" else unit,
         "bounds": required_bounds(campaign.file.requirements).get(name, []),
         "edges": [] if histogram is None else histogram.edges.tolist(),

@@ -109,7 +109,7 @@
     remove.setAttribute("aria-label", `Remove ${name}`);
     const text = `mean ${number(now.mean)}, sigma ${number(now.sigma, 3)}, ` +
       `${number(now.min)} to ${number(now.max)} ${unit}`;
-    return made("figure", {}, made("figcaption", { textContent: name.replaceAll("_", " ") }), remove,
+    return made("figure", {}, made("figcaption", { textContent: now.title }), remove,
       sepmcFigures.histogram(name, now, base[name]), made("p", { className: "quiet", textContent: text }));
   }
   $("outcome").onchange = () => {

@@ -48,3 +48,13 @@ def test_noise_beyond_sigma_is_no_shortfall_of_the_model():
     one = checked(3, noise=1.3)
     assert one.noise.fails
     assert not one.parameters.fails
+
+
+def test_a_sigma_that_is_far_too_large_is_named():
+    """And one that is right, or 1.4 times too large, is not."""
+    small = [checked(seed, noise=0.2).channels[0] for seed in range(10)]
+    assert all(one.is_too_small for one in small)
+    assert np.mean([one.ratio for one in small]) == pytest.approx(0.2, abs=0.03)
+    right = [checked(seed, noise=noise).channels[0] for seed in range(10) for noise in (0.7, 1.0)]
+    assert not any(one.is_too_small for one in right)
+    assert not any(checked(seed, noise=0.2).noise.fails for seed in range(3))

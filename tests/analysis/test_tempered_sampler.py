@@ -68,6 +68,34 @@ def test_particles_move_along_a_thin_posterior_of_uniform_inputs():
     assert np.abs(measured - inputs(sample.scores) @ matrix.T).max() < 6.0  # sigma
 
 
+def test_particles_that_hardly_move_are_worth_few_independent_ones(monkeypatch):
+    """As few as the scatter of means from seed to seed says."""
+    matrix, measured = linear_problem()
+    precision = np.eye(3) + matrix.T @ matrix
+    mean, spread = np.linalg.solve(precision, matrix.T @ measured), np.linalg.inv(precision)
+
+    def effective(seeds):
+        samples = [sampled(100, seed) for seed in range(seeds)]
+        errors = np.array([one.scores.mean(axis=0) - mean for one in samples])
+        actual = np.diag(spread) / (errors**2).mean(axis=0)
+        return np.mean([one.effective for one in samples], axis=0), actual
+
+    stated, actual = effective(30)
+    assert (stated > 90.0).all()
+    assert (actual > 45.0).all()
+    move = tempered_sampler._GlobalMove.propose
+    monkeypatch.setattr(
+        tempered_sampler._GlobalMove,
+        "propose",
+        lambda own, scores, rest, length, random: move(own, scores, rest, 0.3, random),
+    )
+    for name, value in (("_GLOBAL", 1), ("_SWEEPS", 2), ("_LAST_SWEEPS", 2)):
+        monkeypatch.setattr(tempered_sampler, name, value)
+    stated, actual = effective(30)
+    assert (stated < 25.0).all()
+    assert (actual < 25.0).all()
+
+
 def test_what_is_impossible_has_no_samples():
     def residuals(scores):
         return np.where(scores < 0.5, np.nan, scores - 1.0)

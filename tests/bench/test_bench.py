@@ -213,7 +213,7 @@ def test_features_change_the_scene(study):
 
 
 CODE = """
-define linkonce_odr i32 @_ZN2ab10rates_freeB4v119B86(ptr %w) {
+define linkonce_odr i32 @rates_free(ptr %w) {
 entry:
   %a = fmul contract <8 x double> %x, %y
   %b = fadd contract <8 x double> %a, %y
@@ -223,7 +223,7 @@ entry:
   %f = fcmp olt <8 x double> %e, %x
   ret i32 0
 }
-define linkonce_odr i32 @_ZN2ab12rates_pinnedB4v120B86(ptr %w) {
+define linkonce_odr i32 @rates_pinned(ptr %w) {
 loop:
   %i = phi i64 [ 0, %entry ], [ %next, %loop ]
   %a = fsub double %x, %y

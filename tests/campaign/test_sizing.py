@@ -217,6 +217,12 @@ def test_a_variable_names_what_is_allowed(text):
         parse_variable(text)
 
 
+@pytest.mark.parametrize("ends", ["2:1", "1:1", "1:inf", "nan:2"])
+def test_a_range_is_finite_and_rises(ends):
+    with pytest.raises(InputError, match="LOW and HIGH must be finite, and rise"):
+        parse_variable(f"push=a.b_N={ends}")
+
+
 @pytest.mark.slow
 def test_the_command(tmp_path, monkeypatch):
     """The variable is that of [size] in the file; the option replaces the cost there."""

@@ -9,7 +9,7 @@ from uuid import UUID
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from fuzz import campaigns, flights, formulas, mutate, run_folders, tables
+from fuzz import brought_files, campaigns, channels, flights, formulas, mutate, run_folders, tables
 from fuzz.watch import spread
 from support.damaged_runs import call, make_run
 
@@ -32,6 +32,8 @@ PLAN = "case,in_body_a_mass_kg,in_body_b_mass_kg\n0,1.0,2.0\n1,1.5,2.5\n"
         (campaigns.kernels, 6),
         (formulas.formulas, 2000),
         (tables.tables, 150),
+        (brought_files.files, 300),
+        (channels.channels, 40),
         pytest.param(run_folders.run_folders, 25, marks=pytest.mark.slow),
         pytest.param(flights.rows, 1, marks=pytest.mark.slow),
         pytest.param(flights.numbers, 2, marks=pytest.mark.slow),

@@ -10,6 +10,7 @@ from oracles.random_scenes.interpreted import run_interpreted
 from small_scenes import SPRUNG
 
 import sepmc
+from sepmc.campaign import estimation
 from sepmc.campaign.estimation import estimate
 from sepmc.cli import app
 from sepmc.scene.messages import InputError, SceneError
@@ -57,6 +58,11 @@ def test_an_estimate_is_a_run_of_the_posterior(folder):
     away = (truth - table["mean"]) / table["std"]
     assert np.abs(away).max() < 3.0
     assert (table["std"] < table["prior_std"]).all()
+    assert summary["effective_cases"] == pytest.approx(table["effective_cases"].min())
+    assert summary["effective_cases"] > 50.0
+    assert 0.0 < summary["acceptance"] <= 1.0
+    assert "cases are worth at least" in done.output
+    assert "warning" not in done.output
     samples = pd.read_parquet(out / "samples.parquet")
     rows = sepmc.open(out).to_pandas()
     assert list(rows["in_spring_push_force_N"]) == list(samples["in_spring_push_force_N"])
@@ -66,6 +72,19 @@ def test_an_estimate_is_a_run_of_the_posterior(folder):
     assert (out / "posterior.png").stat().st_size > 10_000
     again = CliRunner().invoke(app.main, ["doctor", str(out)])
     assert again.exit_code == 0, again.output
+
+
+@pytest.mark.slow
+def test_a_sigma_far_too_large_and_bad_mixing_are_warned_of(folder, monkeypatch):
+    monkeypatch.setattr(estimation, "_MIXED", 2.0)
+    campaign = sepmc.load(folder / "c.toml", {"measurement.0.sigma": 10.0 * SIGMA})
+    with run_interpreted():
+        result = estimate(campaign, 100, announce=str)
+    sigma, mixing = result.notes
+    assert "of sigma = 0.1, which is far too large: give 0.0" in sigma
+    assert "100 cases are worth" in mixing
+    assert "far too large" in result._repr_html_()
+    assert "explained by the model" in repr(result)
 
 
 def test_a_run_stays_if_the_estimate_that_replaces_it_fails(folder):
@@ -101,8 +120,9 @@ def test_a_campaign_needs_measurements_and_distributions(folder):
     for settings, reason in (({"measurement": []}, "no measurement"), ({"dispersion": {}}, "disp")):
         with pytest.raises(InputError, match=reason):
             estimate(campaign.with_settings(settings))
-    with run_interpreted(), pytest.raises(InputError, match="cases = 50: must be >= 100"):
-        estimate(campaign, 50, announce=str)
+    done = estimated(folder / "c.toml", "--cases", "50", "--out", folder / "few")
+    assert done.exit_code == 2
+    assert "cases = 50: must be" in done.output
 
 
 @pytest.mark.parametrize(

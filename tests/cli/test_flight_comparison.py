@@ -11,7 +11,7 @@ from oracles.random_scenes.interpreted import run_interpreted
 from small_scenes import SPRUNG
 
 import sepmc
-from sepmc.campaign.execution.case_histories import case_histories
+from sepmc.campaign.execution.batch_histories import BatchHistories
 from sepmc.cli import app
 
 SHIFT = 41.75
@@ -101,7 +101,10 @@ def test_histories_of_cases_are_those_of_single_ones(run):
     names, times = ["separation_speed_m_s", "upper_omega_z_deg_s"], np.linspace(0.0, 0.3, 31)
     names = [n for n in names if n in result.campaign.simulate(None, 0.1).columns]
     with run_interpreted():
-        values = case_histories(result.campaign, [-1, 3], names, times, result.seed, result.total)
+        case = result.campaign.sample(3, 1, result.seed, result.total)
+        nominal = result.campaign.layout.nominal[None, result.campaign.slots]
+        histories = BatchHistories(result.campaign, names, times, [1e-9] * len(names), case)
+        values = np.concatenate([histories.of_samples(nominal), histories(case)])
         for number, rows in zip([None, 3], values, strict=True):
             case = None if number is None else result.case(number)
             history = result.campaign.simulate(case, 0.01)

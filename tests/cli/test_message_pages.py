@@ -86,6 +86,7 @@ def test_every_error_of_a_user_is_on_the_page(site):
         "FormatError",  # its text becomes that of a problem
         "NoLikelihoodError",  # its text becomes that of an InputError
         "FarPosteriorError",  # its too
+        "TranslationError",  # of texts and formulas that sepmc itself contains
         "TooManyProblems",  # ends the reading of a file with many problems
         "UnknownError",  # of `sepmc check`, whose text says what is not known
         "UnknownPath",  # its text becomes that of a problem

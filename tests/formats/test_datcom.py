@@ -166,6 +166,24 @@ def test_other_reference_quantities_are_refused(tmp_path):
         loaded(tmp_path, missile(), 'per = "deg"')
 
 
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        ("", "and taken about the centre of mass: give moment_point_m"),
+        ("moment_point_m = [1.2, 0, 0]", "and taken about moment_point_m = [1.2, 0, 0]: one"),
+        ("moment_point_mm = [446, 0, 0]", None),
+    ],
+)
+@pytest.mark.parametrize("unit", ["M", "FT"])
+def test_the_moment_centre_is_compared(tmp_path, more, sentence, unit):
+    text = missile()
+    if unit == "FT":
+        text = text.replace("0.446 M", "1.463 FT")
+    understood = " ".join(loaded(tmp_path, text, more).file.understood)
+    assert ("its moments are about MOMENT CENTER" in understood) == (sentence is not None)
+    assert (sentence or "") in understood
+
+
 def test_printed_reference_quantities_count_where_no_card_gives_them(tmp_path):
     """DATCOM takes the largest section without SREF; printed digits are half a unit off."""
     text = missile(cards=False)

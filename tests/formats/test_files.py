@@ -110,6 +110,8 @@ def test_a_thrust_that_is_given_keeps_the_newtons(tmp_path):
         ("# a stand\nTime\tThrust\ns\tkN\n0\t0.001\n1\t0.002\n", [1.0, 2.0]),
         ("# a stand\n# time_s, thrust_kN\n0,0.001\n1,0.002\n", [1.0, 2.0]),  # numpy.savetxt
         ("0,1\n1,2\n", [1.0, 2.0]),  # RocketPy
+        ("# stand 3, of May\n# 2 s before\n0,1\n# a pause\n1,2\n", [1.0, 2.0]),
+        ("% Retro, batch 7 (N over s)\n0;1\n1;2\n", [1.0, 2.0]),
     ],
 )
 def test_tables_of_thrust(tmp_path, text, thrust):
@@ -123,8 +125,21 @@ def test_units_without_a_header_are_noted(tmp_path):
     (tmp_path / "c.csv").write_text("0,1\n1,2\n")
     sentences = read_files(tree, tmp_path, Problems())
     assert "no header: taken as time in s and thrust in N" in sentences[0]
-    for text in ("# stand 3, lbf, of May\n0,1\n1,2\n", "0,1,2\n1,2,3\n"):
-        assert "has no header; give the names" in problem(tmp_path, MOTOR, "c.csv", text)
+    assert "has no header; give the names" in problem(tmp_path, MOTOR, "c.csv", "0,1,2\n1,2,3\n")
+    for unit in ("lbf", "kN", "kg", "ms"):
+        text = f"# stand 3, {unit}\n0,1\n1,2\n"
+        reason = f"has no header, and {unit} in the comment 'stand 3, {unit}'; give the units"
+        assert reason in problem(tmp_path, MOTOR, "c.csv", text)
+        more = MOTOR.replace('"FILE"', '"FILE", columns = ["time_ms", "thrust_kN"]')
+        motor = campaign(tmp_path, more, "c.csv", text).scene.motor[0]
+        assert (motor.profile.time, motor.thrust) == ((0.0, 0.001), 2000.0)
+
+
+@pytest.mark.parametrize("head", ["", "# a stand\n\n", "time_s,thrust_N\n\n# a stand\n"])
+def test_lines_of_the_file_are_counted(tmp_path, head):
+    line = len(head.splitlines()) + 3
+    reason = f"line {line}: the time 0.5 s is before that of the row above"
+    assert reason in problem(tmp_path, MOTOR, "c.csv", f"{head}0,1\n1,2\n0.5,3\n")
 
 
 def test_negative_thrust_is_noted(tmp_path):
@@ -233,8 +248,9 @@ BAD_DECKS = {
     "mach,cn\n1,0.2\n2,0.3\n": "write CN (normal) or Cn (yaw)",
     "mach,cl\n1,0.2\n2,0.3\n": "write CL (lift) or Cl (roll)",
     "mach,alpha,CN\n1,0,0\n1,5,0.2\n2,0,0\n": "has no row for mach = 2, alpha = 5 deg (1 of 4",
-    "mach,CN\n1,0\n1,0.2\n": "row 2 after the header: mach = 1 is there twice",
+    "mach,CN\n1,0\n\n1,0.2\n": "line 4: mach = 1 is there twice",
     "mach,CL\n1,0\n2,0.2\n": "needs CL and CD together",
+    "alpha,Cd,Cl\n1,0,0\n2,0,0\n": "of them; Cl is the roll moment here: lift is CL",
 }
 
 
@@ -258,7 +274,7 @@ TABLED = {'atmosphere = "none"': 'atmosphere = "table"', "environment = {": "[en
 def test_air_of_a_table(tmp_path):
     heights = [0.0, 2000.0, 9000.0]
     rows = "\n".join(
-        f"{h / 1000:g};{us1976(h)[1] / 100.0!r};{us1976(h)[2] - 273.15!r}" for h in heights
+        f"{h / 1000:g};{float(us1976(h)[1]) / 100.0!r};{us1976(h)[2] - 273.15!r}" for h in heights
     )
     text = f"Height (km);Pressure (hPa);Temperature (°C)\n{rows}\n"
     air = campaign(tmp_path, AIR, "air.csv", text, **TABLED).scene.environment.air
@@ -293,6 +309,35 @@ def test_a_sounding(tmp_path):
     assert_allclose(math.cos(profile.direction[2]), 1.0)
     # geopotential heights of a wind are heights of a few metres less
     assert_array_equal(np.round(profile.altitude, 1), [360.0, 1500.4, 3001.4])
+
+
+def test_wind_of_components_by_compass(tmp_path):
+    """Air that moves to the east comes from 270 deg, and north is 0."""
+    (tmp_path / "w.csv").write_text("alt_ft,u_east_kn,North (m/s)\n0,10,0\n1000,0,-2\n2000,-1,1\n")
+    tree, understood = read_wind(tmp_path / "w.csv", {})
+    knot = 1852.0 / 3600.0
+    assert_allclose(tree["speed_m_s"], [10.0 * knot, 2.0, math.hypot(knot, 1.0)])
+    assert_allclose(tree["from_deg"], [270.0, 0.0, 90.0 + math.degrees(math.atan2(1.0, knot))])
+    assert "where the air moves to" in " ".join(understood)
+
+
+def test_a_wind_whose_sense_is_not_said_is_chosen(tmp_path):
+    (tmp_path / "w.csv").write_text("alt_m,Wind Direction (deg),speed_m_s\n0,270,1\n9,280,2\n")
+    with pytest.raises(FormatError, match=r'choose by columns = \{ from = "TITLE" \}'):
+        read_wind(tmp_path / "w.csv", {})
+    tree, _ = read_wind(tmp_path / "w.csv", {"columns": {"from": "Wind Direction (deg)"}})
+    assert tree["from_deg"] == [270.0, 280.0]
+
+
+@pytest.mark.parametrize(("title", "unit"), [("SKNT", 1852.0 / 3600.0), ("SPED", 1.0)])
+@pytest.mark.parametrize("head", ["", "\n\n", "a title\n\n \n"])
+def test_the_speed_of_a_sounding_is_in_the_unit_of_its_title(tmp_path, title, unit, head):
+    """Blank lines above the titles too."""
+    titles_on = WYOMING.splitlines(keepends=True)[2:]
+    (tmp_path / "wyo.txt").write_text(head + "".join(titles_on).replace("SKNT", title))
+    tree, understood = read_wind(tmp_path / "wyo.txt", {})
+    assert_allclose(tree["speed_m_s"], np.array([5.0, 20.0, 40.0]) * unit)
+    assert f"{title} ({'kn' if title == 'SKNT' else 'm/s'})" in " ".join(understood)
 
 
 # -- the campaign --------------------------------------------------------------------------------
@@ -396,6 +441,12 @@ def test_sounding_of_spc(tmp_path):
     wind, _ = read_wind(tmp_path / "s.oax", {})
     assert (wind["geopotential_m"], wind["from_deg"]) == ([350.0, 1500.0], [150.0, 200.0])
     assert_allclose(wind["speed_m_s"], np.array([20.0, 30.0]) * 1852.0 / 3600.0)
+
+
+def test_a_row_of_a_sounding_that_is_none_has_its_line(tmp_path):
+    (tmp_path / "s.oax").write_text(SPC.replace(" 962.00,  ", " 962.00  "))
+    with pytest.raises(FormatError, match=r"line 9: .* is no row of PRES HGHT TEMP"):
+        read_air(tmp_path / "s.oax", {})
 
 
 def test_several_soundings_in_a_file_are_refused(tmp_path):

@@ -90,8 +90,8 @@ def test_gaps_are_left_out(tmp_path):
 @pytest.mark.parametrize(
     ("header", "times", "reason"),
     [
-        ("clock,gyro", TIME, "no column of time; name its channel, of clock, gyro"),
-        ("t,gyro", TIME[::-1], "the time falls from 0.4 to 0.3 s at its sample 1"),
+        ("clock,gyro", TIME, "no column of time; name its channel by --time .*, of clock, gyro"),
+        ("t,gyro", TIME[::-1], "the time falls from 0.4 to 0.3 s in line 3"),
         ("time (fortnight),gyro", TIME, "'fortnight' is no unit of time"),
         ("t,gyroscope", TIME, "no channel 'gyro'; did you mean 'gyroscope'"),
     ],
@@ -173,10 +173,56 @@ def test_hdf5_reads_nothing_outside_of_the_file(tmp_path):
             read(tmp_path / "f.h5", f"signal_gain={name}")
 
 
+def test_names_that_cannot_be_printed(tmp_path):
+    """Of a damaged file; control characters of a terminal are none in messages."""
+    savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})
+    data = (tmp_path / "f.mat").read_bytes()
+    (tmp_path / "f.mat").write_bytes(data.replace(b"gyro", b"g\x1b[2"))
+    with pytest.raises(FormatError, match=r"known here: g\\x1b\[2"):
+        read(tmp_path / "f.mat", "signal_gain=nothing")
+    pd.DataFrame({"t": TIME, "g\x1b[2": RATE}).to_parquet(tmp_path / "f.parquet")
+    with pytest.raises(FormatError, match=r"has a column of another name than text: g\\x1b\[2"):
+        read(tmp_path / "f.parquet", "signal_gain=nothing")
+
+
+def test_warnings_of_a_library_are_reported(tmp_path, capfd):
+    """Not printed: scipy warns of a variable that is there twice."""
+    savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})
+    data = (tmp_path / "f.mat").read_bytes()
+    (tmp_path / "f.mat").write_bytes(data + data[128:])
+    channels, understood = read(tmp_path / "f.mat", "signal_gain=gyro")
+    assert_allclose(channels["signal_gain"], [TIME, RATE])
+    assert "the library that reads the file warns: Duplicate variable name" in understood[0]
+    assert capfd.readouterr().err == ""
+
+
 def test_file_whose_library_ends_the_process_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(telemetry, "_by_library", ended_process.end)
     savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})
     with pytest.raises(FormatError, match="the library that reads it crashes"):
+        read(tmp_path / "f.mat", "signal_gain=gyro")
+
+
+def test_file_whose_library_does_not_end_is_refused(tmp_path, monkeypatch):
+    """After a time that grows with the size of the file."""
+    monkeypatch.setattr(telemetry, "_by_library", ended_process.wait)
+    monkeypatch.setattr(telemetry, "_BASE_S", 0.1)
+    savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})
+    with pytest.raises(FormatError, match="takes more than 0 s to read: is it damaged"):
+        read(tmp_path / "f.mat", "signal_gain=gyro")
+
+
+def test_library_that_cannot_be_imported_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(telemetry, "_prepare", ended_process.lack)
+    savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})
+    with pytest.raises(InputError, match=r"f.mat: needs scipy.io"):
+        read(tmp_path / "f.mat", "signal_gain=gyro")
+
+
+def test_memory_of_a_library_is_limited(tmp_path, monkeypatch):
+    monkeypatch.setattr(telemetry, "_by_library", ended_process.fill)
+    savemat(tmp_path / "f.mat", {"t": TIME, "gyro": RATE})
+    with pytest.raises(FormatError, match="no memory"):
         read(tmp_path / "f.mat", "signal_gain=gyro")
 
 

@@ -247,7 +247,7 @@ def _damaged(rng, text):
 def _read(name, kind, options, folder):
     """Read a file as a campaign does; accepted numbers are finite, and of one length."""
     if kind == "flight":
-        _read_flight(folder / name, options)
+        read_flight(folder / name, options)
         return
     table = {"file": name} | options
     aero = {"reference_area_m2": 1.0, "reference_length_m": 1.0, "table": table}
@@ -272,7 +272,7 @@ def _read(name, kind, options, folder):
             raise Wrong(f"{key} has a number that is not finite")
 
 
-def _read_flight(path, options):
+def read_flight(path, options):
     """Read channels; accepted ones have finite times, that do not fall, and finite values."""
     mapped = [parse_map(text, _COLUMNS) for text in options["maps"]]
     try:
@@ -284,6 +284,7 @@ def _read_flight(path, options):
             raise Wrong(f"{column} has a number that is not finite")
         if (np.diff(times) < 0.0).any():
             raise Wrong(f"{column} has times that fall")
+    return channels
 
 
 def _is_finite(value):

@@ -11,7 +11,16 @@ from sepmc.scene.formula import FUNCTIONS, FormulaError, evaluate, names, parse
 from sepmc.scene.messages import InputError
 from sepmc.scene.read import parse_campaign
 
-_NAMES = ("a", "b", "c", "time_s", "upper.pitch_deg", "joint.pins.stroke_m", "lambda.x_m")
+_NAMES = (
+    "a",
+    "b",
+    "c",
+    "time_s",
+    "upper.pitch_deg",
+    "joint.pins.stroke_m",
+    "lambda.x_m",
+    "not.x_m",
+)
 _NUMBERS = ("0", "1", "2", "0.5", "1e-3", "3.", ".25", "7e2", "1e300", "1e-300", "16", "-1")
 _COMPARISONS = ("<", "<=", ">", ">=")
 _PIECES = (

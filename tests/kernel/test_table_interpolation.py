@@ -1,13 +1,16 @@
 """Interpolation of tables: splines, lines and monotone cubics, against the independent flight and
 by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from oracles.independent import simulate
 from scipy.interpolate import PchipInterpolator
 
 import sepmc
+from sepmc.engine import blocks
 
 HEIGHTS = [0.0, 700.0, 1010.0, 2000.0]
 MACH, ALPHA = [0.5, 1.8, 2.0, 2.5, 3.0], [-20.0, -5.0, -3.0, -1.0, 0.0, 1.0, 5.0, 20.0]
@@ -76,6 +79,37 @@ def test_against_the_independent_flight(pair, interpolation, step_s):
         assert_allclose(result["outcomes"][name], value, rtol=1e-9, atol=1e-9, err_msg=name)
     if interpolation == "linear":
         assert max(result["errors"].values()) < 1e-9
+
+
+@pytest.mark.parametrize("interpolation", ["cubic", "linear"])
+def test_what_memory_holds_before_changes_nothing(pair, monkeypatch, interpolation):
+    """Air and wind are lines: the Mach number and alpha at the start need their values, also for
+    the table of a body that is none of lines."""
+    settings = scene("linear", 5e-3) | {"run.end_time_s": 0.005}
+    settings["body.aft.aerodynamics"]["table"]["interpolation"] = interpolation
+    results = []
+    for number in (np.nan, 0.0, 1.0):
+        monkeypatch.setattr(blocks, "math", SimpleNamespace(nan=number))
+        results.append(pair(settings).simulate(step_s=0.005).attrs)
+    assert results[0]["status"] == "ok"
+    for other in results[1:]:
+        assert other["status"] == "ok"
+        assert_array_equal([*other["outcomes"].values()], [*results[0]["outcomes"].values()])
+
+
+def test_a_sample_at_the_start_reads_air_of_lines(pair):
+    signal = {"name": "push", "formula": "aft.mach - 2", "sample_s": 0.1}
+    settings = scene("linear", 5e-3) | {
+        "run.end_time_s": 0.005,
+        "signal": [signal],
+        "load": [{"name": "jet", "body": "aft", "force_N": ["push", 0.0, 0.0]}],
+    }
+    campaign = pair(settings)
+    expected = simulate(campaign.nominal().to_dict())
+    result = campaign.simulate(step_s=0.005).attrs
+    assert result["status"] == expected.status == "ok"
+    for name, value in expected.outcomes.items():
+        assert_allclose(result["outcomes"][name], value, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("table", ["wind", "air"])

@@ -17,14 +17,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fuzz import brought_files, campaigns, flights, formulas, run_folders, tables
+from fuzz import brought_files, campaigns, channels, flights, formulas, run_folders, tables
 from fuzz.watch import spread
 
 # parts, and their fractions of --count and of --seconds
 PARTS = {
     "trees": (campaigns.trees, 0.5, 0.4),
     "files": (brought_files.files, 0.1, 0.05),
-    "texts": (campaigns.texts, 0.2, 0.15),
+    "channels": (channels.channels, 0.05, 0.05),
+    "texts": (campaigns.texts, 0.2, 0.1),
     "sizes": (campaigns.sizes, 0.001, 0.05),
     "tables": (tables.tables, 0.199, 0.15),
     "folders": (run_folders.run_folders, 0.005, 0.2),

@@ -182,6 +182,7 @@ def test_answer_is_that_of_a_run(server):
     for name in ("n", "mean", "sigma", "min", "max", "p1", "p50", "p99", "case_min"):
         assert drawn[name] == row[name]
     assert drawn["bounds"] == [2.0]
+    assert drawn["title"] == "separation speed (m/s)"
     rows = result.to_pandas()[SPEED]
     assert np.histogram(rows, drawn["edges"])[0].tolist() == drawn["counts"]
     (verdict,) = answer["verdicts"]
@@ -191,6 +192,12 @@ def test_answer_is_that_of_a_run(server):
     assert verdict["case"] == expected["worst_case"] == rows.idxmin()
     assert abs(expected["violations"] / CASES - risk(1600.0, 1.2)) < 0.08
     assert answer["counts"] == [f"{CASES} ok"]
+
+
+@pytest.mark.parametrize("cases", [0, 100_001])
+def test_too_few_and_too_many_cases_are_refused(cases):
+    with pytest.raises(InputError, match=f"cases = {cases}: must be"):
+        Studio(campaign(), [], ranked_outcomes, texts_of, AtOnce(), cases, 1)
 
 
 def test_file_unchanged(server):
@@ -327,9 +334,10 @@ def test_command_line(monkeypatch):
         refused = CliRunner().invoke(main, [*arguments, "--port", str(taken)])
     assert refused.exit_code == 2
     assert f"--port = {taken}: cannot be used" in refused.stderr
-    refused = CliRunner().invoke(main, ["studio", "table2", "--vary", "a=1:2:3"])
-    assert refused.exit_code == 2
-    assert "KEY=LOW:HIGH" in refused.stderr
+    for vary, message in (("a=1:2:3", "KEY=LOW:HIGH"), ("a=2:1", "must be finite, and rise")):
+        refused = CliRunner().invoke(main, ["studio", "table2", "--vary", vary])
+        assert refused.exit_code == 2
+        assert message in refused.stderr
     assert command.studio.name == "studio"
 
 

@@ -33,14 +33,8 @@ def extremes(a, b, c):
 
 
 def comparisons(a, b, c):
-    return (
-        a < b <= c,
-        a != b,
-        not a >= c,
-        (a > 0.0) == (b > 0.0),
-        a == b or b == c,
-        (a < b) | (b < c),
-    )
+    chained = a < b <= c, a != b, not a >= c
+    return *chained, (a > 0.0) == (b > 0.0), a < b or b > c, (a < b) | (b < c)
 
 
 def choices(a, b, c):
@@ -143,10 +137,9 @@ def test_first_values_of_loops():
         best, where, previous = w[0], 0, 0.0
         for i in range(n):
             step = w[i] - previous
+            found = (best, where)
             if step > 1.0:
                 found = (w[i], i)
-            else:
-                found = (best, where)
             if found[0] < best:
                 best, where = found
             previous = w[i]

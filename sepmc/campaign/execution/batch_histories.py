@@ -134,7 +134,10 @@ class BatchHistories:
             In the units of the columns; NaN after the end of a case, and of a case without a valid
             result.
         """
-        samples = self._campaign.in_si(inputs)
+        return self.of_samples(self._campaign.in_si(inputs))
+
+    def of_samples(self, samples: np.ndarray) -> np.ndarray:
+        """Histories (n, c, t) of cases with inputs (n, d), SI."""
         with using_threads(self._threads):
             status, histories, _ = self._integrate(self._way, samples)
             if self._campaign.scene.solver.step is None:

@@ -2,7 +2,6 @@
 long."""
 
 import math
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +18,6 @@ from sepmc.campaign.execution.integration import (
 )
 from sepmc.campaign.execution.step_refinement import longest_step, refine_case_steps
 from sepmc.engine.dispatch import (
-    Kernel,
     integrate_nominal,
     interpreted,
     load_kernel,
@@ -152,42 +150,6 @@ def simulate_case(
             )
 
 
-def simulate_cases(
-    spec: KernelSpec,
-    nominals: Iterable[np.ndarray],
-    row_interval_s: float,
-    announce: Log | None = None,
-) -> Iterator[SingleCase | None]:
-    """Simulate many cases of one campaign, as `simulate_case` does, by one compiled kernel.
-
-    Parameters
-    ----------
-    spec : KernelSpec
-        Of the campaign, with its dispersed parameters.
-    nominals : iterable of ndarray, shape (p,)
-        Parameter vector of each case, SI.
-    row_interval_s : float
-        Interval of history rows, s.
-    announce : Log, optional
-        Called with a message if the kernel is compiled.
-
-    Yields
-    ------
-    SingleCase or None
-        None for a case that this kernel rejects.
-    """
-    columns = schema.outcome_columns(spec.layout.contents)
-    kernel = load_kernel(written(spec, spec.scene.solver.method, FULL_HISTORY), announce)
-    for nominal in nominals:
-        own = replace(spec, layout=replace(spec.layout, nominal=nominal))
-        work = Work(_PLAIN_WORK)
-        run = _SingleRun(own, own.layout, columns, row_interval_s, None, work, True, kernel)
-        try:
-            yield run.run()
-        except _RejectedError:
-            yield None
-
-
 def invalid_case(scene: Scene, contents: Contents) -> SingleCase:
     """Result of a case with an invalid parameter, which is not simulated."""
     layout, columns = _layout(scene, contents), len(schema.result_columns(contents))
@@ -221,7 +183,6 @@ class _SingleRun:
         announce: Log | None,
         work: Work,
         may_compile: bool,
-        compiled: Kernel | None = None,
     ):
         self.shape, self.layout, self.columns, self.row_interval_s, self.announce = (
             shape,
@@ -230,12 +191,10 @@ class _SingleRun:
             row_interval_s,
             announce,
         )
-        self.compiled = compiled is not None
-        if compiled is None:
-            self.text = written(shape, layout.scene.solver.method, FULL_HISTORY)
-            with interpreted():
-                compiled = load_kernel(self.text)
-        self.kernel = compiled
+        self.compiled = False
+        self.text = written(shape, layout.scene.solver.method, FULL_HISTORY)
+        with interpreted():
+            self.kernel = load_kernel(self.text)
         stages = self.kernel.n_segments
         self.durations = np.full(stages, np.inf)
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)

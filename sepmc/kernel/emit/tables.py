@@ -246,7 +246,8 @@ def _emit_table(
 
     ``start`` is the index of the table among the shared numbers, ``cell`` the field of the cells; a
     lane outside the table is rejected with the status ``leaves``. Cells of tables with kinks change
-    at the ends of steps only (`sepmc.kernel.emit.cells`).
+    at the ends of steps only (`sepmc.kernel.emit.cells`), but an empty one is loaded here: other
+    tables and signals read values at the start, before the first step.
     """
     functions, counts = int(c.spec.layout.model.numbers[start]), _basis_counts(c, start)
     if c.workspace.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
@@ -256,14 +257,16 @@ def _emit_table(
         inner = out.function(f"sum_{cell}(w)", docstring).lanes()
         for line in cell_sum_lines(cell, point, values, functions, counts):
             inner.broken(line)
-    if cell not in c.spec.step_cells:
-        inner = text.lanes()
-        inner("x, y, z = " + ", ".join(f"w[{component(point, k)} + l]" for k in range(3)))
-        inner = inner.block(f"if not in_cell(w, {cell} + l, x, y, z):")
-        inner(
-            f"inside = load_cell(w, {cell} + l, SHARED + {start}, x, y, z)",
-            rejection_unless("inside", leaves),
-        )
+    leaves_cell = f"not in_cell(w, {cell} + l, x, y, z)"
+    if cell in c.spec.step_cells:
+        leaves_cell = f"w[{component(cell, at.CELL_ENDS)} + l] == math.inf"
+    inner = text.lanes()
+    inner("x, y, z = " + ", ".join(f"w[{component(point, k)} + l]" for k in range(3)))
+    inner = inner.block(f"if {leaves_cell}:")
+    inner(
+        f"inside = load_cell(w, {cell} + l, SHARED + {start}, x, y, z)",
+        rejection_unless("inside", leaves),
+    )
     text(f"sum_{cell}(w)")
 
 

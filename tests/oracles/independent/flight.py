@@ -464,9 +464,13 @@ def simulate(case: Mapping[str, Any], rtol: float = 1e-12) -> CaseResult:
     }  # fmt: skip
     if status not in ("ok", "never-released"):
         return CaseResult(status, no_outcomes, flight.sequence.log, audit)
+    try:
+        outcomes = report(flight)
+    except Undefined:
+        return CaseResult("undefined-formula", no_outcomes, flight.sequence.log, audit)
     return CaseResult(
         status,
-        no_outcomes | report(flight),
+        no_outcomes | outcomes,
         flight.sequence.log,
         audit,
         indeterminate(flight),

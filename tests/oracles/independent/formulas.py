@@ -5,7 +5,7 @@ import keyword
 import math
 import operator
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -48,13 +48,20 @@ _MARK = "\u0436"  # of names that are words of Python
 
 
 def _python_text(formula: str) -> str:
-    """Formula as a Python expression: names that are words of Python are marked."""
+    """Formula as a Python expression on one line: parts of names that are words of Python are
+    marked; ``and``, ``or`` and ``not`` alone are operators."""
 
-    def marked(word: re.Match[str]) -> str:
-        is_word = keyword.iskeyword(word[0]) and word[0] not in ("and", "or", "not")
-        return word[0] + _MARK * is_word
+    def marked(name: re.Match[str]) -> str:
+        if name[0] in ("and", "or", "not"):
+            return name[0]
+        return ".".join(part + _MARK * keyword.iskeyword(part) for part in name[0].split("."))
 
-    return re.sub(r"[A-Za-z_]\w*", marked, formula.strip().replace("\n", " "))
+    return re.sub(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", marked, " ".join(formula.split()))
+
+
+def _tree(formula: str) -> Any:
+    """Syntax tree of a formula."""
+    return ast.parse(_python_text(formula), mode="eval").body
 
 
 class Undefined(Exception):
@@ -80,10 +87,7 @@ class Formulas:
 
     def __post_init__(self) -> None:
         self.signals = {table["name"]: table for table in self.scene["signal"]}
-        self.trees = {
-            name: ast.parse(_python_text(table["formula"]), mode="eval").body
-            for name, table in self.signals.items()
-        }
+        self.trees = {name: _tree(table["formula"]) for name, table in self.signals.items()}
         self.driven = {
             path: (signal, factor) for path, (signal, factor) in self.scene["driven"].items()
         }
@@ -285,8 +289,23 @@ class Evaluation:
             assert isinstance(node.func, ast.Name)
             is_where = node.func.id == "where"
             return self._where(signal, node) if is_where else self._call(signal, node, node.func.id)
-        operands = [node.operand] if isinstance(node, ast.UnaryOp) else [node.left, node.right]
-        return _OPERATIONS[type(node.op)](*(self._number(signal, one) for one in operands))
+        if isinstance(node, ast.UnaryOp):
+            return float(_OPERATIONS[type(node.op)](self._number(signal, node.operand)))
+        return self._chain(signal, node)
+
+    def _chain(self, signal: str, node: Any) -> float:
+        """Value of a sum, product or power, its terms from left to right: hundreds of them are no
+        deeper than one."""
+        operations = []
+        while isinstance(node, ast.BinOp):
+            operations.append(node)
+            node = node.left
+        value = self._number(signal, node)
+        for one in reversed(operations):
+            value = _OPERATIONS[type(one.op)](value, self._number(signal, one.right))
+            if isinstance(value, complex) or not math.isfinite(value):
+                raise Undefined(signal)
+        return value
 
     def _call(self, signal: str, node: ast.Call, function: str) -> float:
         """Value of a function of numbers."""
@@ -361,6 +380,31 @@ class Evaluation:
         *items, last = name.split(".")
         key, unit = next(_split(last), (last, ""))
         return formulas.read(items, key, self.t, self.s) / _UNITS.get(unit, 1.0)
+
+
+class NamedValues(Evaluation):
+    """Evaluation of formulas of numbers by name, without a flight."""
+
+    def __init__(self, values: Mapping[str, float]):
+        self.named, self.switching = values, {}
+
+    def formula(self, name: str) -> float:
+        """Value of a formula by its text: NaN if a number that it names is NaN; raises
+        `Undefined`."""
+        tree = _tree(name)
+        functions = {id(one.func) for one in ast.walk(tree) if isinstance(one, ast.Call)}
+        named = [
+            self.named[one.id.replace(_MARK, "")]
+            for one in ast.walk(tree)
+            if isinstance(one, ast.Name) and id(one) not in functions and one.id != "pi"
+        ]
+        return math.nan if any(map(math.isnan, named)) else self._number(name, tree)
+
+    def _side(self, key: Key, value: float, numbers: list[float]) -> int:
+        return (value > 0.0) - (value < 0.0)
+
+    def _name(self, signal: str, name: str) -> float:
+        return math.pi if name == "pi" else self.named[name]
 
 
 def _split(name: str) -> Iterator[tuple[str, str]]:

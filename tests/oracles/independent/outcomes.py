@@ -7,6 +7,7 @@ import numpy as np
 
 from oracles.independent.clearances import Clearances
 from oracles.independent.events import Sequence
+from oracles.independent.formulas import NamedValues
 from oracles.independent.joints import Joint
 from oracles.independent.loads import Loads, air_angles
 from oracles.independent.monitor import Monitor
@@ -230,15 +231,11 @@ def _relative(flight: Progress, s: State, prefix: str = "") -> dict[str, float]:
 
 
 def _by_formulas(tables: list[dict[str, Any]], out: dict[str, float]) -> dict[str, float]:
-    """Outcomes by formulas, read by Python itself: the scenes of tests are our own."""
-    known = {name: getattr(math, name) for name in ("sin", "cos", "tan", "sqrt", "exp", "atan2")}
-    known |= {"log": math.log, "abs": abs, "min": min, "max": max, "pi": math.pi}
-    known["sign"] = lambda x: float(np.sign(x))
-    known["where"] = lambda condition, a, b: a if condition else b
+    """Outcomes by formulas of those before them; raises `Undefined`."""
     result: dict[str, float] = {}
     for table in tables:
         name = table["name"] + ("" if table["unit"] == "1" else f"_{table['unit']}")
-        result[name] = float(eval(table["formula"], {"__builtins__": {}}, known | out | result))
+        result[name] = NamedValues(out | result).formula(table["formula"])
     return result
 
 

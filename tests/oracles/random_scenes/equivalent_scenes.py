@@ -125,7 +125,8 @@ def _renamed_formula(text: str, bodies: dict[str, str], joints: dict[str, str]) 
     def new(name: re.Match[str]) -> str:
         first, *others = name[0].split(".")
         if len(others) == 2:
-            return f"{first}.{joints.get(others[0], others[0])}.{others[1]}"
+            names = joints if first == "joint" else {}
+            return f"{first}.{names.get(others[0], others[0])}.{others[1]}"
         return ".".join([bodies[first], *others])
 
     return re.sub(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+", new, text)
