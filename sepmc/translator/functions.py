@@ -7,6 +7,7 @@ over ranges, branches; types follow from the arguments. A variable has one type.
 import ast
 import builtins
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -14,9 +15,9 @@ import numpy as np
 
 from sepmc.translator import operations
 from sepmc.translator.sources import Source, source_of
+from sepmc.translator.units import callee
 from sepmc.translator.values import (
     BOOL,
-    FLOAT,
     INT,
     POINTER,
     Array,
@@ -27,8 +28,9 @@ from sepmc.translator.values import (
     constant,
     leaves,
     rebuilt,
+    require_alike,
 )
-from sepmc.translator.variables import stored_names
+from sepmc.translator.variables import variables_of
 from sepmc.translator.writer import Writer
 
 _ZERO_I = constant(0)
@@ -36,6 +38,7 @@ _CHEAP = (
     ast.Constant, ast.Name, ast.UnaryOp, ast.Compare, ast.BoolOp, ast.Tuple, ast.expr_context,
     ast.unaryop, ast.cmpop, ast.boolop,
 )  # fmt: skip
+_ERRORS = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
 
 class TranslationError(TypeError):
@@ -57,16 +60,17 @@ class Function(Writer):
     def __init__(self, source: Source, arguments: tuple[Any, ...], module: Any):
         super().__init__(module)
         self.source = source
-        self.stored = stored_names(source.node)
+        self.variables = variables_of(source.node)
         self.values: dict[str, Any] = {}  # of names
-        self.slots: dict[str, Any] = {}  # values of pointers to variables, and their types
+        self.slots: dict[str, Any] = {}  # of names: pointers to their numbers, first value
         self.loops: list[tuple[str, str]] = []  # labels after `continue` and `break`
         self.result: Any = None
         self.returns = False
         self.noinline = False
-        for name, value in zip(
-            (argument.arg for argument in source.node.args.args), arguments, strict=True
-        ):
+        names = [argument.arg for argument in source.node.args.args]
+        if len(names) != len(arguments):
+            raise TypeError(f"{source.node.name} takes {len(names)} arguments")
+        for name, value in zip(names, arguments, strict=True):
             self._assign_name(name, value)
         self._body(source.body)
         if not self.ended:
@@ -85,7 +89,14 @@ class Function(Writer):
             method = getattr(self, f"_{type(line).__name__.lower()}_line", None)
             if method is None:
                 raise self._fail(line, f"{type(line).__name__} cannot be translated")
-            method(line)
+            if getattr(line, "orelse", None) and not isinstance(line, ast.If):
+                raise self._fail(line, "a loop has no else")
+            try:
+                method(line)
+            except TranslationError:
+                raise
+            except _ERRORS as error:
+                raise self._fail(line, str(error)) from error
 
     def _expr_line(self, line: ast.Expr) -> None:
         self.value(line.value)
@@ -99,13 +110,15 @@ class Function(Writer):
             self._assign(target, value)
 
     def _augassign_line(self, line: ast.AugAssign) -> None:
-        target, value = line.target, self.value(line.value)
+        target = line.target
         if isinstance(target, ast.Name):
+            value = self.value(line.value)
             self._assign_name(target.id, self.operate(line.op, self._read(target), value))
             return
         assert isinstance(target, ast.Subscript)
         element, pointer = self._element(target)
         old = self.emit(element, f"load {element}, ptr {pointer.text}")
+        value = self.value(line.value)
         self._store(self.operate(line.op, old, value), element, pointer)
 
     def _assign(self, target: ast.expr, value: Any) -> None:
@@ -126,30 +139,30 @@ class Function(Writer):
         self.run(f"store {element} {number.text}, ptr {pointer.text}")
 
     def _assign_name(self, name: str, value: Any) -> None:
-        if name not in self.stored:
+        if not self.variables[name]:
             self.values[name] = value
             return
-        numbers = list(leaves(value))
         if name not in self.slots:
-            pointers = iter([self.allocate(number.kind) for number in numbers])
-            self.slots[name] = rebuilt(value, pointers), [number.kind for number in numbers]
-        slot, kinds = self.slots[name]
-        if len(numbers) != len(kinds):
-            raise TypeError(f"{self.source.node.name}: two types of {name}")
-        for number, pointer, kind in zip(numbers, leaves(slot), kinds, strict=True):
-            self._store(number, kind, pointer)
+            pointers = [self.allocate(number.kind) for number in leaves(value)]
+            self.slots[name] = rebuilt(value, iter(pointers)), value
+        slot, first = self.slots[name]
+        require_alike(first, value)
+        for number, pointer, like in zip(leaves(value), leaves(slot), leaves(first), strict=True):
+            self._store(number, like.kind, pointer)
 
     def _read(self, node: ast.Name) -> Any:
         name = node.id
         if name in self.slots:
-            template, kinds = self.slots[name]
+            slot, first = self.slots[name]
             numbers = [
-                self.emit(kind, f"load {kind}, ptr {pointer.text}")
-                for pointer, kind in zip(leaves(template), kinds, strict=True)
+                self.emit(like.kind, f"load {like.kind}, ptr {pointer.text}")
+                for pointer, like in zip(leaves(slot), leaves(first), strict=True)
             ]
-            return rebuilt(template, iter(numbers))
+            return rebuilt(first, iter(numbers))
         if name in self.values:
             return self.values[name]
+        if name in self.variables:
+            raise self._fail(node, f"{name} is read before the first assignment in the text")
         return self.lift(self._global(node))
 
     def _global(self, node: ast.Name) -> Any:
@@ -178,12 +191,10 @@ class Function(Writer):
     def _return(self, value: Any) -> None:
         if not self.returns:
             self.result, self.returns = value, True
+        require_alike(self.result, value)
         kinds = [leaf.kind for leaf in leaves(self.result)]
-        numbers = list(leaves(value))
-        if len(numbers) != len(kinds):
-            raise TypeError(f"{self.source.node.name}: returns of different types")
         numbers = [
-            self.converted(number, kind) for number, kind in zip(numbers, kinds, strict=True)
+            self.converted(number, kind) for number, kind in zip(leaves(value), kinds, strict=True)
         ]
         if not kinds:
             self.run("ret void")
@@ -233,7 +244,7 @@ class Function(Writer):
         self.begin(after)
 
     def _for_line(self, line: ast.For) -> None:
-        if isinstance(line.iter, ast.Call) and self._callee(line.iter) is range:
+        if isinstance(line.iter, ast.Call) and self.value(line.iter.func) is range:
             self._range(line, [self.value(argument) for argument in line.iter.args])
             return
         items = self.value(line.iter)
@@ -253,6 +264,7 @@ class Function(Writer):
 
     def _range(self, line: ast.For, limits: list[Number]) -> None:
         """Translate a loop over a range with a known step."""
+        limits = [self.converted(limit, INT) for limit in limits]
         first, last, step = {
             1: lambda: (_ZERO_I, limits[0], 1),
             2: lambda: (limits[0], limits[1], 1),
@@ -342,10 +354,10 @@ class Function(Writer):
 
     def _dynamic(self, items: tuple[Any, ...], index: Number) -> Number:
         """Item of a tuple of numbers at an index that is not known."""
+        items = tuple(self._alike(*items))
         kind = items[0].kind
         if all(item.constant is not None for item in items):
-            kinds = {FLOAT: np.float64, INT: np.int64}
-            values = np.array([item.constant for item in items], dtype=kinds[kind])
+            values = np.array([item.constant for item in items])
             base = self.module.constant_array(values).data
         else:
             base = self.allocate(kind, len(items))
@@ -364,6 +376,8 @@ class Function(Writer):
         keys = keys if isinstance(keys, tuple) else (keys,)
         if len(keys) != max(1, len(array.shape)) or any(key.kind != INT for key in keys):
             raise self._fail(node, "the indices of an array are a whole number for each axis")
+        if any(key.constant is not None and key.constant < 0 for key in keys):
+            raise self._fail(node, "an index of an array counts from its first element")
         place = keys[0]
         for key, size in zip(keys[1:], array.shape[1:], strict=True):
             place = operations.add_int(self, operations.multiply_int(self, place, size), key)
@@ -408,7 +422,13 @@ class Function(Writer):
         return self._connected(tests(), True, simple)
 
     def _boolop(self, node: ast.BoolOp) -> Number:
-        tests = [lambda item=item: operations.truth(self, self.value(item)) for item in node.values]
+        def test(item: ast.expr) -> Number:
+            value: Number = self.value(item)
+            if value.kind != BOOL:
+                raise self._fail(item, "`and` and `or` are for truth values")
+            return value
+
+        tests = [partial(test, item) for item in node.values]
         simple = all(map(self._is_simple, node.values[1:]))
         return self._connected(tests, isinstance(node.op, ast.And), simple)
 
@@ -472,6 +492,7 @@ class Function(Writer):
 
     def _alike(self, *values: Any) -> list[Any]:
         """Values with numbers of the same types."""
+        require_alike(*values)
         rows = []
         for numbers in zip(*(leaves(value) for value in values), strict=True):
             kind = common_kind(*numbers)
@@ -490,15 +511,16 @@ class Function(Writer):
         if isinstance(part, ast.Attribute) and isinstance(owner, ast.Name):
             return isinstance(self.source.names.get(owner.id), ModuleType)
         if isinstance(part, ast.Subscript) and isinstance(owner, ast.Name):
-            return isinstance(self.values.get(owner.id), tuple)
+            is_tuple = isinstance(self.values.get(owner.id), tuple)
+            return is_tuple and isinstance(part.slice, ast.Constant)
         return isinstance(part, _CHEAP)
 
     def _call(self, node: ast.Call) -> Any:
-        function = self._callee(node)
+        function = self.value(node.func)
         if node.keywords:
             raise self._fail(node, "arguments have no names here")
         arguments = self._tuple(ast.Tuple(node.args, ast.Load()))
-        known = operations.CALLS.get(function) if hasattr(function, "__hash__") else None
+        known = operations.CALLS.get(function)
         if known is not None:
             return known(self, *arguments)
         if isinstance(function, type) and hasattr(function, "_fields"):
@@ -506,16 +528,9 @@ class Function(Writer):
         if isinstance(function, Source | FunctionType):
             source = function if isinstance(function, Source) else source_of(function)
             return self.module.call(self, source, arguments)
-        if hasattr(function, "call"):  # a compile unit
+        if isinstance(function, callee):
             return function.call(self, *arguments)
         raise self._fail(node, f"no such function: {ast.unparse(node.func)}")
-
-    def _callee(self, node: ast.Call) -> Any:
-        function = node.func
-        if isinstance(function, ast.Name):
-            return self.values.get(function.id) or self._global(function)
-        assert isinstance(function, ast.Attribute)
-        return getattr(self.value(function.value), function.attr)
 
 
 def result_type(kinds: list[str]) -> str:

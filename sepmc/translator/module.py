@@ -38,6 +38,8 @@ class Module:
 
     def constant_array(self, values: np.ndarray) -> Array:
         """Array of numbers that are known."""
+        if values.dtype not in _NUMPY:
+            raise TypeError(f"an array of {values.dtype}")
         if id(values) not in self.arrays:
             name = f"@array{len(self.arrays)}"
             self.arrays[id(values)] = name, values

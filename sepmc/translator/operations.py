@@ -92,18 +92,26 @@ def arithmetic(f: Any, op: ast.operator, left: Number, right: Number) -> Number:
     if special is not None:
         result: Number = special(f, left, right)
         return result
-    kind = FLOAT if isinstance(op, ast.Div) else common_kind(left, right)
+    if type(op) not in _PYTHON:
+        raise TypeError(f"no operation {type(op).__name__}")
+    kind = FLOAT if isinstance(op, ast.Div) else _numeric_kind(left, right)
     a, b = f.converted(left, kind), f.converted(right, kind)
     known = a.constant is not None and b.constant is not None
     if known and not (isinstance(op, ast.Div) and b.constant == 0):
         return constant(_PYTHON[type(op)](a.constant, b.constant))
     if kind == FLOAT:
         return f.emit(FLOAT, f"{_FLOAT_OPS[type(op)]} {_FLAG} double {a.text}, {b.text}")
-    if kind == BOOL:
-        raise TypeError("no arithmetic with truth values")
     if isinstance(op, ast.Add) and 0 in (a.constant, b.constant):
         return b if a.constant == 0 else a
     return f.emit(INT, f"{_INT_OPS[type(op)]} nsw i64 {a.text}, {b.text}")
+
+
+def _numeric_kind(a: Number, b: Number) -> str:
+    """Type of the result of arithmetic with two numbers."""
+    kind = common_kind(a, b)
+    if kind == BOOL:
+        raise TypeError("no arithmetic with truth values")
+    return kind
 
 
 def _bits(name: str, f: Any, left: Number, right: Number) -> Number:
@@ -132,34 +140,38 @@ def _power(f: Any, base: Number, exponent: Number) -> Number:
 
 def _remainder(f: Any, a: Number, b: Number) -> Number:
     """Remainder with the sign of the divisor, as Python's."""
-    if common_kind(a, b) == INT:
-        rest = f.emit(INT, f"srem i64 {a.text}, {b.text}")
-        shifted = add_int(f, rest, b)
-        zero = constant(0)
-    else:
-        a, b = f.converted(a, FLOAT), f.converted(b, FLOAT)
-        rest = f.emit(FLOAT, f"frem double {a.text}, {b.text}")
-        shifted = arithmetic(f, ast.Add(), rest, b)
-        zero = constant(0.0)
+    kind = _numeric_kind(a, b)
+    a, b = f.converted(a, kind), f.converted(b, kind)
+    zero = constant(0 if kind == INT else 0.0)
+    rest = f.emit(kind, f"{'srem' if kind == INT else 'frem'} {kind} {a.text}, {b.text}")
+    shifted = arithmetic(f, ast.Add(), rest, b)
     is_rest = comparison(f, ast.NotEq(), rest, zero)
     signs = [comparison(f, ast.Lt(), number, zero) for number in (rest, b)]
     differ = f.emit(BOOL, f"xor i1 {signs[0].text}, {signs[1].text}")
-    return select(f, connected(f, is_rest, differ, True), shifted, rest)
+    result = select(f, connected(f, is_rest, differ, True), shifted, rest)
+    if kind == INT:
+        return result
+    return select(f, is_rest, result, _intrinsic(f, "copysign", zero, b))
 
 
 def _quotient(f: Any, a: Number, b: Number) -> Number:
     """Whole quotient, rounded down."""
-    if common_kind(a, b) != INT:
+    if _numeric_kind(a, b) != INT:
         raise TypeError("// is for whole numbers")
+    a, b = f.converted(a, INT), f.converted(b, INT)
     rest = _remainder(f, a, b)
     return f.emit(INT, f"sdiv i64 {arithmetic(f, ast.Sub(), a, rest).text}, {b.text}")
 
 
 def comparison(f: Any, op: ast.cmpop, left: Number, right: Number) -> Number:
     """Truth value of a comparison of two numbers."""
+    if type(op) not in _PYTHON_TESTS:
+        raise TypeError(f"no comparison {type(op).__name__}")
     if left.constant is not None and right.constant is not None:
         return constant(_PYTHON_TESTS[type(op)](left.constant, right.constant))
     kind = common_kind(left, right)
+    if kind == BOOL and not isinstance(op, ast.Eq | ast.NotEq):
+        kind = INT  # as a signed number of one bit, True is -1
     a, b = f.converted(left, kind), f.converted(right, kind)
     if kind == FLOAT:
         return f.emit(BOOL, f"fcmp {_FLOAT_TESTS[type(op)]} double {a.text}, {b.text}")
@@ -202,7 +214,8 @@ def _intrinsic(f: Any, name: str, *numbers: Number) -> Number:
 
 def _hypot(f: Any, x: Number, y: Number) -> Number:
     f.module.declare("declare double @hypot(double, double) memory(none)")
-    return f.emit(FLOAT, f"call {_FLAG} double @hypot(double {x.text}, double {y.text})")
+    a, b = f.converted(x, FLOAT), f.converted(y, FLOAT)
+    return f.emit(FLOAT, f"call {_FLAG} double @hypot(double {a.text}, double {b.text})")
 
 
 def _abs(f: Any, x: Number) -> Number:
@@ -211,11 +224,14 @@ def _abs(f: Any, x: Number) -> Number:
     if x.kind == FLOAT:
         return _intrinsic(f, "fabs", x)
     f.module.declare("declare i64 @llvm.abs.i64(i64, i1)")
-    return f.emit(INT, f"call i64 @llvm.abs.i64(i64 {x.text}, i1 false)")
+    return f.emit(INT, f"call i64 @llvm.abs.i64(i64 {f.converted(x, INT).text}, i1 false)")
 
 
 def _extreme(op: ast.cmpop, f: Any, *numbers: Number) -> Number:
     """Largest or smallest number, as Python's: the first of those that no other exceeds."""
+
+    if len(numbers) < 2:
+        raise TypeError("min and max are of two or more numbers")
 
     def better(best: Number, other: Number) -> Number:
         kind = common_kind(best, other)
@@ -242,7 +258,7 @@ def _rounded(name: str, f: Any, x: Number) -> Number:
 
 
 def _isnan(f: Any, x: Number) -> Number:
-    return f.emit(BOOL, f"fcmp uno double {x.text}, 0x0000000000000000")
+    return f.emit(BOOL, f"fcmp uno double {f.converted(x, FLOAT).text}, 0x0000000000000000")
 
 
 def _isfinite(f: Any, x: Number) -> Number:

@@ -1,10 +1,11 @@
 """Sources of the functions that are translated: syntax trees, by function object."""
 
 import ast
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import FunctionType
+from types import CodeType, FunctionType
 from typing import Any
 
 _INLINED, _GENERAL = "formula", "for_any_numbers"  # decorators
@@ -47,17 +48,34 @@ class Source:
 def source_of(function: FunctionType) -> Source:
     """Source of a function of a module."""
     code = function.__code__
-    return Source(_functions(code.co_filename)[code.co_firstlineno], function.__globals__)
+    if code.co_freevars:
+        raise TypeError(f"{code.co_name} uses variables of the function around it")
+    node, compiled = _functions(code.co_filename).get(code.co_firstlineno, (None, None))
+    if node is None or compiled != code:
+        raise TypeError(f"the file of {code.co_name} has changed since it was imported")
+    return Source(node, function.__globals__)
 
 
 @cache
-def _functions(path: str) -> dict[int, ast.FunctionDef]:
-    """Functions of a Python file, by their first lines, decorators included."""
-    return {
+def _functions(path: str) -> dict[int, tuple[ast.FunctionDef, CodeType]]:
+    """Functions of a Python file and what Python compiles them to, by their first lines, decorators
+    included."""
+    tree = ast.parse(Path(path).read_bytes())
+    codes = {code.co_firstlineno: code for code in _codes(compile(tree, path, "exec"))}
+    lines = {
         min([node.lineno, *(mark.lineno for mark in node.decorator_list)]): node
-        for node in ast.walk(ast.parse(Path(path).read_bytes()))
+        for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef)
     }
+    return {line: (node, codes[line]) for line, node in lines.items()}
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """Code of the functions in a piece of code."""
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            yield inner
+            yield from _codes(inner)
 
 
 def unit_source(text: str, name: str) -> Source:

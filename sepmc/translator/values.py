@@ -7,6 +7,7 @@ and pointers.
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 FLOAT, INT, BOOL, POINTER = "double", "i64", "i1", "ptr"
@@ -88,6 +89,8 @@ def constant(value: Any) -> Any:
     if isinstance(value, bool):
         return Number(BOOL, "true" if value else "false", value)
     if isinstance(value, int):
+        if not -(2**63) <= value < 2**63:
+            raise OverflowError(f"{value} has more than 64 bits")
         return Number(INT, str(value), value)
     bits = struct.unpack("<Q", struct.pack("<d", float(value)))[0]
     return Number(FLOAT, f"0x{bits:016X}", float(value))
@@ -137,6 +140,14 @@ def form(value: Any, constants: bool) -> Any:
     return (value.type, form(value.values, constants))
 
 
-def common_kind(a: Number, b: Number) -> str:
-    """Type of an operation on two numbers."""
-    return a.kind if a.kind == b.kind else max(a.kind, b.kind, key=RANK.__getitem__)
+def require_alike(*values: Any) -> None:
+    """Raise TypeError unless values differ in nothing but their numbers and the types of these."""
+    forms = {form(rebuilt(value, repeat(constant(0.0))), False) for value in values}
+    if len(forms) > 1:
+        raise TypeError("values of different forms")
+
+
+def common_kind(*numbers: Number) -> str:
+    """Type of an operation on several numbers."""
+    kinds = {number.kind for number in numbers}
+    return kinds.pop() if len(kinds) == 1 else max(kinds, key=RANK.__getitem__)

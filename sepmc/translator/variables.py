@@ -1,5 +1,5 @@
-"""Names of a function whose value is not known from the last assignment before a use, since
-branches or loops assign them: they are stored in memory, from which LLVM takes them."""
+"""Variables of a function. One is stored in memory, from which LLVM takes it, if branches or loops
+assign it, so that the last assignment in the text before a use need not be the one in force."""
 
 import ast
 from collections import defaultdict
@@ -76,14 +76,18 @@ class _Uses:
             self.expression(line.value, path, loops)
 
 
-def stored_names(node: ast.FunctionDef) -> set[str]:
-    """Names of a function that are stored in memory: some read is not of the last assignment before
-    it in the text."""
+def variables_of(node: ast.FunctionDef) -> dict[str, bool]:
+    """Names that a function assigns, its arguments included: True if they are stored in memory,
+    since some read is not of the last assignment before it in the text."""
     uses = _Uses()
     for argument in node.args.args:
         uses.add(argument.arg, (), (), True)
     uses.body(node.body, (), ())
-    return {name for name, found in uses.by_name.items() if not _is_simple(found)}
+    return {
+        name: not _is_simple(items)
+        for name, items in uses.by_name.items()
+        if any(use.is_store for use in items)
+    }
 
 
 def _is_simple(uses: list[_Use]) -> bool:
@@ -93,7 +97,7 @@ def _is_simple(uses: list[_Use]) -> bool:
     for use in uses:
         if use.is_store:
             last = use
-        elif stores and not (last is not None and _reaches(last, use, stores)):
+        elif not (last is not None and _reaches(last, use, stores)):
             return False
     return True
 
