@@ -249,7 +249,8 @@ def _int(f: Any, x: Number) -> Number:
         return f.converted(x, INT)
     if x.constant is not None:
         return constant(int(x.constant))
-    return f.emit(INT, f"fptosi double {x.text} to i64")
+    number = f.emit(INT, f"fptosi double {x.text} to i64")
+    return f.emit(INT, f"freeze i64 {number.text}")  # any number for NaN, not poison
 
 
 def _rounded(name: str, f: Any, x: Number) -> Number:
