@@ -65,7 +65,8 @@ OF_NOTES = {
     "table or load, or a threshold that is only just reached",
     r"did not converge to the requested|a shorter step changes": "nothing if the reported error is "
     "small enough: it includes these cases; else look at them by the columns `status` and `error`",
-    r"statistics leave out": "look at the cases left out, by `status`: `sepmc sensitivity RUN`",
+    r"statistics leave out": "look at the `status` of the cases left out; `sepmc sensitivity RUN` "
+    "shows the inputs that distinguish them",
     r"the run is not complete": "`sepmc campaign` with `--resume` runs the missing cases",
     r"the run was made with VERSIONS": "nothing, unless rows must agree to the last bit: then "
     "install the versions that the run was made with",
@@ -96,8 +97,11 @@ OF_FOLDERS = {
     "`run.history_step_s`",
     r"cannot be written|cannot be reached|PATH: (ERROR|FAULT)$": "check permissions, disk and "
     "address; object storage needs the extra `cluster`",
-    r"cannot be read|PROBLEM|is no history|has no column|differ in columns|is not there|"
-    r"HISTORY: ERROR|FOLDER: ERROR|NAME: NAME|LEDGER_LINES|TEXT: ADVICE": "`sepmc doctor RUN` "
+    r"again with --overwrite|is no history": "run the case or the campaign again with "
+    "`--overwrite`: `sepmc doctor` cannot restore a single case, or statistics without rows that "
+    "do not fit",
+    r"cannot be read|PROBLEM|has no column|differ in columns|is not there|"
+    r"NAME: NAME|LEDGER_LINES|TEXT: ADVICE": "`sepmc doctor RUN` "
     "lists what is damaged, `--repair` restores it",
     r"is no folder of a run": "give a folder that `sepmc campaign` or `Campaign.run` wrote",
     r"cannot be repaired": "run it again, into another folder",

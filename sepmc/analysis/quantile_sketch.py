@@ -57,7 +57,7 @@ class QuantileSketch:
         self._grid = _Grid.restored(grid_state, arrays) if len(grid_state) else None
 
     def add(self, values: np.ndarray) -> None:
-        """Add values (n,) in the order of their cases."""
+        """Add values (n,), none NaN, in the order of their cases."""
         while values.size:
             count = min(EXACT_VALUES - self._filled, values.size)
             self._buffer[self._filled : self._filled + count] = values[:count]

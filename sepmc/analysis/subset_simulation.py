@@ -259,8 +259,8 @@ def estimate(
 
 
 def _depth(n_cases: int, trial_cases: int) -> int:
-    """Return the number of levels that ``n_cases`` allow, with ``trial_cases`` a level of the trial
-    chains and the smallest replicas."""
+    """Return the number of levels after the first, of independent cases, that ``n_cases`` allow:
+    with ``trial_cases`` a level of trial chains, and the smallest number in each replica."""
     levels = (n_cases / (trial_cases + _MIN_CASES * REPLICAS) - 1.0) / (1.0 - 1.0 / LENGTH)
     return max(0, min(_MAX_LEVELS, int(levels)))
 
@@ -328,7 +328,7 @@ def _levels(
     worst: float,
 ) -> LevelSchedule:
     """Find thresholds and step sizes with trial chains of ``size`` cases a level, at most ``depth``
-    levels."""
+    levels after the first, of independent cases."""
     states = counter.evaluate(random.standard_normal((size, dimensions)), 0, np.arange(size))
     thresholds: list[float] = []
     steps: list[np.ndarray] = []

@@ -28,6 +28,7 @@ _LEAST_NOISE = 1e-3  # of a channel, in units of its scale, in the weights of it
 _WINDOW = 0.1  # of the run, to either side of the coarse scan: shifts that other cases may have
 _OVERLAP = 0.5  # least part of the shorter of run and flight that must coincide
 _MOST_LEFT_OUT = 0.05  # of the time that flight and run could share, without a note
+_GIVE_SHIFT = "give the shift, s: --shift (shift_s in Python)"
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ class FlightComparison:
             return []
         return [
             f"this shift leaves {100.0 * self.left_out:.0f} % of what flight and run could share "
-            "outside the run: check sign, factor and unit of the channels, or give the shift"
+            f"outside the run: check sign, factor and unit of the channels, or {_GIVE_SHIFT}"
         ]
 
     def to_dict(self) -> dict[str, Any]:
@@ -449,7 +450,7 @@ def _estimate_shift(
     if not np.isfinite(variance):
         raise InputError(
             "clock shift: the cases do not change over time in these columns, so it cannot be "
-            "estimated; give the shift"
+            f"estimated; {_GIVE_SHIFT}"
         )
     variance += resolution**2 / 12.0
     least = max(float(squares[best]), 1e-300)
@@ -469,7 +470,7 @@ def _coarse_shift(
     last = min(channel.time[-1] for channel in channels)
     overlap = _OVERLAP * min(last - first, histories.end)
     if not overlap > 0.0:
-        raise InputError("clock shift: the channels have no time in common; give the shift")
+        raise InputError(f"clock shift: the channels have no time in common; {_GIVE_SHIFT}")
     low, high = first - histories.end + overlap, last - overlap
     step = max(histories.end / _STEPS, (high - low) / _MOST_SHIFTS)
     count = len(histories.numbers)
@@ -493,7 +494,7 @@ def _coarse_shift(
         squares = np.nan_to_num(_mean_squares(samples, curves, shift), nan=np.inf)
         best = min(best, (float(squares.min()), float(shift)))
     if not np.isfinite(best[0]):
-        raise InputError("clock shift: no shift at which flight and run overlap; give the shift")
+        raise InputError(f"clock shift: no shift at which flight and run overlap; {_GIVE_SHIFT}")
     return best[1], float(step)
 
 

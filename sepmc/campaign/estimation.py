@@ -355,7 +355,8 @@ class Model:
         return delays
 
     def correlations(self, scores: np.ndarray) -> list[tuple[str, str, float]]:
-        """Strong correlations of the posterior, the strongest first."""
+        """Strong correlations of the posterior, the strongest first: names of two parameters or
+        delays, and the correlation of their normal ``scores`` (n, dimensions)."""
         spread = scores.std(axis=0) > 0.0
         with np.errstate(invalid="ignore", divide="ignore"):
             matrix = np.corrcoef(scores, rowvar=False).reshape(2 * (self.dimensions,))

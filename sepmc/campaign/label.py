@@ -37,8 +37,8 @@ def of_settings(settings: Mapping[str, str]) -> str:
 
 
 def as_text(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Texts of settings by TOML path, for titles: the name of a sample table, and other values cut
-    to a maximum length."""
+    """Texts of settings by TOML path, for titles, cut to a maximum length: of a sample table its
+    file name, of others the value."""
     shown = {}
     for path, value in settings.items():
         text = Path(value).name if path == "run.samples" else str(value)

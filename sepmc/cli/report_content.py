@@ -198,7 +198,7 @@ def tables_beside(folder: Path) -> list[page.PlainTable]:
 
 
 def _cell(value: Any) -> str:
-    """Value of a stored table as text; empty if it is missing."""
+    """Value of a stored table as text, a float to 5 digits; empty for NaN, a missing value."""
     if isinstance(value, float):
         return "" if math.isnan(value) else f"{value:.5g}"
     return str(value)

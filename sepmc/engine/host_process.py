@@ -15,7 +15,8 @@ loading = threading.RLock()
 
 
 def at_fork(in_child: Callable[[], None]) -> None:
-    """Register a function that is called first in every process forked from this one."""
+    """Register a function that a process forked from this one calls before its own code
+    continues, after functions registered before; without effect on systems without fork."""
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=in_child)
 

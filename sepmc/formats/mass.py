@@ -234,7 +234,8 @@ def _mjcf(root: Element, name: Any) -> MassProperties:
 def _orientation(
     inertial: Element, compiler: dict[str, str], include: Element | None
 ) -> np.ndarray:
-    """Matrix from the axes of an inertial to those of its body."""
+    """Matrix (3, 3) from the axes of an inertial to those of its body. Raises FormatError, also
+    for angles if there is an ``include``, whose file may change their convention."""
     known = [k for k in ("quat", "euler", "axisangle", "xyaxes", "zaxis")
              if k in inertial.attributes]  # fmt: skip
     if not known:

@@ -193,7 +193,8 @@ def _kind(column: str) -> str:
 
 
 def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChannel:
-    """The mapping with the title of its channel, and the unit after it."""
+    """The mapping with the title in the file for the name of its channel, and with the unit that
+    follows the name in brackets. Raises FormatError if no title or several have the name."""
     name, unit = mapped.channel, ""
     titles = _titles(name, channels)
     if not titles and (match := _UNIT.fullmatch(name)):

@@ -162,7 +162,8 @@ class _Frame:
     def _joint(
         self, ax: Axes, up: int, name: str, joint: Joint, max_force: float, length: float
     ) -> None:
-        """Draw a joint and its constraint force; other arguments as for `draw`."""
+        """Draw a joint and its constraint force, but nothing for a joint whose second body is the
+        ground; other arguments as for `draw`."""
         second = joint.bodies[1]
         if second == GROUND:
             return

@@ -132,7 +132,9 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
         or float(np.linalg.norm(np.cross(x, y))) <= 1e-6 * lengths
     ):
         problems.add(
-            f"{key_path}.y_axis", "must not be zero or parallel to x_axis", list(joint.y_axis)
+            f"{key_path}.y_axis",
+            "must not be parallel to x_axis, and neither of them may be zero",
+            list(joint.y_axis),
         )
     for kind in joint.kind:
         if kind in KINDS:

@@ -212,7 +212,8 @@ def _check_grids(
     grids: Mapping[str, list[Any]],
     problems: Problems,
 ) -> None:
-    """Check that grids are nested lists of numbers, whose shape is that of the axes in order."""
+    """Check that grids are nested lists of numbers, whose shape is that of the axes in order, and
+    that it has at most `TABLE_CELLS` cells."""
     shape = tuple(len(axis) for axis in axes.values())
     if math.prod(shape) > TABLE_CELLS:
         problems.add(

@@ -84,12 +84,13 @@ def _put(
     elif head not in node and table in ("body", "joint"):
         problems.add(key, f"no {head!r} here; {nearest(head, node)}")
     elif isinstance(node.get(head), list) and len(rest) == 1 and stem in _COMPONENTS:
-        if rest[0] in _COMPONENTS[stem] and len(node[head]) == len(_COMPONENTS[stem]):
-            node[head][_COMPONENTS[stem].index(rest[0])] = value
+        names, count = _COMPONENTS[stem], len(node[head])
+        if rest[0] not in names:
+            problems.add(key, f"{rest[0]!r} is no component; allowed: " + ", ".join(names))
+        elif count != len(names):
+            problems.add(key, f"{head} has {count} components: it must have {len(names)}")
         else:
-            problems.add(
-                key, f"{rest[0]!r} is no component; allowed: " + ", ".join(_COMPONENTS[stem])
-            )
+            node[head][names.index(rest[0])] = value
     else:
         _put(node.setdefault(head, {}), rest, value, problems, key, head)
 

@@ -337,7 +337,7 @@ def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
         ledger.add(folder, ledger.make_entry(one.file, path.read_bytes(), one.first, one.cases))
     manifests.seal(folder, manifest)
     campaign = sepmc.load("table2", {"run.chunk": 4})
-    with pytest.raises(StoreError, match="another version of sepmc, whose rows differ in error"):
+    with pytest.raises(StoreError, match="of sepmc, whose rows differ in the columns error, so"):
         campaign.run(cases=12, out=folder, resume=True)
     again = sepmc.load(str(folder))
     result = compare_row(again, earlier_integration(again), folder, 7, campaign.scene.run.seed, 10)

@@ -187,7 +187,7 @@ def _stored_rows(
         return PreviousRun(), spec.numbers
     if other := set(own).symmetric_difference(shards.CaseColumns(folder)):
         raise folders.StoreError(
-            f"{folder}: was run by another version of sepmc, whose rows differ in "
+            f"{folder}: was run by another version of sepmc, whose rows differ in the columns "
             f"{', '.join(sorted(other))}, so its cases cannot be continued; {another_place()}"
         )
     if spec.numbers.omits(numbers):

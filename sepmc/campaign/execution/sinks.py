@@ -238,7 +238,7 @@ class StatisticsSink:
 def add_to(
     stream: StreamingStatistics | PartialStatistics, campaign: Definition, chunks: list[Chunk]
 ) -> None:
-    """Add the cases of chunks to statistics."""
+    """Add the cases of consecutive chunks, in their order, to statistics."""
     first, count = chunks[0].first, sum(len(chunk.inputs) for chunk in chunks)
     stream.add(np.arange(first, first + count), _codes(chunks), _results(campaign, chunks))
 
@@ -265,8 +265,8 @@ def _results(campaign: Definition, chunks: list[Chunk]) -> np.ndarray:
 
 
 def case_table(campaign: Definition, chunks: list[Chunk]) -> dict[str, Any]:
-    """Case table of chunks: values (n,) by column, in the units of the columns; ``status`` is None,
-    to be filled in by the caller."""
+    """Case table of consecutive chunks: values (n,) by column, in the units of the columns;
+    ``status`` is None, to be filled in by the caller."""
     first, results = chunks[0].first, _results(campaign, chunks)
     table: dict[str, Any] = {"case": np.arange(first, first + results.shape[1]), "status": None}
     table |= {

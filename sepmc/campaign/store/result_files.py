@@ -148,7 +148,7 @@ def read_history(folder: Path) -> pd.DataFrame | None:
         content = ledger.read_verified(folder, entry)
     except ValueError as error:
         raise StoreError(
-            f"{folder / folders.HISTORY}: {error}; run it again with {switch('overwrite')}"
+            f"{folder / folders.HISTORY}: {error}; run the case again with {switch('overwrite')}"
         ) from None
     frame = shards.read_table(folder / folders.HISTORY, content=content).to_pandas(
         ignore_metadata=True

@@ -131,7 +131,7 @@ def _read(rules: str, patterns: tuple[str, ...], single: bool) -> KeepRules:
 
 
 def _with_bounds(requirements: Sequence[Requirement]) -> list[Requirement]:
-    """Requirements on a number with a bound."""
+    """Requirements with a bound on an outcome, not those on a status or other requirements."""
     return [item for item in requirements if not (item.at_least is None and item.at_most is None)]
 
 

@@ -93,7 +93,8 @@ def record_release(
 ) -> None:
     """Add lines to a scope that record the present time as that at which a joint becomes free,
     where the condition ``goes`` is satisfied (None: in all cases), and the tip-off rates of its
-    bodies if they are outputs."""
+    bodies if they are outputs; except in a case in which a phase before had not ended at the end
+    time."""
     c.start(f"RELEASE_{joint}", math.nan)
     in_time = scope.load("UNRELEASED").equals(0.0)
     goes = in_time if goes is None else goes & in_time

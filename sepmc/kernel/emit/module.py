@@ -263,8 +263,8 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
     Returns
     -------
     present, absent : list of str
-        features that the kernel computes, and those it leaves out because no scene of the
-        specification needs them
+        features that the kernel computes, and those it leaves out because the scene of the
+        specification does not need them; relative motion is never in ``absent``
     """
     scene = spec.scene
     air = scene.environment.atmosphere != "none" and any(

@@ -130,8 +130,8 @@ def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
 
 
 def simultaneous() -> list[Stress]:
-    """Stress: two joints released at one instant; a stroke reached at a given time; conditions met
-    before their phase begins."""
+    """Stress: two joints released at one instant; a phase that ends by a time or a stroke, which
+    are met at one instant or nearly so; conditions met before their phase begins."""
     lines = []
     # 2 N on 1 kg, and 4 N on 4 kg the other way: 3 m/s2
     stroke, time = 0.0375, math.sqrt(2.0 * 0.0375 / 3.0)
