@@ -1,111 +1,14 @@
-"""Marks of the functions that are compiled, and the cache folder of compiled code, named by a
-digest of their sources, the compiler and the processor.
+"""Marks of the functions that `sepmc.translator` compiles for kernels; they stay plain Python."""
 
-The functions themselves stay plain Python: `sepmc.translator` compiles them for kernels. Nothing
-outside the cache folder is cached or changed.
-"""
-
-import contextlib
-import hashlib
-import importlib.metadata
 import os
-import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
-import llvmlite
-from llvmlite import binding
-
-from sepmc.cache_folder import SETTING, cache_folder
-from sepmc.locks import locked
-
 _F = TypeVar("_F", bound=Callable[..., Any])
-# Environment variables, as Numba's: the loop over cases is compiled by Numba.
-_CPU_NAME, _CPU_FEATURES, PLAIN = "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_DISABLE_JIT"
+PLAIN = "NUMBA_DISABLE_JIT"  # environment variable, as Numba's
 # Whether formulas and routines are imported to run as plain Python, one lane at a time.
 config = SimpleNamespace(plain=os.environ.get(PLAIN, "0") != "0")
-_VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2", "avx": "AVX", "neon": "NEON", "sse2": "SSE2"}
-_HERE = Path(__file__).parent
-# Compiled sources, and what compiles them: a change asks for compiling again.
-_SOURCES = (
-    "jit.py",
-    "physics/*.py",
-    "routines/*.py",
-    "translator/*.py",
-    "engine/*.py",
-    "kernel/spec/methods.py",
-    "kernel/spec/dop853_coefficients.py",
-    "kernel/emit/compile_units.py",
-)
-
-
-def processor() -> str:
-    """Name of the processor that code is compiled for, as in LLVM."""
-    return os.environ.get(_CPU_NAME) or str(binding.get_host_cpu_name())
-
-
-def features() -> str:
-    """Features of the processor that code is compiled for, as in LLVM."""
-    return os.environ.get(_CPU_FEATURES) or str(binding.get_host_cpu_features().flatten())
-
-
-def vector_extension() -> str:
-    """Name of the widest vector instructions that code is compiled for, such as "AVX2"; "none
-    known" if it is none of the names in this module."""
-    flags = features().split(",")
-    return next((name for flag, name in _VECTORS.items() if f"+{flag}" in flags), "none known")
-
-
-def sources_digest() -> str:
-    """Digest (16 hex digits) of all compiled sources, of the versions of the compilers and of the
-    processor: the name of the cache folder."""
-    versions = (
-        importlib.metadata.version("numba"),
-        llvmlite.__version__,
-        sys.version_info[:2],
-        binding.get_default_triple(),
-        processor(),
-        features(),
-    )
-    return hashlib.sha256(repr(versions).encode() + digest_of(_SOURCES)).hexdigest()[:16]
-
-
-def digest_of(patterns: Sequence[str]) -> bytes:
-    """SHA-256 digest of the paths and contents of files of this package, given by patterns with
-    wildcards relative to its folder."""
-    digest = hashlib.sha256()
-    for path in sorted(path for pattern in patterns for path in _HERE.glob(pattern)):
-        digest.update(path.relative_to(_HERE).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.digest()
-
-
-CACHE_FOLDER = cache_folder(sources_digest())
-
-
-@contextlib.contextmanager
-def cache_lock(name):
-    """Context in which no other process has the lock ``name`` of the cache: several processes that
-    compile the same code at once can damage it (numba #4807), and would each take as long."""
-    path = CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{name}.lock"
-    with locked(path, os.O_WRONLY | os.O_CREAT):
-        yield
-
-
-def compile_command(program: str) -> dict[str, Any]:
-    """Arguments of `subprocess.Popen` (by keyword) for a Python program, given as source text, that
-    only fills the cache. It imports nothing from the working folder."""
-    path = os.pathsep.join(folder for folder in sys.path if folder)
-    return {
-        "args": [sys.executable, "-P", "-c", program],
-        "env": {
-            **os.environ,
-            "PYTHONPATH": path,
-            SETTING: str(CACHE_FOLDER.parent.parent),
-        },
-    }
 
 
 def formula(function: _F) -> _F:

@@ -8,9 +8,9 @@ from typing import Any
 
 from sepmc.bench.clock import rounds
 from sepmc.campaign.store import manifests
+from sepmc.code_cache import processor, vector_extension
 from sepmc.engine import fma_peak as peak
 from sepmc.engine.threads import max_threads, use_threads
-from sepmc.jit import processor, vector_extension
 
 _PASSES = 10_000  # some 3 ms
 

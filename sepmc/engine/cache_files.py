@@ -15,7 +15,7 @@ import llvmlite
 from llvmlite import binding
 
 from sepmc.cache_folder import SETTING
-from sepmc.jit import CACHE_FOLDER
+from sepmc.code_cache import CACHE_FOLDER
 
 LOOP = "blocks"  # name of the object file of the loop over blocks (`sepmc.engine.block_loop`)
 _DIGEST = hashlib.sha256().digest_size  # bytes

@@ -14,8 +14,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
+from sepmc.code_cache import compile_command
 from sepmc.engine.host_process import at_fork
-from sepmc.jit import compile_command
 
 Progress = Callable[[int, int], None]  # done, total
 IDLE_S = 60.0  # idle time after which the processes end

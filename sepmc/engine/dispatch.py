@@ -18,6 +18,7 @@ from sepmc import schema
 from sepmc.engine.formula_outcomes import fill_formulas
 from sepmc.engine.host_process import loading
 from sepmc.engine.written_kernel import Kernel
+from sepmc.jit import PLAIN
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.checks import MOST_ROWS
 from sepmc.scene.messages import InputError, Log, shorten
@@ -472,7 +473,7 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
 
 def is_interpreting() -> bool:
     """Return True if kernels that are loaded now run as plain Python."""
-    return _interpreting.get() or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
+    return _interpreting.get() or os.environ.get(PLAIN, "0") != "0"
 
 
 def progress_reporter(log: Log | None, every_s: float) -> Callable[[Callable[[float], str]], None]:

@@ -1,6 +1,5 @@
 """Kernels on disk: split into compile units, compiled in parallel in processes, loaded."""
 
-import gc
 import hashlib
 import os
 import sys
@@ -8,15 +7,13 @@ from collections.abc import Sequence
 
 import msgspec
 
+from sepmc.code_cache import CACHE_FOLDER, cache_lock
 from sepmc.engine import cache_files
 from sepmc.engine.compile_workers import Progress, compile_all
 from sepmc.engine.written_kernel import Kernel, table
-from sepmc.jit import CACHE_FOLDER, cache_lock
 from sepmc.kernel.emit.compile_units import kernel_properties, split
 from sepmc.translator.compiler import compile_text
 
-# Objects between two garbage collections, which took a fifth of the compile time.
-_GC_THRESHOLD = 1_000_000
 # modules with routines that take seconds to compile
 _SLOW = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.peaks")
 
@@ -170,7 +167,6 @@ def serve() -> None:
     """Compile the modules named on standard input, a line each, and answer each with its name."""
     output = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # other output goes to standard error
-    gc.set_threshold(_GC_THRESHOLD)
     for line in sys.stdin:
         name = line.strip()
         _compile(name)

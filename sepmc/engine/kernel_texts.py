@@ -58,9 +58,9 @@ def written(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> st
 def _stored_or_emitted(digest: str, spec: KernelSpec, method_name: str, history: int) -> str:
     """Text of a kernel from the cache folder, by the digest of its structure; emitted and stored if
     it is missing there."""
-    # imported here: numba
+    # imported here: llvmlite
+    from sepmc.code_cache import CACHE_FOLDER  # noqa: PLC0415
     from sepmc.engine.cache_files import put_sealed, read_sealed  # noqa: PLC0415
-    from sepmc.jit import CACHE_FOLDER  # noqa: PLC0415
 
     path = CACHE_FOLDER / f"text_{digest}.sealed"
     stored = read_sealed(path)
@@ -76,7 +76,7 @@ def _stored_or_emitted(digest: str, spec: KernelSpec, method_name: str, history:
 
 @cache
 def _writers_digest() -> bytes:
-    from sepmc.jit import digest_of  # noqa: PLC0415  (numba)
+    from sepmc.code_cache import digest_of  # noqa: PLC0415  (llvmlite)
 
     return digest_of(_WRITERS)
 

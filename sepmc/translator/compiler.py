@@ -5,7 +5,7 @@ from functools import cache
 
 from llvmlite import binding
 
-from sepmc.jit import features, processor
+from sepmc.code_cache import features, processor
 from sepmc.translator.module import Module
 from sepmc.translator.sources import unit_source
 

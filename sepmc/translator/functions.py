@@ -178,7 +178,7 @@ class Function(Writer):
         """Value of an object of Python: a number, a tuple of numbers or an array is a constant;
         anything else stays as it is."""
         if isinstance(value, bool | int | float | np.floating):
-            return constant(value if not isinstance(value, np.floating) else float(value))
+            return constant(value)
         if isinstance(value, tuple) and not hasattr(value, "_fields"):
             return tuple(self.lift(item) for item in value)
         if isinstance(value, np.ndarray):
@@ -214,21 +214,14 @@ class Function(Writer):
             self._body(line.body if test.constant else line.orelse)
             return
         yes, no, after = self.label(), self.label(), self.label()
-        self.branch(test, yes, no if line.orelse else after)
-        self.begin(yes)
-        self._body(line.body)
-        all_ended = self.ended
-        self.jump(after)
-        if line.orelse:
-            self.begin(no)
-            self._body(line.orelse)
-            all_ended = all_ended and self.ended
+        self.branch(test, yes, no)
+        goes_on = False
+        for label, lines in ((yes, line.body), (no, line.orelse)):
+            self.begin(label)
+            self._body(lines)
+            goes_on = goes_on or not self.ended
             self.jump(after)
-        else:
-            all_ended = False
-        if all_ended:
-            self.ended = True
-        else:
+        if goes_on:
             self.begin(after)
 
     def _while_line(self, line: ast.While) -> None:
@@ -237,11 +230,16 @@ class Function(Writer):
         self.begin(test)
         self.branch(operations.truth(self, self.value(line.test)), body, after)
         self.begin(body)
-        self.loops.append((test, after))
+        self._round(line, test, after)
+        self.begin(after)
+
+    def _round(self, line: ast.For | ast.While, following: str, after: str) -> None:
+        """Translate a round of a loop, which goes on at the label ``following``, or ends at the
+        label ``after``."""
+        self.loops.append((following, after))
         self._body(line.body)
         self.loops.pop()
-        self.jump(test)
-        self.begin(after)
+        self.jump(following)
 
     def _for_line(self, line: ast.For) -> None:
         if isinstance(line.iter, ast.Call) and self.value(line.iter.func) is range:
@@ -254,10 +252,7 @@ class Function(Writer):
         for item in items:
             following = self.label()
             self._assign(line.target, item)
-            self.loops.append((following, after))
-            self._body(line.body)
-            self.loops.pop()
-            self.jump(following)
+            self._round(line, following, after)
             self.begin(following)
         self.jump(after)
         self.begin(after)
@@ -285,10 +280,7 @@ class Function(Writer):
         self.branch(goes_on, body, after)
         self.begin(body)
         self._assign(line.target, index)
-        self.loops.append((following, after))
-        self._body(line.body)
-        self.loops.pop()
-        self.jump(following)
+        self._round(line, following, after)
         self.begin(following)
         self.run(f"{rest.text} = add nsw i64 {index.text}, {step}")
         self.jump(test)

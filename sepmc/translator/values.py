@@ -82,10 +82,8 @@ class Named:
     values: tuple[Any, ...]
 
 
-def constant(value: Any) -> Any:
-    """Value of a number, or of nested tuples of numbers, that is known during translation."""
-    if isinstance(value, tuple):
-        return tuple(constant(item) for item in value)
+def constant(value: Any) -> Number:
+    """Number that is known during translation."""
     if isinstance(value, bool):
         return Number(BOOL, "true" if value else "false", value)
     if isinstance(value, int):

@@ -92,7 +92,7 @@ HOST = """
 import os, signal, sys, threading, warnings
 import sepmc
 from sepmc.engine import compile_workers, kernel_cache
-from sepmc.jit import cache_lock
+from sepmc.code_cache import cache_lock
 
 signal.alarm(120)  # whatever waits for ever ends here
 warnings.simplefilter("always")

@@ -414,6 +414,14 @@ def test_public_names_are_imported_at_first_use():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+def test_a_campaign_is_loaded_without_compilers():
+    code = (
+        "import sys, sepmc; sepmc.load('table2');"
+        "sys.exit(bool({'numba', 'llvmlite'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 def test_run_options_are_an_object_or_keywords(tmp_path):
     campaign = sepmc.load("table2.toml", {"solver.step_s": 0.1, "run.history_step_s": 0.0})
     options = sepmc.RunOptions(stats_only=True)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import sepmc
-from sepmc import jit
+from sepmc import code_cache
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection, step_store
 from sepmc.campaign.execution.step_selection import select_steps
-from sepmc.jit import CACHE_FOLDER
+from sepmc.code_cache import CACHE_FOLDER
 from sepmc.scene.campaign_files import shipped_campaigns
 from sepmc.scene.read import parse_campaign
 
@@ -127,7 +127,7 @@ def test_files_of_steps_are_bounded(tmp_path, monkeypatch):
 def test_steps_follow_from_every_source_that_is_not_compiled():
     root = Path(sepmc.__file__).parent
     in_digest = {path for pattern in step_store._SOURCES for path in root.glob(pattern)}
-    compiled = {path for pattern in jit._SOURCES for path in root.glob(pattern)}
+    compiled = {path for pattern in code_cache._SOURCES for path in root.glob(pattern)}
     rooms = ("analysis", "campaign", "engine", "kernel", "physics", "routines", "scene")
     needed = {path for room in rooms for path in (root / room).rglob("*.py")}
     assert needed | {root / "schema.py"} <= in_digest | compiled

@@ -84,7 +84,7 @@ def test_temporary_folder_of_others_is_not_used(tmp_path, monkeypatch, taken):
 
 def test_temporary_folder_replaces_an_unusable_cache(tmp_path):
     (tmp_path / "taken").write_text("")  # no folder can be made there
-    program = "from sepmc.jit import CACHE_FOLDER as f; print(f); (f / 'x').write_text('')"
+    program = "from sepmc.code_cache import CACHE_FOLDER as f; print(f); (f / 'x').write_text('')"
     environment = {folders.SETTING: str(tmp_path / "taken"), "TMPDIR": str(tmp_path / "temporary")}
     result = subprocess.run(
         [sys.executable, "-c", program],

@@ -5,8 +5,8 @@ import functools
 import itertools
 
 import numpy as np
-from llvmlite import binding
 
+from sepmc.engine import cache_files
 from sepmc.translator import compiler
 from sepmc.translator.module import Module
 from sepmc.translator.sources import source_of
@@ -87,14 +87,9 @@ def _compile(function, arguments):
         writer.run(f"store {leaf.kind} {leaf.text}, ptr {pointer.text}")
     writer.run("ret void")
     writer.define(f"void @{name}", passed)
-    machine = compiler.target_machine()
-    code = machine.emit_object(compiler.optimised(module.text()))
-    target = binding.Target.from_default_triple().create_target_machine(jit=True)
-    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), target)
-    engine.add_object_file(binding.ObjectFileRef.from_data(code))
-    engine.finalize_object()
+    code = compiler.target_machine().emit_object(compiler.optimised(module.text()))
+    (address,), engine = cache_files._link([([name], code)])
     _engines.append(engine)
-    address = engine.get_function_address(name)
     entry = ctypes.CFUNCTYPE(None, *(_C[number.kind] for number in passed))(address)
     buffer = (ctypes.c_int64 * max(1, len(kinds)))()
     places = [_C[kind].from_buffer(buffer, 8 * k) for k, kind in enumerate(kinds)]

@@ -14,6 +14,7 @@ from sepmc.campaign.execution.accuracy import AchievedAccuracy, scene_scales
 from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import missing_of_nominal
 from sepmc.campaign.execution.table_overshoot import overshooting
+from sepmc.physics.outlines import THROUGH
 from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene import parameters
 from sepmc.scene.kinds import rows_of
@@ -279,8 +280,6 @@ def _deepest_penetration(
         if part.hollow and part.radii
         for radius in part.radii
     ]
-    from sepmc.physics.outlines import THROUGH  # noqa: PLC0415  numba, only after a run
-
     return THROUGH * max(radii, default=math.inf)
 
 

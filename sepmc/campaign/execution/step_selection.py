@@ -354,7 +354,7 @@ def _progress_counter(announce: Log | None) -> Callable[[int], None]:
 
 def units_to_compile(text: str) -> tuple[int, int]:
     """Number of compile units of a kernel that are not in the cache, and number of units."""
-    from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (numba)
+    from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (llvmlite)
 
     units = compiled.compile_units_of(text)
     return len(compiled.missing_units(units)), len(units.names)

@@ -45,7 +45,7 @@ def key_of(campaign: Definition, history: bool, size: CalibrationSize) -> str:
 
 @cache
 def _sources_digest() -> bytes:
-    from sepmc.jit import digest_of  # noqa: PLC0415  (numba)
+    from sepmc.code_cache import digest_of  # noqa: PLC0415  (llvmlite)
 
     return digest_of(_SOURCES)
 
@@ -59,8 +59,8 @@ def in_memory(key: str) -> Integration | None:
 def stored(key: str) -> Integration | None:
     """Integration from the cache folder, without kernels (`Integration.packed`); None if it is
     missing or damaged."""
-    from sepmc.engine.cache_files import read_sealed  # noqa: PLC0415  (numba)
-    from sepmc.jit import CACHE_FOLDER  # noqa: PLC0415
+    from sepmc.code_cache import CACHE_FOLDER  # noqa: PLC0415
+    from sepmc.engine.cache_files import read_sealed  # noqa: PLC0415  (llvmlite)
 
     content = read_sealed(CACHE_FOLDER / f"steps_{key}.sealed")
     # the folder holds machine code of this user alone; a file has a checksum
@@ -80,8 +80,8 @@ def forget() -> None:
 
 def store(key: str, integration: Integration) -> None:
     """Keep an integration in memory and, without its kernels, in the cache folder."""
-    from sepmc.engine.cache_files import put_sealed  # noqa: PLC0415  (numba)
-    from sepmc.jit import CACHE_FOLDER  # noqa: PLC0415
+    from sepmc.code_cache import CACHE_FOLDER  # noqa: PLC0415
+    from sepmc.engine.cache_files import put_sealed  # noqa: PLC0415  (llvmlite)
 
     remember(key, integration)
     put_sealed(CACHE_FOLDER / f"steps_{key}.sealed", pickle.dumps(integration.packed))

@@ -162,7 +162,7 @@ def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
 
 def kind() -> str:
     """Code version and processor of this process: rows of one kind have the same bits."""
-    from sepmc.jit import processor, sources_digest  # noqa: PLC0415  (numba)
+    from sepmc.code_cache import processor, sources_digest  # noqa: PLC0415  (llvmlite)
 
     return f"sepmc {__version__}, {processor()}, code {sources_digest()}"
 
