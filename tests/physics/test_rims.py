@@ -9,7 +9,6 @@ from support.compiled import compiled
 from sepmc.physics.outlines import inside_gap
 from sepmc.physics.rims import rim_gap
 
-inside_gap = compiled(inside_gap)
 rim_gap = compiled(rim_gap)
 ALONG_X, ALONG_Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
@@ -19,6 +18,14 @@ def tuples(v):
     return tuple(float(x) for x in v)
 
 
+@compiled
+def put_gaps(points, distances, count, shell):
+    """Store the distance of each of the points, rows of an array."""
+    for i in range(count):
+        point = points[i, 0], points[i, 1], points[i, 2]
+        distances[i] = inside_gap(point, shell)[0]
+
+
 def rim_by_scan(rim, shell):
     """Smallest `inside_gap` of a rim: in steps of a degree, with both sides of the angles at which
     the rim meets the ends; then refined."""
@@ -26,10 +33,12 @@ def rim_by_scan(rim, shell):
     start, axis, length = (np.array(x) for x in shell[:3])
     u, v = np.linalg.svd(normal[None])[2][1:]
 
-    def value(angle):
-        return inside_gap(
-            tuples(centre + radius * (math.cos(angle) * u + math.sin(angle) * v)), shell
-        )[0]
+    def values(angles):
+        """Distances at angles, each with its angle."""
+        points = centre + radius * (np.outer(np.cos(angles), u) + np.outer(np.sin(angles), v))
+        distances = np.empty(len(angles))
+        put_gaps(points, distances, len(angles), shell)
+        return list(zip(distances.tolist(), angles, strict=True))
 
     angles, half = list(np.linspace(0.0, 2.0 * np.pi, 361)), radius * math.hypot(u @ axis, v @ axis)
     for plane in (0.0, length):
@@ -40,18 +49,11 @@ def rim_by_scan(rim, shell):
                 top + s * math.acos(cosine) + e for s in (1.0, -1.0) for e in (-1e-13, 1e-13)
             ]
     minima = []
-    for best in sorted((value(angle), angle) for angle in angles)[:4]:
+    for best in sorted(values(angles))[:4]:
         width = math.radians(1.0)
         for _ in range(12):
-            best = min(
-                [
-                    best,
-                    *(
-                        (value(angle), angle)
-                        for angle in best[1] + width * np.linspace(-1.0, 1.0, 21)
-                    ),
-                ]
-            )
+            near = best[1] + width * np.linspace(-1.0, 1.0, 21)
+            best = min([best, *values(near)])
             width *= 0.12
         minima.append(best[0])
     return min(minima)
