@@ -315,10 +315,18 @@ def test_a_scene_that_failed_once(path):
     assert not verdict.fails, "\n".join([verdict.crash, *verdict.said])
 
 
-def test_a_scene_that_takes_too_long_is_reported_and_no_fault():
-    """A scene without a verdict in time is counted and listed by its seed, and none of its rows
-    counts as same."""
-    result = list(judge_all([{"seed": 5, "cases": 2}], processes=1, limit_s=0.05))
+def test_a_scene_that_takes_too_long_is_compiled(monkeypatch):
+    """A scene that takes too long interpreted is judged compiled and counted there; if that takes
+    too long as well, it is listed by its seed, and none of its rows counts as same."""
+    late = [{"seed": 5, "cases": 2}]
+    (verdict,) = judge_all(late, processes=1, limit_s=0.05)
+    assert verdict["compiled"]
+    assert verdict["rows"]["same"] == 2
+    text = run.table([verdict])
+    assert "1 scenes were compiled since they took too long interpreted" in text
+
+    monkeypatch.setattr(workers, "COMPILED_LIMIT_S", 0.05)
+    result = list(judge_all(late, processes=1, limit_s=0.05))
     assert [v["not_flown"] for v in result] == ["no verdict within 0.05 s"]
     assert not any(map(run.fails, result))
     text = run.table(result)

@@ -49,7 +49,7 @@ def main() -> None:
     type=click.FloatRange(min=0, min_open=True),
     default=60.0,
     show_default=True,
-    help="Time for a scene, s; without a verdict after it (at least 600 if compiled).",
+    help="Time for a scene, s; after it the scene is compiled, with at least 600 s.",
 )
 @click.option(
     "--kind",

@@ -54,7 +54,9 @@ class Verdict:
     tie (the case itself is too sensitive); refused by the engine; and the faults silent, wrong
     (status not ok, other outcomes), status. It also counts differing entry points, see
     `oracles.random_scenes.entry_points`. ``said`` has a line for each fault, ``crash`` the last
-    line of a traceback, ``not_flown`` the reason why nothing is compared.
+    line of a traceback, ``not_flown`` the reason why nothing is compared. ``worst`` is the largest
+    relative difference among rows judged the same, of outcome ``column``, whose reported error is
+    ``reported``.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Verdict:
     crash: str = ""
     not_flown: str = ""
     worst: float = 0.0
+    column: str = ""
     reported: float = 0.0
     met: bool = True
 
@@ -155,7 +158,6 @@ def _compare(
     accuracy = result.accuracy
     errors_by_outcome = reported_errors(accuracy)
     reported = np.array([errors_by_outcome.get(c.name, 0.0) for c in columns])
-    verdict.reported = accuracy.worst[1] if accuracy and errors_by_outcome else 0.0
     verdict.met = bool(accuracy is None or accuracy.met)
     for number in range(count):
         status = str(table["status"][number])
@@ -207,7 +209,10 @@ def _compare(
                 relative *= scale[number] / np.maximum(scale[number], spread())
             worst_column = int(np.argmax(relative / allowed))
             if relative[worst_column] <= allowed[worst_column]:
-                verdict.worst = max(verdict.worst, float(relative[worst_column]))
+                if relative[worst_column] > verdict.worst:
+                    verdict.worst = float(relative[worst_column])
+                    verdict.column = columns[worst_column].name
+                    verdict.reported = float(reported[worst_column])
                 verdict.count("same")
                 continue
             said = (
@@ -463,6 +468,11 @@ def _late_features(tree: Tree) -> set[str]:
         "return factor": any(
             "return_factor" in spring.get("table", {}) for spring in tree.get("spring", [])
         ),
+        "signal": tree.get("signal"),
+        **{
+            f"signal {key.removesuffix('_s')}": any(key in item for item in tree.get("signal", []))
+            for key in _OF_SIGNAL
+        },
         "push only": any(spring.get("push_only") for spring in tree.get("spring", [])),
         "guide": guides,
         "guide friction": any(guide.get("friction") for guide in guides),
@@ -485,6 +495,7 @@ _OF_CONDITIONS = {"burn_out": "burn_out", "vertical_speed_m_s": "vertical_speed"
 _OF_MOTOR = ("ignition_s", "delay_s", "burn_s", "tail_off_s", "build_up_s", "profile")
 
 
+_OF_SIGNAL = ("lag_s", "rate_limit", "servo", "integral", "sample_s")
 _INSTANTS = ("event", "release", "joint")
 
 

@@ -40,8 +40,9 @@ def judge_scenes(
     cases : int
         Rows of a scene that are compared.
     limit_s : float
-        Time for an interpreted scene; one that takes longer gets no verdict, and is reported. A
-        compiled one has at least `workers.COMPILED_LIMIT_S`.
+        Time for an interpreted scene; one that takes longer is compiled, and counted there. A
+        compiled one has at least `workers.COMPILED_LIMIT_S`; one that takes longer gets no
+        verdict, and is reported.
     kinds : iterable of str
         Kinds of `oracles.random_scenes.scenes.LATE` that every scene has in addition.
 
@@ -125,6 +126,9 @@ def table(verdicts: Iterable[VerdictDict]) -> str:
             + "".join(f"{rows[c]:9d}" for c in _COLUMNS)
             + f"{crashes:9d}"
         )
+    late = sum(bool(v.get("late")) for v in verdicts)
+    if late:
+        text += ["", f"{late} scenes were compiled since they took too long interpreted"]
     statuses: Counter[str] = sum((Counter(v.get("statuses", {})) for v in judged), Counter())
     text += ["", "statuses: " + ", ".join(f"{n} {label}" for label, n in statuses.most_common())]
     text += [_worst(judged)] if any(v.get("rows") for v in judged) else []
@@ -153,6 +157,6 @@ def _worst(judged: list[VerdictDict]) -> str:
     missed = sum(not v.get("met", True) for v in judged)
     text = (
         f"worst agreement: {worst.get('worst', 0.0):.1e} where {worst.get('reported', 0.0):.1e} is "
-        f"reported ({worst['name']})"
+        f"reported ({worst.get('column', '')} of {worst['name']})"
     )
     return f"{text}; {missed} scenes report that their accuracy is not met"

@@ -90,7 +90,8 @@ def judge_all(
         See `oracles.random_scenes.worker.work`.
     processes : int
     limit_s : float
-        Time for a scene; a compiled one has at least `COMPILED_LIMIT_S`. A scene that takes longer
+        Time for an interpreted scene; one that takes longer is judged compiled, and ``late`` is
+        true in its verdict. A compiled one has at least `COMPILED_LIMIT_S`; one that takes longer
         gets no verdict.
     """
     open_jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
@@ -133,11 +134,16 @@ def _work(
         limit = longer if job.get("compiled") else limit_s
         verdict = worker.judge(job, limit)
         dead = verdict is None
+        if verdict and verdict.get("late"):
+            limit = longer
+            verdict = worker.judge({**job, "compiled": True}, limit)
+            dead = verdict is None
+            verdict = verdict and {**verdict, "late": True}
         if verdict and not job.get("compiled") and _REPEATED & set(verdict.get("rows", ())):
             repeated = worker.judge({**job, "compiled": True}, longer)
             verdict, dead = repeated or verdict, repeated is None
-        if verdict is None or "late" in verdict or "died" in verdict:
-            stopped = worker.stopped if verdict is None else "late" in verdict
+        if verdict is None or "died" in verdict:
+            stopped = verdict is None and worker.stopped
             reason = f"no verdict within {limit:g} s" if stopped else ""
             name = job.get("name") or f"seed {job['seed']}"
             verdict = {
