@@ -1,5 +1,5 @@
 """Kinks of the formulas of signals, and of springs that only push: points at which a value is not
-a smooth function of the state and time, as |x| at x = 0.
+a smooth function of the state and time, as abs(x) at x = 0.
 
 A switching function is zero at the kink. Reaching it is an event, so that a step ends there, and
 the branch of a formula is constant within a step.
