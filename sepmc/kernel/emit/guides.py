@@ -175,9 +175,9 @@ def _guide_loads_min_norm(s: State, motion: Motion, joint: str) -> list[Any]:
 def _guide_components(
     s: State, joint: str, balance: Any, balanced: Ends, forces: Ends
 ) -> list[Any]:
-    """Vectors in the order of `guide_loads`, made from the driving force less present friction,
-    ``balance``, N, the pin forces if friction balanced the driving force, ``balanced``, and the
-    present pin forces, ``forces``."""
+    """Vectors in the order of `guide_loads`, made from the sum of driving force and present
+    friction, ``balance``, N, the pin forces if friction balanced the driving force, ``balanced``,
+    and the present pin forces, ``forces``."""
     friction = s.friction(joint)
     driving_force = balance if friction is None else balance - friction
     return [(driving_force, 0.0, 0.0), *((0.0, y, z) for y, z in (*balanced, *forces))]
