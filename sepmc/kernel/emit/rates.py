@@ -14,9 +14,9 @@ from sepmc.kernel.tracer.text import Text
 
 
 def emit_rates(out: Text, c: Context) -> None:
-    """Write, for each segment, the kernel function ``rates_SEGMENT(w)``, which stores the
-    derivative of the state S at the time CLOCK into D (with look-ups in tables before), and the
-    function ``rates(w, phase)``, which calls that of segment number ``phase``."""
+    """Write, for each segment, the kernel functions ``rates_SEGMENT(w)``, which stores the
+    derivative of the state S at the time CLOCK into D, and ``look_up_SEGMENT(w)``, which it calls
+    to look up tables; and ``rates(w, phase)``, which calls that of segment number ``phase``."""
     for segment in c.spec.segments:
         emit_look_up(out, c, segment)
         if not c.emit_alias(out, segment, "rates"):
