@@ -104,8 +104,8 @@ def store_wrenches(s: State, motion: Motion) -> None:
 
 
 def force_of(motion: Motion, joint: str) -> Any:
-    """Force on the second body of a joint, ground axes, N; `ZERO` if the joint carries none. Not
-    ``moving`` motions give its change per newton."""
+    """Force on the second body of a joint, ground axes, N; `ZERO` if the joint carries none. With a
+    motion from `make_drive`, its change per newton of the driving force."""
     if motion.wrenches:
         return motion.wrenches[joint][0] if joint in motion.wrenches else ZERO
     rows = zip(motion.multipliers, motion.rows, strict=True)
