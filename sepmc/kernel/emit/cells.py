@@ -74,7 +74,8 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
     into the fields NOW_... and RATE_...; also the forces from tables of springs that only push. A
     rate is the difference quotient over `_MOMENT` along the derivative K1, with the change of wind
     and air included. ``cell_second_rates_SEGMENT(w)`` stores second rates (`_emit_second_rates`).
-    ``enter_cells_SEGMENT(w, ahead)`` loads the next cell of each point that has left its cell.
+    ``enter_cells_SEGMENT(w, ahead)`` loads a cell for each point that is flagged to have left its
+    own: with ``ahead`` = 1.0 the one into which the point moves, with 0.0 the one that contains it.
     """
     tables = _kinked_tables(c)
     known = [(table.cell, table.point, 3) for table in tables]

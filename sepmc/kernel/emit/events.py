@@ -219,7 +219,7 @@ def _flag_graze(
     scope: Scope, event: Event, segment: str, value: Expr, rate: Any, side: Any = 1.0
 ) -> None:
     """Add lines to a scope that set UNEVEN (the case is simulated again at steps of its own) where
-    a condition, below zero at the last two steps, may have been met and left again between them.
+    a condition that was below zero at the previous step may have been met and left again since.
 
     ``value`` and ``rate`` are those of the condition now; the stored ones of the previous step are
     multiplied by ``side`` first. ``segment`` is the name of the segment.

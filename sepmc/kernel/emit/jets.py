@@ -158,8 +158,8 @@ def _selected(condition: Any, one: Any, other: Any) -> Any:
 
 
 def _is_still(x: Jet) -> bool:
-    """True if both derivatives of a jet are known while the kernel is written, and the rate is 0:
-    the value does not change, or its rates are not needed."""
+    """True if the rate of a jet is known to be 0 while the kernel is written and its second
+    derivative is not None: the value does not change, or its rates are not needed."""
     return not isinstance(x.rate, Expr) and x.rate == 0.0 and x.second is not None
 
 

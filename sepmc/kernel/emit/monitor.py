@@ -22,8 +22,8 @@ _INITIAL = (0.0, math.nan, 0.0)  # at the start of a case: peak, its time, integ
 
 def emit_monitor(out: Text, c: Context) -> None:
     """Write the kernel functions that monitor joint loads over the step just made: ``node_loads``,
-    which evaluates the loads at its nodes, and, where needed, ``stop_at_load_SEGMENT`` and
-    ``monitor_loads``. Fields of the peaks and guide outcomes are added."""
+    which evaluates the loads at its nodes, and, where needed, ``wrenches_SEGMENT``,
+    ``stop_at_load_SEGMENT`` and ``monitor_loads``. Fields of peaks and guide outcomes are added."""
     segments = {
         number: segment
         for number, segment in enumerate(c.spec.segments)

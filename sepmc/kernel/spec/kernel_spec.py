@@ -92,7 +92,8 @@ class Event:
 
     def flag(self, segment: str) -> str:
         """Name of the workspace field that is 1 once the event has occurred in the segment of that
-        name; of a kink, the field of the mode (-1, 0, 1) that the kink gets when it occurs."""
+        name; at the end of a layer or cell, 1 until the next one is loaded. Of a kink it is the
+        field of the mode (-1, 0, 1) that the kink gets at the event."""
         if self.is_border:
             return f"ENTERS_{self.item}"
         if self.quantity == at.AT_KINK:
@@ -160,8 +161,8 @@ class Release:
 class Change:
     """Change of a joint to its kind number ``to``.
 
-    ``event`` names the trigger: a phase (at its end) or a release. The change happens the release
-    delay of the joint after the trigger. A case in which it does not happen until the end has the
+    ``event`` names the trigger: a phase (at its end) or a release. The change follows the trigger
+    after the release delay of the joint. A case in which it does not happen until the end has the
     status never-released; if ``optional``, only if the trigger occurred.
     """
 

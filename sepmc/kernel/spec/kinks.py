@@ -120,6 +120,7 @@ class Formulas:
         ordered: dict[str, None] = {}
 
         def add(signal: str) -> None:
+            """Append a signal after the signals that always equal their formulas and it names."""
             for node in walk(self.tree(signal)):
                 other = self.other(signal, node) if isinstance(node, Name) else ""
                 if other and self.at_once(other):

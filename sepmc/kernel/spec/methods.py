@@ -24,8 +24,8 @@ class Method:
     ``h sum_i k_i error_weights_i`` is a low-order estimate of the local error: much larger than the
     error, but it varies from case to case as the error does.
 
-    ``within`` has the indices of stages at times inside the step, in the order of time, whose
-    states are the most accurate ones there.
+    ``within`` has the indices of some stages at times inside the step, in the order of time, whose
+    states are among the most accurate.
     """
 
     name: str

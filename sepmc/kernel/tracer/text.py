@@ -17,7 +17,7 @@ class Text:
 
     Texts made from this one (`indented`, `block`, `lanes`) append to the same ``lines``, at a
     deeper indent, and share ``names``, the shape of each variable of the function: a variable has
-    one shape. A loop written by hand whose counter is a variable of traced code is a TypeError.
+    one shape. A loop written by hand whose counter is a variable of traced code raises TypeError.
     """
 
     def __init__(

@@ -420,8 +420,9 @@ class _Writer:
                         }
 
     def lines(self) -> list[tuple[int, int, str]]:
-        """Lines of the loop body, sorted, as (node, order among the lines at that node: 0 comment,
-        1 assignment, 2 store, line). Lines to write before the loop are then in ``shared``."""
+        """Lines of the loop body as sorted tuples (node, order, line); at one node, order is 0 for
+        a comment, 1 for an assignment, 2 for a store. ``shared`` then has the lines to write before
+        the loop."""
         written: list[tuple[int, int, str]] = []  # node, order at the same node, line
         for node in sorted(self.uses):
             line = self._line(node)
