@@ -202,8 +202,8 @@ def emit_results(text: Text, c: Context) -> None:
     """Append lines that compute the outcomes, set the status of each case, and copy outcomes, audit
     columns, error indicators and end times of segments into the result arrays.
 
-    With a final status other than ok and never-released all columns are NaN. Error indicators are
-    NaN in a case that is marked as uneven, and -inf if its full turns are unclear.
+    With a final status other than ok and never-released, outcomes and audit columns are NaN. Error
+    indicators are NaN in a case that is marked as uneven, and -inf if its full turns are unclear.
 
     Whole columns are copied for all lanes at once: one number at a time took a tenth of the run
     time.
