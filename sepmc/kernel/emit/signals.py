@@ -78,7 +78,8 @@ class Signals:
         return self.of(signal).value
 
     def of(self, signal: str) -> Jet:
-        """Jet of a signal: of its first state if it has states, else of its formula."""
+        """Jet of a signal: of its first state if it has states, else of its formula or, if it is
+        sampled, of the sample in use."""
         if signal not in self._signals:
             self._signals[signal] = (
                 self._state(signal, 0)
@@ -94,8 +95,8 @@ class Signals:
         return [last] if is_single else [self._state(signal, 1).value, last]
 
     def of_formula(self, signal: str) -> Any:
-        """Value of the tree of a signal (`Formulas.tree`): of its formula or, if it has states, the
-        rate of its last state."""
+        """Value of the tree of a signal (`Formulas.tree`): of its formula or sample in use or, if
+        it has states, the rate of its last state."""
         return self._number(signal, self.formulas.tree(signal)).value
 
     def sample(self, signal: str) -> Any:

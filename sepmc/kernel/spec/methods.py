@@ -43,7 +43,9 @@ class Method:
         if not np.allclose(
             self.a.sum(axis=1), self.c, rtol=0, atol=1e-14 * np.abs(self.a).sum(axis=1).max()
         ):
-            raise ValueError(f"method {self.name}: rows of the stage matrix a do not sum to c")
+            raise ValueError(
+                f"method {self.name}: the rows of the stage matrix a do not sum to the nodes c"
+            )
         nodes = self.c[: len(self.b)]
         for power in range(self.order):
             if abs(self.b @ nodes**power - 1.0 / (power + 1)) > 1e-13:

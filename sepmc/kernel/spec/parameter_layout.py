@@ -132,8 +132,8 @@ def make_parameter_layout(scene: Scene, dispersed: frozenset[str] = frozenset())
     ----------
     scene : Scene
     dispersed : frozenset of str
-        paths of dispersed parameters; axes, outlines and wind factors are parameters only if
-        dispersed, else numbers that all cases share
+        paths of dispersed parameters; some quantities, such as axes and outlines, are parameters
+        only if they are dispersed, else numbers that all cases share
 
     Returns
     -------
