@@ -1,1 +1,3 @@
-"""Writes the kernel of a scene: its specification, the tracer, and the functions it emits."""
+"""Writes the kernel of a scene, the Python module that integrates its cases: the specification of
+the kernel (`spec`), the tracer of formulas (`tracer`), and the writers of its functions
+(`emit`)."""

@@ -48,7 +48,7 @@ def test_check_says_what_is_in_it():
         "pad (ground - lower)",
         "retro (pushes lower aft), main (pushes lower forward), kick (pushes half aft)",
         "kick: 0.005 s later than at event clear",
-        "pins becomes free when upper at -50 m/s upward (falling), which need not come",
+        "pins becomes free when upper at -50 m/s upward (falling), which need not occur",
         "level: when upper at 3022 m height (rising)",
         "pusher, strut",
         "plume, tug",

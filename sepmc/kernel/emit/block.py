@@ -1,5 +1,5 @@
-"""Block of cases, as lines of a kernel: its entry, the loop over segments and intervals,
-transitions between segments, and results."""
+"""Emitter of the entry of a kernel, which integrates a block of cases: the loop over segments and
+intervals, transitions between segments, and results."""
 
 import functools
 import math
@@ -40,9 +40,10 @@ from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
-# of a lane: its case has no final status (cases for another variant continue)
+# code of the condition that the case of a lane has no final status: a case that is rejected only
+# for this variant or these steps (negative status) goes on
 _CONTINUES = "w[REJECTED + l] <= 0.0"
-# minimum fraction of the time left in the typical duration of a phase that a load may end at once
+# minimum length of an interval that a joint load may end, as a fraction of the time left
 _MIN_FRACTION = 2.0**-16
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: tolerated joint residuals at the start
 _INPUTS = "nominal, slots, draws = vector(a, 0), indices(a, 1), table(a, 2)"
@@ -54,10 +55,11 @@ _OUTPUTS = "draws, outcomes, ends, status = table(a, 2), table(a, 6), table(a, 7
 
 
 def emit_block(out: Text, c: Context) -> None:
-    """Write the entry of a kernel, which integrates a block of cases, and the functions that it
-    calls to begin and end segments and to write results.
+    """Write the kernel functions ``integrate_block(w, first, a)``, the entry of a kernel, and those
+    that it calls to load cases, to begin and end segments and to write results.
 
-    Its arrays are in the order of `sepmc.engine.blocks.integrate`. The functions are short, so that
+    ``w`` is the workspace, ``first`` the number of the block's first case, ``a`` the input and
+    output arrays in the order of `sepmc.engine.blocks.integrate`. The functions are short, so that
     a scene with one more output has few compile units to compile again.
     """
     functions = Text()
@@ -87,7 +89,8 @@ def emit_block(out: Text, c: Context) -> None:
 
 
 def _begin(out: Text, c: Context) -> None:
-    """Write the function that loads the cases of a block into the workspace."""
+    """Write the kernel function ``load_cases(w, first, a)``, which loads the parameters of a
+    block's cases into the workspace and prepares the start of the cases."""
     text = out.function(
         "load_cases(w, first: int, a: Arrays)",
         "Load the parameters of the cases into the workspace and prepare their start.",
@@ -129,8 +132,9 @@ def _begin(out: Text, c: Context) -> None:
 
 
 def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
-    """Write the function that begins segment ``number``: checks the start of a case, sets end times
-    and flags, loads the first cells of tables with kinks."""
+    """Write the kernel function ``enter_SEGMENT(w)``, which begins segment ``number``: it sets end
+    times and flags and makes changes of joints that are due; in the first segment it also rejects
+    cases whose start violates the joints and loads the first cells of tables with kinks."""
     text = out.function(
         f"enter_{segment.name}(w)", "Begin a phase: check the start, set end times and flags."
     )
@@ -159,9 +163,9 @@ def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that load, at the start of a case, the cells of tables with kinks that contain
-    their points, then the cells that the points move into, predicted without the motors and loads
-    that switch."""
+    """Append lines that, at the start of a case, load the cells of tables with kinks: first those
+    that contain the points, then, for a point at an end, the cell that it moves into. The motion is
+    predicted with all motors and constant loads off if any of them switches."""
     switched = [(f"BURNING_{motor.name}", 3) for motor in c.spec.scene.motor]
     switched += [(f"ACTS_{load.name}", 1) for load in c.spec.scene.load]
     for name, count in switched if c.spec.load_switches else []:
@@ -177,8 +181,9 @@ def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
-    """Write the function that ends segment ``number``: projects the state onto its constraints,
-    records its end and hands over to the next segment."""
+    """Write the kernel function ``leave_SEGMENT(w)``, which ends segment ``number``: it projects
+    the state onto the constraints, records the end time and hands over to the next segment or, at
+    the end of the last one, flags cases with joints that have not been released."""
     text = out.function(
         f"leave_{segment.name}(w)",
         "End a phase: project onto the constraints, record its end, hand over to the next.",
@@ -204,15 +209,16 @@ def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _reset_load_sides(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that reset, at the start of a segment, on which side of its threshold the joint
-    load of each condition with a crossing direction is: unknown."""
+    """Append lines that, at the start of a segment, set the side field of each load condition with
+    a crossing direction to 0: it is not known on which side of its threshold the load is."""
     for load in segment.loads:
         if load.direction and not load.any_phase:
             text.lanes()(f"w[{load_side(segment, load)} + l] = 0.0")
 
 
 def _check_start(text: Text, c: Context) -> None:
-    """Append lines that reject cases whose initial state violates the joints."""
+    """Append lines that reject cases whose initial state violates constraint rows by more than the
+    tolerance (status inconsistent-start)."""
     scope = c.scope()
     for k in range(4):
         reject_unless(
@@ -224,8 +230,8 @@ def _check_start(text: Text, c: Context) -> None:
 
 
 def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that set the end time of a segment as it begins: the time of the file or, if
-    that is past, the present time, plus the release delay of the segment, if any."""
+    """Append lines that, as a segment begins, set its end time: the time given by the file or, if
+    that is past, the present time; plus the release delay of the segment, if any."""
     scope, time = c.scope(), total([c.case.number(slot) for slot in segment.end_time])
     now = scope.load("T")
     if segment.after_late:  # its end came during a release delay
@@ -241,8 +247,8 @@ def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _begin_delayed(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that set the end time of a segment with delayed releases as it begins: the
-    present time plus the longest delay."""
+    """Append lines that, as a segment of delayed releases begins, set its end time: the present
+    time plus the longest of the delays."""
     scope = c.scope()
     first, *others = (c.case.number(slot) for slot in segment.late.values())
     last = functools.reduce(scalar.larger, others, first)
@@ -252,9 +258,9 @@ def _begin_delayed(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _check_rotation(text: Text, c: Context) -> None:
-    """Append lines that reject cases that rotate at the start although a joint fixes the attitude
-    of the vehicle to the ground: a segment has no constraint rows for that, so their residuals do
-    not show it."""
+    """Append lines that reject cases with an initial angular rate although a joint fixes the
+    attitude of the vehicle to the ground (status inconsistent-start). Rotation rows within a rigid
+    group are left out, so no residual shows this."""
     scope = c.scope()
     omega = c.case.vector(at.OMEGA)
     reject_unless(scope, vec3.dot(omega, omega) <= _CONSISTENT**2, Status.INCONSISTENT_START)
@@ -262,8 +268,9 @@ def _check_rotation(text: Text, c: Context) -> None:
 
 
 def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
-    """Append lines that integrate to the end of segment ``number``, or to the next event, load
-    switch or sample of a signal within it, and then update conditions and joints."""
+    """Append lines that integrate one interval: to the end of segment ``number``, or to the next
+    event, time condition, load switch, release or sample of a signal within it; and that then
+    update the conditions and make the changes of joints that are due."""
     scope = c.scope()
     now, run_end = scope.load("T"), scope.load("RUN_END")
     end = (
@@ -331,7 +338,8 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _common_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
-    """Append the loop over the steps of an interval, whose number is the same in all lanes."""
+    """Append the loop over the steps of an interval for a segment in which all lanes take the same
+    number of steps: that chosen for segment ``number``."""
     size, pending, after = (
         f"{c.spec.active_size(segment)} * LANES",
         _pending_calls(segment),
@@ -354,8 +362,9 @@ def _common_steps(text: Text, c: Context, number: int, segment: Segment) -> None
 
 
 def _lane_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
-    """Append the loop over steps in which each lane makes as many as it needs for none to be longer
-    than MAX_STEP (a multiple of the step factor), at most those of the segment."""
+    """Append the loop over the steps of an interval for a segment in which each lane takes a number
+    of steps of its own: the smallest multiple of the step factor for which no step is longer than
+    MAX_STEP, at most the number chosen for segment ``number`` (more if an event comes late)."""
     size, pending = f"{c.spec.active_size(segment)} * LANES", _pending_calls(segment)
     inner = text.lanes()
     inner(f"w[MAX_STEP + l] = max_step[{number}] if max_step[{number}] > 0.0 else {at.GRAIN}")
@@ -381,8 +390,9 @@ def _lane_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -> None:
-    """Append one step of segment ``number``, the first of ``left`` (code of a number) remaining
-    ones, by the requested method if the segment has several."""
+    """Append lines that make one step in segment ``number``, the first of the remaining ones, by
+    the method that the run selects for the segment. ``left`` is the code of the number of remaining
+    steps."""
     methods = c.methods(segment)
     if c.history == at.SEPARATION_HISTORY:
         text.block("for e in range(SIZE_Y):")("w[BEGIN + e] = w[Y + e]")
@@ -398,14 +408,14 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
 
 
 def _pending_calls(segment: Segment) -> list[str]:
-    """Lines (one or none) that evaluate the condition that ends the next phase, while the releases
-    before that phase are pending."""
+    """Lines (one, or none if not needed) that call the check whether the condition that ends the
+    next phase is met too early: while delayed releases before that phase are pending."""
     return [f"pending_event_{segment.name}(w, 0.0)"] if segment.pending_event else []
 
 
 def _after_step(c: Context, number: int) -> list[str]:
-    """Lines that, after a step of segment ``number``, write the history, monitor loads and search
-    clearances, as far as the kernel needs it."""
+    """Lines that call, after a step in segment ``number``, the functions that write the history,
+    monitor joint loads and search clearances; only those that the kernel needs."""
     segment = c.spec.segments[number]
     calls = [f"write_history(w, {number}, first, a)"] if c.history else []
     calls += [f"monitor_loads(w, {number})"] if c.monitors_outputs(segment) else []
@@ -415,8 +425,9 @@ def _after_step(c: Context, number: int) -> list[str]:
 
 
 def emit_load_switch(out: Text, c: Context) -> None:
-    """Write the function that ends an interval at the next load switch and updates the acting
-    loads."""
+    """Write the kernel function ``end_at_load_switch(w, a)``, which ends an interval at the next
+    switch of a motor or constant load, if one comes before END, and stores which of them act until
+    then; nothing is written if no load switches."""
     if not c.spec.load_switches:
         return
     docstring = "End the interval at the next load switch; update the loads that act until then."
@@ -443,8 +454,12 @@ def emit_load_switch(out: Text, c: Context) -> None:
 
 
 def _hand_over(text: Text, c: Context, segment: Segment, after: Segment) -> None:
-    """Append lines from a segment to the next: reject cases that did not reach its end, copy
-    attitudes of bodies that separate, record releases."""
+    """Append lines that hand over from a segment to the next one, ``after``.
+
+    They reject cases that reached neither the end of the segment nor that of the run (the latter
+    are flagged in UNRELEASED), copy attitude and rate of a rigid group to bodies that leave it,
+    change the kinds of joints, and record their releases.
+    """
     scope = c.scope()
     now = scope.load("T")
     ended = (

@@ -1,5 +1,5 @@
-"""Values that depend on the parameters of a case alone: masses, inertias, arms, initial motion.
-They are computed once per case."""
+"""Values that depend on the parameters of a case alone (masses, inertias, arms, initial motion), as
+expressions; kernels compute them once per case, before it is integrated."""
 
 from typing import Any
 
@@ -12,22 +12,22 @@ from sepmc.scene.model import GROUND
 
 
 class Case:
-    """Parameters of a case and values derived from them, as expressions of the ``scope`` whose
-    lines run once, before a case is integrated."""
+    """Parameters of a case and values derived from them, as expressions of the given ``scope``,
+    whose lines run once per case, before it is integrated. Vectors have three components."""
 
     def __init__(self, scope: Scope, spec: KernelSpec):
         self.scope, self.spec, self.model = scope, spec, spec.layout.model.scene[0]
 
     def number(self, index: int) -> Expr:
-        """Parameter by its index in the parameter vector, SI."""
+        """Parameter of the case by its index in the parameter vector, SI."""
         return self.scope.parameter(index)
 
     def vector(self, index: int) -> tuple[Expr, ...]:
-        """Three consecutive parameters, by the index of the first."""
+        """Vector of three consecutive parameters, SI, by the index of the first."""
         return tuple(self.scope.parameter(index + i) for i in range(3))
 
     def body(self, body: str) -> int:
-        """Index of the first parameter of a body."""
+        """Index of the first parameter of a body in the parameter vector."""
         return at.HEAD + at.BODY_SIZE * self.spec.bodies.index(body)
 
     def mass(self, body: str) -> Expr:
@@ -39,11 +39,12 @@ class Case:
         return (1.0 / self.mass(body)).called("inverse_mass")
 
     def centre_of_mass(self, body: str) -> Any:
-        """Mass centre of a body in layout axes, m; that of all bodies for the ground."""
+        """Mass centre of a body as a layout point (station, y, z), m; for the ground, the common
+        mass centre of all bodies."""
         return self.common_centre if body == GROUND else self.vector(self.body(body) + at.CG)
 
     def inertia(self, body: str) -> Expr:
-        """Inertia tensor of a body, kg m2."""
+        """Inertia tensor of a body about its mass centre, body axes, kg m2."""
         p = self.body(body)
         return vehicle.inertia_tensor(
             self.number(p + at.INERTIA_FACTOR),
@@ -52,19 +53,20 @@ class Case:
         )
 
     def group_inertia(self, group: tuple[str, ...]) -> Expr:
-        """Sum of the inertia tensors of a rigid group, kg m2: their axes are parallel."""
+        """Sum of the inertia tensors of the bodies of a rigid group, each about its own mass
+        centre, kg m2; their body axes are parallel."""
         inertia = self.inertia(group[0])
         for body in group[1:]:
             inertia = vec3.add_matrices(inertia, self.inertia(body))
         return inertia.called("inertia")
 
     def inverse_inertia(self, group: tuple[str, ...]) -> Expr:
-        """Inverse inertia tensor of a rigid group, 1/(kg m2)."""
+        """Inverse of the summed inertia tensor of a rigid group (`group_inertia`), 1/(kg m2)."""
         return vec3.symmetric_inverse(self.group_inertia(group)).called("inverse_inertia")
 
     @property
     def common_centre(self) -> Expr:
-        """Mass centre of all bodies in layout axes, m."""
+        """Common mass centre of all bodies as a layout point (station, y, z), m."""
         bodies = self.spec.bodies
         weighted = vec3.scale(self.mass(bodies[0]), self.centre_of_mass(bodies[0]))
         for body in bodies[1:]:
@@ -75,7 +77,7 @@ class Case:
 
     @property
     def attitude(self) -> Expr:
-        """Initial attitude of the vehicle: quaternion, body to ground."""
+        """Initial attitude of the vehicle: quaternion, body to ground, scalar first."""
         return quat.from_angles(
             self.number(at.PITCH), self.number(at.YAW), self.number(at.ROLL)
         ).called("start")
@@ -90,14 +92,15 @@ class Case:
 
     @property
     def stream(self) -> Expr:
-        """Initial velocity of the vehicle minus the uniform wind, ground axes, m/s."""
+        """Initial velocity of the vehicle relative to the steady wind (without a wind profile),
+        ground axes, m/s."""
         wind = loads.wind(self.number(at.WIND_SPEED), self.number(at.WIND_DIRECTION))
         return vec3.sub(self.velocity, wind).called("stream")
 
     @property
     def gust(self) -> Any:
         """Factor f and turn t (an angle) of the wind profile as the vector f (cos t, 0, sin t);
-        None if they are the same in all cases."""
+        None if they are no parameters, but part of the stored profile."""
         slots = self.spec.layout.slots
         if WIND_FACTOR not in slots:
             return None
@@ -106,11 +109,11 @@ class Case:
         )
 
     def ends(self, start: int, bodies: tuple[str, str], has_second: bool) -> tuple[Any, Any, Any]:
-        """Arms from the mass centres of two bodies to a point on each, and the vector from the
-        first point to the second, all in body axes at the start, m.
+        """Ends of a joint or spring on its two bodies.
 
-        ``start`` is the index of the first parameter of their joint or spring; without a second
-        point the points coincide.
+        Returns the arm from the mass centre of each body to its point, and the vector from the
+        first point to the second at the start; body axes, m. ``start`` is the index of the first
+        parameter of the joint or spring. Unless it ``has_second`` point, both points coincide.
         """
         first = self.vector(start + at.POINT)
         second = self.vector(start + at.SECOND_POINT) if has_second else first
@@ -121,25 +124,25 @@ class Case:
         return one, other, vehicle.arm(first, second) if has_second else ZERO
 
     def joint(self, name: str) -> int:
-        """Index of the first parameter of a joint."""
+        """Index of the first parameter of a joint in the parameter vector."""
         number = list(self.spec.scene.joint).index(name)
         return int(self.model.joints_p) + at.JOINT_SIZE * number
 
     def joint_ends(self, name: str) -> tuple[Any, Any, Any]:
-        """Arms from the mass centres of a joint's two bodies to its points, and the vector from the
-        first point to the second, body axes, m (`ends`)."""
+        """Ends of a joint, as in `ends`: the arms from the mass centres of its two bodies to its
+        points, and the vector from the first point to the second at the start; body axes, m."""
         joint = self.spec.scene.joint[name]
         return self.ends(self.joint(name), joint.bodies, joint.second_point is not None)
 
     def swing(self, name: str, body: str) -> tuple[Any, Any]:
-        """Initial angular rate across a joint, rad/s, and the arm from the mass centre of a body to
-        the joint point, m; body axes."""
+        """Initial angular rate of the second body of joint ``name`` relative to the first, rad/s,
+        and the arm from the mass centre of ``body`` to the joint point, m; body axes."""
         start = self.joint(name)
         point = self.vector(start + at.POINT)
         return self.vector(start + at.SWING), vehicle.arm(self.centre_of_mass(body), point)
 
     def joint_axis(self, name: str, k: int) -> Expr:
-        """Axis k (0 x, 1 y, 2 z) of a joint: unit vector in the axes of its first body."""
+        """Axis k (0 x, 1 y, 2 z) of a joint: unit vector in body axes of its first body."""
         slots = self.spec.layout.slots
         if (slot := slots.get(f"joint.{name}.x_axis.x")) is not None:
             ahead = vec3.unit(self.vector(slot)).called("axis")
@@ -151,5 +154,6 @@ class Case:
         return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 3 * k, 3)
 
     def separation_sign(self, name: str) -> Expr:
-        """1 or -1: the side along the x axis of a joint to which its second body moves away."""
+        """Sign of the direction along the x axis of a joint in which its second body moves away: 1
+        or -1."""
         return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 9)

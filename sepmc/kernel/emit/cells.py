@@ -1,7 +1,8 @@
-"""Cells of tables with kinks, as lines of a kernel.
+"""Emitter of the changes of cells of tables with kinks (`sepmc.kernel.spec.step_cells`).
 
-Such a cell is constant within a step, so that the table is smooth there. A step ends where the
-point leaves its cell, as at any other event, and the next cell is entered then.
+The cell of such a table, the part between neighbouring rows that contains the point, is constant
+within a step, so that the table is smooth there. That the point leaves its cell is an event, at
+which a step ends and the next cell is loaded.
 """
 
 from dataclasses import dataclass
@@ -23,15 +24,17 @@ from sepmc.kernel.tracer.text import Text
 from sepmc.routines import layout as at
 from sepmc.schema import Status
 
-# in the unit of the axis: a cell is left so far beyond its end, and the next one holds that point
+# in the unit of the axis: a cell is left this far beyond its end, so that the next one contains
+# the point
 BESIDE = 1e-9
-_MOMENT, _LONGER_MOMENT = 1e-6, 1e-5  # s
+_MOMENT, _LONGER_MOMENT = 1e-6, 1e-5  # s, of difference quotients for first and second rates
 
 
 @dataclass(frozen=True)
 class _KinkedTable:
-    """Table with kinks: fields of its cell and its point, index among the shared numbers, and the
-    status of a case that leaves it."""
+    """Table with kinks, as one body, spring or increment uses it: names of the workspace fields of
+    its ``cell`` and its ``point`` (coordinates along the axes), index ``start`` of the table among
+    the shared numbers, and the status of a case whose point ``leaves`` the table."""
 
     cell: str
     point: str
@@ -40,7 +43,7 @@ class _KinkedTable:
 
 
 def _kinked_tables(c: Context) -> list[_KinkedTable]:
-    """Tables with kinks."""
+    """All tables with kinks of the scene, one entry for each cell."""
     wind, air = int(c.model.wind_x), int(c.model.air_x)
     tables = []
     for body in c.spec.bodies:
@@ -58,18 +61,21 @@ def _kinked_tables(c: Context) -> list[_KinkedTable]:
 
 
 def call_table_rates(text: Text, c: Context, segment: Segment) -> None:
-    """Append the call for the rates of what is looked up, if conditions need them."""
+    """Append the call of the kernel function ``table_rates_SEGMENT(w)`` (`emit_cells`), if the
+    kernel has tables with kinks or tables of springs that only push."""
     if _kinked_tables(c) or slack_tables(c.spec):
         text(f"table_rates_{segment.name}(w)")
 
 
 def emit_cells(out: Text, c: Context, segment: Segment) -> None:
-    """Write the functions for the ends of cells of tables with kinks: the points in a segment with
-    their rates, and the entry into the next cells. The first also gives the rates of the forces of
-    tables of springs that only push.
+    """Write the kernel functions that a segment needs to change cells of tables with kinks.
 
-    The rate is the difference quotient over `_MOMENT` along the derivative K1, wind and air at that
-    place included.
+    ``table_rates_SEGMENT(w)`` stores the points in these tables at the state Y, and their rates,
+    into the fields NOW_... and RATE_...; also the forces from tables of springs that only push. A
+    rate is the difference quotient over `_MOMENT` along the derivative K1, with the change of wind
+    and air included. ``cell_second_rates_SEGMENT(w)`` stores second rates (`_emit_second_rates`).
+    ``enter_cells_SEGMENT(w, ahead)`` loads a cell for each point that is flagged to have left its
+    own: with ``ahead`` = 1.0 the one into which the point moves, with 0.0 the one that contains it.
     """
     tables = _kinked_tables(c)
     known = [(table.cell, table.point, 3) for table in tables]
@@ -123,7 +129,8 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _slack_forces(c: Context) -> list[tuple[str, int]]:
-    """Fields of the forces of tables of springs that only push, and their sizes."""
+    """Workspace field, with its number of components, of the force from the table of each spring
+    that only pushes."""
     numbers = c.spec.layout.model.numbers
     return [
         (table_force(spring.name), int(numbers[force_table_start(c, i)]))
@@ -132,15 +139,16 @@ def _slack_forces(c: Context) -> list[tuple[str, int]]:
 
 
 def _look_up_at_state(text: Text, segment: Segment) -> None:
-    """Write the lines that look up all tables at the state Y."""
+    """Append lines that look up all tables at the state Y."""
     text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text(f"look_up_{segment.name}(w)")
 
 
 def _emit_second_rates(out: Text, c: Context, segment: Segment, tables: list[_KinkedTable]) -> None:
-    """Write the function for the second rates of the points in tables with kinks at the start of an
-    interval, where no step before tells them: a point at rest on a kink leaves it by them."""
+    """Write the kernel function ``cell_second_rates_SEGMENT(w)``, which stores the second rates of
+    the points in tables with kinks at the start of an interval into the fields SECOND_...; by them
+    a point that is at rest on a kink leaves it."""
     size = c.spec.active_size(segment)
     docstring = "Second rates of points in tables with kinks at the start of an interval."
     text = out.function(f"cell_second_rates_{segment.name}(w)", docstring)
@@ -164,8 +172,8 @@ def _emit_second_rates(out: Text, c: Context, segment: Segment, tables: list[_Ki
 
 
 def cell_end(s: State, cell: str, axis: int, is_top: bool) -> tuple[Any, Any, Any]:
-    """Distance of a point beyond an end of its cell along an axis, its rate, and its second rate at
-    the start of the interval.
+    """Distance of a point beyond one end of its cell along an axis of the table (negative within
+    the cell), with rates.
 
     Parameters
     ----------
@@ -173,12 +181,15 @@ def cell_end(s: State, cell: str, axis: int, is_top: bool) -> tuple[Any, Any, An
     cell : str
         workspace field of the cell
     axis : int
+        0 to 2
     is_top : bool
+        True for the upper end of the cell, False for the lower one
 
     Returns
     -------
     distance, rate, second_rate : Expr
-        in the unit of the axis, per s, and per s2
+        in the unit of the axis, per s and per s2; the second rate is that at the start of the
+        interval
     """
     end = s.scope.load(component(cell, at.CELL_ENDS + 3 * axis + int(is_top)))
     value = s.scope.load(component(f"NOW_{cell}", axis))

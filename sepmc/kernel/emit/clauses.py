@@ -1,5 +1,5 @@
-"""Clauses that end phases and trigger releases, as lines of a kernel: which are met, and the times
-of releases and observation events."""
+"""Emitter of the clauses (lists of conditions) that end phases, trigger releases and mark
+observation events: whether all conditions of a clause are met, and when that happened."""
 
 import math
 from collections.abc import Iterator
@@ -25,8 +25,8 @@ from sepmc.scene.model import GROUND
 
 
 def reset_clauses(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that, as a segment begins, reset the flags of its conditions, then update them
-    (`update_clauses`)."""
+    """Append lines that, as a segment begins, set the flags of the conditions in its clauses to 0
+    (not met), then update them (`update_clauses`)."""
     scope = c.scope()
     for number in condition_numbers(segment.clauses):
         c.workspace.add(condition_flag(segment.name, number), 1)
@@ -36,8 +36,9 @@ def reset_clauses(text: Text, c: Context, segment: Segment) -> None:
 
 
 def update_clauses(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that set the flags of the conditions of a segment that are times or stroke ends
-    and have passed, and DONE if all conditions of any clause are met."""
+    """Append lines that set the flags of those conditions in the clauses of a segment that are
+    times, or ends of spring strokes, and have passed; and then DONE to 1 if all conditions of any
+    clause are met."""
     scope = c.scope()
     done = (scope.load("DONE") > 0.0) | _clause_met(scope, c, segment.name, segment)
     scope.store("DONE", where(done, 1.0, 0.0))
@@ -50,9 +51,9 @@ def _clause_met(
     segment: str,
     source: Segment | Release,
 ) -> Expr:
-    """Expression that is true if all conditions of any clause of a segment or release (``source``)
-    are met; the flags of times and stroke ends are updated. ``segment`` is the name in the flags'
-    fields."""
+    """Return the condition that all conditions of at least one clause of ``source`` are met; store
+    in the scope the flags of those that are times or ends of spring strokes. ``segment`` is the
+    segment's name in the names of the flag fields (`condition_flag`), or ANY_PHASE."""
     flags = {}
     for number in condition_numbers(source.clauses):
         flags[number] = scope.load(condition_flag(segment, number)) > 0.0
@@ -72,8 +73,9 @@ def _clause_met(
 def _passive_conditions(
     scope: Scope, c: Context, source: Segment | Release
 ) -> Iterator[tuple[int, Expr]]:
-    """For each condition that is a time or a stroke end: its number, and the expression that is
-    true if it is met. (All others set their flags by events.)"""
+    """Yield, for each condition of ``source`` that is a time or the end of a spring's stroke, its
+    number and the expression of the condition that it is met. Flags of all other conditions are set
+    where their events are located."""
     now = scope.load("T")
     for number, due in source.times.items():
         yield number, now >= due_time(scope, c, due) - at.GRAIN
@@ -83,8 +85,8 @@ def _passive_conditions(
 
 
 def due_time(scope: Scope, c: Context, due: Due) -> Expr:
-    """Time at which a condition that is a time is met, s; infinite before the motor that it counts
-    from is triggered."""
+    """Expression of the time, s since the start, at which a condition on time is met; infinite
+    while the motor from whose ignition it counts has not been triggered."""
     terms = [c.case.number(slot) for slot in due.slots]
     for motor in c.spec.triggered_motors:
         if motor.name == due.motor:
@@ -93,8 +95,9 @@ def due_time(scope: Scope, c: Context, due: Due) -> Expr:
 
 
 def record_events(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that record the times of the releases and observation events of a segment that
-    occur now, and the state at the observation events."""
+    """Append lines that set the flags of conditions of a segment's releases and observation events,
+    record the present time as EVENT_TIME_... of those that occur now for the first time, and store
+    the state at an observation event that occurs now."""
     scope = c.scope()
     for release in segment.releases:
         for number in condition_numbers(release.clauses):
@@ -113,9 +116,9 @@ def record_events(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _store_event_state(text: Text, c: Context, segment: Segment, event: str) -> None:
-    """Append lines that store the state in lanes in which an observation event occurs now. Every
-    body that rotates by itself in the last segment gets its own attitude and angles, also if it is
-    in a rigid group led by another body now."""
+    """Append lines that store the state Y into the field of an observation event (`event_field`) in
+    lanes in which it occurs now. Every body that leads a rigid group in the last segment gets its
+    own attitude, pitch and roll there, also if another body leads its group now."""
     path = event_field(event)
     text.block(f"for k in range({c.size}):").lanes()(
         f"w[{path} + k * LANES + l] = w[Y + k * LANES + l] "

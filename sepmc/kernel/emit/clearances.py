@@ -1,5 +1,5 @@
-"""Clearances, as lines of a kernel: the minimum distance between bodies is searched in every
-step."""
+"""Emitter of clearances, the minimum distances between the outlines of two bodies: every step is
+searched for a smaller distance."""
 
 import math
 from typing import Any
@@ -15,8 +15,10 @@ from sepmc.scene.outline_parts import packed_runs
 
 
 def emit_clearances(out: Text, c: Context) -> None:
-    """Write the function that searches the step of a lane, and for every segment the one that
-    searches those of all lanes."""
+    """Write the kernel functions ``search_lane(w, job)``, which searches the step of one lane for
+    a smaller distance, and, for every segment with clearances, ``search_clearances_SEGMENT(w)``,
+    which does so for all clearances and lanes. Results are stored in the field CLEARANCES, NaN
+    until a distance is known."""
     powers, entries = c.extended.dense.shape[1], c.spec.scene.clearance
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(component("CLEARANCES", k), math.nan)
@@ -45,8 +47,9 @@ def emit_clearances(out: Text, c: Context) -> None:
 
 
 def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Clearance) -> None:
-    """Append lines that search the step just made of all lanes for a smaller distance of clearance
-    number ``i``."""
+    """Append lines that search the step just made, in all lanes, for a smaller distance of
+    clearance ``entry``, which has the number ``i``; a case is rejected (for smaller steps) if the
+    search is not complete."""
     powers = c.extended.dense.shape[1]
     text(f"# {' and '.join(entry.bodies)}")
     s = State(c, c.scope(), segment, "S")
@@ -81,8 +84,9 @@ def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Cleara
 
 
 def is_active(c: Context, segment: Segment, i: int) -> str:
-    """Code of the condition that clearance ``i`` is measured in a lane during a segment: always, or
-    once the joint that it names in ``after`` is free."""
+    """Kernel code, within a loop over lanes, of the condition that clearance number ``i`` is
+    measured in a segment: "True", "False", or a comparison that is true once the joint that the
+    clearance names in ``after`` is free."""
     after = c.spec.scene.clearance[i].after
     if i not in c.active_clearances(segment):
         return "False"
@@ -94,15 +98,16 @@ def is_active(c: Context, segment: Segment, i: int) -> str:
 def _emit_job(
     text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]
 ) -> list[str]:
-    """Append lines that prepare the search of the motion in PATH of a lane, with ``powers``
-    coefficients, for a clearance.
+    """Append lines that copy the inputs of a search for clearance ``i`` in a lane to the field JOB:
+    mass centres, and the motion from the field PATH, ``powers`` coefficients.
 
-    ``more`` : inputs of the search as (field, first component, offset in the job, count).
+    ``more`` are further inputs to copy, as (field, first component, offset in the job, count).
 
     Returns
     -------
     list of str
-        For each search, the line that sets its parts: neighbours in the outline of either body.
+        For each search of the lane, the line that sets which parts of both outlines are searched;
+        the caller appends it before the call of the search.
     """
     text(f"w[JOB + {at.JOB_POWERS}] = {float(powers)}")
     for field, first, offset, count in (
@@ -118,8 +123,9 @@ def _emit_job(
 
 
 def _part_lines(c: Context, i: int, side: int) -> list[str]:
-    """Lines that give a search the parts of the first (``side`` 0) or second (1) body of clearance
-    number ``i``: one line for each run of neighbours in its outline."""
+    """Lines that set, in the field JOB, position and number of outline parts of the first (``side``
+    0) or second (1) body of clearance number ``i``: one line for each run of consecutive parts that
+    the clearance includes."""
     model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
     entry, lines = c.spec.scene.clearance[i], []
     body, offset = entry.bodies[side], at.JOB_PARTS + 2 * side
@@ -138,9 +144,9 @@ def _part_lines(c: Context, i: int, side: int) -> list[str]:
 
 
 def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: str) -> None:
-    """Append lines that store the distance of the bodies of clearance number ``i`` at a state, m,
-    in the field ``destination``; NaN where the condition ``active`` (code) is not satisfied. The
-    search is that of a step without motion."""
+    """Append lines that store the distance, m, of the two bodies of clearance number ``i`` at the
+    state ``s`` at the workspace path ``destination``; NaN in lanes where the condition ``active``
+    (code) is not satisfied. The search is that over a step without motion."""
     entry = s.spec.scene.clearance[i]
     path = State(s.c, s.c.scope(), s.segment, s.field, s.clock)
     a, b = (path.position(body) for body in entry.bodies)
@@ -161,14 +167,15 @@ def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: st
 
 
 def is_active_at_start(c: Context, i: int) -> bool:
-    """True if a clearance is measured from the start of a case."""
+    """True if clearance number ``i`` is measured from the start of a case, not only after the
+    release of a joint."""
     after, first = c.spec.scene.clearance[i].after, c.spec.segments[0]
     return after is None or min(first.joint_kinds[after]) in first.free_kinds(after)
 
 
 def _position_coefficient(s: State, body: str, q: int) -> Any:
-    """Coefficient (vector, m) of the position of a body over the step just made, for power ``q`` of
-    the elapsed fraction of the step."""
+    """Coefficient (vector, m) of power ``q`` of the elapsed fraction of the step just made, in the
+    polynomial of the position of a body's mass centre over that step."""
     if body == GROUND:
         times = s.scope.load("BEGIN_T") if q == 0 else s.scope.load("LENGTH") if q == 1 else 0.0
         return vec3.scale(times, s.velocity(GROUND))
@@ -176,8 +183,8 @@ def _position_coefficient(s: State, body: str, q: int) -> Any:
 
 
 def _attitude_coefficient(s: State, body: str, q: int) -> Any:
-    """Coefficient (4 numbers) of the attitude quaternion of a body over the step just made, for
-    power ``q`` of the elapsed fraction of the step."""
+    """Coefficient (4 numbers) of power ``q`` of the elapsed fraction of the step just made, in the
+    polynomial of the attitude quaternion of a body over that step."""
     leader = s.segment.leader(body)
     if leader == GROUND:
         return s.case.attitude if q == 0 else (0.0, 0.0, 0.0, 0.0)
@@ -185,12 +192,12 @@ def _attitude_coefficient(s: State, body: str, q: int) -> Any:
 
 
 def _quaternion(s: State, body: str) -> Any:
-    """Attitude quaternion of a body at a state."""
+    """Attitude quaternion, body to ground, of a body at a state."""
     leader = s.segment.leader(body)
     return s.case.attitude if leader == GROUND else s.quaternion(leader)
 
 
 def _power_field(q: int) -> str:
-    """Workspace path of the coefficients of the state over the step just made, for power ``q`` of
-    the elapsed fraction of the step."""
+    """Workspace path of the coefficients (a state vector) of power ``q`` of the elapsed fraction,
+    in the polynomial of the state over the step just made."""
     return f"POWERS + {q} * SIZE_Y" if q else "BEGIN"

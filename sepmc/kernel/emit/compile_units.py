@@ -1,13 +1,13 @@
-"""Split of a written module into compile units: functions that are compiled separately and called
-by their address.
+"""Split of the source text of a kernel into compile units: functions that are compiled separately
+and call each other by address.
 
-Numba optimises a function again in every function that calls it, so a module compiled as a whole
-takes two to three times as long as its units. Units are compiled side by side and cached by their
-text, without the name of the function: a scene with other outputs compiles only what differs, and
-segments share equal functions.
+A compiler that inlines optimises a function again in every function that calls it, so a module
+compiled as a whole takes two to three times as long as its units. Units are compiled in parallel
+and cached by their text, in which the function has the name `ENTRY`: a scene with other outputs
+compiles only what differs, and segments share equal functions.
 
-The function of a unit takes the workspace and numbers. Functions with other arguments stay in the
-units of their callers. Workspace offsets are folded to numbers.
+The function of a unit takes the workspace, numbers and pointers to arrays. Functions with other
+arguments are copied into the units that call them. Workspace offsets are folded to numbers.
 """
 
 import ast
@@ -19,8 +19,9 @@ from sepmc.kernel.tracer.folding import fold, whole_numbers
 from sepmc.routines.layout import LANES
 
 ENTRY = "entry"  # name of the function of every compile unit
+# by the annotation of an argument: letter of its type in `sepmc.translator.units.compile_unit`
 _CODES = {"int": "i", "float": "f", "Arrays": "a"}
-_MARK = "noinline"  # marks functions that are not inlined; a compile unit needs no mark
+_MARK = "noinline"  # call that marks functions that are not inlined; removed from compile units
 _HEAD = '''"""CompileUnit of a written kernel."""
 
 from sepmc.translator.units import callee, compile_unit, workspace
@@ -36,8 +37,8 @@ class CompileUnit:
     name : str
         Name of the function in the kernel.
     text : str
-        Source of a module in which it is called `ENTRY`, with all that it uses; it calls other
-        compile units by their address.
+        Source text of a module that contains the function under the name `ENTRY`, with the
+        imports, constants and functions it uses; it calls other compile units by their address.
     """
 
     name: str
@@ -45,8 +46,8 @@ class CompileUnit:
 
 
 class _Module:
-    """Functions of a kernel, given as source text, those of them that can be compile units, and the
-    other definitions."""
+    """Syntax trees of a kernel, given as source text: its functions and other definitions by name,
+    and which functions are compile units (``codes`` has the letters of their argument types)."""
 
     def __init__(self, text: str):
         module = ast.parse(text)
@@ -74,8 +75,8 @@ class _Module:
         self.order = {name: index for index, name in enumerate(self.definitions)}
 
     def unit(self, name: str) -> CompileUnit:
-        """Compile unit of a function; it includes the functions and definitions that it needs,
-        other compile units excepted."""
+        """Return the compile unit of the function of this name. Its text includes the definitions
+        and functions that the function uses; other compile units are called by address."""
         inlined, called, definitions = [name], [], dict[str, None]()
         for function in inlined:  # grows
             pending = _used(self.functions[function], function == name)
@@ -102,41 +103,44 @@ class _Module:
 
 @lru_cache(maxsize=16)
 def _module(text: str) -> _Module:
+    """Parsed source text of a kernel; cached."""
     return _Module(text)
 
 
 @lru_cache(maxsize=16)
 def split(text: str) -> list[CompileUnit]:
-    """Compile units of a module.
+    """Split a kernel into its compile units.
 
     Parameters
     ----------
     text : str
-        a written kernel
+        source text of the kernel
 
     Returns
     -------
     list of CompileUnit
-        in the order of the table of addresses; the last one is the entry of the kernel
+        in the order of the table of addresses, by which they call each other; the last one is the
+        entry of the kernel
     """
     module = _module(text)
     return [module.unit(name) for name in module.indices]
 
 
 def kernel_properties(text: str) -> dict[str, Any]:
-    """Properties that a kernel states in its constants.
+    """Read the properties that a kernel states as constants of its module.
 
     Parameters
     ----------
     text : str
-        a written kernel
+        source text of the kernel
 
     Returns
     -------
     dict
-        ``size`` of the workspace, in floats; counts ``n_indicators`` of error indicators,
-        ``n_segments`` of segments and ``n_changes`` of reported times within segments; ``methods``,
-        the names of the integration methods of each segment
+        ``size`` of the workspace, in floats; ``n_indicators``, ``n_segments`` and ``n_changes``,
+        the numbers of error indicators, of segments, and of recorded times of kind changes and
+        stroke ends within segments; ``methods``, for each segment a tuple of the names of its
+        integration methods
     """
     module = _module(text)
     numbers, methods = module.numbers, module.definitions["METHODS"]
@@ -151,9 +155,9 @@ def kernel_properties(text: str) -> dict[str, Any]:
 
 
 def _as_unit(function: ast.FunctionDef, codes: str) -> ast.FunctionDef:
-    """The function as the entry of a compile unit: called `ENTRY`, with the address of the
-    workspace as first argument, without docstring. ``codes`` as in
-    `sepmc.translator.units.compile_unit`."""
+    """Return a copy of a kernel function as the function of a compile unit: called `ENTRY`, with
+    the address of the workspace as first argument, without docstring. ``codes`` are the letters of
+    the types of its other arguments (`sepmc.translator.units.compile_unit`)."""
     mark, start = (
         ast.parse(line).body[0]
         for line in (f"@compile_unit({codes!r})\ndef {ENTRY}(): ...", _START)
@@ -168,7 +172,7 @@ _START = "w = workspace(address)"
 
 
 def _lines(function: ast.FunctionDef) -> list[ast.stmt]:
-    """Statements of a function without docstring and the mark against inlining."""
+    """Statements of a function, without its docstring and the mark against inlining."""
     return [
         line
         for line in function.body[1:]
@@ -177,8 +181,9 @@ def _lines(function: ast.FunctionDef) -> list[ast.stmt]:
 
 
 def _codes(node: ast.FunctionDef) -> str | None:
-    """One letter for the type of each argument after the workspace; None if the function cannot be
-    a compile unit."""
+    """Letters of the types of a function's arguments after the workspace (values of `_CODES`), one
+    each; None if the function cannot be a compile unit, because its first argument is not ``w`` or
+    another one has no annotation of `_CODES`."""
     first, *others = node.args.args
     types = [
         other.annotation.id if isinstance(other.annotation, ast.Name) else "" for other in others
@@ -189,12 +194,14 @@ def _codes(node: ast.FunctionDef) -> str | None:
 
 
 def _used(function: ast.FunctionDef, as_unit: bool) -> list[str]:
-    """Names that a function reads, each once; ``as_unit`` without its decorator, docstring and mark
-    against inlining."""
+    """Names that a function reads, each once, in the order of a walk through its syntax tree; with
+    ``as_unit`` those in its statements only, not in its decorator, arguments and mark against
+    inlining."""
     lines = _lines(function) if as_unit else [function]
     return list(dict.fromkeys(name for line in lines for name in _names(line, ast.Load)))
 
 
 def _names(node: ast.AST, use: type[ast.expr_context]) -> list[str]:
-    """Names in a syntax tree in one use: `ast.Load`, read, or `ast.Store`, assigned."""
+    """Names that occur in a syntax tree in one ``use``: `ast.Load` (read) or `ast.Store`
+    (assigned); a name may occur several times."""
     return [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, use)]

@@ -1,5 +1,5 @@
-"""State of the emitter: the specification that a kernel is written for, and what the emitters have
-added to its workspace."""
+"""State that the emitters of one kernel share: the specification that it is written for, the fields
+added to its workspace so far, and helpers for names of fields and for rejecting cases."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,18 +17,19 @@ STROKE_END_TIMES = "STROKE_END_TIMES"  # field of the times of all springs with 
 
 @dataclass
 class Context:
-    """What the emitters of one kernel share while it is being written: its specification (``spec``,
-    ``solver``, ``history``), its ``workspace``, and the values of a ``case``.
+    """State that the emitters of one kernel share while it is being written: its specification
+    (``spec``, ``solver``, ``history``), the fields of its ``workspace``, and in ``case`` the values
+    that depend on the parameters of a case alone.
 
-    Any emitter may add fields to the workspace and use expressions of the ``case``, which are
-    computed before a case is integrated. The function that computes these, and the offsets of the
-    fields, are therefore written last.
+    Any emitter may add fields to the workspace and use expressions of ``case``, which are computed
+    before a case is integrated. The function that computes these, and the offsets of the fields,
+    are therefore written last.
     """
 
     spec: KernelSpec
-    solver: str  # name of the Runge-Kutta method
-    # rows over time: `NO_HISTORY`, `SEPARATION_HISTORY` or `FULL_HISTORY` of
-    # `sepmc.routines.layout`
+    solver: str  # name of the Runge-Kutta method, or AUTO (`sepmc.kernel.spec.methods`)
+    # which rows over time the kernel writes: `NO_HISTORY`, `SEPARATION_HISTORY` or `FULL_HISTORY`
+    # of `sepmc.routines.layout`
     history: int
     workspace: Workspace = field(default_factory=Workspace)
 
@@ -36,7 +37,7 @@ class Context:
         self.case = Case(Scope(self.workspace), self.spec)
 
     def methods(self, segment: Segment) -> tuple[Method, ...]:
-        """Methods that a segment may be integrated by, the most accurate first."""
+        """Integration methods that a segment may be integrated by, the most accurate first."""
         return methods_of(self.solver, self.uses_extension(segment), self.has_extension)
 
     @property
@@ -54,8 +55,8 @@ class Context:
 
     @property
     def change_times(self) -> list[str]:
-        """Fields of the times of kind changes and stroke ends within segments: a full history has
-        rows just before and after them. Empty for other histories."""
+        """Workspace paths of the times of kind changes of joints and of stroke ends within
+        segments: a full history has rows just before and after them. Empty for other histories."""
         if self.history != FULL_HISTORY:
             return []
         return [change_time(*change) for change in self.recorded_changes] + [
@@ -64,8 +65,8 @@ class Context:
 
     @property
     def recorded_changes(self) -> list[tuple[str, int]]:
-        """Joints and kind numbers whose times are recorded: all for a full history, else those of
-        partial releases, which are outcomes."""
+        """Kind changes within segments whose times are recorded, as pairs (joint, number of the new
+        kind): all for a full history, else those of partial releases, whose times are outcomes."""
         changes = self.spec.kind_changes
         if self.history == FULL_HISTORY:
             return changes
@@ -73,8 +74,8 @@ class Context:
 
     @property
     def monitored_joints(self) -> tuple[str, ...]:
-        """Joints whose loads are computed between the ends of steps: those of the outputs, then
-        those with load events."""
+        """Names of the joints whose loads are computed between the ends of steps: those whose loads
+        are outputs, then those with conditions on their loads."""
         return tuple(
             dict.fromkeys(
                 [
@@ -85,55 +86,58 @@ class Context:
         )
 
     def layer(self, body: str) -> str:
-        """Field of the atmosphere layer of a body; a common one if no body can leave its layer."""
+        """Name of the workspace field of the atmosphere layer of a body; of one common field if no
+        body leaves its layer."""
         return f"LAYER_{body}" if self.spec.layer_borders else "AIR"
 
     @property
     def may_idle(self) -> bool:
-        """True if lanes may finish a segment before others; they then take steps of zero length,
-        which change no bit of a case."""
+        """True if a lane may finish a segment before others; it then takes steps of zero length,
+        which change no bit of its case."""
         return any(self.has_lane_steps(segment) for segment in self.spec.segments)
 
     def has_lane_steps(self, segment: Segment) -> bool:
-        """True if each lane has a step length of its own in a segment: events and load switches
-        divide it, or ``solver.step`` limits the step."""
+        """True if each lane has its own number of steps in a segment: events, load switches or
+        samples divide the segment, or ``solver.step`` limits the step."""
         return segment.max_intervals > 1 or self.spec.scene.solver.step is not None
 
     @property
     def output_joints(self) -> tuple[str, ...]:
-        """Joints whose peak loads and impulses are outputs."""
+        """Names of the joints whose peak loads and impulses are outputs."""
         return self.spec.scene.output.loads
 
     @property
     def output_guides(self) -> tuple[str, ...]:
-        """Joints whose pin loads are outputs."""
+        """Names of the joints whose pin loads are outputs."""
         return self.spec.scene.output.guide
 
     @property
     def guide_joints(self) -> list[str]:
-        """Joints with pins; a full history has their loads."""
+        """Names of all joints with guide pins; a full history has their pin loads."""
         return [name for name, joint in self.spec.scene.joint.items() if joint.guide is not None]
 
     def pins(self, joint: str) -> int:
-        """Number of pins of a joint."""
+        """Number of guide pins of a joint that has them."""
         guide = self.spec.scene.joint[joint].guide
         assert guide is not None
         return guide.pins
 
     @property
     def node_size(self) -> int:
-        """Number of monitored load components at each of the instants of a step at which loads are
-        evaluated: force and moment of joints; of guides the driving force, then the pin forces at
-        both ends as if friction balanced that force, and as they are."""
+        """Number of load components that are stored for each node, an instant of a step at which
+        loads are evaluated: force and moment of each monitored joint; then, of each output guide,
+        three for the driving force, three for each of the two ends of a pin as if friction balanced
+        that force, and three for each of these ends as they are."""
         return 6 * len(self.monitored_joints) + 3 * sum(
             1 + 4 * self.pins(joint) for joint in self.output_guides
         )
 
     @property
     def guide_fields(self) -> Iterator[tuple[str, int, int, list[int]]]:
-        """For each output guide: its joint; the index of its first component among those of a node
-        (`node_size`); the index in GUIDES of its sliding time (the minimum ratio of driving force
-        to pin load comes next); the indices in GUIDES of the peaks of both ends of each pin."""
+        """Yield for each output guide: the name of its joint; the index of its first component
+        among those of a node (`node_size`); the component of the field GUIDES with its sliding time
+        (followed by its minimum ratio of driving force to pin load); the first of the three
+        components of GUIDES for the peak of each end of each pin."""
         first, offset = 6 * len(self.monitored_joints), 0
         for joint in self.output_guides:
             ends = 2 * self.pins(joint)
@@ -141,30 +145,33 @@ class Context:
             first, offset = first + 3 * (1 + 2 * ends), offset + 2 + 3 * ends
 
     def monitors_outputs(self, segment: Segment) -> bool:
-        """True if a segment has loads of joints or pins that are outputs."""
+        """True if, in a segment, a joint with loads as outputs may have constraint rows, or pins
+        with loads as outputs may slide."""
         return any(map(segment.constrains, self.output_joints)) or any(
             map(segment.sliding_kinds, self.output_guides)
         )
 
     def needs_wrenches(self, segment: Segment) -> bool:
-        """True if joint loads are computed in a segment, for outputs, load events or a full
-        history."""
+        """True if joint loads must be computed in a segment: for outputs, conditions on joint loads
+        or a full history."""
         return self.monitors_loads(segment) or self.history == FULL_HISTORY
 
     def monitors_loads(self, segment: Segment) -> bool:
-        """True if loads are monitored over the steps of a segment, for outputs or load events."""
+        """True if loads are evaluated within every step of a segment: for outputs or conditions on
+        joint loads."""
         return self.monitors_outputs(segment) or bool(segment.loads)
 
     def wrenches_from_rates(self, segment: Segment) -> bool:
-        """True if the function of a segment's derivative also stores its monitored loads: possible
-        without sliding output pins and without a minimum-norm solution."""
+        """True if the kernel function of a segment's derivative also stores its monitored loads.
+        That is possible unless output pins slide or the loads need a minimum-norm solution."""
         plain = not segment.needs_min_norm and not any(
             map(segment.sliding_kinds, self.output_guides)
         )
         return self.monitors_loads(segment) and plain
 
     def alias_of(self, segment: Segment) -> str:
-        """Name of the segment whose derivative and projection serve this one too, or ""."""
+        """Name of the next segment if its derivative and projection serve this one too
+        (`Segment.alias_of`) and both need the same loads; else ""."""
         after = next((one for one in self.spec.segments if one.name == segment.alias_of), None)
         if after is None:
             return ""
@@ -175,10 +182,9 @@ class Context:
         return after.name if equal else ""
 
     def emit_alias(self, out: Text, segment: Segment, function: str) -> bool:
-        """Write a function of a segment that only calls that of the segment in `alias_of`.
-
-        Returns True if there is such a segment.
-        """
+        """Write, for a segment with an alias (`alias_of`), the kernel function
+        ``FUNCTION_SEGMENT(w)``, which only calls that of the alias. Return True if it was written;
+        False without an alias."""
         after = self.alias_of(segment)
         if after:
             text = out.function(
@@ -188,8 +194,8 @@ class Context:
         return bool(after)
 
     def active_clearances(self, segment: Segment) -> list[int]:
-        """Numbers of the clearances that are measured in a segment: from the start, or once their
-        joint is free."""
+        """Numbers of the clearances that may be measured in a segment: those measured from the
+        start of a case, and those whose joint ``after`` may be free in it."""
         entries = enumerate(self.spec.scene.clearance)
         return [
             i
@@ -198,12 +204,13 @@ class Context:
         ]
 
     def needs_interpolation(self, segment: Segment) -> bool:
-        """True if outcomes or the end of a segment depend on states between the ends of steps."""
+        """True if outcomes, or the end of a segment, need states between the ends of its steps: for
+        joint loads or clearances."""
         return self.monitors_loads(segment) or bool(self.active_clearances(segment))
 
     def uses_extension(self, segment: Segment) -> bool:
         """True if states between the ends of steps are needed in a segment: for outcomes, for its
-        end, or for a full history."""
+        end, or for a full history. Its method then has a continuous extension."""
         return self.history == FULL_HISTORY or self.needs_interpolation(segment)
 
     @property
@@ -213,17 +220,17 @@ class Context:
 
     @property
     def size(self) -> int:
-        """Number of components of a state: 13 per body, the work of all loads, and the states of
-        signals."""
+        """Number of components of the state vector: 13 per body, one for the work of all loads, and
+        the states of signals."""
         return 13 * len(self.spec.bodies) + 1 + self.spec.n_signal_states
 
     @property
     def indicators(self) -> list[str]:
-        """Names of the error indicators of a case.
+        """Names of the error indicators of a case, in the order of the field INDICATORS.
 
-        Of each body, the embedded error of its velocity V, attitude Q and angular rate OMEGA; of
-        each event, the time per unit of its condition (s/m, s/rad), which scales the error of the
-        event time; those of loads.
+        First, of each body, the maximum embedded error of its velocity V, attitude Q and angular
+        rate OMEGA; then, of each event, the time per unit of its condition (such as s/m), which
+        converts an error of the state to one of the event time; then those of loads.
         """
         of_bodies = [f"{what}_{body}" for body in self.spec.bodies for what in ("V", "Q", "OMEGA")]
         events = [
@@ -239,8 +246,8 @@ class Context:
 
     @property
     def load_indicators(self) -> list[str]:
-        """Names of the error indicators of the impulses of each output joint's force and moment
-        (`sepmc.routines.peaks.truncation`)."""
+        """Names of the error indicators of the integrated force and moment of each output joint
+        (`sepmc.routines.peaks.truncation`): "load_force_JOINT", "load_moment_JOINT"."""
         return [
             f"load_{what}_{joint}" for joint in self.output_joints for what in ("force", "moment")
         ]
@@ -252,22 +259,24 @@ class Context:
     @property
     def model(self) -> Any:
         """Record of the scene's counts and the positions of its blocks
-        (`sepmc.routines.layout.Model`)."""
+        (`sepmc.routines.layout.STRUCTURE`)."""
         return self.spec.layout.model.scene[0]
 
     def start(self, field: str, value: float) -> None:
-        """Add a workspace field of one component, if it is new, that has ``value`` at the start of
-        every case."""
+        """Add a workspace field of one component that has ``value`` at the start of every case; if
+        the field exists, change nothing."""
         if self.workspace.add(field, 1):
             self.case.scope.store(field, value)
 
     def scope(self) -> Scope:
-        """New scope, to be written as a loop over lanes; it may use values of the case."""
+        """Return a new scope, to be written as a loop over lanes; it may use expressions of
+        ``case``."""
         return Scope(self.workspace, self.case.scope)
 
 
 def change_time(joint: str, number: int) -> str:
-    """Field of the time at which a joint changed to the kind of this number."""
+    """Name of the workspace field of the time at which a joint changed to the kind with this
+    number."""
     return f"CHANGE_TIME_{joint}_{number}"
 
 
@@ -277,34 +286,36 @@ def stroke_end_time(spec: KernelSpec, spring: str) -> str:
 
 
 def has_kind(joint: str, kinds: tuple[int, ...]) -> str:
-    """Code, within a loop over lanes, of the condition that a joint now has one of the kinds with
-    these numbers."""
+    """Kernel code, within a loop over lanes, of the condition that the present kind of a joint has
+    one of these numbers."""
     return " or ".join(f"w[KIND_{joint} + l] == {number}.0" for number in kinds)
 
 
 def component(field: str, k: int) -> str:
-    """Index expression of component ``k`` of a field of the workspace."""
+    """Workspace path (code of an index, without the lane) of component ``k`` of a field."""
     return f"{field} + {k} * LANES" if k else field
 
 
 def state_offset(number: int) -> str:
-    """Code of the offset, within a state, of the signal state with this number."""
+    """Code of the offset, within a state vector, of the signal state with this number (counted over
+    all signals)."""
     return component("SIGNALS", number)
 
 
 def origin_height(scope: Scope, time: Expr) -> Expr:
-    """Height above the ground, m, at a time, of the origin that positions are counted from: it
-    moves with the initial velocity of the vehicle."""
+    """Height above the ground, m, at a time, s, of the origin from which positions in the state are
+    counted: it moves with the initial velocity of the vehicle."""
     return scope.load("ORIGIN_HEIGHT") + scope.load("ORIGIN_CLIMB") * time
 
 
 def height(scope: Scope, body: str) -> Expr:
-    """Height of the mass centre of a body, m, at the end of a step."""
+    """Height of the mass centre of a body above the ground, m, at the state Y."""
     return scope.load(f"Y + X_{body}", 3)[1] + origin_height(scope, scope.load("T"))
 
 
 def reject_unless(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
-    """Reject a case, unless it is rejected already, where a condition is not satisfied.
+    """Add lines to a scope that reject the case of a lane, unless it is rejected already, where a
+    condition is not satisfied: its status is stored in the field REJECTED.
 
     Parameters
     ----------
@@ -318,18 +329,21 @@ def reject_unless(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> N
 
 
 def reject_if(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
-    """Reject a case where a condition is satisfied; see `reject_unless`."""
+    """Add lines to a scope that reject the case of a lane where a condition is satisfied; as
+    `reject_unless` otherwise."""
     _reject(scope, where(condition, float(status), 0.0))
 
 
 def _reject(scope: Scope, status: Expr) -> None:
+    """Add lines to a scope that store ``status`` in REJECTED unless that is set already; a status
+    0 rejects nothing."""
     rejected = scope.load("REJECTED")
     scope.store("REJECTED", where(rejected.equals(0.0), status, rejected))
 
 
 def rejection_unless(condition: str, status: int = FINER_STEPS) -> str:
-    """Line of code, within a loop over lanes, that rejects the case of a lane, unless it is
-    rejected already, where a condition (code) is not satisfied; ``status`` as in
+    """Line of kernel code, for a loop over lanes, that rejects the case of a lane, unless it is
+    rejected already, where ``condition`` (kernel code) is not satisfied; ``status`` as in
     `reject_unless`."""
     return (
         f"w[REJECTED + l] = {float(status)} if w[REJECTED + l] == 0.0 and not ({condition}) else "

@@ -1,5 +1,5 @@
-"""Energy audit, as lines of a kernel: kinetic energy about the mass centre against the work of all
-loads."""
+"""Emitter of the energy audit: the kinetic energy about the common mass centre is compared with the
+work of all loads."""
 
 from typing import Any
 
@@ -12,13 +12,13 @@ from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total, where
 from sepmc.scene.model import GROUND
 
-# m2/s2, and relative to the square of a speed: half the square of 0.1 mm/s, or of 1e-4 of a speed,
-# so that round-off does not count
+# minimum reference of the defect per mass, m2/s2, plus the same fraction of the square of the
+# speed: half the square of 0.1 mm/s, or of 1e-4 of the speed, so that round-off does not count
 _AT_REST = 0.5e-8
 
 
 def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
-    """Power of all loads in the frame of the common mass centre.
+    """Power of all loads (without joint forces) in the frame of the common mass centre.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
 
 
 def _mean_speed(s: State) -> Any:
-    """Velocity of the common mass centre of all bodies, ground axes, m/s; zero if bodies are
-    connected to the ground, which absorbs momentum."""
+    """Velocity of the common mass centre of all bodies, ground axes, m/s; zero if a joint or spring
+    connects a body to the ground, which absorbs momentum."""
     if int(s.c.model.ground) >= 0:
         return ZERO
     whole = total([s.case.mass(body) for body in s.spec.bodies])
@@ -58,13 +58,16 @@ def _mean_speed(s: State) -> Any:
 
 
 def _relative_velocity(s: State, body: str, mean: Any) -> Any:
-    """Velocity of a body minus ``mean``, that of the common mass centre, ground axes, m/s."""
+    """Velocity of a body minus ``mean``, the velocity of the common mass centre, ground axes,
+    m/s."""
     return s.velocity(body) if mean is ZERO else vec3.sub(s.velocity(body), mean).called("relative")
 
 
 def emit_energy(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function that updates, in a segment, the energy audit: the largest difference
-    between the kinetic energy gained and the work of all loads."""
+    """Write the kernel function ``energy_SEGMENT(w, first)``, which updates the field ENERGY from
+    the state Y, J: the largest difference so far between the kinetic energy gained and the work of
+    all loads; the initial energy; the reference for that difference, the largest energy or work so
+    far. The call with ``first`` = 1.0, at the start of a case, sets the initial values."""
     docstring = (
         "Largest energy defect (kinetic energy about the mass centre minus its initial value "
         "and the work of all loads) and its reference, into ENERGY;"

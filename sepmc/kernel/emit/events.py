@@ -1,10 +1,11 @@
-"""Event location, as lines of a kernel.
+"""Emitter of event location: the instants at which conditions on the state are met.
 
 The step to the next event of a segment is predicted from value, rate, acceleration and jerk of each
 condition (`emit_event_step`); the remaining microseconds are one RK4 step
 (`sepmc.kernel.emit.steps.emit_event_polish`). Then the flags of the conditions that are met are set
-(`emit_event_flags`). Conditions that may have been met within a step, or during a release delay
-(`emit_pending_event`), mark the case.
+(`emit_event_flags`). A case is marked (field UNEVEN) if a condition may have been met and left
+again within a step, and rejected if one may have been met during a release delay
+(`emit_pending_event`).
 """
 
 import math
@@ -25,14 +26,16 @@ from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 
 _MET = -1e-12  # a condition is met from this value on
-# Relative to the threshold (or to 1): a quantity this close is at its threshold. Its rate or
-# acceleration then tell the direction if they move it further within a millisecond; smaller ones
-# are round-off.
+# A quantity is at its threshold if it is closer than this fraction of the threshold (or of 1). The
+# sign of its rate or acceleration then gives the direction if, by it, the quantity moves further
+# than that within a millisecond; smaller ones are round-off.
 _AT_THRESHOLD, _PER_RATE, _PER_ACCELERATION = 1e-12, 1e3, 1e6
 
 
 def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function that predicts the step to the next event of a segment.
+    """Write the kernel function ``event_step_SEGMENT(w, typical)``, which stores the predicted time
+    to the next event of a segment, at most to END, into STEP. At the start of an interval, an event
+    is predicted no later than ``typical``, s.
 
     Each condition is a scalar g(t) of the state, below zero before the event. Its Taylor polynomial
     to third order gives the time to the event (`sepmc.routines.lanes.time_left`); the jerk is the
@@ -56,8 +59,8 @@ def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _time_to_event(s: State, event: Event) -> Any:
-    """Expression of the predicted time to an event, s; lines that record the value and rate of its
-    condition are added to the scope of the state."""
+    """Expression of the predicted time from the state to an event, s (infinite if none is in
+    sight); add to the scope lines that store value and rate of its condition for later steps."""
     if event.direction:
         return _time_to_crossing(s, event)
     if event.quantity == at.AT_KINK:
@@ -114,7 +117,8 @@ def _time_to_event(s: State, event: Event) -> Any:
 
 
 def _time_to_kink(s: State, event: Event) -> Any:
-    """Expression of the predicted time, s, to the event that a formula reaches a kink."""
+    """Expression of the predicted time from the state to the event that a switching function
+    reaches zero, s; add to the scope lines that store its value and rate for later steps."""
     time_left, records = time_to_kink(s, event)
     (_, value), (_, rate) = records[:2]
     _flag_graze(s.scope, event, s.segment.name, value, rate)
@@ -125,11 +129,13 @@ def _time_to_kink(s: State, event: Event) -> Any:
 
 
 def _time_to_crossing(s: State, event: Event) -> Any:
-    """Predicted time, s, to an event whose quantity must cross its threshold, from the side on
-    which it is at the start of an interval (or moves to, if it starts at the threshold).
+    """Expression of the predicted time from the state, s, to an event with a direction: its
+    quantity must cross the threshold from the side on which it is at the start of an interval (or
+    to which it moves then, if it starts at the threshold).
 
-    On the side from which a crossing does not count, the crossing to the other side is awaited
-    first; it is detected at the end of a step.
+    On the side from which a crossing does not count, the time is infinite until the quantity has
+    returned to the other side, which is detected at the end of a step. Lines that store the
+    quantity's excess over the threshold, its rate and side are added to the scope.
     """
     scope, name = s.scope, f"{s.segment.name}_{event.name}"
     for field, count in (
@@ -196,14 +202,14 @@ def _time_to_crossing(s: State, event: Event) -> Any:
 
 
 def _tolerance(c: Context, event: Event) -> Expr:
-    """Distance from the threshold of an event, in its unit, within which its quantity counts as at
-    the threshold."""
+    """Largest distance from the threshold of an event, in its SI unit, at which the quantity counts
+    as at the threshold."""
     return _AT_THRESHOLD * scalar.larger(1.0, scalar.abs(c.case.number(event.threshold)))
 
 
 def _counts(event: Event, side: Expr) -> Expr:
-    """Condition that a crossing counts which begins on ``side``: 1 below the threshold, -1 above,
-    0 not known."""
+    """Condition that a crossing of the threshold that begins on ``side`` is in a direction that
+    counts for the event; ``side`` is 1 below the threshold, -1 above it, 0 if not known."""
     if event.direction == "either":
         return side * side > 0.0
     return side > 0.0 if event.direction == "rising" else side < 0.0
@@ -212,8 +218,11 @@ def _counts(event: Event, side: Expr) -> Expr:
 def _flag_graze(
     scope: Scope, event: Event, segment: str, value: Expr, rate: Any, side: Any = 1.0
 ) -> None:
-    """Mark a case as uneven (no common step sequence, refined by itself) if a condition may have
-    been met and left again within a step; ``side`` is the sign of the values at the previous step.
+    """Add lines to a scope that set UNEVEN (the case is simulated again at steps of its own) where
+    a condition that was below zero at the previous step may have been met and left again since.
+
+    ``value`` and ``rate`` are those of the condition now; the stored ones of the previous step are
+    multiplied by ``side`` first. ``segment`` is the name of the segment.
     """
     name = f"{segment}_{event.name}"
     previous_time, previous, slope = (
@@ -232,9 +241,9 @@ def _flag_graze(
 
 
 def _may_rise(previous: Expr, slope: Expr, value: Expr, rate: Any, length: Expr) -> Any:
-    """Condition that a value may reach zero from below between two times ``length`` apart: it rises
-    at the first (value ``previous``, rate ``slope``) and falls at the second (``value``, ``rate``),
-    and its tangents there intersect at or above zero."""
+    """Condition that a quantity may reach zero from below between two instants that are ``length``
+    apart, s: it rises at the first (value ``previous``, rate ``slope``), falls at the second (value
+    ``value``, rate ``rate``), and its tangents there intersect at or above zero."""
     turns = (slope > 0.0) & (rate < 0.0)
     return turns & (
         previous + slope * (value - previous - rate * length) / where(turns, slope - rate, 1.0)
@@ -243,8 +252,9 @@ def _may_rise(previous: Expr, slope: Expr, value: Expr, rate: Any, length: Expr)
 
 
 def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function that rejects a case if the condition that ends the next phase may be met
-    during a release delay.
+    """Write the kernel function ``pending_event_SEGMENT(w, first)``, which rejects a case (for the
+    variant ANY_ORDER) if the condition that ends the next phase may have been met since its last
+    call, while a delayed release is pending; the call with ``first`` = 1.0 only stores values.
 
     Parameters
     ----------
@@ -287,9 +297,9 @@ def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
-    """Value of a condition (quantity minus threshold, SI), its rate and its second rate (0 for a
-    vertical speed, of which it is not known). The value is below zero before the event; of an event
-    with a crossing direction, below the threshold."""
+    """Expressions of the value of an event's condition (quantity minus threshold, SI), its rate and
+    its second rate (0 for a vertical speed, of which it is not known), at a state with the
+    derivative K1. Without a direction the value is below zero before the event."""
     if event.is_border:
         return _border(s, event)
     scene, threshold = s.spec.scene, s.case.number(event.threshold)
@@ -327,8 +337,9 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
 
 
 def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
-    """Distance of a body above the top of its atmosphere layer or below its base, m, or of a point
-    in a table beyond an end of its cell, in the unit of the axis; with rate and second rate."""
+    """Expressions of the distance by which a body is beyond the top or base of its atmosphere
+    layer, m, or a point beyond an end of its table cell, in the unit of the axis (negative within);
+    with its rate and second rate."""
     if event.is_cell_end:
         top = event.quantity == at.AT_CELL_TOP
         return cell_end(s, event.item, event.threshold, top)
@@ -339,7 +350,7 @@ def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
 
 
 def _climb(s: State, body: str, threshold: Expr) -> tuple[Any, Any]:
-    """Height of the mass centre of a body minus a threshold, m, and its rate, m/s."""
+    """Height of the mass centre of a body minus the height ``threshold``, m, and its rate, m/s."""
     return height(s.scope, body) - threshold, _climb_rate(s, body)
 
 
@@ -349,11 +360,11 @@ def _climb_rate(s: State, body: str) -> Any:
 
 
 def _angle(s: State, joint: str, threshold: Expr) -> tuple[Any, Any, Any]:
-    """Relative rotation angle of the bodies of a joint minus a threshold, rad, with rate and
-    acceleration.
+    """Angle of the rotation between the two bodies of a joint since the start, minus a threshold,
+    rad, with its rate and second rate.
 
-    Its axis n follows from the sum of the cross products of corresponding axes; at angle 0 the
-    direction of the relative motion replaces it.
+    The axis n of the rotation is that of the sum of the cross products of corresponding joint axes;
+    at angle 0, which has no axis, rates are the magnitudes of the relative ones.
     """
     first, second = s.spec.scene.joint[joint].bodies
     if s.segment.leader(first) == s.segment.leader(second) == GROUND:
@@ -393,7 +404,7 @@ def _angle(s: State, joint: str, threshold: Expr) -> tuple[Any, Any, Any]:
 
 
 def _spin_rate(s: State, body: str) -> Any:
-    """Angular acceleration of a body in ground axes, rad/s2, from the derivative K1."""
+    """Angular acceleration of a body, ground axes, rad/s2, from the stored derivative K1."""
     leader = s.segment.leader(body)
     return (
         ZERO
@@ -403,8 +414,8 @@ def _spin_rate(s: State, body: str) -> Any:
 
 
 def emit_event_flags(out: Text, c: Context) -> None:
-    """Write the function that, at the end of an interval, sets the flags of the events whose
-    conditions are met."""
+    """Write the kernel function ``set_event_flags(w, phase)``, which, at the end of an interval,
+    sets the flags of the events whose conditions are met and loads the next cells and layers."""
     text = out.function(
         "set_event_flags(w, phase: int)",
         "After the last step to an event: set the flags of the conditions that are met.",
@@ -425,8 +436,9 @@ def emit_event_flags(out: Text, c: Context) -> None:
 
 
 def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
-    """Add lines to a scope that set the flag of an event if its condition is met, and the error
-    indicator 1 / rate: an error of the value causes a time error of error / rate."""
+    """Add lines to a scope that set the flag of an event if its condition is met now, and then
+    raise its error indicator to 1 / rate of the condition, since an error of the condition's value
+    causes an error of the event time of error / rate."""
     name, flag = f"{segment.name}_{event.name}", event.flag(segment.name)
     if event.quantity == at.AT_KINK:
         set_mode(scope, c, event, segment.name)
@@ -454,9 +466,9 @@ def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
 
 
 def _set_crossing_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
-    """Add lines to a scope that set the flag of an event, and its error indicator, if its quantity
-    has crossed the threshold in a direction that counts; a quantity that only started at the
-    threshold has not."""
+    """Add lines to a scope that set the flag of an event with a direction, and raise its error
+    indicator, if its quantity has crossed the threshold in a direction that counts; that a quantity
+    starts at the threshold is no crossing."""
     name, flag = f"{segment.name}_{event.name}", event.flag(segment.name)
     side, flag_before = scope.load(f"SIDE_{name}"), scope.load(flag)
     met = (

@@ -1,4 +1,4 @@
-"""Continuous extension of a step, as lines of a kernel: states between its ends."""
+"""Emitter of the continuous extension of a step: the polynomial of the state between its ends."""
 
 from collections.abc import Iterable
 
@@ -10,10 +10,12 @@ from sepmc.kernel.tracer.tracer import total
 
 
 def emit_extension(out: Text, c: Context) -> None:
-    """Write the functions that compute the coefficients of the continuous extension of a step, and
-    a state between the ends of the step from them."""
+    """Write the kernel functions ``make_extension(w, phase)``, which computes the coefficients of
+    the continuous extension of the step just made, and ``interpolate(w, phase)``, which computes
+    the state at a fraction of that step."""
     c.workspace.add("BEGIN", c.size), c.workspace.add("THETA", c.size)
-    # start and length of the step, and the end of its phase as a fraction of it: about 1
+    # start and length of the step, and its present end as a fraction of that length: less than 1
+    # if it was cut short
     for name in ("BEGIN_T", "LENGTH", "REACH"):
         c.workspace.add(name, 1)
     _emit_make_extension(out, c)
@@ -21,8 +23,9 @@ def emit_extension(out: Text, c: Context) -> None:
 
 
 def _emit_make_extension(out: Text, c: Context) -> None:
-    """Write the function that makes the stages that only the extension needs, and computes the
-    coefficients of the extension."""
+    """Write the kernel function ``make_extension(w, phase)``, which evaluates the stages that only
+    the extension needs, and stores the coefficients of the powers 1, 2, ... of the elapsed fraction
+    of the step into the field POWERS (after room for power 0, which is in BEGIN)."""
     docstring = (
         "Coefficients of the state over the step just made, by powers of the elapsed fraction, "
         "into POWERS."
@@ -48,12 +51,14 @@ def _emit_make_extension(out: Text, c: Context) -> None:
 
 
 def _weighted(stages: Iterable[tuple[int, str]]) -> str:
-    """Source text of the sum of stage derivatives, each times a coefficient."""
+    """Kernel code of the sum of stage derivatives, each times a coefficient; ``stages`` has the
+    index of each stage and the code of its coefficient."""
     return " + ".join(f"{coefficient} * w[K{j + 1} + e]" for j, coefficient in stages)
 
 
 def _emit_interpolate(out: Text, c: Context) -> None:
-    """Write the function for a state between the ends of a step."""
+    """Write the kernel function ``interpolate(w, phase)``, which stores the state at the fraction
+    THETA of the step just made into S, its time into CLOCK; attitudes have unit length."""
     docstring = (
         "State at the fractions THETA of the step just made, attitudes of unit length, into S; "
         "time into CLOCK."

@@ -1,8 +1,9 @@
-"""Full constraint force equations (NASA/TP-2016-219326): accelerations of all bodies and wrenches
-at both ends of all joints in one system.
+"""Emitter of the full constraint force equations (NASA/TP-2016-219326): one linear system for the
+accelerations of all bodies and the wrenches at both ends of all joints.
 
-Unknowns: of each body a (ground axes) and w' (body axes); of each constraining joint F_A, F_B, M_A,
-M_B (ground axes).
+Unknowns, in this order: of each body the acceleration of the mass centre (ground axes) and the
+angular acceleration (body axes); of each joint with constraint rows the forces F_A, F_B and moments
+M_A, M_B on its two bodies (ground axes).
 """
 
 from typing import Any
@@ -23,25 +24,30 @@ Wrench = tuple[Any, Any]  # force and moment on the second body of a joint, grou
 
 
 def before_full(text: Text, segment: Segment, bodies: list[str]) -> None:
-    """Append lines that set the whole matrix of the full system of a segment to zero, since only
-    its other entries are written afterwards."""
+    """Append lines that set the whole matrix of the full system of a segment to zero; only nonzero
+    entries are written afterwards. ``bodies`` are all moving bodies."""
     n = _size(segment, bodies)
     text.block(f"for e in range({n * n} * LANES):")(f"w[SYSTEM_{segment.name} + e] = 0.0")
 
 
 def _size(segment: Segment, bodies: list[str]) -> int:
+    """Number of unknowns of the full system of a segment."""
     return _OF_BODY * len(bodies) + _OF_JOINT * len(_constraining_joints(segment))
 
 
 def _constraining_joints(segment: Segment) -> list[str]:
-    """Joints that have constraint rows in a segment."""
+    """Names of the joints that have constraint rows in a segment, each once."""
     return list(dict.fromkeys(row.joint for row in segment.rows))
 
 
 class FullSystem:
-    """Full linear system of a segment at a state for the accelerations of all bodies and the
-    wrenches at both ends of all joints that constrain it, given the constraint rows and the loads
-    on the bodies: forces in ground axes, N, moments in body axes, N m."""
+    """Full linear system, at a state of a segment, for the accelerations of all bodies and the
+    wrenches at both ends of all joints with constraint rows.
+
+    It is made from the constraint ``rows`` and the loads on each body: ``force`` in ground axes, N,
+    ``moment`` in body axes, N m. ``entries`` has the nonzero entries of the matrix by (line,
+    column), ``side`` the right-hand side.
+    """
 
     def __init__(self, s: State, rows: Rows, force: dict[str, Any], moment: dict[str, Any]):
         self.s, self.rows = s, rows
@@ -71,8 +77,8 @@ class FullSystem:
                 self.entries[first + 3 + i, first + 3 + k] = inertia[3 * i + k]
 
     def _add_wrench(self, joint: str) -> None:
-        """Add the wrenches of a joint to the equations of its bodies, and their balance, paper eq
-        (15): F_A + F_B = 0, M_A + M_B + d x F_B = 0."""
+        """Add the wrenches of a joint to the equations of motion of its bodies, and the equations
+        of action and reaction, paper eq (15): F_A + F_B = 0, M_A + M_B + d x F_B = 0."""
         s, first, pair = self.s, self.of_joint[joint], self.s.joint(joint)
         for end, (body, rho) in enumerate(
             zip(s.spec.scene.joint[joint].bodies, (pair.rho_a, pair.rho_b), strict=True)
@@ -97,9 +103,9 @@ class FullSystem:
                 self.entries[first + 3 + i, first + _FORCE_B + k] = lever[i]
 
     def _add_joint(self, joint: str) -> None:
-        """Add the constraints of a joint, and zero wrench components along its free directions,
-        paper eqs (24), (25), on body B at r_B. An inactive constraint is replaced by a zero
-        component."""
+        """Add one equation for each of the six degrees of freedom of a joint: its constraint rows,
+        and, for each free direction, that the component of the wrench on body B along it is zero,
+        paper eqs (24), (25). Where a row is inactive, its equation is such a zero component."""
         first, rows = (
             self.of_joint[joint],
             [row for row in self.rows.rows if row.row.joint == joint],
@@ -119,6 +125,8 @@ class FullSystem:
                 line += 1
 
     def _add_constraint(self, line: int, first: int, one: JointRow) -> None:
+        """Add the constraint row ``one`` as equation number ``line``; ``first`` is the column of
+        the first unknown of its joint."""
         mask = one.mask
         for body, sign in zip(
             self.s.spec.scene.joint[one.row.joint].bodies, (-1.0, 1.0), strict=True
@@ -136,26 +144,25 @@ class FullSystem:
                 self.entries[line, first + column + k] = (1.0 - mask) * along[k]
 
     def _free_translations(self, joint: str, rows: list[JointRow]) -> list[Any]:
-        """Directions (unit vectors, ground axes) along which a joint with these translation rows
-        carries no force."""
+        """Directions (unit vectors, ground axes) along which a joint carries no force, given its
+        translation ``rows``."""
         if any(one.row.code == at.ROD for one in rows):
             return _perpendicular(rows[0].e)
         constrained = {one.row.code for one in rows}
         return [self.s.axis(joint, k) for k in range(3) if k not in constrained]
 
     def solve(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Wrench]]:
-        """Solve the system.
+        """Solve the system: add lines to the scope of the state that store the matrix, solve it,
+        and reject a case (for the variant LEAST_SQUARES) where it is singular.
 
         Returns
         -------
         acceleration : dict of str to tuple of Expr
-            of mass centres, ground axes, m/s2
+            acceleration of the mass centre by body, ground axes, m/s2
         spin_rate : dict of str to tuple of Expr
-            angular accelerations, body axes, rad/s2
+            angular acceleration by body, body axes, rad/s2
         wrenches : dict of str to Wrench
-            force and moment on the second body of each joint, ground axes
-
-        A case is rejected where the system is singular.
+            force, N, and moment, N m, on the second body by joint, ground axes
         """
         s, n, name = self.s, self.n, self.s.segment.name
         workspace, scope = s.c.workspace, s.scope
@@ -176,6 +183,7 @@ class FullSystem:
         reject_unless(scope, pivot > 0.0, Variant.LEAST_SQUARES)
 
         def vector(k: int) -> Any:
+            """Three components of the solution from number ``k`` on."""
             return tuple(scope.load(component(f"SOLUTION_{name}", k + i)) for i in range(3))
 
         acceleration = {body: vector(k) for body, k in self.of_body.items()}
@@ -191,7 +199,8 @@ class FullSystem:
 
 
 def _free_rotations(rows: list[JointRow]) -> list[Any]:
-    """Directions (ground axes) about which a joint with these rotation rows carries no moment."""
+    """Directions (ground axes) about which a joint carries no moment, given its rotation
+    ``rows``."""
     normals = [one.arms[1] for one in rows]
     if not normals:
         return list(UNIT)
@@ -201,6 +210,6 @@ def _free_rotations(rows: list[JointRow]) -> list[Any]:
 
 
 def _perpendicular(along: Any) -> list[Any]:
-    """Two directions perpendicular to the direction ``along`` and to each other."""
+    """Two directions that are perpendicular to the direction ``along`` and to each other."""
     one = vec3.perpendicular(along).called("perpendicular")
     return [one, vec3.cross(along, one)]

@@ -1,4 +1,5 @@
-"""Kinematics at a state: attitudes, rates, and relative positions between two bodies."""
+"""Kinematics at a state, as expressions: attitudes, angular rates, and relative positions and
+motions of two bodies."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,9 +14,12 @@ from sepmc.scene.model import GROUND, Spring
 
 @dataclass(frozen=True)
 class Pair:
-    """Relative position of a point of body A and one of body B: d = r_B - r_A, m, and its rate;
-    arms ``rho`` from the mass centres to the points, m; angular rates ``spin`` of the bodies,
-    rad/s; all in ground axes."""
+    """Relative position of a point fixed in body A and a point fixed in body B; ground axes.
+
+    ``d`` = r_B - r_A is the vector between the points, m, ``d_rate`` its rate, m/s; ``rho_a``,
+    ``rho_b`` are the arms from the mass centres to the points, m; ``spin_a``, ``spin_b`` the
+    angular rates of the bodies, rad/s.
+    """
 
     d: Any
     d_rate: Any
@@ -27,10 +31,12 @@ class Pair:
 
 @dataclass(frozen=True)
 class Slide:
-    """Relative motion of two bodies of one rigid group, in the axes of the group.
+    """Relative motion of two bodies A and B of one rigid group, which rotate together but may slide
+    along each other; body axes of the group's ``leader``.
 
-    r = R^T (x_B - x_A), its rate, and the velocity terms ``turning`` of its second derivative: r''
-    = R^T (x_B'' - x_A'') - w' x r - turning.
+    ``r`` = R^T (x_B - x_A) is the vector between their mass centres, m, with the attitude R of the
+    group; ``rate`` its rate, m/s; ``turning`` the velocity terms of its second derivative, m/s2:
+    r'' = R^T (x_B'' - x_A'') - w' x r - turning, with the angular rate w of the group.
     """
 
     leader: str
@@ -41,11 +47,15 @@ class Slide:
 
 @dataclass(frozen=True)
 class Line:
-    """Line of action between points of two bodies A and B, ground axes.
+    """Line between points of two bodies A and B, along which a force or constraint acts; ground
+    axes.
 
-    Unit vector ``e`` along it; arms of both bodies, m; length, m, and its rate, m/s; ``gamma``,
-    minus the velocity terms of the second derivative of the length, m/s2. For an axis fixed to a
-    rigid group that both bodies are in, ``own`` has direction and lever in the axes of the group.
+    ``e`` is the unit vector along it. ``arm_a``, ``arm_b`` are the moments on A and on B about
+    their mass centres, per newton of a force along e on B and against e on A, m. ``length`` is the
+    distance of the points along e, m, ``rate`` its rate, m/s; ``gamma`` is minus the velocity terms
+    of its second derivative, m/s2.
+    ``own`` has direction and lever in the axes of the rigid group if ``e`` is fixed in a group that
+    contains both bodies, else None.
     """
 
     e: Any
@@ -59,8 +69,9 @@ class Line:
 
 @dataclass(frozen=True)
 class Own:
-    """Direction e along which two bodies of the rigid group led by ``leader`` may slide, and the
-    lever e x r, m, of a force between them on the group; both in the axes of the group."""
+    """Direction ``e`` (unit vector) along which two bodies of the rigid group led by ``leader`` may
+    slide, and ``lever``: the moment on the group, per newton, of a force between the bodies along
+    e, m. Both in body axes of the group; the lever is e x r with the r of `Slide`."""
 
     leader: str
     e: Any
@@ -68,8 +79,12 @@ class Own:
 
 
 class State:
-    """State of the bodies in a segment, stored in ``field`` (S of a stage, Y at the end of a step,
-    or another field with its ``time``)."""
+    """State of the bodies in a segment, and kinematics of it as expressions of ``scope``.
+
+    The state vector is in the workspace field ``field``: S (a stage), Y (the end of a step), or
+    another field; ``time`` then names the field of its time. Vectors and matrices are expressions
+    too; a body in a rigid group has the attitude and angular rate of the group's leader.
+    """
 
     def __init__(self, c: Context, scope: Scope, segment: Segment, field: str, time: str = ""):
         self.c, self.scope, self.segment, self.field = c, scope, segment, field
@@ -82,22 +97,22 @@ class State:
         return self.scope.load(self.clock)
 
     def position(self, body: str) -> Any:
-        """Position of a mass centre, m, in a frame that moves with the initial velocity of the
-        vehicle."""
+        """Position of the mass centre of a body, ground axes, m, in a frame that moves with the
+        initial velocity of the vehicle; its origin is at first the common mass centre."""
         if body == GROUND:  # its axes start at the initial mass centre
             return vec3.scale(self.time, self.velocity(GROUND)).called("x_ground")
         return self.scope.load(f"{self.field} + X_{body}", 3).called(f"x_{body}")
 
     def velocity(self, body: str) -> Any:
-        """Velocity of a mass centre, ground axes, m/s, in a frame that moves with the initial
-        velocity of the vehicle."""
+        """Velocity of the mass centre of a body, ground axes, m/s, in a frame that moves with the
+        initial velocity of the vehicle."""
         if body == GROUND:
             return vec3.scale(-1.0, self.case.velocity).called("ground_speed")
         return self.scope.load(f"{self.field} + V_{body}", 3).called(f"v_{body}")
 
     def stream(self, body: str) -> Any:
-        """What is added to `velocity` to get the velocity of a body relative to the air: the
-        initial velocity of the vehicle minus the wind at the body, ground axes, m/s."""
+        """Initial velocity of the vehicle minus the wind at a body, ground axes, m/s: `velocity`
+        plus this is the velocity of the body relative to the air."""
         if self.spec.scene.environment.wind.profile is None:
             return self.case.stream
         along, across = (self.scope.load(component(f"WIND_{body}", k)) for k in range(2))
@@ -118,14 +133,14 @@ class State:
         return self.scope.load(f"{self.field} + OMEGA_{leader}", 3).called(f"omega_{leader}")
 
     def attitude(self, body: str) -> Any:
-        """Matrix from the axes of a body to ground axes."""
+        """Rotation matrix (nine numbers by rows) from the axes of a body to ground axes."""
         leader = self.segment.leader(body)
         if leader == GROUND:
             return quat.matrix(self.case.attitude).called("r_ground")
         return quat.matrix(self.quaternion(leader)).called(f"r_{leader}")
 
     def spin(self, body: str) -> Any:
-        """Angular rate of a body in ground axes, rad/s."""
+        """Angular rate of a body, ground axes, rad/s."""
         leader = self.segment.leader(body)
         return (
             ZERO
@@ -134,16 +149,16 @@ class State:
         )
 
     def axis(self, joint: str, k: int, second: bool = False) -> Any:
-        """Axis k (0 x, 1 y, 2 z) of a joint, fixed to its first (or ``second``) body: unit vector
-        in ground axes."""
+        """Axis k (0 x, 1 y, 2 z) of a joint as fixed in its first body or, with ``second``, in its
+        second body: unit vector, ground axes. Both are the same while the vehicle is mated."""
         r = self.attitude(self.spec.scene.joint[joint].bodies[int(second)])
         if self.spec.has_body_axes(joint):
             return (r[k], r[k + 3], r[k + 6])
         return vec3.rotate(r, self.case.joint_axis(joint, k)).called("e")
 
     def pair(self, bodies: tuple[str, str], end_a: Any, end_b: Any) -> Pair:
-        """Relative position of a point of each of two bodies, given by the arms from the mass
-        centres to the points in body axes, m."""
+        """Relative position of a point of each of two bodies; ``end_a``, ``end_b`` are the arms
+        from their mass centres to the points, body axes, m."""
         a, b = bodies
         rho_a = vec3.rotate(self.attitude(a), end_a).called("rho")
         rho_b = vec3.rotate(self.attitude(b), end_b).called("rho")
@@ -162,7 +177,8 @@ class State:
         return Pair(d, d_rate, rho_a, rho_b, spin_a, spin_b)
 
     def slide(self, bodies: tuple[str, str]) -> Slide | None:
-        """Relative motion of two bodies, or None if they are not in one rigid group."""
+        """Relative motion of two bodies of one rigid group; None if they are not in one group, or
+        the group contains the ground."""
         a, b = bodies
         leader = self.segment.leader(a)
         if leader == GROUND or self.segment.leader(b) != leader:
@@ -176,8 +192,9 @@ class State:
         return Slide(leader, r, rate, turning)
 
     def sliding_line(self, joint: str, k: int) -> Line | None:
-        """Line along axis k of a joint whose bodies are in one rigid group; its length is the
-        distance of the joint's two points along it. None for other joints."""
+        """Line along axis k (0 x, 1 y, 2 z) of a joint between bodies of one rigid group without
+        the ground; its length is the distance of the joint's two points along the axis, m. None for
+        other joints."""
         slide = self.slide(self.spec.scene.joint[joint].bodies)
         if slide is None:
             return None
@@ -202,14 +219,14 @@ class State:
         )
 
     def joint(self, name: str) -> Pair:
-        """Relative position of the points of a joint."""
+        """Relative position of the points of a joint on its two bodies."""
         end_a, end_b, _ = self.case.joint_ends(name)
         return self.pair(self.spec.scene.joint[name].bodies, end_a, end_b)
 
     def separation(self, joint: str) -> Line:
-        """Line along the x axis of a joint; its length and rate are the separation distance, m, and
-        speed, m/s: zero at the start, positive apart. Its direction and gamma are those of the
-        axis."""
+        """Line along the x axis of a joint, but with the separation distance, m, and speed, m/s, as
+        length and rate: zero at the start, positive as the bodies move apart. Direction, arms and
+        gamma are those of the x axis, without the separation sign."""
         sign = self.case.separation_sign(joint)
         start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, 0))
         line = self.sliding_line(joint, 0)
@@ -224,8 +241,8 @@ class State:
         )
 
     def displacement(self, joint: str, k: int) -> Any:
-        """Displacement of the second body's point of a joint along axis k of the joint, m, relative
-        to the first body and from the start."""
+        """Displacement since the start of the second body's point of a joint relative to the first
+        body, along axis k (0 x, 1 y, 2 z) of the joint, m."""
         start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, k))
         line = self.sliding_line(joint, k)
         if line is not None:
@@ -233,8 +250,8 @@ class State:
         return vec3.dot(self.joint(joint).d, self.axis(joint, k)) - start
 
     def relative_angles(self, joint: str) -> tuple[Any, Any, Any]:
-        """Pitch, yaw and roll of the second body of a joint relative to the first, rad, in the axes
-        of the joint."""
+        """Pitch, yaw and roll of the second body of a joint relative to the first, rad, with
+        respect to the axes of the joint; zeros within a rigid group."""
         first, second = self.spec.scene.joint[joint].bodies
         if self.segment.leader(first) == self.segment.leader(second):
             return 0.0, 0.0, 0.0
@@ -243,11 +260,12 @@ class State:
         return quat.pitch(r), quat.yaw(r), quat.roll(r)
 
     def sliding(self, joint: str) -> Any:
-        """Number that is 1 while the pins of a joint may slide, else 0."""
+        """Number that is 1 while the present kind of a joint lets its guide pins slide, else 0."""
         return self.is_active(joint, self.segment.sliding_kinds(joint))
 
     def is_active(self, joint: str, kinds: tuple[int, ...]) -> Any:
-        """Number that is 1 while a joint has one of the kinds with these numbers, else 0."""
+        """Number that is 1 while the present kind of a joint has one of the numbers ``kinds``, else
+        0; the known number 1.0 if these are all kinds possible in the segment."""
         if len(kinds) == len(self.segment.joint_kinds[joint]):
             return 1.0
         kind, active = self.scope.load(f"KIND_{joint}"), None
@@ -261,8 +279,8 @@ class State:
         return where(active, 1.0, 0.0).called("active")
 
     def friction(self, joint: str) -> Any:
-        """Friction force of the pins on the second body of a joint, N, positive in the direction of
-        separation; None without friction."""
+        """Friction force of the guide pins on the second body of a joint, N, positive in the
+        direction of separation, from the field FRICTION; None for a joint without friction."""
         friction_joints = self.spec.friction_joints(self.segment)
         return (
             self.scope.load(component("FRICTION", friction_joints.index(joint)))
@@ -278,7 +296,7 @@ class State:
         spin_rates: dict[str, Any],
         moving: bool = True,
     ) -> Any:
-        """Second derivative of a length along a line.
+        """Second derivative of the length of a line between two bodies, for given accelerations.
 
         Parameters
         ----------
@@ -290,7 +308,7 @@ class State:
         spin_rates : dict of str to Expr
             angular accelerations of rigid groups, by leader, body axes, rad/s2
         moving : bool
-            False to leave out the velocity terms
+            False to leave out the velocity terms (``gamma``), for the effect of a force alone
 
         Returns
         -------
@@ -315,8 +333,8 @@ class State:
         return second_derivative
 
     def lengthening_by(self, field: str, bodies: tuple[str, str], line: Line) -> Any:
-        """Second derivative of the length of a line between two bodies, m/s2, given the derivative
-        of the state, stored in a workspace field."""
+        """Second derivative of the length of a line between two bodies, m/s2, for the accelerations
+        in the derivative of the state that the workspace field ``field`` (K1 or D) stores."""
         moving = {body: self.scope.load(f"{field} + V_{body}", 3) for body in self.spec.bodies}
         turning = {
             one: self.scope.load(f"{field} + OMEGA_{one}", 3) for one in self.segment.leaders
@@ -324,7 +342,8 @@ class State:
         return self.lengthening(bodies, line, moving, turning)
 
     def rod(self, pair: Pair) -> Line:
-        """Line between the two points of a pair; not finite where they coincide."""
+        """Line from the first to the second point of a pair; not finite where the points
+        coincide."""
         e, arm_a, arm_b, gamma = joints.rod(
             pair.d, pair.d_rate, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b
         ).called("line")
@@ -333,7 +352,8 @@ class State:
         )
 
     def spring(self, spring: Spring) -> Line:
-        """Line of action of a spring: along its axis, if it has one, else between its points."""
+        """Line of action of a spring: along its axis, which is fixed in its first body, if it has
+        one, else between its two points."""
         end_a, end_b, _ = self._spring_ends(spring)
         pair = self.pair(spring.bodies, end_a, end_b)
         if spring.axis is None:
@@ -346,31 +366,36 @@ class State:
         return Line(e, arm_a, arm_b, gamma, vec3.dot(pair.d, e), translation_rate(pair, e))
 
     def spring_start(self, spring: Spring) -> Any:
-        """Initial length of a spring, m."""
+        """Length of a spring at the start of the case, m."""
         gap = self._spring_ends(spring)[2]
         if spring.axis is None:
             return square_root(vec3.dot(gap, gap)).called("spring_start")
         return vec3.dot(gap, self._spring_axis(spring)).called("spring_start")
 
     def _spring_ends(self, spring: Spring) -> tuple[Any, Any, Any]:
+        """Ends of a spring on its two bodies, as in `Case.ends`."""
         start = int(self.c.model.springs_p) + at.SPRING_SIZE * self._number(spring)
         return self.case.ends(start, spring.bodies, spring.second_point is not None)
 
     def _spring_axis_slot(self, spring: Spring) -> int | None:
-        """Parameter index of the axis of a spring, if it is dispersed."""
+        """Parameter index of the x component of the axis of a spring; None if the axis is not
+        dispersed."""
         return self.spec.layout.slots.get(f"spring.{spring.name}.axis.x")
 
     def _spring_axis(self, spring: Spring) -> Expr:
+        """Axis of a spring: unit vector, body axes of its first body."""
         if (slot := self._spring_axis_slot(spring)) is not None:
             return vec3.unit(self.case.vector(slot)).called("axis")
         return self.case.scope.shared(int(self.c.model.springs_x) + 3 * self._number(spring), 3)
 
     def _number(self, spring: Spring) -> int:
+        """Index of a spring among those of the scene."""
         return [s.name for s in self.spec.scene.spring].index(spring.name)
 
 
 def translation(pair: Pair, e: Any) -> Any:
-    """Arms and gamma of a translation constraint of a pair along the unit vector e, fixed in body A
+    """Arms of bodies A and B, m, and gamma, m/s2, of the constraint that the points of a pair keep
+    their distance along the unit vector ``e``, fixed in body A, ground axes
     (`sepmc.physics.joints.translation`)."""
     return joints.translation(
         pair.d, pair.d_rate, e, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b
@@ -378,13 +403,14 @@ def translation(pair: Pair, e: Any) -> Any:
 
 
 def translation_rate(pair: Pair, e: Any) -> Any:
-    """Rate of the distance of a pair along the unit vector e, fixed in body A, m/s."""
+    """Rate, m/s, of the distance of the points of a pair along the unit vector ``e``, which is
+    fixed in body A; ground axes."""
     return joints.translation_rate(pair.d, pair.d_rate, e, pair.spin_a)
 
 
 def relative_acceleration(accelerations: dict[str, Any], bodies: tuple[str, str]) -> Any:
-    """Acceleration of the mass centre of the second body minus that of the first, ground axes,
-    m/s2; the ground has none."""
+    """Acceleration of the mass centre of the second of two bodies minus that of the first, ground
+    axes, m/s2, from ``accelerations`` by body; that of the ground is zero."""
     of_a, of_b = (ZERO if body == GROUND else accelerations[body] for body in bodies)
     if of_a is ZERO:
         return of_b

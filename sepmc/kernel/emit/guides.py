@@ -1,5 +1,5 @@
-"""Guide pins, as lines of a kernel: friction in balance with the loads that it changes, and pin
-loads."""
+"""Emitter of guide pins: their friction, in balance with the pin loads that it changes, and the pin
+loads as outcomes."""
 
 import math
 from dataclasses import replace
@@ -19,16 +19,17 @@ from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
-# lateral forces (y, z) of each pin at the hole entry and at its tip
+# lateral force (y, z) of each end of each pin: hole entry and tip of the first pin, then the next
 Ends = list[tuple[Any, Any]]
 
 
 def emit_friction(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function for the friction of the guides of a segment; the other functions of the
-    segment treat it as a known load.
+    """Write the kernel function ``friction_SEGMENT(w)``, which stores the friction force of each
+    guide of a segment into the field FRICTION and rejects cases that jam; the other functions of
+    the segment treat friction as a known load. Nothing is written without friction.
 
     Pin loads are linear in the friction forces: those without friction, and their change per newton
-    of each, are passed to `sepmc.routines.friction.balance`.
+    of each friction force, are passed to `sepmc.routines.friction.balance`.
     """
     joints = c.spec.friction_joints(segment)
     if not joints:
@@ -60,7 +61,8 @@ def emit_friction(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _friction_per_newton(s: State, joint: str) -> Any:
-    """Friction in the direction of separation per newton of pin load."""
+    """Friction force on the second body in the direction of separation per newton of pin load, at
+    the present sliding speed; 0 unless the pins may slide."""
     p, speed = s.case.joint(joint), s.separation(joint).rate
     friction = guides.friction_force(
         s.case.number(p + at.FRICTION), 1.0, speed, s.case.number(p + at.SLIP_SPEED)
@@ -69,19 +71,20 @@ def _friction_per_newton(s: State, joint: str) -> Any:
 
 
 def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
-    """Lateral forces (y, z) of all pins of a joint at hole entry and tip, N.
+    """Lateral forces of all pins of a joint at their hole entries and tips.
 
     Parameters
     ----------
     s : State
     motion : Motion
-        of `make_motion`; or of `make_drive`: the result is then the change of the forces per newton
+        from `make_motion`; or from `make_drive`: the result is then the change of the forces per
+        newton of the driving force
     joint : str
 
     Returns
     -------
     list of (Expr, Expr)
-        for each pin the force at its hole entry, then at its tip, joint axes
+        for each pin the force (y, z) at its hole entry, then that at its tip; joint axes, N
     """
     c, p, count = s.case, s.case.joint(joint), s.c.pins(joint)
     axes = [s.axis(joint, k) for k in range(3)]
@@ -110,13 +113,15 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
 
 
 def guide_loads(s: State, motion: Motion, joint: str) -> list[Any]:
-    """Monitored vectors of a guide at a state: driving force, pin loads if friction balanced it,
-    and present pin loads.
+    """Monitored vectors of a guide at a state: the driving force along x that separates its bodies,
+    the pin loads if friction balanced that force, and the present pin loads. A case is rejected
+    (for the variant LEAST_SQUARES) where other constraints along x share the driving force.
 
     Parameters
     ----------
     s : State
     motion : Motion
+        from `make_wrenches`
     joint : str
 
     Returns
@@ -150,8 +155,9 @@ def guide_loads(s: State, motion: Motion, joint: str) -> list[Any]:
 
 
 def _guide_loads_min_norm(s: State, motion: Motion, joint: str) -> list[Any]:
-    """`guide_loads` in a segment with minimum-norm multipliers: an additional row constrains the
-    guide along x, and may share the driving force with other constraints."""
+    """`guide_loads` in a segment with minimum-norm multipliers: the driving force is the multiplier
+    of an additional row that constrains the guide along x, and that may share the force with other
+    constraints."""
     sliding = s.segment.sliding_kinds(joint)
     along = Row(joint, 0, sliding if len(sliding) < len(s.segment.joint_kinds[joint]) else ())
     rows = Rows(s, [*s.segment.rows, along])
@@ -169,15 +175,17 @@ def _guide_loads_min_norm(s: State, motion: Motion, joint: str) -> list[Any]:
 def _guide_components(
     s: State, joint: str, balance: Any, balanced: Ends, forces: Ends
 ) -> list[Any]:
-    """Vectors of `guide_loads`, from the force ``balance`` that friction leaves, N, and the forces
-    of the pin ends, ``balanced`` and as they are."""
+    """Vectors in the order of `guide_loads`, made from the sum of driving force and present
+    friction, ``balance``, N, the pin forces if friction balanced the driving force, ``balanced``,
+    and the present pin forces, ``forces``."""
     friction = s.friction(joint)
     driving_force = balance if friction is None else balance - friction
     return [(driving_force, 0.0, 0.0), *((0.0, y, z) for y, z in (*balanced, *forces))]
 
 
 def reset_guides(c: Context) -> None:
-    """Add the field GUIDES, with the values that the guide outcomes have at the start of a case."""
+    """Add the workspace field GUIDES (`Context.guide_fields`), and lines to the scope of the case
+    that store there the values that the guide outcomes have at the start of a case."""
     for _, _, time, peaks in c.guide_fields:
         for index, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
             c.case.scope.store(component("GUIDES", index), value)
@@ -186,8 +194,8 @@ def reset_guides(c: Context) -> None:
 
 
 def update_guides(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines of a lane that update the guide outcomes of a segment by the step just made, of
-    length h."""
+    """Append lines, within a loop over lanes, that update the field GUIDES by the step just made in
+    a segment, whose length is the variable ``h``, in lanes in which the pins may slide."""
     for joint, first, time, peaks in c.guide_fields:
         sliding = segment.sliding_kinds(joint)
         if not sliding:
@@ -214,8 +222,7 @@ def update_guides(text: Text, c: Context, segment: Segment) -> None:
 
 
 def guide_outcomes(s: State) -> list[Any]:
-    """Outcomes of each output guide: sliding time, s, maximum load of each pin, N, minimum friction
-    coefficient that jams it.
+    """Outcomes of all output guides at the end of a case, from the field GUIDES.
 
     Parameters
     ----------
@@ -224,6 +231,8 @@ def guide_outcomes(s: State) -> list[Any]:
     Returns
     -------
     list of Expr
+        for each output guide: sliding time, s; maximum load of each pin, N (NaN if it never slid);
+        minimum friction coefficient that would have jammed it (NaN if there is none)
     """
     outcomes: list[Any] = []
     for _, _, index, peaks in s.c.guide_fields:

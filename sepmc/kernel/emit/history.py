@@ -1,4 +1,4 @@
-"""Histories, as lines of a kernel: separations over time, or full rows."""
+"""Emitter of histories: separations over time, or full rows with all quantities."""
 
 import math
 from typing import Any
@@ -22,8 +22,9 @@ from sepmc.routines import layout as at
 
 
 def emit_history(out: Text, c: Context) -> None:
-    """Write the functions that write the rows of a history: separations at equal time intervals, or
-    full rows at requested instants."""
+    """Write the kernel function ``write_history(w, phase, first, a)``, which writes the history
+    rows of the step just made into the output array, and the functions it calls. Rows are
+    separations at equal time intervals, or full rows at requested instants (`Context.history`)."""
     if c.history == at.SEPARATION_HISTORY:
         _emit_curves(out, c)
         return
@@ -33,11 +34,12 @@ def emit_history(out: Text, c: Context) -> None:
 
 
 def _emit_curves(out: Text, c: Context) -> None:
-    """Write the functions for separations over time.
+    """Write the kernel functions for a history of separations: ``write_history`` and those it
+    needs.
 
     A polynomial through distance and speed at the ends of a step, and through accelerations there
-    and at stages within it, is evaluated at the history times. The integration is the same without
-    them.
+    and at stages within it, is evaluated at the history times. The history does not change the
+    integration.
     """
     joints = list(c.spec.scene.joint)
     points = 2 + max(len(rk.within) for rk in c.used.values())
@@ -65,7 +67,8 @@ def _emit_curves(out: Text, c: Context) -> None:
 
 
 def _emit_separation(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function for the separations at a state of a segment."""
+    """Write the kernel function ``separation_SEGMENT(w)``, which stores separation distance, speed
+    and acceleration of every joint at the state S (with its derivative D) into the field POINT."""
     docstring = (
         f"Distance, speed and acceleration of every joint at the state S of phase {segment.name}, "
         "which has the derivative D, into POINT."
@@ -81,13 +84,15 @@ def _emit_separation(out: Text, c: Context, segment: Segment) -> None:
 
 
 def fit_curves(rk: Method) -> str:
-    """Name of the function that fits separations over a step by a method."""
+    """Name of the kernel function that fits polynomials to the separations over a step by the
+    method ``rk``."""
     return f"fit_curves_{rk.name}"
 
 
 def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
-    """Write the function for the curves of the step just made by a method, whose stages are still
-    stored."""
+    """Write the kernel function ``fit_curves_METHOD(w, phase)``, which stores the polynomials of
+    the separations over the step just made by a method into the field CURVES; it uses the
+    derivatives at the stages of that step, which are still stored."""
     text = out.function(
         f"{fit_curves(rk)}(w, phase: int)",
         f"Curves of the separations over the step from BEGIN just made by {rk.name}, into CURVES.",
@@ -111,8 +116,8 @@ def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
 
 
 def _store_point(text: Text, c: Context, number: int) -> None:
-    """Append lines that store the separations at the state S as those of point ``number`` of the
-    step."""
+    """Append lines that compute the separations at the state S and store them into the field POINTS
+    as those of point ``number`` (from 0) of the step."""
     for k, segment in enumerate(c.spec.segments):
         text.block(f"{'elif' if k else 'if'} phase == {k}:")(f"separation_{segment.name}(w)")
     size = c.workspace.counts["POINT"]
@@ -122,8 +127,8 @@ def _store_point(text: Text, c: Context, number: int) -> None:
 
 
 def _emit_range(text: Text) -> None:
-    """Append lines that set ``low`` and ``high`` to the ends of the time range that the step just
-    made covers in any lane."""
+    """Append lines that set the variables ``low`` and ``high`` to the earliest start and latest
+    end, s, over all lanes, of the step just made."""
     text("low, high = math.inf, 0.0")
     text.lanes()(
         "low = min(low, w[BEGIN_T + l])",
@@ -132,8 +137,8 @@ def _emit_range(text: Text) -> None:
 
 
 def _emit_row(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function for a row of a full history, in the order of
-    `sepmc.schema.history_columns`."""
+    """Write the kernel function ``row_SEGMENT(w)``, which stores the row of a full history at the
+    state S into the field ROW, in the order of `sepmc.schema.history_columns`, SI."""
     docstring = (
         f"Full history row of the state S of phase {segment.name} at the times CLOCK, into ROW."
     )
@@ -178,8 +183,8 @@ def _emit_row(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
-    """Lateral load of every pin of a joint at hole entry and tip while it may slide, N; else
-    NaN."""
+    """Magnitudes of the lateral loads of every pin of a joint, at its hole entry and at its tip, N;
+    NaN while the pins cannot slide."""
     if not s.segment.sliding_kinds(joint):
         return [math.nan] * 2 * s.c.pins(joint)
     sliding = s.sliding(joint)
@@ -190,7 +195,8 @@ def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
 
 
 def _nearest_angles(s: State, leader: str) -> tuple[Any, Any]:
-    """Pitch and roll of a rigid group within a step, in the turn nearest to those at its end."""
+    """Pitch and roll of the rigid group of ``leader`` at a state within a step, rad, with the full
+    turns that bring them nearest to those at the end of the step."""
     attitude = s.attitude(leader)
     pitch, roll = (component(f"ANGLES_{leader}", k) for k in range(2))
     return scalar.nearest_turn(quat.pitch(attitude), s.scope.load(pitch)), scalar.nearest_turn(
@@ -199,8 +205,8 @@ def _nearest_angles(s: State, leader: str) -> tuple[Any, Any]:
 
 
 def _emit_full_history(out: Text, c: Context) -> None:
-    """Write the function that writes the rows of a full history whose segment and time are in the
-    step just made, for all lanes."""
+    """Write the kernel function ``write_history(w, phase, first, a)`` for a full history: it writes
+    the rows at those requested instants (time, segment, side) that are in the step just made."""
     docstring = (
         "Write the rows of the instants (time, segment, side) within the step just made, or at "
         "its end (side -1) or start (side 1)."

@@ -1,4 +1,4 @@
-"""Ignition times of motors that are triggered by an event, a release or a joint that becomes
+"""Ignition times of motors that wait for a trigger: an event, a release, or a joint that becomes
 free."""
 
 import math
@@ -9,12 +9,13 @@ from sepmc.scene.model import Ignition, Motor
 
 
 def ignition_time(motor: str) -> str:
-    """Field of the ignition time of a triggered motor, as known at the start of an interval."""
+    """Name of the workspace field of the ignition time of a triggered motor, s, as known at the
+    start of an interval; infinite if not known."""
     return f"IGNITION_TIME_{motor}"
 
 
 def ignition(scope: Scope, c: Context, motor: Motor) -> Expr:
-    """Ignition time of a triggered motor.
+    """Ignition time of a triggered motor: the time of its trigger plus its delays.
 
     Parameters
     ----------
@@ -34,7 +35,8 @@ def ignition(scope: Scope, c: Context, motor: Motor) -> Expr:
 
 
 def _trigger_time(scope: Scope, c: Context, trigger: Ignition) -> Expr:
-    """Time of the event or release, or at which the joint became free, that triggers a motor."""
+    """Expression of the time at which the trigger of a motor occurred (its event or release, or
+    that its joint became free), s; infinite until then."""
     if trigger.joint is None:
         path = f"EVENT_TIME_{trigger.event or trigger.release}"
         c.start(path, math.inf)
@@ -46,8 +48,8 @@ def _trigger_time(scope: Scope, c: Context, trigger: Ignition) -> Expr:
 
 
 def store_ignitions(scope: Scope, c: Context) -> None:
-    """Add lines to a scope that store the ignition times of all triggered motors, as known now, for
-    the loads of the next interval."""
+    """Add lines to a scope that store the present ignition times of all triggered motors into their
+    fields (`ignition_time`), for the loads of the next interval."""
     for motor in c.spec.triggered_motors:
         c.start(ignition_time(motor.name), math.inf)
         scope.store(ignition_time(motor.name), ignition(scope, c, motor))

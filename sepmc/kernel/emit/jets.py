@@ -1,5 +1,8 @@
-"""Values with their first and second derivative in time: formulas are evaluated on them where their
-motion matters, to predict when they reach a kink."""
+"""Jets: values with their first and second derivative in time.
+
+Formulas of signals are evaluated on jets where their rate of change is needed, to predict when they
+reach a kink. A number in a jet is an expression, or a number known while the kernel is written.
+"""
 
 from typing import Any, NamedTuple
 
@@ -9,8 +12,8 @@ from sepmc.scene.formula import Call, Number, evaluate
 
 
 class Jet(NamedTuple):
-    """Value of a number, its rate and its ``second`` derivative in time; the latter is None if it
-    is not known. Both are 0 where only the value is needed."""
+    """Value of a quantity, its ``rate`` and its ``second`` derivative in time; ``second`` is None
+    if it is not known. Both derivatives are 0 where only the value is needed."""
 
     value: Any
     rate: Any = 0.0
@@ -18,8 +21,9 @@ class Jet(NamedTuple):
 
 
 def _known(*terms: Any) -> Any:
-    """Sum of products, each given by a tuple of its factors. A product with a known factor 0 is
-    left out; None if any other product has an unknown factor (None)."""
+    """Sum of products; each of the ``terms`` is the tuple of the factors of one product. A product
+    with a factor that is known to be 0 is left out. The result is None if a factor of any other
+    product is None (not known)."""
     result: Any = 0.0
     for factors in terms:
         if any(not isinstance(x, Expr) and x == 0.0 for x in factors if x is not None):
@@ -53,8 +57,8 @@ def multiply(a: Jet, b: Jet) -> Jet:
 
 
 def _product(a: Any, b: Any) -> Any:
-    """Product of two numbers. A known 0 does not remove the other factor: where that is NaN, the
-    product is NaN."""
+    """Product of two numbers or expressions. Unlike ``a * b``, a factor that is known to be 0 does
+    not make the product 0 while it is written: it is NaN where the other factor is NaN."""
     if isinstance(a, Expr) or isinstance(b, Expr):
         return trace("*", (a, b), NUMBER)
     return a * b
@@ -74,7 +78,8 @@ def divide(a: Jet, b: Jet) -> Jet:
 
 
 def apply(function: str, x: Jet) -> Jet:
-    """Jet of a function of one number, by its name: sin, cos, tan, exp, log or sqrt."""
+    """Jet of a function of one argument ``x``; ``function`` is its name: sin, cos, tan, exp, log or
+    sqrt."""
     value = _of(function, x.value)
     if _is_still(x):
         return Jet(value)
@@ -83,14 +88,14 @@ def apply(function: str, x: Jet) -> Jet:
 
 
 def chain(value: Any, slope: Any, bend: Any, x: Jet) -> Jet:
-    """Jet of a function of ``x``, from the value of the function and its first and second
-    derivative by x (``slope``, ``bend``)."""
+    """Jet of a function f(x) by the chain rule, from the jet ``x``, the ``value`` of f and its
+    first and second derivative by x, ``slope`` and ``bend``."""
     return Jet(value, _known((slope, x.rate)), _known((bend, x.rate, x.rate), (slope, x.second)))
 
 
 def power(x: Jet, y: Jet) -> Jet:
-    """Jet of the power x^y; a base that may be negative must have a known whole number as
-    exponent."""
+    """Jet of the power x^y. Rates of a negative base are right only for an exponent that is known
+    to be an integer of magnitude up to 16; otherwise they follow from the logarithm of x."""
     if not isinstance(y.value, Expr) and _is_still(y) and float(y.value).is_integer():
         n = int(y.value)
         if 0 < n <= _MAX_PRODUCT:
@@ -111,11 +116,11 @@ def power(x: Jet, y: Jet) -> Jet:
     return chain(value, value, value, exponent)
 
 
-_MAX_PRODUCT = 16  # largest power that is a product
+_MAX_PRODUCT = 16  # largest integer power that is written as a product
 
 
 def angle(y: Jet, x: Jet) -> Jet:
-    """Jet of the angle of the point (x, y), rad: atan2(y, x)."""
+    """Jet of the angle atan2(y, x), rad."""
     value = _of("atan2", y.value, x.value)
     if _is_still(y) and _is_still(x):
         return Jet(value)
@@ -132,7 +137,8 @@ def angle(y: Jet, x: Jet) -> Jet:
 
 
 def select(condition: Any, one: Jet, other: Jet) -> Jet:
-    """Jet ``one`` where a condition is satisfied, ``other`` elsewhere."""
+    """Jet that equals ``one`` where a condition (symbolic, or a known bool) is satisfied, else
+    ``other``; the second derivative is known only if it is known of both."""
     if isinstance(condition, bool):
         return one if condition else other
     is_known = one.second is not None and other.second is not None
@@ -144,20 +150,22 @@ def select(condition: Any, one: Jet, other: Jet) -> Jet:
 
 
 def _selected(condition: Any, one: Any, other: Any) -> Any:
-    """`where`, or the number itself if both are the same known number."""
+    """Number that equals ``one`` where a condition is satisfied, else ``other``, without a new node
+    if both are the same known number."""
     if not isinstance(one, Expr) and not isinstance(other, Expr) and one == other:
         return one
     return where(condition, one, other)
 
 
 def _is_still(x: Jet) -> bool:
-    """True if a value is known not to change."""
+    """True if the rate of a jet is known to be 0 while the kernel is written and its second
+    derivative is not None: the value does not change, or its rates are not needed."""
     return not isinstance(x.rate, Expr) and x.rate == 0.0 and x.second is not None
 
 
 def _of(function: str, *values: Any) -> Any:
-    """Value of a function of a formula, by its name; computed at once if all arguments are known
-    numbers."""
+    """Value of the operator or function of a formula with the name ``function`` at these arguments:
+    a number if all arguments are known numbers, else an expression."""
     if not any(isinstance(x, Expr) for x in values):
         return float(evaluate(Call(function, tuple(Number(float(x)) for x in values)), {}))
     return _FUNCTIONS[function](*values)
@@ -177,8 +185,8 @@ _FUNCTIONS: dict[str, Any] = {
 
 
 def _derivatives(function: str, x: Any, value: Any) -> tuple[Any, Any]:
-    """First and second derivative, at ``x``, of a function of one number (`apply`) that has
-    ``value`` there."""
+    """First and second derivative at ``x`` of a function of one argument, by its name as in
+    `apply`; ``value`` is that of the function at x."""
     if function == "sin":
         return _of("cos", x), -value
     if function == "cos":

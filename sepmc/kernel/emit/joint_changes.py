@@ -1,5 +1,9 @@
-"""Changes of joints from one kind to another, as lines of a kernel: when they are due, their times,
-and what is recorded at a release."""
+"""Emitter of the changes of joints from one kind to another within segments: when they are due,
+that they are made, and what is recorded at a release.
+
+A kind of a joint is the set of its constraint rows; kinds have numbers, and a joint only changes to
+a higher number, with fewer rows.
+"""
 
 import math
 from collections.abc import Iterator
@@ -16,9 +20,9 @@ from sepmc.scene.model import GROUND
 
 
 def flag_unreleased(text: Text, c: Context) -> None:
-    """Append lines that set UNRELEASED (status never-released) where a joint has not made one of
-    its changes at the end of the run. A change must be made, an optional one only if its trigger
-    occurred."""
+    """Append lines that, at the end of the run, set UNRELEASED to 1 (status never-released) in
+    lanes where a joint has not made one of its changes. An optional change may be missing if its
+    trigger has not occurred."""
     scope = c.scope()
     for joint in c.spec.initial_kinds:
         for change in c.spec.changes_of(joint):
@@ -30,14 +34,14 @@ def flag_unreleased(text: Text, c: Context) -> None:
 
 
 def kind_of(scope: Scope, c: Context, joint: str) -> Expr:
-    """Number of the present kind of a joint."""
+    """Expression of the number of the present kind of a joint (field KIND_joint)."""
     c.start(f"KIND_{joint}", float(c.spec.initial_kinds[joint]))
     return scope.load(f"KIND_{joint}")
 
 
 def event_time(scope: Scope, c: Context, change: Change) -> Expr:
-    """Time at which the trigger of a change (the end of a phase, or a release) occurred, s;
-    infinite before."""
+    """Expression of the time at which the trigger of a change (the end of a phase, or a release)
+    occurred, s; infinite until then."""
     c.start(f"EVENT_TIME_{change.event}", math.inf)
     return scope.load(f"EVENT_TIME_{change.event}")
 
@@ -45,8 +49,9 @@ def event_time(scope: Scope, c: Context, change: Change) -> Expr:
 def due_changes(
     scope: Scope, c: Context, segment: Segment, joint: str
 ) -> Iterator[tuple[Change, Expr]]:
-    """Changes that a joint may make in a segment, and the time at which each is due, s: that of its
-    trigger plus the delay of the joint; infinite for a joint that fails to release."""
+    """Yield each change that a joint may make in a segment, and the expression of the time at which
+    it is due, s: that of its trigger plus the release delay of the joint; infinite before the
+    trigger, and for a joint that fails to release."""
     slots = c.spec.layout.slots
     delay = c.case.number(slots[f"joint.{joint}.delay"])
     if joint in c.spec.failing_joints:  # it is never released
@@ -57,7 +62,8 @@ def due_changes(
 
 
 def release_joints(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that make those changes of joints in a segment that are due, and record them."""
+    """Append lines that change the kinds of joints where a change is due in a segment, and record
+    the times of changes and releases (`record_change`, `record_release`)."""
     scope = c.scope()
     now = scope.load("T")
     for joint in segment.variable_joints:
@@ -76,9 +82,9 @@ def release_joints(text: Text, c: Context, segment: Segment) -> None:
 
 
 def record_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr) -> None:
-    """Add lines to a scope that record the present time as that of each kind change between the
-    kind numbers ``before`` and ``kind``, except in a case in which a phase before had not ended at
-    the end time."""
+    """Add lines to a scope that record the present time of a joint's change from the kind number
+    ``before`` to ``kind``, in the field (`change_time`) of each recorded number above ``before`` up
+    to ``kind``; but not in a case in which an earlier phase had not ended at the end of the run."""
     for changing_joint, number in c.recorded_changes:
         if changing_joint == joint:
             path = change_time(joint, number)
@@ -91,10 +97,12 @@ def record_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr
 def record_release(
     scope: Scope, c: Context, segment: Segment, joint: str, goes: Expr | None
 ) -> None:
-    """Add lines to a scope that record the present time as that at which a joint becomes free,
-    where the condition ``goes`` is satisfied (None: in all cases), and the tip-off rates of its
-    bodies if they are outputs; except in a case in which a phase before had not ended at the end
-    time."""
+    """Add lines to a scope that record the present time as that at which a joint becomes free
+    (field RELEASE_joint), and the tip-off rates of its bodies if these are outputs.
+
+    They do so where the condition ``goes`` is satisfied (None: in all cases), but not in a case in
+    which an earlier phase had not ended at the end of the run.
+    """
     c.start(f"RELEASE_{joint}", math.nan)
     in_time = scope.load("UNRELEASED").equals(0.0)
     goes = in_time if goes is None else goes & in_time
@@ -106,8 +114,8 @@ def record_release(
 
 
 def _tip_off(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tuple[str, Any]]:
-    """Fields, and present values (body axes, rad/s), of the tip-off rates of the moving bodies of a
-    joint; none if they are no outputs."""
+    """Yield, for each moving body of a joint whose tip-off rates are outputs, the workspace field
+    of its tip-off rate and its present angular rate, body axes, rad/s."""
     if joint in c.spec.scene.output.tip_off:
         for body in c.spec.scene.joint[joint].bodies:
             if body != GROUND:

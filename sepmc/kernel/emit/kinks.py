@@ -1,8 +1,9 @@
-"""Kinks of formulas, and of springs that only push, as events, as lines of a kernel.
+"""Emitter of kinks of formulas, and of springs that only push, as events.
 
-The sign of the switching function of a kink is fixed within an interval (its mode: -1, 0 or 1; 0
-while the function stays at zero), so that a formula is smooth within a step. A step ends where the
-function reaches zero, and the mode changes there.
+A kink has a switching function, which is zero where the formula is not smooth, and a mode, which
+selects the branch of the formula: the sign of that function at the start of an interval (-1, 0 or
+1; 0 if the function stays at zero). The mode is constant within an interval, so that a formula is
+smooth within a step. A step ends where the function reaches zero, and the mode changes there.
 """
 
 import math
@@ -22,23 +23,24 @@ from sepmc.kernel.tracer.tracer import NUMBER, Expr, Scope, where
 from sepmc.routines import layout as at
 from sepmc.schema import Status
 
-# A switching function is at zero within this part of the numbers that it is the difference of (or
-# of 1). Its rate or acceleration then tell its sign if they move it further within a millisecond.
+# A switching function counts as zero within this fraction of the numbers whose difference it is (or
+# of 1). The sign of its rate or acceleration then counts, if by it the function moves further than
+# that within a millisecond.
 _AT_ZERO, _PER_RATE, _PER_ACCELERATION = 1e-12, 1e3, 1e6
-# s, a step that is rejected: the mode was wrong in the step before
+# s: step length that makes a kernel reject the case, because the mode was wrong in the step before
 _REJECTED = -1.0
 _SAME_TIME = 2.0 * at.GRAIN
 
 
 def time_field(kink: str) -> str:
-    """Workspace field of the time at which the mode of a kink (the sign of its switching function)
-    last changed."""
+    """Name of the workspace field of the time, s, at which the mode of a kink (the sign of its
+    switching function) last changed."""
     return f"SWITCHED_{kink}"
 
 
 def _tolerance(numbers: list[Any]) -> Any:
-    """Distance from zero within which a switching function, the difference of these numbers, counts
-    as zero."""
+    """Largest distance from zero at which a switching function counts as zero, where it is the
+    difference (or sum) of the given ``numbers``."""
     size: Any = max([1.0, *(abs(x) for x in numbers if not isinstance(x, Expr))])
     for x in numbers:
         if isinstance(x, Expr):
@@ -47,10 +49,13 @@ def _tolerance(numbers: list[Any]) -> Any:
 
 
 def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
-    """Predicted time to the event that the switching function of a kink reaches zero, s; and what
-    is recorded of it, as (field, expression): value, below zero before the event, and rate of the
-    function; the present time; its second rate; the mode from the end of the step on; the start of
-    the interval."""
+    """Predict when the switching function of a kink reaches zero.
+
+    Returns the expression of the time from the state to that event, s (0 now, infinite if none is
+    in sight), and what the caller stores for later steps, as pairs (workspace field, expression):
+    value of the function, with the sign that makes it negative before the event, and its rate; the
+    present time; the second rate; the mode from the end of the step on; the start of the interval.
+    """
     c, scope, kink = s.c, s.scope, event.item
     name, field = f"{s.segment.name}_{kink}", mode_field(kink)
     for stem, count in (("VALUE", 1), ("RATE", 1), ("PREVIOUS", 2), ("BEGUN", 1)):
@@ -111,12 +116,12 @@ def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
 
 
 def _expression(s: State, number: Any) -> Expr:
-    """Number as an expression of the scope of a state."""
+    """A number, known or symbolic, as an expression of the scope of a state."""
     return number if isinstance(number, Expr) else s.scope.add("constant", (number,), NUMBER)
 
 
 def _moving(s: State) -> Signals:
-    """Signals with their rates at a state; one object for each state."""
+    """Signals with their rates at a state; the same object at each call for one state."""
     known: Signals | None = getattr(s, "_moving", None)
     if known is None:
         known = Signals(s, moving=True)
@@ -125,18 +130,20 @@ def _moving(s: State) -> Signals:
 
 
 def _switching(signals: Signals, kink: Kink | SlackKink) -> tuple[Jet, list[Any]]:
-    """Switching function of a kink, and the numbers that it is the difference of."""
+    """Jet of the switching function of a kink, and the numbers whose difference (of a spring: whose
+    sum) it is."""
     return slack_force(signals, kink) if isinstance(kink, SlackKink) else signals.switching(kink)
 
 
 def _kink(s: State, name: str) -> Kink | SlackKink:
-    """Kink by its name."""
+    """Kink by its name (`kink_name`)."""
     return next(kink for k, kink in enumerate(s.spec.formulas.kinks) if kink_name(k) == name)
 
 
 def set_mode(scope: Scope, c: Context, event: Event, segment: str) -> None:
-    """Add lines to a scope that, at the end of an interval, set the mode of a kink (the sign of its
-    switching function, for the next interval) and its error indicator."""
+    """Add lines to a scope that, at the end of an interval of a segment, set the mode of the kink
+    ``event`` for the next interval; where the mode changes, they record the time and raise the
+    error indicator of the event time."""
     kink = event.item
     field, time = mode_field(kink), time_field(kink)
     mode, wanted = scope.load(field), scope.load(event.flag(segment))
@@ -153,8 +160,8 @@ def set_mode(scope: Scope, c: Context, event: Event, segment: str) -> None:
 
 
 def emit_modes(out: Text, c: Context) -> None:
-    """Write the function that sets, at the start of a case, the modes of all kinks: the signs of
-    their switching functions."""
+    """Write the kernel function ``set_modes(w)``, which sets, at the start of a case, the mode of
+    each kink to the sign of its switching function; nothing is written without kinks."""
     kinks = c.spec.formulas.kinks
     if not kinks:
         return

@@ -1,4 +1,5 @@
-"""Loads on every body at a state: forces in ground axes, moments in body axes."""
+"""Loads on every body at a state, as expressions: forces in ground axes, moments about the mass
+centre in body axes."""
 
 import math
 from dataclasses import dataclass, field
@@ -33,8 +34,8 @@ _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 @dataclass
 class _Loads:
-    """Terms of the load on a body, to be added up: forces (N) and moments (N m) in body axes, and
-    forces in ground axes."""
+    """Terms of the load on a body, to be summed: ``forces``, N, and ``moments``, N m, in body axes,
+    and ``ground_forces``, N, in ground axes."""
 
     forces: list[Any] = field(default_factory=list)
     moments: list[Any] = field(default_factory=list)
@@ -42,20 +43,21 @@ class _Loads:
 
 
 def body_loads(s: State, with_friction: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Force and moment on every body.
+    """Force and moment of all loads (air, motors, constant loads, springs, friction, weight) on
+    every moving body, without joint forces.
 
     Parameters
     ----------
     s : State
     with_friction : bool
-        True to include the friction of guides, which must be known
+        True to include the friction of guides, which must be in the field FRICTION then
 
     Returns
     -------
     force : dict of str to Expr
-        ground axes, N
+        by body, ground axes, N
     moment : dict of str to Expr
-        body axes, N m
+        by body, about its mass centre, body axes, N m
     """
     scene, loads_of = s.spec.scene, {body: _Loads() for body in s.spec.bodies}
     for body, acting in loads_of.items():
@@ -83,7 +85,8 @@ def body_loads(s: State, with_friction: bool = True) -> tuple[dict[str, Any], di
 
 
 def vector_sum(vectors: list[Any]) -> Any:
-    """Sum of vectors of three components; `ZERO` if there are none."""
+    """Sum of vectors of three components; the object `ZERO` if all of them are `ZERO`, or there are
+    none."""
     nonzero = [vector for vector in vectors if vector is not ZERO]
     result = nonzero[0] if nonzero else ZERO
     for vector in nonzero[1:]:
@@ -92,7 +95,8 @@ def vector_sum(vectors: list[Any]) -> Any:
 
 
 def _force(s: State, body: str, acting: _Loads) -> Any:
-    """Total force on a body, ground axes, N: the terms ``acting``, and its weight along -y."""
+    """Total force on a body, ground axes, N: the force terms of ``acting``, and its weight along
+    -y."""
     terms = list(acting.ground_forces)
     if acting.forces:
         terms.insert(0, vec3.rotate(s.attitude(body), vector_sum(acting.forces)))
@@ -105,8 +109,9 @@ def _force(s: State, body: str, acting: _Loads) -> Any:
 
 
 def _height_above_centre(s: State, body: str) -> tuple[Expr, Expr]:
-    """Height of a body, m, above the one about which its air density and weight are expanded, and
-    the ratio of that difference to the expansion point's distance from the centre of the earth."""
+    """Height of a body minus the height about which its air density and weight are expanded, m; and
+    the ratio of this difference to the distance of the expansion point from the centre of the
+    earth."""
     rise = (
         s.position(body)[1] + (origin_height(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
     ).called("rise")
@@ -117,8 +122,10 @@ _BORDER = 1e-6  # m, hysteresis of layer borders
 
 
 def emit_recentre_air(out: Text, c: Context) -> None:
-    """Write the function that expands air density and weight of each body in the standard
-    atmosphere about its present height, if that is far from the height of the last expansion."""
+    """Write the kernel function ``recentre_air(w, far)``, which expands air density and weight of
+    each body in the standard atmosphere about its present height, where that is more than ``far``,
+    m, from the height of the last expansion. Unless layer borders are events, it also rejects a
+    case in which a body is outside its layer. Nothing is written without such bodies."""
     bodies = [body for body in c.spec.bodies if c.spec.in_layers(body)]
     if not bodies:
         return
@@ -159,10 +166,12 @@ def emit_recentre_air(out: Text, c: Context) -> None:
 
 
 def emit_layers(out: Text, c: Context) -> None:
-    """Write the function that moves bodies into the next layer of the standard atmosphere.
+    """Write the kernel function ``enter_layers(w)``, which moves each body that has crossed a
+    border of its layer of the standard atmosphere into the next layer, and rejects a case above or
+    below the atmosphere.
 
-    Borders are crossed `_BORDER` beyond their height, so that a body that has just crossed one is
-    not at it; a body that starts on a border belongs to the layer that it moves into.
+    A border counts as crossed `_BORDER` beyond its height, so that a body that has just crossed it
+    is not at it; a body that starts on a border belongs to the layer that it moves into.
     """
     text = out.function(
         "enter_layers(w)",
@@ -243,8 +252,9 @@ def air_density(s: State, body: str) -> Expr:
 
 
 def _reduced_rates(s: State, body: str, flow: Any) -> dict[str, Any]:
-    """Rates p, q, r of a body times reference length over twice the airspeed, of those that its
-    coefficients depend on; 0 in still air."""
+    """Reduced angular rates of a body, by name (p, q, r): the rate times reference length over
+    twice the airspeed, 0 in still air; only those that its aerodynamic coefficients depend on.
+    ``flow`` is the velocity relative to the air, body axes, m/s."""
     terms = {term.rate for term in aero_terms(s.spec.scene) if term.body == body and term.rate}
     needed = terms | {rate for _, _, rate in table_derivatives(s.spec, body)}
     leader = s.segment.leader(body)
@@ -263,8 +273,8 @@ def _reduced_rates(s: State, body: str, flow: Any) -> dict[str, Any]:
 
 
 def _coefficients(s: State, body: str, alpha: Expr, beta: Expr, rates: dict[str, Any]) -> list[Any]:
-    """Six aerodynamic coefficients, polynomials in the flow angles, reduced rates and signals; 0.0
-    without terms."""
+    """Six aerodynamic coefficients of a body by their polynomials in flow angles, rad, reduced
+    rates and signals, without tables; 0.0 for a coefficient without terms."""
     terms: dict[int, list[Expr]] = {code: [] for code in range(6)}
     for k, term in enumerate(aero_terms(s.spec.scene)):
         if term.body == body:
@@ -284,12 +294,13 @@ def _coefficients(s: State, body: str, alpha: Expr, beta: Expr, rates: dict[str,
 
 
 def _power(x: Expr, n: int) -> Expr:
+    """Power x^n, n >= 1, as a product."""
     return x if n == 1 else _power(x, n - 1) * x
 
 
 def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
-    """Add the force and moment of motor ``i`` to the load terms ``acting`` of its body: the thrust
-    with its build-up and, if loads switch, its profile and tail-off."""
+    """Add the force and moment of a motor, number ``i`` of the scene, to the load terms ``acting``
+    of its body: the thrust with its build-up and, if loads switch, its profile and tail-off."""
     case, scope, name, path = s.case, s.scope, motor.name, f"motor.{motor.name}"
     p = int(s.c.model.motors_p) + at.MOTOR_SIZE * i
     line = loads.thrust_direction(
@@ -309,7 +320,8 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     rate = where(build_up > 0.0, 1.0 / build_up, 0.0).called("building")
 
     def thrust_level(elapsed: Expr) -> Expr:
-        """Thrust after a time since ignition, without the profile."""
+        """Thrust, N, at the time ``elapsed`` since ignition, s, with build-up, without the
+        profile."""
         if not s.spec.may_occur(f"motor.{name}.build_up", motor.build_up > 0.0):
             return full_thrust
         built = loads.building_up(full_thrust, rate, elapsed)
@@ -371,7 +383,7 @@ def _load(s: State, i: int, acting: _Loads) -> None:
 
 
 def _weight(s: State, body: str) -> Any:
-    """Weight of a body at its height, N; None without gravity."""
+    """Weight of a body at its present height, N; None without gravity."""
     kind, case = s.spec.scene.environment.gravity, s.case
     if kind == "none":
         return None
@@ -388,7 +400,8 @@ def _weight(s: State, body: str) -> Any:
 
 
 def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> None:
-    """Force along the line of a spring on both of its bodies; none after its stroke."""
+    """Add the force of a spring, number ``i`` of the scene, along its line to the load terms of
+    both of its bodies; it is zero after the end of its stroke."""
     force = spring_force(s, spring, i)
     path = f"spring.{spring.name}"
     if spring.push_only:
@@ -400,7 +413,8 @@ def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> No
 
 
 def spring_force(s: State, spring: Spring, i: int) -> Expr:
-    """Force of a spring within its stroke, N, that of one that only pushes below zero too."""
+    """Force of a spring (number ``i`` of the scene) within its stroke, N, positive when it drives
+    its bodies apart; for a spring that only pushes, before negative forces are cut off."""
     p = int(s.c.model.springs_p) + at.SPRING_SIZE * i
     line = s.spring(spring)
     path = f"spring.{spring.name}"
@@ -428,8 +442,8 @@ def spring_force(s: State, spring: Spring, i: int) -> Expr:
 def _add_pair(
     s: State, bodies: tuple[str, str], line: Line, force: Expr, loads_of: dict[str, _Loads]
 ) -> None:
-    """Add a force between two bodies along a line, N, positive when it drives them apart, to the
-    load terms of both; the ground has none."""
+    """Add a force between two bodies along a line, N, positive when it pushes the second body along
+    the direction ``e`` of the line, to the load terms of both bodies; the ground has none."""
     for body, signed_force, arm in zip(
         bodies, (-force, force), (line.arm_a, line.arm_b), strict=True
     ):

@@ -1,5 +1,5 @@
-"""Emitter: writes the kernel of a scene as a readable Python module that calls the physics this
-scene needs, in order, and nothing else.
+"""Assembly of the kernel of a scene: the text of a Python module that calls the physics this scene
+needs, in order, and nothing else.
 
 The module integrates LANES cases side by side. Sizes and offsets are constants in it, masses and
 coefficients are data: scenes with equal specifications share it. `sepmc check --code` prints it.
@@ -72,20 +72,22 @@ from sepmc.routines.load_intervals import next_load_switch, set_active_loads
 
 
 def emit(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
-    """Write the module that integrates the cases of a specification.
+    """Write the kernel of a specification: the module that integrates the cases of a scene.
 
     Parameters
     ----------
     spec : KernelSpec
     method_name : str
-        a Runge-Kutta method, or AUTO (`sepmc.kernel.spec.methods`): several for each segment
+        name of a Runge-Kutta method, or AUTO (`sepmc.kernel.spec.methods`): the kernel then has
+        several methods for each segment, of which a run selects one
     history : int
-        rows over time: `NO_HISTORY`, `SEPARATION_HISTORY` or `FULL_HISTORY`
+        which rows over time the kernel can write: `NO_HISTORY`, `SEPARATION_HISTORY` (of joints) or
+        `FULL_HISTORY`
 
     Returns
     -------
     str
-        text of a Python module whose entry is ``integrate_block``
+        source text of a Python module, whose entry is ``integrate_block``
     """
     context = Context(
         spec,
@@ -97,7 +99,8 @@ def emit(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
 
 
 def _body(c: Context) -> Text:
-    """Text of all functions of a kernel, in their order."""
+    """Text of all functions of a kernel, each before those that call it; the fields of its
+    workspace are added to the context."""
     _add_common_fields(c)
     body = Text()
     emit_rates(body, c)
@@ -139,8 +142,8 @@ def _body(c: Context) -> Text:
 
 
 def _emit_optional(body: Text, c: Context) -> None:
-    """Write the functions that only some outputs and histories need: those that use states between
-    the ends of steps."""
+    """Write the kernel functions that only some outputs and histories need, since they use states
+    between the ends of steps."""
     if c.has_extension:
         emit_extension(body, c)
         for segment in filter(c.needs_wrenches, c.spec.segments):
@@ -153,7 +156,7 @@ def _emit_optional(body: Text, c: Context) -> None:
 
 
 def _add_common_fields(c: Context) -> None:
-    """Add the workspace fields that every module has."""
+    """Add the workspace fields that every kernel has: of the state, steps, errors and stages."""
     # state; state of a stage and its derivative; step length, for each component of a state
     for name in ("Y", "S", "D", "STEP"):
         c.workspace.add(name, c.size)
@@ -195,8 +198,8 @@ def _add_common_fields(c: Context) -> None:
 
 
 def _head(c: Context) -> Text:
-    """Text of the docstring, imports and constants of a kernel, once all fields of its workspace
-    are known."""
+    """Text of the docstring, imports and constants of a kernel; all fields of its workspace must
+    have been added before."""
     about = (
         "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.spec)[1]) + "."
     )
@@ -235,8 +238,9 @@ def _head(c: Context) -> Text:
 
 
 def _state_offsets(spec: KernelSpec) -> list[str]:
-    """Lines that define the offsets of quantities in a state: positions and velocities of bodies,
-    then the work of all loads, states of signals, and attitudes and angular rates."""
+    """Lines of code that define the offsets of quantities in a state vector, in this order:
+    position and velocity of each body, the work of all loads, states of signals, attitude and
+    angular rate of each body."""
     lines = [
         f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES"
         for i, body in enumerate(spec.bodies)
@@ -254,7 +258,7 @@ def _state_offsets(spec: KernelSpec) -> list[str]:
 
 
 def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
-    """List the features of a kernel.
+    """List the features of a kernel in words, such as "gravity" or "friction of pins".
 
     Parameters
     ----------
@@ -263,8 +267,8 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
     Returns
     -------
     present, absent : list of str
-        features that the kernel computes, and those it leaves out because the scene of the
-        specification does not need them; relative motion is never in ``absent``
+        features that the kernel computes, and those that it leaves out because the scene does not
+        need them; "relative motion" is listed only if present
     """
     scene = spec.scene
     air = scene.environment.atmosphere != "none" and any(

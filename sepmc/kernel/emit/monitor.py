@@ -1,8 +1,8 @@
-"""Monitoring of joint loads, as lines of a kernel: peaks, their times, impulses, and load events
-that end a phase.
+"""Emitter of the monitoring of joint loads: peaks, their times, impulses, and load events
+(conditions on joint loads, which end phases, trigger releases or are observed).
 
-Loads are evaluated at PEAK_NODES points of each step by the continuous extension; polynomials
-through them give peaks (`sepmc.routines.peaks`) and crossings of thresholds
+Loads are evaluated at PEAK_NODES nodes (instants) of each step by the continuous extension;
+polynomials through them give peaks (`sepmc.routines.peaks`) and crossings of thresholds
 (`sepmc.routines.crossings`).
 """
 
@@ -17,11 +17,13 @@ from sepmc.kernel.spec.kernel_spec import ANY_PHASE, Event, Segment
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines import layout as at
 
-_INITIAL = (0.0, math.nan, 0.0)  # peak, its time, integral
+_INITIAL = (0.0, math.nan, 0.0)  # at the start of a case: peak, its time, integral
 
 
 def emit_monitor(out: Text, c: Context) -> None:
-    """Write the functions that monitor joint loads over a step."""
+    """Write the kernel functions that monitor joint loads over the step just made: ``node_loads``,
+    which evaluates the loads at its nodes, and, where needed, ``wrenches_SEGMENT``,
+    ``stop_at_load_SEGMENT`` and ``monitor_loads``. Fields of peaks and guide outcomes are added."""
     segments = {
         number: segment
         for number, segment in enumerate(c.spec.segments)
@@ -63,15 +65,16 @@ def emit_monitor(out: Text, c: Context) -> None:
 
 
 def _scratch(c: Context) -> int:
-    """Number of scratch components that the functions of `sepmc.routines.peaks` need."""
+    """Number of components of the field SCRATCH that functions of `sepmc.routines.peaks` need."""
     return max(
         [at.PEAK_SCRATCH, *(at.PEAK_NODES * (4 + 6 * c.pins(joint)) for joint in c.output_guides)]
     )
 
 
 def _emit_peaks(out: Text, c: Context, segments: dict[int, Segment]) -> None:
-    """Write the function that updates, after a step, the peaks and impulses of joint loads and the
-    guide outcomes in these segments, given by number."""
+    """Write the kernel function ``monitor_loads(w, phase)``, which updates, by the step just made,
+    the peaks and impulses of joint loads (field PEAKS) and the guide outcomes (field GUIDES).
+    ``segments`` are the segments with monitored loads, by number."""
     text = out.function(
         "monitor_loads(w, phase: int)",
         "Update peaks and impulses of joint loads by the step just made, in PEAKS.",
@@ -97,8 +100,10 @@ def _emit_peaks(out: Text, c: Context, segments: dict[int, Segment]) -> None:
 
 
 def _emit_peak(text: Text, c: Context, k: int) -> None:
-    """Append lines that update peak, time and integral of the vector whose first component is
-    number ``k`` of WRENCHES and of PEAKS: for all lanes, then for those that need a search."""
+    """Append lines that update, by the step just made, the peak magnitude, its time and the
+    integral of the magnitude of a force or moment; its first component has the number ``k`` both in
+    WRENCHES (the vector) and in PEAKS (peak, time, integral). First all lanes are updated by the
+    nodes, then those in which a peak between nodes must be searched."""
     numbers = c.node_size
     nodes, peak, related, indicator = (
         f"{offset} + l"
@@ -144,14 +149,16 @@ def _emit_peak(text: Text, c: Context, k: int) -> None:
 
 
 def _other_peak(k: int) -> int:
-    """Index, among the components of PEAKS, of the peak moment of a joint, given that of its peak
-    force, and vice versa."""
+    """Component of PEAKS with the peak moment of a joint if ``k`` is the one with its peak force,
+    and vice versa."""
     return k + 3 if k % at.LOADS_OUTCOMES == 0 else k - 3
 
 
 def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> None:
-    """Write the function that cuts a step short at the first load event, by the continuous
-    extension."""
+    """Write the kernel function ``stop_at_load_SEGMENT(w)``, which cuts the step just made in a
+    segment (given with its number) short at the first load event within it: state and time become
+    those of the event, by the continuous extension, and the flags of all load events at that time
+    are set."""
     c.workspace.add("CUT", c.size)
     docstring = (
         f"Cut the step just made in phase {segment.name} short at the first load event, or at "
@@ -218,16 +225,17 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
 
 
 def load_side(segment: Segment, load: Event) -> str:
-    """Workspace field of the side of its threshold on which a joint load was at the end of the last
-    step: 1 below, -1 above, 0 not known."""
+    """Name of the workspace field of the side of its threshold on which the joint load of a
+    condition was at the end of the last step: 1 below, -1 above, 0 not known."""
     return (
         f"SIDE_{ANY_PHASE}_{load.number}" if load.any_phase else f"SIDE_{segment.name}_{load.name}"
     )
 
 
 def _emit_wrenches(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function for the monitored loads of a segment whose derivative does not give
-    them."""
+    """Write the kernel function ``wrenches_SEGMENT(w)``, which stores the monitored loads of joints
+    and guides at the state S into the field WRENCH, for a segment whose derivative function does
+    not store them (`Context.wrenches_from_rates`)."""
     docstring = (
         "Force and moment of every monitored joint at the state S and the times CLOCK, in axes "
         "of its first body, into WRENCH"

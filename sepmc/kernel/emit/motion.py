@@ -1,5 +1,5 @@
-"""Accelerations in a segment by loads and joints, and the projection of the state onto the
-constraints."""
+"""Accelerations of the bodies by loads and joints in a segment, and the emitter of the projection
+of the state onto the constraints."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,8 +26,8 @@ from sepmc.scene.model import GROUND
 
 
 def before_motion(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that compute what `make_motion` at the state S needs before: look-ups in tables,
-    friction of guides, and a cleared matrix of the full system."""
+    """Append lines that prepare what `make_motion` at the state S reads: values looked up in
+    tables, friction of guides, and the matrix of the full system, set to zero."""
     call_look_up(text, c, segment)
     if c.spec.friction_joints(segment):
         text(f"friction_{segment.name}(w)")
@@ -37,12 +37,14 @@ def before_motion(text: Text, c: Context, segment: Segment) -> None:
 
 @dataclass
 class Motion:
-    """Loads, accelerations and joint forces at a state.
+    """Loads, accelerations and joint forces at a state, as expressions.
 
-    Force (ground axes, N) and moment (body axes, N m) on each body; accelerations of mass centres
-    (ground axes, m/s2) and angular accelerations of groups (body axes, by leader, rad/s2);
-    constraint rows and multipliers, or wrenches of the full system. Not ``moving``: the change of
-    all these per newton of a force, without velocity terms.
+    ``force`` (ground axes, N) and ``moment`` (body axes, N m) are the loads on each body without
+    joint forces; ``acceleration`` is that of each mass centre (ground axes, m/s2), ``spin_rate``
+    the angular acceleration of each rigid group by its leader (body axes, rad/s2; by body in the
+    full formulation). Joint forces are given either by ``multipliers`` of the constraint rows in
+    ``system``, solved with ``factors``, or as ``wrenches`` on second bodies from the full system.
+    If not ``moving``, all values are changes per newton of a force, without velocity terms.
     """
 
     force: dict[str, Any]
@@ -59,18 +61,20 @@ class Motion:
 
     @property
     def rows(self) -> list[JointRow]:
-        """Constraint rows of the joints."""
+        """Constraint rows of the joints, one for each multiplier; empty without rows."""
         return self.system.rows if self.system else []
 
 
 def make_motion(s: State, with_friction: bool = True) -> Motion:
-    """Motion at a state.
+    """Loads, accelerations and joint forces at a state; lines that `before_motion` appends must run
+    before.
 
     Parameters
     ----------
     s : State
     with_friction : bool
-        True to include the friction of guides, which must be known
+        True to include the friction of guides, which must be in the field FRICTION then; False
+        also selects the reduced system in the full formulation
 
     Returns
     -------
@@ -110,8 +114,12 @@ def make_motion(s: State, with_friction: bool = True) -> Motion:
 def without_joints(
     s: State, force: dict[str, Any], moment: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Accelerations by the loads on the bodies alone: of mass centres, by body (ground axes, m/s2),
-    and angular ones of rigid groups, by leader (body axes, rad/s2)."""
+    """Accelerations as if there were no joint forces, by loads alone: ``force`` on each body, N,
+    ground axes, ``moment``, N m, body axes.
+
+    Returns accelerations of mass centres, by body (ground axes, m/s2), and angular accelerations of
+    rigid groups without the ground, by leader (body axes, rad/s2).
+    """
     acceleration = {
         body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a")
         for body in s.spec.bodies
@@ -124,18 +132,20 @@ def without_joints(
 
 
 def make_drive(s: State, motion: Motion, joint: str) -> Motion:
-    """Change of the motion per newton of a force that separates the bodies of a joint along its x
-    axis.
+    """Change of the motion per newton of a force that pushes the two bodies of a joint apart along
+    its x axis.
 
     Parameters
     ----------
     s : State
     motion : Motion
+        from `make_motion` at the state, in a segment with constraint rows
     joint : str
 
     Returns
     -------
     Motion
+        with ``moving`` False: changes per newton
     """
     assert motion.system is not None
     assert motion.factors is not None
@@ -169,8 +179,8 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
 
 
 def angular_acceleration(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
-    """Angular acceleration of a rigid group by the moments on its bodies (body axes, N m), by
-    Euler's equations I w' = m - w x I w; body axes, rad/s2."""
+    """Angular acceleration of a rigid group, body axes, rad/s2, by Euler's equations I w' = m - w x
+    I w with the sum m of the moments on its bodies (``moment`` by body, body axes, N m)."""
     leader, total_moment = s.segment.leader(group[0]), vector_sum([moment[body] for body in group])
     if leader != GROUND:
         omega = s.rate(leader)
@@ -181,13 +191,16 @@ def angular_acceleration(s: State, group: tuple[str, ...], moment: dict[str, Any
 
 
 def _added(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
+    """Sum of two vectors for each name in ``vectors``; None in ``others`` counts as zero."""
     additions = {name: ZERO if other is None else other for name, other in others.items()}
     return {name: vector_sum([vector, additions[name]]) for name, vector in vectors.items()}
 
 
 def emit_correct(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function that updates the constraint residuals of a segment and, if the scene asks
-    for it, projects the state onto the constraints."""
+    """Write the kernel function ``correct_SEGMENT(w)``, which stores the largest constraint
+    residuals of a segment at the state Y into RESIDUAL_NOW, rejects cases in which rows have become
+    redundant (or have ceased to be) or the state is not finite, and, with ``solver.drift =
+    "projection"``, projects the state onto the constraints."""
     if c.emit_alias(out, segment, "correct"):
         return
     corrects = c.spec.scene.solver.drift == "projection"
@@ -220,8 +233,8 @@ def emit_correct(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _project(s: State, rows: Rows, factors: Solver) -> None:
-    """Add lines to the scope of a state that project positions and attitudes, and velocities and
-    angular rates, onto the constraints, in one Newton step weighted by mass."""
+    """Add lines to the scope of a state that project it onto the constraints: positions and
+    attitudes by one Newton step, weighted by mass, velocities and angular rates by another."""
     position_change, rotation = rows.act(factors.solve([-one.value for one in rows.rows]))
     velocity_change, rate_change = rows.act(factors.solve([-one.rate for one in rows.rows]))
     for body in s.spec.bodies:

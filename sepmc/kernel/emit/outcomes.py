@@ -1,5 +1,5 @@
-"""Outcomes of a case, as lines of a kernel: from the final state into fields, from fields into the
-result arrays."""
+"""Emitter of the outcomes of a case: they are computed from the final state into workspace fields,
+and copied from these into the result arrays."""
 
 import math
 from collections.abc import Callable
@@ -21,11 +21,15 @@ from sepmc.schema import Status, transverse_components
 
 # quaternion drift in a step, or relative energy defect, beyond which a case is rejected
 _UNRESOLVED = 1e-6
-AT_EVENT = 6  # last outcomes of a body, reported at events too: rates and attitude
+# number of the last outcomes of a body that are also reported at observation events: angular rates
+# and attitude
+AT_EVENT = 6
 
 
 def emit_outcomes(out: Text, c: Context) -> None:
-    """Write the function for the outcomes of all lanes."""
+    """Write the kernel function ``compute_outcomes(w)``, which computes the outcomes of the cases
+    in all lanes from the final state: those of bodies and joints into the field OUTCOMES, those of
+    guides, events, ignitions and relative motions into fields of their own."""
     spec, segment = c.spec, c.spec.segments[-1]
     text = out.function(
         "compute_outcomes(w)",
@@ -67,32 +71,36 @@ def emit_outcomes(out: Text, c: Context) -> None:
 
 
 def event_field(event: str) -> str:
-    """Name of the workspace field of the state at an event, then pitch and roll of each body."""
+    """Name of the workspace field of the state vector at an observation event, followed by pitch
+    and roll, rad, of each body."""
     return f"AT_{event}"
 
 
 def event_angle(c: Context, event: str, body: str, k: int) -> str:
-    """Index expression, in the workspace, of the pitch (k = 0) or roll (k = 1) of a body at an
-    event. The angle counts full turns, so it is not limited to one turn."""
+    """Workspace path of the pitch (k = 0) or roll (k = 1) of a body at an observation event, rad.
+    The angle counts full turns, so it is not limited to one turn."""
     return component(event_field(event), c.size + 2 * c.spec.bodies.index(body) + k)
 
 
 def _event_size(c: Context) -> int:
-    """Number of outcomes of one observation event."""
+    """Number of outcomes of one observation event: its time, six of each body, separation speed and
+    distance of each joint, one of each clearance."""
     scene = c.spec.scene
     return 1 + AT_EVENT * len(c.spec.bodies) + 2 * len(scene.joint) + len(scene.clearance)
 
 
 def _event_outcomes(end: State, event: str, o: int) -> None:
-    """Add lines to the scope of the state ``end`` that store the time of an observation event, and
-    rates and attitudes of all bodies and all separations then, from component ``o`` of
-    EVENT_OUTCOMES on; NaN if it did not occur."""
+    """Add lines to the scope of the final state ``end`` that store the outcomes of an observation
+    event from component ``o`` of EVENT_OUTCOMES on: its time, then angular rates and attitude of
+    each body and separation speed and distance of each joint at that time; NaN if it did not
+    occur."""
     c, scope, spec = end.c, end.scope, end.spec
     c.workspace.add("EVENT_OUTCOMES", len(spec.scene.event) * _event_size(c), optional=True)
     c.start(f"EVENT_TIME_{event}", math.inf)
     s = State(c, scope, end.segment, event_field(event), f"EVENT_TIME_{event}")
 
     def angles_at_event(s: State, leader: str) -> tuple[Any, Any]:
+        """Pitch and roll of a rigid group at the event, with full turns, rad."""
         pitch, roll = (scope.load(event_angle(c, event, leader, k)) for k in range(2))
         return pitch, roll
 
@@ -108,8 +116,8 @@ def _event_outcomes(end: State, event: str, o: int) -> None:
 
 
 def _ignition_outcomes(end: State) -> None:
-    """Add lines to the scope of the final state that store the ignition times of triggered motors
-    into IGNITIONS; NaN for a motor that did not ignite."""
+    """Add lines to the scope of the final state ``end`` that store the ignition times, s, of
+    triggered motors into the field IGNITIONS; NaN for a motor that did not ignite."""
     c, motors = end.c, end.spec.triggered_motors
     if motors:
         c.workspace.add("IGNITIONS", len(motors), optional=True)
@@ -119,8 +127,9 @@ def _ignition_outcomes(end: State) -> None:
 
 
 def _relative_outcomes(end: State, events: list[str]) -> None:
-    """Add lines to the scope of the final state that store hinge angles and relative motions of
-    pairs of bodies, at the end and at all observation events, into RELATIVE_OUTCOMES."""
+    """Add lines to the scope of the final state ``end`` that store hinge angles and relative
+    positions of pairs of bodies (`relative_values`) into the field RELATIVE_OUTCOMES: at the end,
+    then at each observation event (NaN if it did not occur)."""
     c, scope = end.c, end.scope
     values = relative_values(end)
     if not values:
@@ -135,8 +144,9 @@ def _relative_outcomes(end: State, events: list[str]) -> None:
 
 
 def _event_clearances(text: Text, end: State, event: str, end_index: int) -> None:
-    """Append lines that store the distances of all clearances at an observation event into
-    EVENT_OUTCOMES, up to but without component ``end_index``."""
+    """Append lines that store the distance of every clearance at an observation event into the
+    components of EVENT_OUTCOMES that end just before number ``end_index``; NaN if the event did not
+    occur, or the clearance was not measured yet."""
     c, clearances = end.c, end.spec.scene.clearance
     s = State(c, end.scope, end.segment, event_field(event), f"EVENT_TIME_{event}")
     for i, entry in enumerate(clearances):
@@ -151,20 +161,22 @@ def _event_clearances(text: Text, end: State, event: str, end_index: int) -> Non
 def body_outcomes(
     s: State, body: str, angles_of: Callable[[State, str], tuple[Any, Any]]
 ) -> list[Any]:
-    """Outcomes of a body: flow angles, pitch above the nominal path, angular rates and attitude.
+    """Outcomes of a body at a state: flow angles, pitch above the reference path, angular rates and
+    attitude.
 
     Parameters
     ----------
     s : State
     body : str
     angles_of : callable
-        pitch and roll of a rigid group with full turns
+        function of the state and the leader of a rigid group that gives pitch and roll of the group
+        with full turns, rad
 
     Returns
     -------
     list of Expr
-        alpha, beta, pitch minus the nominal path angle, rates about x, y, z, roll, yaw, pitch; rad,
-        rad/s
+        alpha, beta, pitch minus the reference path angle of the scene, rates about body x, y, z,
+        roll, yaw, pitch; rad, rad/s
     """
     leader, attitude, case = s.segment.leader(body), s.attitude(body), s.case
     flow = vec3.unrotate(attitude, vec3.add(s.velocity(body), s.stream(body))).called("flow")
@@ -181,14 +193,17 @@ def body_outcomes(
 
 
 def angles(s: State, leader: str) -> tuple[Any, Any]:
-    """Pitch and roll of a rigid group, by its leader, at the end of a step, with full turns,
-    rad."""
+    """Pitch and roll, rad, of the rigid group of ``leader`` at the end of the last step, with full
+    turns."""
     return s.scope.load(f"ANGLES_{leader}"), s.scope.load(component(f"ANGLES_{leader}", 1))
 
 
 def emit_results(text: Text, c: Context) -> None:
-    """Append lines that copy outcomes, audit columns, error indicators and segment ends into the
-    result arrays and set the status.
+    """Append lines that compute the outcomes, set the status of each case, and copy outcomes, audit
+    columns, error indicators and end times of segments into the result arrays.
+
+    With a final status other than ok and never-released, outcomes and audit columns are NaN. Error
+    indicators are NaN in a case that is marked as uneven, and -inf if its full turns are unclear.
 
     Whole columns are copied for all lanes at once: one number at a time took a tenth of the run
     time.
@@ -234,12 +249,13 @@ def emit_results(text: Text, c: Context) -> None:
 
 
 def tip_off_field(joint: str, body: str) -> str:
-    """Workspace field of the angular rates of a body at the time at which a joint becomes free."""
+    """Name of the workspace field of the angular rates of a body, body axes, rad/s, at the instant
+    at which a joint becomes free."""
     return f"TIP_OFF_{joint}_{body}"
 
 
 def tip_off_fields(c: Context) -> list[str]:
-    """Fields of all tip-off rates that are outputs, in the order of the columns."""
+    """Workspace fields of all tip-off rates that are outputs, in the order of the columns."""
     scene = c.spec.scene
     return [
         tip_off_field(joint, body)
@@ -250,16 +266,16 @@ def tip_off_fields(c: Context) -> list[str]:
 
 
 def time_fields(c: Context) -> list[tuple[str, int]]:
-    """Fields of the ends of strokes and of partial releases, in the order of the columns, with
-    their sizes."""
+    """Workspace fields of the times of stroke ends and of partial releases, in the order of the
+    columns; each with its number of components."""
     strokes = len(c.spec.stroke_columns)
     fields = [(change_time(joint, number), 1) for joint, number in c.spec.partial_releases]
     return [(STROKE_END_TIMES, strokes), *fields] if strokes else fields
 
 
 def _other_outcomes(c: Context) -> list[tuple[str, int]]:
-    """Fields of outcomes after those of bodies and joints, in the order of the columns, with their
-    sizes."""
+    """Workspace fields of the outcomes whose columns follow those of bodies and joints, in the
+    order of the columns; each with its number of components."""
     fields: list[tuple[str, int]] = [
         (field, c.workspace.counts[field])
         for field in ("PEAKS", "GUIDE_OUTCOMES", "CLEARANCES")
@@ -277,8 +293,8 @@ def _other_outcomes(c: Context) -> list[tuple[str, int]]:
 
 
 def _audits(c: Context) -> list[str]:
-    """Code, within a loop over lanes, of the value of each audit column but the last, in their
-    order."""
+    """Kernel code, within a loop over lanes, of the value of each audit column, in the order of the
+    columns, without the last one (the error estimate, which is filled in later)."""
     redundant = str(float(max(segment.redundant for segment in c.spec.segments)))
     return [
         *(f"w[{component('RESIDUAL', k)} + l]" for k in range(4)),
@@ -293,9 +309,9 @@ def _audits(c: Context) -> list[str]:
 
 
 def _set_status(text: Text, c: Context) -> None:
-    """Append lines that set the status of each case: that of its rejection; else `FINER_STEPS` if
-    the end time is not reached, attitude or energy drifted, or an outcome of a body is not finite;
-    else ok or never released."""
+    """Append lines that set the status of each case: that of its rejection, if it is rejected; else
+    `FINER_STEPS` if the end time is not reached, attitude or energy drifted, or an outcome of a
+    body other than a flow angle is not finite; else never-released or ok."""
     c.workspace.add("STATUS", 1)
     text.lanes()("w[NOT_FINITE + l] = 0.0")
     bodies = len(c.spec.bodies)

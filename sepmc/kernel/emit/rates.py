@@ -1,4 +1,5 @@
-"""Derivative of the state in every segment, with the joint loads that are monitored."""
+"""Emitter of the derivative of the state in every segment, which may also store monitored joint
+loads."""
 
 from sepmc.kernel.emit.context import Context, state_offset
 from sepmc.kernel.emit.energy import power
@@ -13,8 +14,9 @@ from sepmc.kernel.tracer.text import Text
 
 
 def emit_rates(out: Text, c: Context) -> None:
-    """Write a function for each segment that computes the derivative of the state, and one that
-    calls that of the present segment."""
+    """Write, for each segment, the kernel functions ``rates_SEGMENT(w)``, which stores the
+    derivative of the state S at the time CLOCK into D, and ``look_up_SEGMENT(w)``, which it calls
+    to look up tables; and ``rates(w, phase)``, which calls that of segment number ``phase``."""
     for segment in c.spec.segments:
         emit_look_up(out, c, segment)
         if not c.emit_alias(out, segment, "rates"):
@@ -25,8 +27,10 @@ def emit_rates(out: Text, c: Context) -> None:
 
 
 def _emit_rates(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function that computes the derivative of the state in a segment: loads, motion
-    without the joints, joint forces."""
+    """Write the kernel function ``rates_SEGMENT(w)``, which computes the derivative D of the state
+    S in a segment (motion, work of the loads, states of signals) and rejects cases in which a
+    formula is undefined; it may also store the monitored joint loads
+    (`Context.wrenches_from_rates`)."""
     properties = [
         " and ".join(group) + " rotate as one rigid group"
         for group in segment.groups

@@ -1,4 +1,4 @@
-"""Angles of hinges, and distances and relative attitudes of pairs of bodies."""
+"""Angles of hinges, and distances and relative attitudes of pairs of bodies, as expressions."""
 
 from typing import Any
 
@@ -7,8 +7,9 @@ from sepmc.kernel.tracer.formulas import quat, scalar, square_root, vec3
 
 
 def relative_values(s: State) -> list[Any]:
-    """Angles and rates of hinges, and distances and relative attitudes of pairs of bodies, at a
-    state, in the order of `sepmc.schema.relative_columns`, SI."""
+    """Values of the relative motions that are outputs, at a state, SI, in the order of
+    `sepmc.schema.relative_columns`: angle and rate of each hinge; then, of each pair of bodies, the
+    distance of the mass centres and relative roll, yaw and pitch."""
     values: list[Any] = []
     for joint in s.spec.scene.output.hinge:
         values += [hinge_angle(s, joint), hinge_rate(s, joint)]
@@ -20,27 +21,30 @@ def relative_values(s: State) -> list[Any]:
 
 
 def hinge_angle(s: State, joint: str) -> Any:
-    """Angle about the x axis of a joint from the y axis fixed in its first body to that in its
-    second, rad, -pi to pi."""
+    """Angle of a joint about its x axis, rad, -pi to pi: from its y axis as fixed in the first body
+    to its y axis as fixed in the second."""
     sine, cosine = hinge_components(s, joint)
     return scalar.arctan2(sine, cosine)
 
 
 def hinge_components(s: State, joint: str) -> tuple[Any, Any]:
-    """Sine and cosine of the angle of a joint about its x axis, up to a factor: components of its y
-    axis fixed in the second body along the z and the y axis fixed in the first."""
+    """Sine and cosine of the angle of a joint about its x axis, both times a common factor: the
+    components of its y axis, as fixed in the second body, along the z and the y axis fixed in the
+    first."""
     turned = s.axis(joint, 1, second=True)
     return vec3.dot(turned, s.axis(joint, 2)), vec3.dot(turned, s.axis(joint, 1))
 
 
 def hinge_rate(s: State, joint: str) -> Any:
-    """Rate of the second body of a joint relative to the first, about its x axis, rad/s."""
+    """Angular rate of the second body of a joint relative to the first, about the x axis of the
+    joint, rad/s."""
     first, second = s.spec.scene.joint[joint].bodies
     return vec3.dot(s.axis(joint, 0), vec3.sub(s.spin(second), s.spin(first)))
 
 
 def _from_first(s: State, first: str, second: str) -> Any:
-    """Matrix from the axes of the second body to those of the first."""
+    """Rotation matrix (nine numbers by rows) from the axes of body ``second`` to those of body
+    ``first``."""
     a, b = s.attitude(first), s.attitude(second)
     columns = [vec3.unrotate(a, (b[k], b[3 + k], b[6 + k])) for k in range(3)]
     return tuple(columns[k][i] for i in range(3) for k in range(3))

@@ -1,7 +1,10 @@
-"""Constraint rows of a segment and the reduced constraint force equation.
+"""Constraint rows of a segment at a state, and the reduced constraint force equation for their
+multipliers.
 
-Each row is G(q) v' = gamma with the Jacobian G; the multipliers follow from
-(G M^-1 G^T) lambda = gamma - G v'_free (constraint force equation, NASA/TP-2016-219326).
+Each row is G(q) v' = gamma, with its line G of the Jacobian and the velocities v of the bodies. The
+multipliers lambda follow from (G M^-1 G^T) lambda = gamma - G v'_free, with the mass matrix M and
+the accelerations v'_free without joint forces (constraint force equation, NASA/TP-2016-219326). The
+matrix G M^-1 G^T is called coupling here.
 """
 
 from dataclasses import dataclass
@@ -34,10 +37,11 @@ DEPENDENT = 1e-9
 class JointRow:
     """Constraint row G v' = gamma of a joint at a state.
 
-    Direction ``e`` of a translation and arms of its two bodies (ground axes); by leader of the
-    rigid groups that it rotates, ``normals`` (the angular part of G, body axes) and
-    ``inverse_normals`` (inverse inertia times these); ``gamma``; residual ``value`` (m or rad) and
-    its ``rate``.
+    ``e`` is the direction of a translation (zero for a rotation), ``arms`` are the moments on both
+    bodies per unit of the multiplier; ground axes. By leader of each rigid group that the row acts
+    on, ``normals`` has the angular part of G (body axes) and ``inverse_normals`` the inverse
+    inertia times it. ``gamma`` is the right-hand side, ``value`` the residual of the constraint (m
+    or rad), ``rate`` its rate.
     """
 
     row: Row
@@ -48,14 +52,15 @@ class JointRow:
     gamma: Any
     value: Any
     rate: Any
-    mask: Any = 1.0  # 0 while the row is inactive
-    own: Own | None = None  # of a translation between bodies of one rigid group
+    mask: Any = 1.0  # number that is 1 while the row is active, else 0
+    own: Own | None = None  # direction and lever of a translation within a rigid group
 
 
 class Rows:
-    """Constraint rows of the joints at a state: those of its segment, or the given ``rows``.
+    """Constraint rows of joints at a state: those of its segment, or the given ``rows``.
 
-    Bodies of a rigid group share its rotation; ``per_body``, each body rotates by itself.
+    Bodies of a rigid group share its rotation; with ``per_body``, every body is treated as if it
+    rotated by itself, and its name takes the place of the leader.
     """
 
     def __init__(self, s: State, rows: list[Row] | None = None, per_body: bool = False):
@@ -74,6 +79,7 @@ class Rows:
             self.rows.append(self._row(row))
 
     def _row(self, row: Row) -> JointRow:
+        """Evaluate a constraint row at the state."""
         s, pair = self.s, self.s.joint(row.joint)
         line = None
         if not (row.turns or row.code == at.ROD or self.per_body):
@@ -103,8 +109,8 @@ class Rows:
         )
 
     def _group_translation(self, row: Row, line: Line) -> JointRow:
-        """Row of a translation between bodies of one rigid group: in the axes of the group it has
-        few terms."""
+        """Evaluate the row of a translation between bodies of one rigid group along ``line``; in
+        the axes of the group it has few terms."""
         own = line.own
         assert own is not None
         mask = self.s.is_active(row.joint, row.kinds) if row.kinds else 1.0
@@ -129,15 +135,15 @@ class Rows:
         )
 
     def _stabilised(self, gamma: Any, value: Any, rate: Any) -> Any:
-        """Right-hand side of a row: gamma or, if the scene asks for Baumgarte stabilisation, gamma
-        minus its terms of the residual ``value`` and its rate."""
+        """Right-hand side of a row: ``gamma`` or, with ``solver.drift = "baumgarte"``, gamma minus
+        the stabilising terms of the residual ``value`` and its rate."""
         if self.s.spec.scene.solver.drift != "baumgarte":
             return gamma
         return gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
 
     def _rotation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
         """Terms of a row that constrains a rotation: direction (zero), arms of both bodies, gamma,
-        residual, rate of the residual."""
+        residual (rad), rate of the residual."""
         of_second, of_first = (row.code - at.ROTATION) // 3, (row.code - at.ROTATION) % 3
         b, a = self.s.axis(row.joint, of_second, second=True), self.s.axis(row.joint, of_first)
         arm, gamma = joints.rotation(b, a, pair.spin_a, pair.spin_b).called("row")
@@ -151,8 +157,8 @@ class Rows:
         )
 
     def _translation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
-        """Terms of a row that constrains a translation: direction, arms of both bodies, gamma,
-        residual, rate of the residual."""
+        """Terms of a row that constrains a translation, or the length of a rod: direction, arms of
+        both bodies, gamma, residual (m), rate of the residual."""
         if row.code == at.ROD:
             line, gap = self.s.rod(pair), self.s.case.joint_ends(row.joint)[2]
             length = square_root(vec3.dot(gap, gap)).called("rod")
@@ -162,14 +168,15 @@ class Rows:
         return e, arm_a, arm_b, gamma, vec3.dot(pair.d, e), translation_rate(pair, e)
 
     def coupling(self) -> list[list[Any]]:
-        """Lower triangle of G M^-1 G^T, row by row; an inactive row has a 1 on the diagonal, so
-        that its multiplier is zero."""
+        """Lower triangle of the coupling matrix G M^-1 G^T, row by row with the diagonal. An
+        inactive row has 1 on the diagonal and 0 elsewhere, so that its multiplier is zero."""
         return [
             [self._coupling(one, two) for two in self.rows[: r + 1]]
             for r, one in enumerate(self.rows)
         ]
 
     def _coupling(self, one: JointRow, two: JointRow) -> Any:
+        """Entry of the coupling matrix for two rows; known zeros give the number 0.0."""
         signs: dict[str, int] = {}
         if not one.row.turns and not two.row.turns:
             for body, sign in zip(self.bodies[one.row.joint], (-1, 1), strict=True):
@@ -198,8 +205,9 @@ class Rows:
         return coefficient + (1.0 - one.mask) if one is two else coefficient
 
     def reject_independent(self, one: JointRow, factors: "Factors") -> None:
-        """Reject cases in which the row ``one``, which was left out as redundant, is independent of
-        the rows with the factorised coupling ``factors``."""
+        """Add lines that reject cases (for the variant LEAST_SQUARES) in which ``one``, a row left
+        out as redundant, is independent of these rows, whose factorised coupling matrix is
+        ``factors``."""
         side = [self._coupling(one, other) for other in self.rows]
         own = self._coupling(one, one)
         remainder = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
@@ -208,8 +216,9 @@ class Rows:
     def without_joints(
         self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True
     ) -> list[Any]:
-        """Right-hand sides of the equations for the multipliers: gamma minus G times the
-        accelerations without joints, by body and by leader; without gamma unless ``moving``."""
+        """Right-hand side of the equation for the multipliers, a number for each row: gamma minus G
+        times the accelerations without joint forces: ``acceleration`` of mass centres by body,
+        ground axes, ``spin_rate`` by leader, body axes. Unless ``moving``, gamma is left out."""
         sides = []
         for one in self.rows:
             side = one.gamma if moving else 0.0
@@ -230,9 +239,9 @@ class Rows:
         return sides
 
     def act(self, multipliers: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Accelerations that the joints cause, given the multiplier of each row: of mass centres,
-        by body, in ground axes, and angular ones, by leader, in body axes; None where no row
-        acts."""
+        """Accelerations that the joint forces cause, given the multiplier of each row: those of
+        mass centres by body, ground axes, m/s2, and angular ones by leader, body axes, rad/s2; None
+        for a body or group on which no row acts."""
         linear, angular = {}, {}
         group_forces = self._group_forces(multipliers)
         for body in self.s.spec.bodies:
@@ -258,9 +267,9 @@ class Rows:
         return linear, angular
 
     def _group_forces(self, multipliers: list[Any]) -> dict[str, Any]:
-        """Forces, ground axes, that joints between bodies of one rigid group put on their second
-        bodies, by joint, given the multiplier of each row; without those that are known to be
-        zero."""
+        """Force on the second body, ground axes, N, of each joint between bodies of one rigid
+        group, by joint, given the multiplier of each row; joints whose force is known to be zero
+        are left out."""
         own: dict[str, Any] = {}
         for m, one in zip(multipliers, self.rows, strict=True):
             if one.own:
@@ -278,8 +287,8 @@ class Rows:
         return forces
 
     def update_residuals(self) -> None:
-        """Update the field RESIDUAL_NOW of the largest residuals of the rows: of gaps, m, of
-        angles, rad, of the rates of gaps and of angles."""
+        """Add lines that raise the four components of RESIDUAL_NOW to the largest residuals of the
+        rows: of translations, m, of rotations, rad, and of their rates, m/s and rad/s."""
         scope = self.s.scope
         for one in self.rows:
             first = 1 if one.row.turns else 0
@@ -289,8 +298,9 @@ class Rows:
 
 
 class LeastSquares:
-    """Minimum-norm solutions of a symmetric, possibly singular system, whose matrix is given by the
-    rows of its lower triangle; the written code calls `sepmc.routines.linear.solve_min_norm`."""
+    """Minimum-norm solutions of systems with one symmetric, possibly singular matrix; ``a`` has the
+    rows of its lower triangle. Kernels call `sepmc.routines.linear.solve_min_norm` for them.
+    ``name`` distinguishes the workspace fields of several matrices in one segment."""
 
     def __init__(self, s: State, a: list[list[Any]], name: str = ""):
         self.s, self.matrix, self.solutions = s, [x for row in a for x in row], 0
@@ -299,8 +309,9 @@ class LeastSquares:
         self.smallest: Any = None  # smallest pivot relative to its diagonal element
 
     def solve(self, side: list[Any]) -> list[Any]:
-        """Solution of minimum norm for a right-hand side; a case in which a diagonal element is not
-        positive is rejected."""
+        """Return the solution of minimum norm for a right-hand side (a number for each row); add
+        lines that compute it and reject a case (singular-joint) in which a diagonal element is not
+        positive. ``rank`` and ``smallest`` are then those of this solution."""
         scope, workspace, n = self.s.scope, self.s.c.workspace, len(side)
         self.solutions += 1
         system, solution, rank = (
@@ -326,8 +337,8 @@ class LeastSquares:
 
 
 class Factors:
-    """Factorisation L D L^T of a symmetric matrix of expressions, given by the rows of its lower
-    triangle."""
+    """Factorisation L D L^T of a symmetric positive definite matrix of expressions; ``a`` has the
+    rows of its lower triangle. ``diagonal`` has the pivots."""
 
     def __init__(self, a: list[list[Any]]):
         n = len(a)
@@ -344,7 +355,7 @@ class Factors:
                     a[i][k] = called(a[i][k] - self.lower[i][j] * a[k][j], "s")
 
     def solve(self, side: list[Any]) -> list[Any]:
-        """Solution for a right-hand side, an expression for each row."""
+        """Solution, an expression for each row, for a right-hand side."""
         x, n = list(side), len(side)
         for i in range(1, n):
             x[i] = called(x[i] - total([self.lower[i][j] * x[j] for j in range(i)]), "m")
@@ -360,8 +371,8 @@ Solver = Factors | LeastSquares
 
 
 def is_finite(s: State) -> Expr:
-    """Condition that a state is finite: NaN and inf spread to the velocities of all bodies that
-    they affect."""
+    """Condition that a state is finite; only velocities are checked, to which NaN and inf of other
+    components spread."""
     finite: Expr = getattr(scalar, "math.isfinite")(
         total([x for body in s.spec.bodies for x in s.velocity(body)])
     )
@@ -369,15 +380,17 @@ def is_finite(s: State) -> Expr:
 
 
 def make_solver(s: State, coupling: list[list[Any]]) -> Solver:
-    """Solver for the multipliers of the rows of a segment, given their coupling matrix (lower
-    triangle): of minimum norm in a segment with least squares, else a factorisation."""
+    """Solver for the multipliers of the rows of a segment, given the lower triangle of their
+    coupling matrix: `LeastSquares` (minimum norm) in a segment with ``least_squares``, else
+    `Factors`."""
     return LeastSquares(s, coupling) if s.segment.least_squares else Factors(coupling)
 
 
 def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
-    """Update the field PIVOT of the smallest pivot relative to its diagonal element. Reject a case
-    where it is too small (redundant rows); of a minimum-norm solution, update the number of
-    redundant rows instead."""
+    """Add lines that lower the field PIVOT to the smallest pivot of the solver ``factors`` relative
+    to its diagonal element in ``coupling``. Where it is too small (redundant rows), a case is
+    rejected for the variant LEAST_SQUARES; with a minimum-norm solver, the largest number of
+    redundant rows so far is stored in REDUNDANT instead."""
     s.c.start("PIVOT", 1.0)
     smallest = s.scope.load("PIVOT")
     if isinstance(factors, LeastSquares):

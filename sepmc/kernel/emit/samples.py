@@ -1,5 +1,5 @@
-"""Sampled signals, as lines of a kernel: an interval ends where a signal is sampled, and where a
-sample begins to be used."""
+"""Emitter of sampled signals: an interval of integration ends where a signal is sampled, and where
+a sample begins to be used."""
 
 import math
 from collections.abc import Iterator
@@ -19,14 +19,14 @@ _SAME_TIME = 2.0 * at.GRAIN
 
 
 def _fields(signal: str) -> tuple[str, str, str]:
-    """Fields of the number of samples taken, of the time from which the last one is used, and of
-    its value."""
+    """Names of the workspace fields of a sampled signal: number of samples taken, time from which
+    the last sample is used (infinite if used already), value of the last sample."""
     return f"SAMPLES_{signal}", f"USE_TIME_{signal}", f"SAMPLE_{signal}"
 
 
 def next_samples(scope: Scope, c: Context) -> Iterator[Expr]:
-    """For each sampled signal: the time of its next sample, s, and the time from which its last
-    sample is used (infinite if it is used already)."""
+    """Yield two expressions for each sampled signal: the time of its next sample, s, then the time
+    from which its last sample is used, s (infinite if it is used already)."""
     for signal in c.spec.formulas.sampled:
         samples, use_time, _ = _fields(signal)
         interval = c.case.number(c.spec.layout.slots[f"signal.{signal}.sample"])
@@ -35,13 +35,19 @@ def next_samples(scope: Scope, c: Context) -> Iterator[Expr]:
 
 
 def take_samples(segment: Segment) -> str:
-    """Line that calls the function of a segment that samples signals."""
+    """Kernel code of the call of the function that samples signals in a segment; also the signature
+    of that function."""
     return f"take_samples_{segment.name}(w)"
 
 
 def emit_samples(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function that samples signals at the end of an interval of a segment, in the order
-    of the file: a signal sees the samples that others before it have just taken."""
+    """Write the kernel function ``take_samples_SEGMENT(w)``, which, at the end of an interval,
+    begins to use samples and takes new ones where they are due, and rejects cases in which a
+    sampled value is undefined. Nothing is written without sampled signals.
+
+    Signals are sampled in the order of the file: a signal sees the samples that others before it
+    have just taken.
+    """
     sampled, slots = c.spec.formulas.sampled, c.spec.layout.slots
     if not sampled:
         return

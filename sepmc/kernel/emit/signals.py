@@ -1,5 +1,10 @@
-"""Signals at a state: formulas of the file as expressions of the kernel, and the quantities that
-they name."""
+"""Signals at a state: formulas of the file as expressions of the kernel, and the quantities of the
+flight that they name.
+
+Values are jets (`sepmc.kernel.emit.jets`): with their first and second derivative in time, if asked
+for. A kink of a formula (abs, min, a comparison, ...) has a mode, which selects the branch of the
+formula in the present interval (`sepmc.kernel.emit.kinks`).
+"""
 
 import math
 from typing import Any
@@ -28,7 +33,7 @@ from sepmc.scene.model import GROUND
 from sepmc.scene.signals import Quantity
 from sepmc.schema import Status
 
-_SCALE_HEIGHT = 7000.0  # m: rough rate of the density, to predict kinks only
+_SCALE_HEIGHT = 7000.0  # m: for a rough rate of the density, used only to predict kinks
 _OPERATIONS: dict[str, Any] = {
     "+": jets.add,
     "*": jets.multiply,
@@ -40,24 +45,24 @@ _OPPOSITE = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
 
 
 def mode_field(kink: str) -> str:
-    """Workspace field of the mode of a kink, by its name: the sign (-1, 0, 1) that its switching
-    function has in the present interval."""
+    """Name of the workspace field of the mode of a kink, given by its name: the sign (-1, 0, 1)
+    that its switching function has in the present interval."""
     return f"MODE_{kink}"
 
 
 def held_field(signal: str) -> str:
-    """Workspace field of the sample of a signal that is used now."""
+    """Name of the workspace field of the sample of a signal that is in use now."""
     return f"HELD_{signal}"
 
 
 class Signals:
-    """Values of signals at a state, as expressions; signals have the names of the kernel.
+    """Values of signals at a state, as expressions; signals are given by their generated names.
 
     Parameters
     ----------
     s : State
     moving : bool
-        True to compute rates and accelerations too, from the derivative K1 of the state.
+        True to compute first and second derivatives too, from the derivative K1 of the state.
     """
 
     def __init__(self, s: State, moving: bool = False):
@@ -69,11 +74,12 @@ class Signals:
         self._of_quantities = Quantities(s, moving)
 
     def value(self, signal: str) -> Any:
-        """Value of a signal, in the unit of the keys that name it."""
+        """Value of a signal, in the unit of the keys of the file that it gives."""
         return self.of(signal).value
 
     def of(self, signal: str) -> Jet:
-        """Jet of a signal: value, with rate and second rate if ``moving``."""
+        """Jet of a signal: of its first state if it has states, else of its formula or, if it is
+        sampled, of the sample in use."""
         if signal not in self._signals:
             self._signals[signal] = (
                 self._state(signal, 0)
@@ -83,21 +89,22 @@ class Signals:
         return self._signals[signal]
 
     def rates(self, signal: str) -> list[Any]:
-        """Rates of the one or two states of a signal that has states, per s."""
+        """Rates, per s, of the one or two states of a signal that has states, in their order."""
         is_single = self.formulas.signals[signal].states == 1
         last = self.of_formula(signal)
         return [last] if is_single else [self._state(signal, 1).value, last]
 
     def of_formula(self, signal: str) -> Any:
-        """Value of the formula of a signal; of a signal with states, the rate of its last state."""
+        """Value of the tree of a signal (`Formulas.tree`): of its formula or sample in use or, if
+        it has states, the rate of its last state."""
         return self._number(signal, self.formulas.tree(signal)).value
 
     def sample(self, signal: str) -> Any:
-        """Value that the formula of a sampled signal has now, which its next sample is."""
+        """Present value of the formula of a sampled signal: the sample that would be taken now."""
         return self._number(signal, parse(self.formulas.signals[signal].formula)).value
 
     def _state(self, signal: str, k: int) -> Jet:
-        """Jet of state ``k`` of a signal: 0 the signal itself, 1 its rate."""
+        """Jet of state ``k`` of a signal with states: 0 the signal itself, 1 its rate."""
         first, scope = self.formulas.with_states[signal], self.s.scope
         value = scope.load(f"{self.s.field} + {state_offset(first + k)}")
         if not self.moving:
@@ -108,8 +115,8 @@ class Signals:
         return Jet(value, rate, second)
 
     def switching(self, kink: Kink) -> tuple[Jet, list[Any]]:
-        """Jet of the switching function of a kink, and the value of its argument or of the two
-        arguments that it is the difference of."""
+        """Jet of the switching function of a kink, and the values of the arguments of its call:
+        one, which is the function, or two, whose difference it is."""
         numbers = [self._number(kink.signal, one) for one in kink.node.arguments]
         if len(numbers) == 1:
             return numbers[0], [numbers[0].value]
@@ -117,8 +124,8 @@ class Signals:
         return jets.add(a, jets.negative(b)), [a.value, b.value]
 
     def inputs(self, signal: str) -> list[Any]:
-        """Expressions of the quantities and states that the formula of a signal depends on, time
-        excepted."""
+        """Expressions of the values of the quantities and states on which the formula of a signal
+        depends, directly or through other signals; without time."""
         values: list[Any] = []
         for node in walk(self.formulas.tree(signal)):
             if not isinstance(node, Name):
@@ -136,7 +143,7 @@ class Signals:
         return values
 
     def _number(self, signal: str, node: Node) -> Jet:
-        """Jet of a node, in the formula of a signal, that is a number (not a condition)."""
+        """Jet of ``node``, a number (not a condition) in the formula of ``signal``."""
         if isinstance(node, Number):
             return Jet(node.value)
         key = (signal, node)
@@ -147,7 +154,8 @@ class Signals:
         return self._nodes[key]
 
     def _name(self, signal: str, node: Name) -> Jet:
-        """Jet of a constant, another signal, or a quantity in the unit of its name."""
+        """Jet of a name in the formula of ``signal``: a constant, another signal, or a quantity in
+        the unit that its name ends with."""
         if node.path.startswith(OWN):
             return self._own(signal, node)
         if node.path in self.formulas.signals[signal].constants:
@@ -162,7 +170,8 @@ class Signals:
         return Jet(*(None if x is None else x * (1.0 / quantity.factor) for x in jet))
 
     def _own(self, signal: str, node: Name) -> Jet:
-        """Jet of a state or a parameter of a signal itself."""
+        """Jet of a name that stands for a state, the sample in use, or a response parameter of
+        ``signal`` itself."""
         if node == HELD:
             return Jet(self.s.scope.load(held_field(signal)))
         if node in (STATE, STATE_RATE):
@@ -171,14 +180,14 @@ class Signals:
         return Jet(self.s.case.number(self.s.spec.layout.slots[path]))
 
     def quantity(self, quantity: Quantity) -> Jet:
-        """Jet of a quantity, SI."""
+        """Jet of a quantity of the flight, SI."""
         key = quantity._replace(factor=1.0)
         if key not in self._quantities:
             self._quantities[key] = self._of_quantities.jet(key)
         return self._quantities[key]
 
     def _call(self, signal: str, node: Call) -> Jet:
-        """Jet of a call that is a number."""
+        """Jet of ``node``, a call with a number as result, in the formula of ``signal``."""
         function = node.function
         if function == "where":
             return self._where(signal, node)
@@ -193,8 +202,9 @@ class Signals:
         return jets.apply(function, arguments[0])
 
     def _where(self, signal: str, node: Call) -> Jet:
-        """Jet of a call of ``where``: that of the branch of the present interval. A step may pass
-        the end of the interval by a little: if the branch is undefined there, the other counts."""
+        """Jet of ``node``, a call of ``where`` in the formula of ``signal``: that of the branch
+        that the modes select in the present interval. A step may pass the end of the interval by a
+        little; where that branch is undefined there, the branch by the present condition counts."""
         condition, switching = self._condition(signal, node.arguments[0])
         one, other = (self._number(signal, x) for x in node.arguments[1:])
         result = jets.select(condition, one, other)
@@ -206,7 +216,8 @@ class Signals:
         return self._tied(result, switching)
 
     def _kinked(self, signal: str, node: Call, arguments: list[Jet]) -> Jet:
-        """Jet of a call of abs, sign, min or max, given the jets of its arguments."""
+        """Jet of ``node``, a call of abs, sign, min or max in the formula of ``signal``, given the
+        jets of its arguments."""
         first, last = arguments[0], arguments[-1]
         # only sign jumps: the others may pass a kink by the little that a step passes its end
         low, high = self._sides(signal, node, by_mode=node.function == "sign")
@@ -222,8 +233,9 @@ class Signals:
         return self._tied(result, [one.value for one in arguments] if undefined else [])
 
     def _sides(self, signal: str, node: Call, by_mode: bool = True) -> tuple[Any, Any]:
-        """Conditions that the switching function of a call is negative, and that it is positive;
-        ``by_mode`` in the present interval, else now."""
+        """Two conditions: that the switching function of the call ``node`` is negative, and that it
+        is positive. With ``by_mode`` they are those of its mode in the present interval, else those
+        of its present value."""
         number = self._kinks.get(Kink(signal, node)) if by_mode else None
         if number is not None:
             mode = self.s.scope.load(mode_field(kink_name(number)))
@@ -234,8 +246,8 @@ class Signals:
     def _condition(
         self, signal: str, node: Node, negated: bool = False, by_mode: bool = True
     ) -> tuple[Any, list[Any]]:
-        """Condition of a node or, ``negated``, its opposite, and the numbers that must be defined
-        for it; ``by_mode`` as in `_sides`."""
+        """Condition that the node ``node`` of a formula stands for or, if ``negated``, its
+        opposite; and the list of numbers that must be finite for it. ``by_mode`` as in `_sides`."""
         assert isinstance(node, Call)
         if node.function == "not":
             return self._condition(signal, node.arguments[0], not negated, by_mode)
@@ -256,11 +268,13 @@ class Signals:
         return _joined(one, other, joins), [*of_one, *of_other]
 
     def _may_be_undefined(self, signal: str, *nodes: Node) -> bool:
-        """True if any of some nodes may be undefined, with the signals that they name."""
+        """True if any of the ``nodes`` of the formula of ``signal``, or a signal named in them, may
+        be undefined for some values."""
         return any(may_be_undefined(one) for node in nodes for one in self._expanded(signal, node))
 
     def _expanded(self, signal: str, node: Node) -> list[Node]:
-        """A node, and the trees of the signals that it names, directly or through others."""
+        """The node, and the syntax trees of the signals named in it, directly or through others,
+        that always equal their formulas."""
         trees = [node]
         for one in walk(node):
             other = self.formulas.other(signal, one) if isinstance(one, Name) else ""
@@ -269,7 +283,7 @@ class Signals:
         return trees
 
     def _tied(self, jet: Jet, values: list[Any]) -> Jet:
-        """The jet, with its value NaN where any of some ``values`` is NaN or infinite."""
+        """The jet, but with the value NaN where any of the ``values`` is NaN or infinite."""
         value = jet.value
         for other in values:
             value = undefined_with(value, other)
@@ -277,14 +291,15 @@ class Signals:
 
 
 def _opposite(condition: Any) -> Any:
-    """Opposite of a condition."""
+    """Opposite of a condition, symbolic or a known bool."""
     if isinstance(condition, bool):
         return not condition
     return where(condition, 0.0, 1.0) > 0.5
 
 
 def _joined(one: Any, other: Any, both: bool) -> Any:
-    """Condition that both conditions are satisfied or, if not ``both``, that any of them is."""
+    """Condition that both conditions are satisfied or, if not ``both``, that at least one is; each
+    is symbolic or a known bool."""
     for known, unknown in ((one, other), (other, one)):
         if isinstance(known, bool):
             return unknown if known == both else known
@@ -292,14 +307,17 @@ def _joined(one: Any, other: Any, both: bool) -> Any:
 
 
 class Quantities:
-    """Quantities of the flight at a state that formulas may name, as jets, SI; with rates and
-    second rates if ``moving``, from the derivative K1 of the state."""
+    """Quantities of the flight at a state that formulas may name, as jets, SI.
+
+    Unless ``moving``, only their values are computed; else also their first and second derivatives
+    in time, from the derivative K1 of the state (a second derivative may be None, not known).
+    """
 
     def __init__(self, s: State, moving: bool):
         self.s, self.moving = s, moving
 
     def jet(self, quantity: Quantity) -> Jet:
-        """Jet of a quantity, whose items have the names of the kernel."""
+        """Jet of a quantity; its item has its generated name."""
         if quantity.table != "body":
             of_table = {
                 "time": self._time,
@@ -325,8 +343,8 @@ class Quantities:
         return self._since(f"EVENT_TIME_{quantity.item}", math.inf)
 
     def _since(self, field: str, never: float) -> Jet:
-        """Time since the time in a workspace field, s, 0 before it; the field has the value
-        ``never`` (infinity or NaN) until the time is known."""
+        """Jet of the time, s, since the instant stored in a workspace field; 0 before it. The field
+        has the value ``never`` (infinity or NaN) while the instant is not known."""
         self.s.c.start(field, never)
         begun = self.s.scope.load(field)
         passed = begun <= self.s.time
@@ -334,16 +352,17 @@ class Quantities:
         return Jet(elapsed, where(passed, 1.0, 0.0) if self.moving else 0.0)
 
     def _acceleration(self, body: str) -> Any:
-        """Acceleration of a mass centre, ground axes, m/s2."""
+        """Acceleration of the mass centre of a body, ground axes, m/s2, from the derivative K1."""
         return self.s.scope.load(f"K1 + V_{body}", 3)
 
     def _jet(self, value: Any, rate: Any, second: Any = None) -> Jet:
-        """Jet of a value; unless ``moving`` without derivatives. ``rate`` and ``second`` are
-        functions that make the expressions of these."""
+        """Jet of a value: with derivatives if ``moving``, which the functions ``rate`` and
+        ``second`` (None: not known) then make, else without."""
         return Jet(value, rate(), second() if second else None) if self.moving else Jet(value)
 
     def _rate(self, body: str, k: int) -> Jet:
-        """Component ``k`` (0 x, 1 y, 2 z) of the angular rate of a body, body axes."""
+        """Jet of component ``k`` (0 x, 1 y, 2 z) of the angular rate of a body, body axes,
+        rad/s."""
         leader = self.s.segment.leader(body)
         if leader == GROUND:
             return Jet(0.0)
@@ -352,7 +371,8 @@ class Quantities:
         )
 
     def _place(self, body: str, k: int) -> Jet:
-        """Coordinate ``k`` (0 x, 1 y, 2 z) of a mass centre, ground axes; y is the height."""
+        """Jet of coordinate ``k`` (0 x, 1 y, 2 z) of the mass centre of a body, ground axes, m: x
+        and z from the initial common mass centre, y the height above the ground."""
         s = self.s
         if k == 1:
             value = s.position(body)[1] + origin_height(s.scope, s.time)
@@ -365,14 +385,15 @@ class Quantities:
         )
 
     def _speed(self, body: str, k: int) -> Jet:
-        """Component ``k`` (0 x, 1 y, 2 z) of the velocity of a mass centre, ground axes."""
+        """Jet of component ``k`` (0 x, 1 y, 2 z) of the velocity of the mass centre of a body,
+        ground axes, m/s."""
         value = self.s.velocity(body)[k] + self.s.case.velocity[k]
         return self._jet(value, lambda: self._acceleration(body)[k])
 
     def _joint(self, quantity: Quantity) -> Jet:
-        """Quantity of a joint by its key: the separation distance along its x axis, the rate of
-        that, its angle about that axis, the rate of that, or the time since its release (0 before
-        it)."""
+        """Jet of a quantity of a joint, by its key: separation distance along the x axis, m; its
+        rate, m/s; angle about the x axis, rad; its rate, rad/s; or time since the joint became
+        free, s (0 before)."""
         s, joint = self.s, quantity.item
         if quantity.key == "angle":
             return self._hinge_angle(joint)
@@ -383,6 +404,7 @@ class Quantities:
         line, bodies = s.separation(joint), s.spec.scene.joint[joint].bodies
 
         def second() -> Any:
+            """Separation acceleration, m/s2."""
             return s.case.separation_sign(joint) * s.lengthening_by("K1", bodies, line)
 
         if quantity.key == "rate":
@@ -390,14 +412,15 @@ class Quantities:
         return self._jet(line.length, lambda: line.rate, second)
 
     def _hinge_angle(self, joint: str) -> Jet:
-        """Angle of a joint about its x axis."""
+        """Jet of the angle of a joint about its x axis, rad."""
         value = hinge_angle(self.s, joint)
         if not self.moving:
             return Jet(value)
         return Jet(value, hinge_rate(self.s, joint), self._hinge_acceleration(joint))
 
     def _hinge_acceleration(self, joint: str) -> Any:
-        """Rate of change of the relative angular rate about the x axis of a joint, rad/s2."""
+        """Rate of change of the relative angular rate of a joint's bodies about its x axis,
+        rad/s2, from the derivative K1."""
         first, second = self.s.spec.scene.joint[joint].bodies
         x, spin = self.s.axis(joint, 0), self.s.spin(first)
         relative = vec3.sub(self.s.spin(second), spin)
@@ -405,19 +428,20 @@ class Quantities:
         return vec3.dot(x, rates) + vec3.dot(vec3.cross(spin, x), relative)
 
     def _spin_rate(self, body: str) -> Any:
-        """Angular acceleration of a body, ground axes, rad/s2."""
+        """Angular acceleration of a body, ground axes, rad/s2, from the derivative K1."""
         leader = self.s.segment.leader(body)
         if leader == GROUND:
             return ZERO
         return vec3.rotate(self.s.attitude(leader), self.s.scope.load(f"K1 + OMEGA_{leader}", 3))
 
     def _spring(self, quantity: Quantity) -> Jet:
-        """Extension of a spring from the start, or its rate."""
+        """Jet of the extension of a spring since the start, m, or (key "rate") of its rate, m/s."""
         s = self.s
         spring = next(one for one in s.spec.scene.spring if one.name == quantity.item)
         line = s.spring(spring)
 
         def second() -> Any:
+            """Second derivative of the extension, m/s2."""
             return s.lengthening_by("K1", spring.bodies, line)
 
         if quantity.key == "rate":
@@ -425,7 +449,8 @@ class Quantities:
         return self._jet(line.length - s.spring_start(spring), lambda: line.rate, second)
 
     def _attitude(self, body: str, key: str) -> Jet:
-        """Pitch, yaw or roll of a body (``key``); pitch and roll count full turns."""
+        """Jet of the angle ``key`` ("pitch", "yaw" or "roll") of a body, rad; pitch and roll count
+        full turns."""
         s, leader = self.s, self.s.segment.leader(body)
         if leader == GROUND:
             return Jet(s.case.number({"pitch": at.PITCH, "yaw": at.YAW, "roll": at.ROLL}[key]))
@@ -448,8 +473,8 @@ class Quantities:
         return jet._replace(value=value)
 
     def _axis(self, body: str, axis: int, k: int) -> Jet:
-        """Component ``k``, in ground axes, of the unit vector along an axis of a body, with its
-        rates (0 x, 1 y, 2 z, both)."""
+        """Jet, with derivatives, of component ``k`` in ground axes of the unit vector along body
+        axis number ``axis`` of a body; for both numbers 0 is x, 1 y, 2 z."""
         s, leader = self.s, self.s.segment.leader(body)
         r, spin = s.attitude(body), s.spin(body)
         e = (r[axis], r[axis + 3], r[axis + 6])
@@ -459,8 +484,8 @@ class Quantities:
         return Jet(e[k], e_rate[k], e_second[k])
 
     def _flow(self, body: str, key: str) -> Jet:
-        """Flow angle, airspeed, Mach number or dynamic pressure of a body, by ``key``; the pressure
-        includes the density factor of the case."""
+        """Jet of a quantity of the flow at a body, by ``key``: alpha or beta, rad, airspeed, m/s,
+        Mach number, or dynamic pressure, Pa, with the density factor of the case."""
         from sepmc.kernel.emit.loads import air_density  # noqa: PLC0415
 
         s = self.s
@@ -505,7 +530,7 @@ class Quantities:
 
 
 def signals_of(s: State) -> Signals:
-    """Signals at a state; one object for each state."""
+    """Values of signals at a state; the same object at each call for one state."""
     known: Signals | None = getattr(s, "_signals", None)
     if known is None:
         known = Signals(s)
@@ -514,8 +539,8 @@ def signals_of(s: State) -> Signals:
 
 
 def number(s: State, path: str, slot: int) -> Any:
-    """Value of the parameter at a path of the file, SI: that of the signal that drives it, if any,
-    else the parameter with the index ``slot`` of the case."""
+    """Value, SI, of the parameter at a path such as ``motor.main.thrust``: that of the signal that
+    gives it, if any, else the parameter of the case with the index ``slot``."""
     drive = s.spec.scene.driven.get(path)
     if drive is None:
         return s.case.number(slot)
@@ -524,15 +549,16 @@ def number(s: State, path: str, slot: int) -> Any:
 
 
 def three_numbers(s: State, path: str, slot: int) -> Any:
-    """Vector of three consecutive parameters, from the index ``slot`` on; see `number`."""
+    """Vector of the three parameters ``path.x``, ``path.y`` and ``path.z``, SI, as in `number`;
+    ``slot`` is the index of the first."""
     if not any(f"{path}.{axis}" in s.spec.scene.driven for axis in "xyz"):
         return s.case.vector(slot)
     return tuple(number(s, f"{path}.{axis}", slot + k) for k, axis in enumerate("xyz"))
 
 
 def reject_undefined(s: State) -> None:
-    """Add lines to the scope of a state that reject a case where the formula of a signal in use is
-    undefined although the quantities and states in it are not."""
+    """Add lines to the scope of a state that reject a case (undefined-formula) where the formula of
+    a signal in use is not finite although the quantities and states in it are."""
     known = signals_of(s)
     finite = getattr(scalar, "math.isfinite")
     for signal in s.spec.formulas.used:

@@ -1,4 +1,5 @@
-"""Force of a spring that only pushes, with its rate: it is slack where that is below zero."""
+"""Force of a spring that only pushes, with its rate, before negative values are cut off: the spring
+is slack where this force is below zero."""
 
 import functools
 import math
@@ -19,19 +20,23 @@ from sepmc.scene.signals import Quantity
 
 
 def slack_force(signals: Signals, kink: SlackKink) -> tuple[Jet, list[Any]]:
-    """Force of a spring before it is cut at zero, N, with its rate, and the sizes of the forces
-    that it is the sum of; 0 after the stroke.
+    """Force of a spring that only pushes before negative values are cut off: the switching function
+    of its kink. It is 0 after the end of the stroke.
 
     Parameters
     ----------
     signals : Signals
+        at the state; with derivatives if ``moving``
     kink : SlackKink
+        kink of the spring
 
     Returns
     -------
     force : Jet
+        N; the second derivative may be None (not known)
     sizes : list
-        N
+        values, N, of the forces whose sum it is (of a table its largest magnitude), as scales for
+        round-off
     """
     s = signals.s
     i, spring = next(
@@ -61,7 +66,9 @@ def slack_force(signals: Signals, kink: SlackKink) -> tuple[Jet, list[Any]]:
 
 
 def _number(signals: Signals, spring: Spring, i: int, key: str, slot: int) -> Jet:
-    """Number of a spring, SI: from its signal if it has one, else from the case."""
+    """Jet of the number ``key`` (such as "stiffness") of a spring, number ``i`` of the scene, SI:
+    of the signal that gives it, if any, else of the parameter at the offset ``slot`` of the
+    spring's block."""
     s = signals.s
     drive = s.spec.scene.driven.get(f"spring.{spring.name}.{key}")
     if drive is None:
@@ -70,7 +77,7 @@ def _number(signals: Signals, spring: Spring, i: int, key: str, slot: int) -> Je
 
 
 def _of_table(signals: Signals, spring: Spring) -> Jet:
-    """Force of the table of a spring; its second rate is not known."""
+    """Jet of the force of a spring from its table, N; its second derivative is not known."""
     s, field = signals.s, table_force(spring.name)
     value, rate = (s.scope.load(name) for name in (field, f"RATE_{field}"))
     if has_unloading(spring, s.spec.dispersed):

@@ -1,5 +1,5 @@
-"""Start of a case, as lines of a kernel: initial state, rejected input, and values that depend on
-the parameters alone."""
+"""Emitter of the start of a case: initial state, rejection of invalid parameters, and all values
+that depend on the parameters alone."""
 
 from typing import Any
 
@@ -27,16 +27,17 @@ INITIALLY_ZERO = (
 
 
 def shared_size(c: Context) -> int:
-    """Number of values that all cases share: joint axes and separation signs, spring axes; outlines
-    and tables if needed."""
+    """Number of values, common to all cases, that a kernel copies into its field SHARED: joint axes
+    and separation signs, spring axes; if needed, also outlines and tables."""
     if c.spec.scene.clearance or has_tables(c.spec):
         return len(c.spec.layout.model.numbers)
     return int(c.model.springs_x) + 3 * len(c.spec.scene.spring)
 
 
 def emit_prepare(out: Text, c: Context) -> None:
-    """Write the function that sets the initial state of a case and all that follows from its
-    parameters alone; it is written last, when it is known which values the others need."""
+    """Write the kernel function ``prepare(w)``, which computes, once per case, the initial state
+    and all values that follow from the parameters alone, and rejects invalid parameters. It must be
+    written after all functions that use such values."""
     spec, workspace, case = c.spec, c.workspace, c.case
     text = out.function(
         "prepare(w)",
@@ -92,16 +93,18 @@ def emit_prepare(out: Text, c: Context) -> None:
 
 
 def _optional_slot(slot: int | None) -> list[int]:
+    """List with a parameter index, or empty for None."""
     return [] if slot is None else [slot]
 
 
 def _set_initial_state(c: Context) -> None:
-    """Add lines to the scope of the case that set the initial state of the mated vehicle,
-    consistent with every joint, and reject invalid input.
+    """Add lines to the scope of the case that set the initial state of the mated vehicle and reject
+    a case (invalid-input) with a mass or inertia tensor that is not positive.
 
-    The frame moves with the initial velocity of the mass centre: positions and velocities of
-    separation are then small numbers without cancellation. A vehicle that is connected to the
-    ground rotates about that joint.
+    The frame moves with the initial velocity of the common mass centre: positions and velocities of
+    the separation are then small numbers without cancellation. The vehicle rotates about its mass
+    centre or, if it is connected to the ground, about that joint; initial rates across joints are
+    added.
     """
     spec, workspace, case, scope = c.spec, c.workspace, c.case, c.case.scope
     r, omega = quat.matrix(case.attitude).called("r"), case.vector(at.OMEGA)
@@ -151,8 +154,8 @@ def _set_initial_state(c: Context) -> None:
 
 
 def _pivot(c: Context) -> Any:
-    """Vector from the common mass centre to the joint point about which the vehicle rotates at the
-    start, body axes, m; None if it rotates about the mass centre."""
+    """Vector from the common mass centre to the joint point on the ground about which the vehicle
+    rotates at the start, body axes, m; None if it rotates about the mass centre."""
     if c.model.pivot_joint < 0:
         return None
     joint = list(c.spec.scene.joint.values())[int(c.model.pivot_joint)]

@@ -1,5 +1,5 @@
-"""Steps, as lines of a kernel: step length, Runge-Kutta stages, completion of a step, and the last
-short step to an event."""
+"""Emitter of steps: step length, Runge-Kutta stages, completion of a step, and the last short step
+to an event."""
 
 import math
 from typing import Any
@@ -15,36 +15,40 @@ from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr, Scope, total, where
 from sepmc.routines.layout import FULL_HISTORY, GRAIN
 
-# A step may be at most _LONGER times the last one. The step to an event, by a method of low order,
-# may be at most _SHORT of the last one: hundredths are typical, and a much longer one leads to END,
-# because a predicted event did not occur (a stroke just missed).
+# A step may be at most _LONGER times the last one. The short step to an event, by RK4, may be at
+# most the fraction _SHORT of the last one: hundredths are typical, and a much longer one leads to
+# END, because a predicted event did not occur (a stroke just missed).
 _LONGER, _SHORT = 3.0, 0.05
-# The step before the last one to an event covers _NEARLY of the distance; the last one is at most
-# _LAST of the one before.
+# Until the last one, a step to an event covers the fraction _NEARLY of the distance, unless it is
+# at most the fraction _LAST of the step before.
 _NEARLY, _LAST = 0.9, 0.2
-# While a predicted event does not occur, a step is at most _GROWS times the first one and the last.
+# While a predicted event does not occur, a step is at most _GROWS times the first one of the
+# interval, and the last one.
 _GROWS = 1.5
-_MANY = 4096.0  # maximum number of steps then; a case that takes longer is rejected
+_MANY = 4096.0  # maximum number of remaining steps that is planned then
 # A step longer than _UNEVEN times the last one has a larger error than those of the calibration
 # cases, and its estimate may miss it.
 _UNEVEN = 1.6
-# s, of one of several steps: shorter intervals count as zero for the monitoring of loads
+# s: minimum length of one of several steps; for the monitoring of loads shorter ones count as zero
 _SHORTEST = 2.0 * GRAIN
-_MOST_TURNED = 2.0  # rad in a step
+_MOST_TURNED = 2.0  # rad, maximum rotation of a body in a step
 # After its rate has changed sign, a height has moved on by half the rate times the time to the
 # change; a tenth more for an acceleration that varies.
 _BEYOND = 0.55
 
 
 def coefficient(rk: Method, kind: str, *numbers: int) -> str:
-    """Name, in a kernel, of a coefficient of a method: ``kind`` A (stage matrix), B (weights), C
-    (nodes) or E (error weights), and its indices, from 0 here, from 1 in the name."""
+    """Name of the kernel's constant for a coefficient of a method, such as DOP853_A_2_1.
+
+    ``kind`` is A (stage matrix), B (weights), C (nodes) or E (error weights); ``numbers`` are the
+    indices of the coefficient, which count from 0, in the name from 1.
+    """
     return f"{rk.name.upper()}_{kind}{'_'.join(str(number + 1) for number in numbers)}"
 
 
 def coefficients(rk: Method, extends: bool) -> list[str]:
-    """Lines that define the coefficients of a method that are not zero; with ``extends`` also those
-    of the stages that only its continuous extension needs."""
+    """Lines of code that define, as constants of a kernel, the nonzero coefficients of a method;
+    with ``extends`` also those of the stages that only its continuous extension needs."""
     rows = len(rk.a) if extends else rk.stages
     values = {coefficient(rk, "A", i, j): rk.a[i, j] for i in range(1, rows) for j in range(i)}
     values |= {coefficient(rk, "B", j): rk.b[j] for j in range(rk.stages)}
@@ -54,8 +58,8 @@ def coefficients(rk: Method, extends: bool) -> list[str]:
 
 
 def restore_stage(text: Text, rk: Method, i: int) -> None:
-    """Append lines for the state S and the time CLOCK of stage ``i`` (from 0) of the step just made
-    from BEGIN, given the derivatives of the stages before."""
+    """Append lines that compute again the state S and the time CLOCK of stage ``i`` (from 0) of the
+    step just made from BEGIN, from the stored derivatives of the stages before it."""
     inner = text.block("for e in range(SIZE_Y):")
     used = [j for j in range(i) if rk.a[i, j] != 0.0]
     if not used:
@@ -68,12 +72,15 @@ def restore_stage(text: Text, rk: Method, i: int) -> None:
 
 
 def advance(rk: Method) -> str:
-    """Name of the function that makes a step by a method."""
+    """Name of the kernel function that makes a step by the method ``rk``."""
     return f"advance_{rk.name}"
 
 
 def emit_step_length(out: Text, c: Context) -> None:
-    """Write the function that sets the length of the next step of every lane."""
+    """Write the kernel function ``set_step(w, phase, parts, typical)``, which sets the field STEP
+    to the length of the next step of every lane: the first of ``parts`` equal steps to END or to
+    the next predicted event, or by lane (`_lane_step`). With events, also write
+    ``set_event_polish_step`` (`_emit_event_polish_step`)."""
     docstring = (
         "Length of the first of ``parts`` steps to END or to the next event, into all of STEP; "
         "at first, an event is predicted no later than"
@@ -101,23 +108,26 @@ def emit_step_length(out: Text, c: Context) -> None:
 
 
 def mark_inactive(text: Text, c: Context, segment: Segment, goes: str) -> None:
-    """Append lines that mark lanes which do not satisfy ``goes`` as inactive: the values of their
-    conditions are not updated."""
+    """Append lines that set INACTIVE to 1 in lanes that do not satisfy the condition ``goes``
+    (kernel code), else to 0: in inactive lanes the stored values of conditions are not updated.
+    Nothing is appended if all lanes make the same number of steps."""
     if c.has_lane_steps(segment):
         text.lanes()(f"w[INACTIVE + l] = 0.0 if {goes} else 1.0")
 
 
 def _lane_step(lane: Text, end: str, is_limited: bool) -> None:
-    """Append lines for the step of a lane.
+    """Append lines, within a loop over lanes (``lane``), that set the length STEP of the next step
+    of a lane, from the time to the next event or END that STEP has before.
 
-    The remaining time, at most to ``end``, is divided into equal steps. Their number STEPS_LEFT
-    decreases and is a multiple of STEP_FACTOR such that no step is longer than MAX_STEP. More steps
-    are made where a predicted event does not occur: no step is longer than the given one
-    (``is_limited``), or else longer by more than half than the first and the last one.
+    The remaining time, at most to ``end`` (kernel code), is divided into equal steps. Their number
+    STEPS_LEFT is the smaller of two: one less than at the last step, and STEP_FACTOR times the
+    fewest steps that are not longer than MAX_STEP. It is raised where a predicted event does not
+    occur: with ``is_limited`` (``solver.step`` is given), no step is longer than MAX_STEP /
+    STEP_FACTOR; otherwise none is longer than 1.5 times the first one, and the last one.
 
     PROGRESS counts steps (0, -1, -2) until it is 1 at the last step and 2 after it. Until an event
-    has been predicted twice, the step before the last stops short of it, so that the state past the
-    event is not used.
+    has been predicted twice, the step before the last stops short of it, so that no state past the
+    event is used.
     """
     lane(f"h, progress, remaining = w[STEP + l], w[PROGRESS + l], {end} - w[T + l]")
     lane(
@@ -150,8 +160,9 @@ def _lane_step(lane: Text, end: str, is_limited: bool) -> None:
 
 
 def _emit_event_polish_step(out: Text, c: Context) -> None:
-    """Write the function for the length of the short step to the end of an interval or the next
-    event."""
+    """Write the kernel function ``set_event_polish_step(w, phase)``, which sets the field STEP to
+    the time left to the end of an interval or the next event, after the last regular step; 0 in
+    lanes that have more regular steps to make."""
     text = out.function(
         "set_event_polish_step(w, phase: int)",
         "Length of the remaining step to END or to the next event, into all of STEP.",
@@ -170,8 +181,8 @@ def _emit_event_polish_step(out: Text, c: Context) -> None:
 
 
 def emit_broadcast(text: Text, c: Context, field: str) -> None:
-    """Append lines that copy the first component of a field to all components of a state, by
-    doubling."""
+    """Append lines that copy the first component of a field, which has as many components as a
+    state vector, to all others, by doubling."""
     filled = 1
     while filled < c.size:
         more = min(filled, c.size - filled)
@@ -182,8 +193,10 @@ def emit_broadcast(text: Text, c: Context, field: str) -> None:
 
 
 def emit_advance(out: Text, c: Context, rk: Method) -> None:
-    """Write the function for one step by a method; if the step has an extension, its start is
-    stored."""
+    """Write the kernel function ``advance_METHOD(w, phase, size, left, typical)``, which makes one
+    step in all lanes by a method: the first of ``left`` remaining ones, of ``size`` numbers of the
+    state. It sets step length, state Y and time T, error indicators and, if needed, the continuous
+    extension, and rejects cases whose step is too long."""
     docstring = (
         f"One of ``left`` steps of a phase by {rk.name}, of ``size`` components of the state."
     )
@@ -211,8 +224,9 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
 
 
 def _extends(text: Text, c: Context) -> None:
-    """Append lines that compute the continuous extension of the step just made in segments that
-    need it, and for a full history in runs of a case that write rows."""
+    """Append lines that compute the continuous extension of the step just made: in segments that
+    need it for outcomes or events, and for a full history in all segments, if rows are asked
+    for."""
     where = [
         f"phase == {number}"
         for number, one in enumerate(c.spec.segments)
@@ -228,7 +242,9 @@ def _extends(text: Text, c: Context) -> None:
 
 
 def emit_event_polish(out: Text, c: Context) -> None:
-    """Write the function for the last step to an event: it is short, so RK4 is accurate enough."""
+    """Write the kernel function ``polish_event(w, phase, size)``, which makes the last step to an
+    event: a short step by RK4, accurate enough since it is short, then a correction along the
+    derivative. Cases in which either is too long are rejected."""
     rk = method("rk4")
     docstring = (
         f"Last step to an event: a short step by {rk.name}, then a correction along the derivative."
@@ -254,8 +270,9 @@ def emit_event_polish(out: Text, c: Context) -> None:
 
 
 def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
-    """Append lines that begin a step: the derivative K1, then the call ``set_length`` that sets the
-    step length; with ``keeps``, state and time at the start are stored into BEGIN and BEGIN_T."""
+    """Append lines that begin a step: they compute the derivative K1 at the state Y, then run
+    ``set_length``, the code of the call that sets the step length; with ``keeps``, they also store
+    state and time at the start of the step into BEGIN and BEGIN_T."""
     if c.may_idle:
         text.block("for e in range(SIZE_Y):")("w[STATE_BEFORE + e] = w[Y + e]")
         if c.workspace.has("PIVOT"):
@@ -279,11 +296,12 @@ def _emit_stages(
     later: np.ndarray,
     error_weights: np.ndarray | None = None,
 ) -> None:
-    """Append lines from K1 to the state Y and time T at the end of a step and, with
-    ``error_weights``, the embedded error into EMBEDDED_ERROR.
+    """Append lines that compute, from the derivative K1, the further stages of a step by the method
+    ``rk``, the state Y and the time T at its end and, with ``error_weights``, its embedded error
+    (field EMBEDDED_ERROR).
 
-    later : rows of weights that use the derivatives of the stages after the step; only these
-    derivatives are stored
+    ``later`` has rows of weights by which derivatives of the stages are used after the step; of the
+    derivatives that the step itself needs no more, only those with a nonzero weight are stored.
     """
     stages = len(rk.b)
     weights = [*rk.a[:stages, :stages], rk.b, *later]
@@ -320,8 +338,10 @@ def _emit_stages(
 
 
 def emit_finish_step(out: Text, c: Context) -> None:
-    """Write the function that completes a step: normalises attitudes, counts turns, checks heights,
-    projects onto the constraints and updates the energy audit."""
+    """Write the kernel function ``finish_step(w, phase)``, which completes a step: it normalises
+    attitudes, counts full turns, checks heights in atmosphere layers, projects the state onto the
+    constraints, updates the energy audit, and rejects cases; lanes with a step of zero length keep
+    their values."""
     spec = c.spec
     docstring = (
         "After a step: normalise attitudes, count full turns of pitch and roll, project onto "
@@ -370,8 +390,8 @@ def emit_finish_step(out: Text, c: Context) -> None:
 
 
 def rotating_from(c: Context) -> list[tuple[int, list[str]]]:
-    """Numbers of segments in which attitudes begin to be integrated, each with the bodies whose
-    attitudes are integrated from that segment on; in ascending order."""
+    """Pairs (number of a segment, names of the bodies whose attitudes are integrated from that
+    segment on), in ascending order of the number."""
     bodies_from: dict[int, list[str]] = {}
     for body in c.spec.attitude_order:
         first = next(
@@ -383,8 +403,9 @@ def rotating_from(c: Context) -> list[tuple[int, list[str]]]:
 
 
 def emit_cut_attitudes(text: Text, c: Context, segment: Segment, flag: str) -> None:
-    """Append lines that update attitude angles to the state Y in lanes where ``flag`` is set: a
-    step that was cut short has left pitch, roll and heading at their values for its full length."""
+    """Append lines that, in lanes where the field ``flag`` is above 0, normalise attitudes of the
+    state Y and set pitch, roll, heading and rate to those of Y: a step that was cut short has left
+    them at their values at its full length."""
     for body in c.spec.attitude_order:
         if body not in segment.leaders:
             continue
@@ -404,8 +425,9 @@ def emit_cut_attitudes(text: Text, c: Context, segment: Segment, flag: str) -> N
 
 
 def _attitude(scope: Scope, body: str) -> tuple[Expr, tuple[Any, ...], Expr, list[Any]]:
-    """Length of the quaternion of a body at the state Y, unit quaternion, rotation matrix, and
-    pitch and roll at the turn nearest to their last values."""
+    """Expressions for the attitude of a body at the state Y: length of its quaternion; unit
+    quaternion; rotation matrix; pitch and roll, rad, with the full turns that bring them nearest to
+    their last values."""
     q = scope.load(f"Y + Q_{body}", 4).called("q")
     length = square_root(total([q[i] * q[i] for i in range(4)])).called("length")
     inverse = (1.0 / length).called("inverse")
@@ -420,7 +442,8 @@ def _attitude(scope: Scope, body: str) -> tuple[Expr, tuple[Any, ...], Expr, lis
 
 def _finish_attitude(scope: Scope, c: Context, body: str) -> None:
     """Add lines to a scope that, after a step, normalise the attitude of a body, update its pitch
-    and roll with full turns, and reject a case in which it turned by more than 2 rad."""
+    and roll with full turns, mark cases in which their full turns are unclear, and reject a case in
+    which the body turned by more than 2 rad."""
     c.workspace.add(f"ANGLES_{body}", 2)
     last = [component(f"ANGLES_{body}", k) for k in range(2)]
     length, unit, r, angles = _attitude(scope, body)
@@ -441,9 +464,9 @@ def _finish_attitude(scope: Scope, c: Context, body: str) -> None:
 
 
 def _flag_winding(scope: Scope, c: Context, body: str, r: Expr, omega: Expr) -> None:
-    """Add lines to a scope that mark a case if the number of full turns of a body's pitch or roll
-    in a step is ambiguous (`sepmc.physics.quat.turns_unclear`); ``r``, ``omega``: its attitude and
-    rate at the end of the step."""
+    """Add lines to a scope that set WINDING_UNCLEAR to 1 if the number of full turns of a body's
+    pitch or roll in a step is ambiguous (`sepmc.physics.quat.turns_unclear`). ``r`` is the rotation
+    matrix of the body and ``omega`` its rate at the end of the step."""
     c.workspace.add(f"HEADING_{body}", 4), c.workspace.add(f"LAST_RATE_{body}", 3)
     heading, rate = scope.load(f"HEADING_{body}", 4), scope.load(f"LAST_RATE_{body}", 3)
     heading_now = quat.heading(r).called("heading")
@@ -454,17 +477,18 @@ def _flag_winding(scope: Scope, c: Context, body: str, r: Expr, omega: Expr) -> 
 
 
 def _unless_idle(scope: Scope, c: Context, now: Expr, before: Any) -> Expr:
-    """Value ``now`` after a step; ``before`` for a lane that makes a step of zero length, because
-    it has finished the segment."""
+    """Value ``now``, but ``before`` in a lane whose step has zero length, because it has finished
+    the segment."""
     return where(scope.load("STEP").equals(0.0), before, now) if c.may_idle else now
 
 
 def _finish_height(scope: Scope, c: Context, body: str) -> None:
-    """Add lines to a scope that update the largest distance of a body from the height about which
-    its air was expanded.
+    """Add lines to a scope that, after a step, raise AIR_DISTANCE to the distance, m, of a body
+    from the height about which its air density was expanded.
 
-    If layer borders are not events, a case is rejected when the body leaves its layer at the end of
-    a step or, if its vertical speed changes sign, within the step.
+    If layer borders are not events, they also reject a case (for the variant ANY_ORDER) in which
+    the body is outside its atmosphere layer at the end of the step or, if its vertical speed
+    changed sign, may have been outside within the step.
     """
     height_now = height(scope, body).called("height")
     scope.store(
@@ -501,8 +525,9 @@ def _finish_height(scope: Scope, c: Context, body: str) -> None:
 
 
 def emit_indicators(out: Text, c: Context) -> None:
-    """Write the function that, after a step, updates the maximum embedded error of all steps so far
-    of the velocity, attitude and rate of every body."""
+    """Write the kernel function ``note_indicators(w, phase)``, which, after a step, updates in
+    INDICATORS the maximum embedded error of all steps so far: of velocity, attitude and angular
+    rate of every body."""
     text = out.function(
         "note_indicators(w, phase: int)",
         "Update the maximum embedded error of the steps of every body, into INDICATORS.",
@@ -520,6 +545,8 @@ def emit_indicators(out: Text, c: Context) -> None:
 
 
 def _update_indicator(scope: Scope, c: Context, quantity: str, body: str) -> None:
+    """Add lines to a scope that raise the error indicator of a ``quantity`` (V velocity, Q
+    attitude, OMEGA angular rate) of a body to the largest embedded error of its components."""
     indicator, maximum, count = (
         c.indicator(f"{quantity}_{body}"),
         *((scalar.largest4, 4) if quantity == "Q" else (scalar.largest3, 3)),

@@ -1,9 +1,10 @@
-"""Table look-ups, as lines of a kernel: aerodynamic coefficients, increments over a distance, wind
-and air over altitude.
+"""Emitter of table look-ups: aerodynamic coefficients, their increments near another body, wind and
+air over altitude, spring forces.
 
-Every lane stores the table cell that it is in (`sepmc.routines.splines`). A loop of its own checks
-lane by lane if the point is still in the cell; the table values are then summed for all lanes side
-by side.
+Every lane (case) stores, for each table, the cell that its point is in: the piece of the table
+between neighbouring rows, loaded by `sepmc.routines.splines.load_cell`. One loop checks lane by
+lane whether the point is still in the cell, and loads the next one if not; another sums the table
+values from the cells of all lanes side by side.
 """
 
 import math
@@ -21,11 +22,12 @@ from sepmc.routines import layout as at
 from sepmc.scene.model import XYZ, Proximity, Spring
 from sepmc.schema import Status
 
-COEFFICIENTS = 6
+COEFFICIENTS = 6  # aerodynamic coefficients of a body
 
 
 def looks_up(spec: KernelSpec, body: str) -> bool:
-    """True if aerodynamic coefficients of a body come from a table, or have increments from one."""
+    """True if aerodynamic coefficients of a body in air come from a table, or have increments from
+    one."""
     aero = spec.scene.body[body].aerodynamics
     in_air = spec.scene.environment.atmosphere != "none" and aero is not None
     return in_air and (
@@ -35,25 +37,25 @@ def looks_up(spec: KernelSpec, body: str) -> bool:
 
 
 def table_derivatives(spec: KernelSpec, body: str) -> list[tuple[str, int, str]]:
-    """Derivatives by rates in the aerodynamic table of a body: name, index of the coefficient,
-    rate. The look-up returns them in this order, after the six coefficients. Empty without a
-    table."""
+    """Derivatives of coefficients by angular rates in the aerodynamic table of a body, as (name,
+    code of the coefficient, rate: p, q or r); empty without a table. The field LOOKED_UP_body has
+    their values in this order, after the six coefficients."""
     aero = spec.scene.body[body].aerodynamics
     return derivative_grids(aero.table) if aero is not None and aero.table is not None else []
 
 
 def has_wind_profile(spec: KernelSpec) -> bool:
-    """True if the wind depends on altitude."""
+    """True if the scene has a wind profile over altitude."""
     return spec.scene.environment.wind.profile is not None
 
 
 def has_tables_over_height(spec: KernelSpec) -> bool:
-    """True if wind or air comes from a table over altitude."""
+    """True if wind, or the air of any body, comes from a table over altitude."""
     return has_wind_profile(spec) or any(_has_air(spec, body) for body in spec.bodies)
 
 
 def has_tables(spec: KernelSpec) -> bool:
-    """True if a kernel has table look-ups."""
+    """True if a kernel looks up any table: over altitude, of aerodynamics, or of spring forces."""
     return (
         has_tables_over_height(spec)
         or any(looks_up(spec, body) for body in spec.bodies)
@@ -62,13 +64,13 @@ def has_tables(spec: KernelSpec) -> bool:
 
 
 def _has_air(spec: KernelSpec, body: str) -> bool:
-    """True if a body is in air from a table over altitude."""
+    """True if a body has aerodynamics in air that comes from a table over altitude."""
     return spec.feels_air(body) and not spec.in_layers(body)
 
 
 def emit_look_up(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function that looks up all tables at the state S of a segment, if the kernel has
-    tables."""
+    """Write the kernel function ``look_up_SEGMENT(w)``, which looks up all tables at the state S,
+    and the functions it calls; nothing is written if the kernel has no tables."""
     if not has_tables(c.spec) or c.emit_alias(out, segment, "look_up"):
         return
     text = Text(out.indent + 1)  # the functions of the tables come before it
@@ -86,8 +88,9 @@ def emit_look_up(out: Text, c: Context, segment: Segment) -> None:
 def _emit_aero_tables(
     out: Text, text: Text, c: Context, segment: Segment, bodies: list[str]
 ) -> None:
-    """Append lines to ``text`` that look up the aerodynamic coefficients of some bodies, from their
-    tables and increments; functions of new tables are written to ``out``."""
+    """Append lines to ``text`` that look up the aerodynamic coefficients of ``bodies``, from their
+    tables and increments, into the fields LOOKED_UP_body; functions that sum the values of tables
+    not used before are written to ``out``."""
     s = State(c, c.scope(), segment, "S")
     for body in bodies:
         if table_start(c, body) >= 0:
@@ -115,8 +118,9 @@ def _emit_aero_tables(
 
 
 def _emit_height_tables(out: Text, text: Text, c: Context, segment: Segment) -> None:
-    """Append lines to ``text`` that look up tables over altitude: log density and speed of sound,
-    and the wind profile; functions of new tables are written to ``out``."""
+    """Append lines to ``text`` that look up tables over altitude: logarithm of the density and
+    speed of sound into the fields AIR_OF_body, wind into WIND_body; functions that sum the values
+    of tables not used before are written to ``out``."""
     in_air = [body for body in c.spec.bodies if _has_air(c.spec, body)]
     windy = c.spec.bodies if has_wind_profile(c.spec) else []
     if not (in_air or windy):
@@ -157,8 +161,9 @@ def _emit_height_tables(out: Text, text: Text, c: Context, segment: Segment) -> 
 
 
 def _emit_force_tables(out: Text, text: Text, c: Context, segment: Segment) -> None:
-    """Append lines to ``text`` that look up the forces of springs in their tables over extension;
-    functions of new tables are written to ``out``."""
+    """Append lines to ``text`` that look up the forces of springs in their tables over extension,
+    into the fields `table_force`; functions that sum the values of tables not used before are
+    written to ``out``."""
     springs = [(i, one) for i, one in enumerate(c.spec.scene.spring) if one.table is not None]
     if not springs:
         return
@@ -178,28 +183,29 @@ def _emit_force_tables(out: Text, text: Text, c: Context, segment: Segment) -> N
 
 
 def table_force(spring: str) -> str:
-    """Workspace field of the force of a spring from its table, N; with unloading also of that force
-    while the extension shrinks, else 0."""
+    """Name of the workspace field of the force of a spring from its table, N. With unloading
+    (`has_unloading`) a second component is that force while the extension shrinks, else 0."""
     return f"TABLE_FORCE_{spring}"
 
 
 def slack_tables(spec: KernelSpec) -> list[tuple[int, Spring]]:
-    """Springs with a table that only push, with their numbers."""
+    """Springs with a force table that only push, each after its number in the scene."""
     springs = enumerate(spec.scene.spring)
     return [(i, one) for i, one in springs if one.push_only and one.table is not None]
 
 
 def _store_point(s: State, field: str, point: tuple[Any, Any, Any]) -> None:
-    """Add lines to the scope of a state that store the coordinates of a point in a table, in the
-    units of its axes, into a workspace field."""
+    """Add lines to the scope of a state that store the three coordinates of a point in a table, in
+    the units of the table's axes, into a workspace field, which is added."""
     s.c.workspace.add(field, 3)
     for k, value in enumerate(point):
         s.scope.store(component(field, k), value)
 
 
 def _relative_motion(s: State, entry: Proximity) -> tuple[Any, Any, Any]:
-    """Coordinates of a table of increments at a state: the separation distance, m, or the relative
-    positions, m, and angles, rad, of its axes; 0 for missing axes."""
+    """Three coordinates, at a state, in a table of proximity increments: the separation distance of
+    its joint, m; or the relative position, m, or angle, rad, of each of its axes. 0 for missing
+    axes."""
     if entry.axes is None:
         return s.separation(entry.joint).length, 0.0, 0.0
     known: dict[str, Any] = {
@@ -213,8 +219,9 @@ def _relative_motion(s: State, entry: Proximity) -> tuple[Any, Any, Any]:
 
 
 def _clamp(text: Text, c: Context, start: int, cell: str, point: str) -> None:
-    """Append lines that limit the coordinates of a point to the range of a table. A table with
-    kinks needs none: it has spans beyond its range."""
+    """Append lines that limit the coordinates of a point (field ``point``) to the range of the
+    table with index ``start``; none if its cell is that of a table with kinks, which has spans
+    beyond its range."""
     if cell in c.spec.step_cells:
         return
     for k in range(sum(count > 1 for count in _basis_counts(c, start))):
@@ -224,7 +231,8 @@ def _clamp(text: Text, c: Context, start: int, cell: str, point: str) -> None:
 
 
 def axis_ends(c: Context, start: int, axis: int) -> tuple[int, int]:
-    """Indices of the first and the last point of an axis of a table among the shared numbers."""
+    """Indices, among the shared numbers, of the first and the last break of an axis (0 to 2) of the
+    packed table with index ``start``: the ends of its range."""
     at_axis = start + 1
     for _ in range(axis):
         at_axis += 2 + 17 * int(c.spec.layout.model.numbers[at_axis])
@@ -241,13 +249,14 @@ def _emit_table(
     values: str,
     leaves: Status = Status.OUTSIDE_TABLE,
 ) -> None:
-    """Append lines that evaluate a table at the stored points and, the first time, write the
-    function that sums its values.
+    """Append lines to ``text`` that evaluate a table at the points of the lanes; the first time for
+    a cell, also write to ``out`` the kernel function ``sum_CELL(w)``, which sums the table values.
 
-    ``start`` is the index of the table among the shared numbers, ``cell`` the field of the cells; a
-    lane outside the table is rejected with the status ``leaves``. Cells of tables with kinks change
-    at the ends of steps only (`sepmc.kernel.emit.cells`), but an empty one is loaded here: other
-    tables and signals read values at the start, before the first step.
+    ``start`` is the index of the packed table among the shared numbers; ``cell``, ``point`` and
+    ``values`` are the fields of cell, point and result. A case outside the table is rejected with
+    the status ``leaves``. Cells of tables with kinks change at the ends of steps only
+    (`sepmc.kernel.emit.cells`), but one that is still empty is loaded here: other tables and
+    signals read values at the start, before the first step.
     """
     functions, counts = int(c.spec.layout.model.numbers[start]), _basis_counts(c, start)
     if c.workspace.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
@@ -273,19 +282,19 @@ def _emit_table(
 def cell_sum_lines(
     cell: str, point: str, values: str, functions: int, counts: list[int]
 ) -> list[str]:
-    """Lines of a lane for the values of a table in its cell.
+    """Lines of code, within a loop over lanes, that compute the values of a table from its cell.
 
-    Basis functions of each axis, their products, and the sums over coefficients; all offsets are
-    constants, so that lanes are vectorised.
+    They compute the basis functions of each axis, their products, and the sums over coefficients;
+    all offsets are constants, so that lanes are vectorised.
 
     Parameters
     ----------
     cell, point, values : str
-        fields of cell, point and values
+        workspace fields of the cell, of the point and of the computed values
     functions : int
         number of functions in the table
     counts : list of int
-        number of basis functions of each axis
+        number of basis functions of each of the three axes: 4, or 1 for an axis of one point
 
     Returns
     -------
@@ -293,6 +302,7 @@ def cell_sum_lines(
     """
 
     def cell_value(k: int) -> str:
+        """Kernel code of number ``k`` of the cell."""
         return f"w[{component(cell, k)} + l]"
 
     lines, products = [], [""]
@@ -322,8 +332,8 @@ def cell_sum_lines(
 
 
 def _basis_counts(c: Context, start: int) -> list[int]:
-    """Number of basis functions at a point along each of the three axes of a table: 4, or 1 for an
-    axis of one point. ``start`` is the index of the table among the shared numbers."""
+    """Number of basis functions on a span of each of the three axes of a table: 4, or 1 for an axis
+    of one point. ``start`` is the index of the packed table among the shared numbers."""
     counts, axis = [], start + 1
     for _ in range(3):
         spans = int(c.spec.layout.model.numbers[axis])
@@ -333,36 +343,38 @@ def _basis_counts(c: Context, start: int) -> list[int]:
 
 
 def call_look_up(text: Text, c: Context, segment: Segment) -> None:
-    """Append the line that looks up all tables at the state S of a segment, if the kernel has
-    tables."""
+    """Append the call of the kernel function ``look_up_SEGMENT(w)``, which looks up all tables at
+    the state S; nothing if the kernel has no tables."""
     if has_tables(c.spec):
         text(f"look_up_{segment.name}(w)")
 
 
 def _increments(c: Context, bodies: list[str]) -> list[tuple[int, Proximity]]:
-    """Coefficient increments of some bodies, with their numbers."""
+    """Proximity increments of the given bodies, each after its number in the scene."""
     return [(i, entry) for i, entry in enumerate(c.spec.scene.proximity) if entry.body in bodies]
 
 
 def table_start(c: Context, body: str) -> int:
-    """Index of the aerodynamic table of a body among the shared numbers; -1 if it has none."""
+    """Index, among the shared numbers, of the packed aerodynamic table of a body; -1 without."""
     return int(
         c.spec.layout.model.table[int(c.model.aero_table_i) + list(c.spec.bodies).index(body)]
     )
 
 
 def proximity_start(c: Context, number: int) -> int:
-    """Index of a table of increments among the shared numbers."""
+    """Index, among the shared numbers, of the packed table of proximity increments with the given
+    number in the scene."""
     return int(c.spec.layout.model.table[int(c.model.proximity_i) + number])
 
 
 def force_table_start(c: Context, number: int) -> int:
-    """Index of the force table of a spring, by its number, among the shared numbers."""
+    """Index, among the shared numbers, of the packed force table of the spring with the given
+    number in the scene; -1 without."""
     return int(c.spec.layout.model.table[int(c.model.force_tables_i) + number])
 
 
 def mach_and_angles(s: State, body: str) -> tuple[Expr, Expr, Expr]:
-    """Mach number, alpha and beta, rad, of the flow at a body."""
+    """Expressions of the Mach number, alpha and beta, rad, of the flow at a body at a state."""
     flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
         "flow"
     )

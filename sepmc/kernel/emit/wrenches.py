@@ -1,4 +1,5 @@
-"""Joint loads: force and moment on the second body of a joint, at its copy of the joint point."""
+"""Joint loads (wrenches): force and moment on the second body of a joint, at the second body's copy
+of the joint point."""
 
 from dataclasses import replace
 from typing import Any
@@ -15,8 +16,9 @@ from sepmc.scene.model import GROUND
 
 
 def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
-    """Write the function that computes the multipliers that give the joint loads of a segment with
-    redundant rows: those of minimum norm."""
+    """Write the kernel function ``min_norm_SEGMENT(w)``, which stores the minimum-norm multipliers
+    of all constraint rows of a segment, which give its joint loads, into MIN_NORM_MULTIPLIERS.
+    Nothing is written unless the segment has redundant rows (`Segment.needs_min_norm`)."""
     if not segment.needs_min_norm:
         return
     docstring = (
@@ -52,14 +54,16 @@ def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
 
 
 def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that compute what `make_wrenches` at the state S needs before."""
+    """Append lines that prepare what `make_wrenches` at the state S reads: look-ups, friction and,
+    with redundant rows, the minimum-norm multipliers."""
     before_motion(text, c, segment)
     if segment.needs_min_norm:
         text(f"min_norm_{segment.name}(w)")
 
 
 def make_wrenches(s: State) -> Motion:
-    """Motion at a state, with the multipliers that give the joint loads.
+    """Motion at a state, with the multipliers from which `force_of` and `moment_of` give the joint
+    loads; lines that `before_wrenches` appends must run before.
 
     Parameters
     ----------
@@ -68,6 +72,8 @@ def make_wrenches(s: State) -> Motion:
     Returns
     -------
     Motion
+        with redundant rows, ``multipliers`` are those of minimum norm of all rows (``min_norm`` is
+        True), accelerations those by the rows that are not redundant
     """
     motion = make_motion(s)
     if not s.segment.needs_min_norm:
@@ -84,7 +90,8 @@ def make_wrenches(s: State) -> Motion:
 
 
 def store_wrenches(s: State, motion: Motion) -> None:
-    """Store force and moment of every monitored joint, in axes of its first body, into WRENCH."""
+    """Add lines to the scope of a state that store force, N, and moment, N m, on the second body of
+    every monitored joint, in body axes of its first body, into the field WRENCH."""
     with s.c.workspace.optional():
         s.c.workspace.add("WRENCH", s.c.node_size)
     for i, joint in enumerate(s.c.monitored_joints):
@@ -97,7 +104,8 @@ def store_wrenches(s: State, motion: Motion) -> None:
 
 
 def force_of(motion: Motion, joint: str) -> Any:
-    """Force on the second body of a joint, ground axes, N."""
+    """Force on the second body of a joint, ground axes, N; `ZERO` if the joint carries none. With a
+    motion from `make_drive`, its change per newton of the driving force."""
     if motion.wrenches:
         return motion.wrenches[joint][0] if joint in motion.wrenches else ZERO
     rows = zip(motion.multipliers, motion.rows, strict=True)
@@ -107,8 +115,9 @@ def force_of(motion: Motion, joint: str) -> Any:
 
 
 def moment_of(s: State, motion: Motion, joint: str) -> Any:
-    """Moment on the second body of a joint, ground axes, N m: from its rotation rows, or from the
-    balance of its rigid group."""
+    """Moment on the second body of a joint at its joint point, ground axes, N m: from the rotation
+    rows of the joint or, within a rigid group, from the balance of the group's bodies; `ZERO` if
+    the joint carries none."""
     if motion.wrenches:
         return motion.wrenches[joint][1] if joint in motion.wrenches else ZERO
     if joint in s.segment.welds and not motion.min_norm:
@@ -120,8 +129,8 @@ def moment_of(s: State, motion: Motion, joint: str) -> Any:
 
 
 def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
-    """Moment on the second body of a joint within a rigid group, ground axes, N m, from Euler's
-    equations of the bodies on one side of the joint."""
+    """Moment on the second body of a joint within a rigid group, which has no rotation rows, ground
+    axes, N m: from Euler's equations of the bodies on one side of the joint."""
     joints = s.spec.scene.joint
     first, second = joints[joint].bodies
     side = _side(s, joint, second)
@@ -132,8 +141,8 @@ def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
 
 
 def _side(s: State, joint: str, body: str) -> set[str]:
-    """Bodies that joints of a rigid group still connect to ``body``, itself included, when one of
-    its joints is cut."""
+    """Bodies that the joints without relative rotation still connect to ``body``, itself included,
+    if the joint ``joint`` is cut: one side of that joint in its rigid group."""
     bodies, pairs = (
         {body},
         [set(s.spec.scene.joint[weld].bodies) for weld in s.segment.welds if weld != joint],
@@ -144,8 +153,8 @@ def _side(s: State, joint: str, body: str) -> set[str]:
 
 
 def _required_moment(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
-    """Sum of the moments, ground axes, N m, that some bodies of a rigid group (``side``) need for
-    their angular accelerations in addition to their loads and the constraint rows of joints."""
+    """Sum of the moments, ground axes, N m, that the bodies ``side`` of a rigid group need for
+    their angular accelerations, besides those of their loads and of constraint rows on them."""
     case, terms = s.case, []
     for body in sorted(side):
         leader = s.segment.leader(body)

@@ -1,1 +1,2 @@
-"""Kernel specification: structure, events, parameters, tables and methods of a scene."""
+"""Kernel specification of a scene: its structure, events, parameters and tables, and the
+Runge-Kutta methods that integrate it."""

@@ -1,5 +1,9 @@
-"""Conditions that end phases and trigger releases, as flat tables in disjunctive normal form: an
-event occurs when all leaves of any of its clauses are met."""
+"""Conditions that end phases, trigger releases or are only observed, as flat lists in disjunctive
+normal form.
+
+A leaf is one comparison of a quantity with a threshold, a clause is a list of leaves, an event is a
+list of clauses: it occurs when all leaves of at least one of its clauses are met.
+"""
 
 import itertools
 import math
@@ -22,10 +26,12 @@ _ON_BODY = {"altitude": at.AT_ALTITUDE, "vertical_speed": at.AT_VERTICAL_SPEED}
 class Leaf:
     """One comparison of a quantity with a threshold.
 
-    ``quantity`` is its code (AT_TIME, ... of `sepmc.routines.layout`), ``item`` the joint, motor,
-    body or spring, ``event`` the number of the event in `Conditions` that it belongs to, ``path``
-    the parameter path of the threshold if it has one. ``direction`` is that of the crossing that
-    counts (rising, falling, either), "" if the quantity may also start beyond the threshold.
+    ``quantity`` is the code of the quantity (AT_TIME, ... of `sepmc.routines.layout`), ``item`` the
+    name of the joint, motor, body or spring that has it ("" for a time), ``event`` the number in
+    `Conditions` of the event that the leaf belongs to. ``path`` is the parameter path of the
+    threshold (``phase.locked.until.time``); None for a burn-out and a spring's end of stroke.
+    ``direction`` says which crossing of the threshold counts: "rising", "falling" or "either"; with
+    "" the leaf is met also if the quantity starts beyond the threshold.
     """
 
     quantity: int
@@ -37,13 +43,15 @@ class Leaf:
 
 @dataclass
 class Conditions:
-    """Conditions of a scene as flat lists.
+    """Conditions of a scene as flat lists of numbers, all counted from 0.
 
-    ``events`` stores (first clause, number of clauses) of each event, ``clauses`` (first leaf,
-    number of leaves) of each clause, ``clause_leaves`` the leaf numbers.
+    ``events`` has two numbers for each event, one after the other: its first clause and its number
+    of clauses. ``clauses`` has two for each clause: its first position in ``clause_leaves`` and its
+    number of leaves. ``clause_leaves`` has the numbers of the leaves, which are indices of
+    ``leaves``.
 
-    Events: the end of each phase, each release, each observation event, the stroke end of each
-    spring.
+    The events, in this order: the end of each phase, each release, each observation event, the end
+    of the stroke of each spring. An event without clauses never occurs.
     """
 
     leaves: list[Leaf] = field(default_factory=list)
@@ -52,27 +60,35 @@ class Conditions:
     clause_leaves: list[int] = field(default_factory=list)
 
     def add(self, until: Condition | None, path: str) -> None:
-        """Append an event with the condition ``until``, whose parameters begin with ``path``; with
-        None it never occurs."""
+        """Append an event that occurs when the condition ``until`` is met (None: never).
+
+        ``path`` is the parameter path of the condition, such as ``phase.locked.until``: those of
+        its thresholds begin with it.
+        """
         self._close(self._clauses(until, path) if until is not None else [])
 
     def add_stroke(self, spring: str, ends: bool) -> None:
-        """Append the stroke end of a spring as an event; it never occurs unless the stroke
-        ``ends``."""
+        """Append the event that a spring reaches the end of its stroke; unless the stroke ``ends``
+        (is finite), the event has no clause and never occurs."""
         self._close([[self._leaf(at.AT_SPRING_STROKE, spring, None)]] if ends else [])
 
     def _close(self, clauses: list[list[int]]) -> None:
+        """Append an event with these clauses, each a list of leaf numbers; no clauses: the event
+        never occurs."""
         self.events += [len(self.clauses) // 2, len(clauses)]
         for clause in clauses:
             self.clauses += [len(self.clause_leaves), len(clause)]
             self.clause_leaves += clause
 
     def _leaf(self, quantity: int, item: str, path: str | None, direction: str = "") -> int:
+        """Append a leaf (arguments as in `Leaf`) of the event that is appended next; return its
+        number."""
         self.leaves.append(Leaf(quantity, item, len(self.events) // 2, path, direction))
         return len(self.leaves) - 1
 
     def _clauses(self, until: Condition, path: str) -> list[list[int]]:
-        """Clauses of a condition, each a list of leaf numbers."""
+        """Return the clauses of the condition ``until``, each a list of leaf numbers; its leaves
+        are appended to ``leaves``. ``path`` is the parameter path of the condition."""
         clauses = []
         if until.time is not None:
             clauses.append([self._leaf(at.AT_TIME, "", f"{path}.time")])
@@ -101,17 +117,19 @@ class Conditions:
 
 
 def make_conditions(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Conditions:
-    """Collect the conditions of a scene.
+    """Collect the conditions of a scene, of its springs too.
 
     Parameters
     ----------
     scene : Scene
     dispersed : frozenset of str
-        paths of dispersed parameters; a stroke may be finite in dispersed cases only
+        paths of dispersed parameters: a spring has an end of stroke if its nominal stroke is finite
+        or dispersed
 
     Returns
     -------
     Conditions
+        events in the order of the scene: phases, releases, observation events, springs
     """
     conditions = Conditions()
     for phase in scene.phase:

@@ -9,15 +9,19 @@ from sepmc.scene.terms import signal_terms
 
 
 def lines(layout: ParameterLayout) -> list[str]:
-    """Describe the contents of a scene, one line per item.
+    """Describe the contents of a scene for ``sepmc check``.
 
     Parameters
     ----------
     layout : ParameterLayout
+        parameter layout of the scene, with the names of the file
 
     Returns
     -------
     list of str
+        one line for each group of contents (bodies, joints, ...), each phase, release, event and
+        triggered ignition, two lines for each signal; a line begins with its subject, as in
+        ``motors       2: retro (pushes upper forward), ...``
     """
     scene, m = layout.scene, layout.model.scene[0]
     text = [
@@ -53,7 +57,7 @@ def lines(layout: ParameterLayout) -> list[str]:
         ends = f"{scene.run.end_time:g} s" if phase.until is None else condition(phase.until)
         text.append(f"phase        {phase.name}: {rows} constraint rows, until {ends}")
     for release in scene.release:
-        need = ", which need not come" if release.optional else ""
+        need = ", which need not occur" if release.optional else ""
         text.append(
             f"release      {release.name}: {release.joint} becomes {release.to} when "
             f"{condition(release.when)}{need}"
@@ -69,8 +73,8 @@ def lines(layout: ParameterLayout) -> list[str]:
 
 
 def _signal(scene: Scene, signal: Signal) -> list[str]:
-    """Two lines that describe a signal: its formula, response and constants, and the numbers that
-    it gives."""
+    """Two lines that describe a signal: first its formula, response (lag, servo, integral,
+    sampling) and constants, then the paths of the parameters and aerodynamic terms it drives."""
     constants = ", ".join(f"{key} = {number:g}" for key, number in signal.constants.items())
     response = ""
     if signal.servo is not None:
@@ -85,13 +89,14 @@ def _signal(scene: Scene, signal: Signal) -> list[str]:
         response += f", used {signal.delay:g} s later" if signal.delay else ""
     paths = [path for path, drive in scene.driven.items() if drive.signal == signal.name]
     paths += [path for path, name in signal_terms(scene).items() if name == signal.name]
-    gives = f"gives {', '.join(paths)}" if paths else "gives no number of a load by itself"
+    gives = f"gives {', '.join(paths)}" if paths else "gives no key or aerodynamic term directly"
     line = f"signal       {signal.name} = {signal.formula.strip()}{response}"
     return [line + (f", {constants}" if constants else ""), f"             {gives}"]
 
 
 def _instant(motor: Motor) -> str:
-    """Ignition of a motor that waits for an event, a release or a free joint, in words."""
+    """Ignition of a motor with a trigger (an event, a release, or a joint that becomes free), in
+    words, such as ``0.2 s later than at event clear``."""
     trigger = motor.trigger
     assert trigger is not None
     instant = (
@@ -106,7 +111,7 @@ def _instant(motor: Motor) -> str:
 
 
 def _resolution(scene: Scene) -> str:
-    """Accuracy or step of the solver, in words."""
+    """Accuracy of the solver or, if the scene gives one, its fixed step in s, in words."""
     return (
         f"accuracy {scene.solver.accuracy:g}"
         if scene.solver.step is None
@@ -115,7 +120,8 @@ def _resolution(scene: Scene) -> str:
 
 
 def _push(motor: Motor) -> str:
-    """Direction in which a motor pushes its body, in words."""
+    """Direction in which a motor pushes its body, in words: ``pushes upper forward`` (or aft, or
+    sideways), by the nominal cant."""
     forward = float(np.cos(motor.cant))
     return f"pushes {motor.body} " + (
         "forward" if forward > 0.5 else "aft" if forward < -0.5 else "sideways"
@@ -123,11 +129,12 @@ def _push(motor: Motor) -> str:
 
 
 def _names(names) -> str:
+    """Names joined by commas; "none" without names."""
     return ", ".join(names) or "none"
 
 
 def condition(until: Condition) -> str:
-    """Describe a condition in words.
+    """Describe a condition of a phase, a release or an event in words.
 
     Parameters
     ----------
@@ -136,7 +143,8 @@ def condition(until: Condition) -> str:
     Returns
     -------
     str
-        such as ``1.5 s or bolt at 20 mm``
+        such as ``1.5 s or bolt at 20 mm``; alternatives are joined by "or", conditions that must
+        all be met are in parentheses, joined by "and"
     """
     terms = [f"{until.time:g} s"] if until.time is not None else []
     terms += [f"burn-out of {until.burn_out}"] if until.burn_out is not None else []

@@ -1,9 +1,11 @@
-"""Coefficients of DOP853, by Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I,
-2nd ed. (program DOP853).
+"""Coefficients of the Runge-Kutta method DOP853, from the program DOP853 by Hairer and Wanner
+(Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed.).
 
-Row 12 of A has the weights; rows 13 to 15 the stages of the continuous extension, D its weights.
-Zero entries are left out. E5 is the difference of the weights from those of an embedded method of
-order 5.
+All indices count from 0. ``C`` has the nodes of 16 stages. ``A`` maps (row, column) to the nonzero
+entries of the stage matrix: rows 0 to 11 are the stages of a step, row 12 has the weights of the
+step, rows 13 to 15 are stages that only the continuous extension needs. ``D`` maps (term, stage)
+to the nonzero weights of the last four terms of the extension. ``E5`` has, for each of 12 stages,
+the weight minus that of an embedded method of order 5.
 """
 
 C = (

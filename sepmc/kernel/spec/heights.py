@@ -1,8 +1,9 @@
-"""Bounds of speed and height that vehicles reach: they limit steps over rows of altitude tables,
-and tell which atmosphere layers matter.
+"""Bounds on the speed and height that a vehicle reaches in any case. They limit the step over the
+rows of altitude tables, and show whether borders of atmosphere layers may be crossed.
 
-Bounds of elementary mechanics for a nominal scene and its ``extremes`` (all dispersed parameters at
-their minimum and maximum). Air accelerates a vehicle to twice the wind speed at most.
+The bounds follow from elementary mechanics, from the nominal scene and its ``extremes``: the scene
+with all dispersed parameters at their minimum, and at their maximum. Air is assumed to accelerate a
+vehicle to at most twice the wind speed.
 """
 
 import math
@@ -16,12 +17,13 @@ from sepmc.scene.kinds import connected_bodies
 from sepmc.scene.model import GROUND, Motor, Scene, Spring
 from sepmc.scene.signals import with_sizes
 
-# maximum rows of an altitude table per step: the stages then sample every row
+# maximum number of rows of an altitude table within a step: the stages then sample every row
 _ROWS = 4.0
 
 
 def rows_step(scene: Scene, extremes: Sequence[Scene] = ()) -> float:
-    """Longest step over which a method samples every row of the altitude tables.
+    """Longest integration step that still samples every row of the tables of wind and air over
+    altitude: a step passes at most four rows.
 
     Parameters
     ----------
@@ -32,7 +34,7 @@ def rows_step(scene: Scene, extremes: Sequence[Scene] = ()) -> float:
     Returns
     -------
     float
-        s; infinite without altitude tables
+        s; infinite if the scene has no such table, or the vehicle passes none of its rows
     """
     tables = [
         table.altitude
@@ -52,7 +54,7 @@ def rows_step(scene: Scene, extremes: Sequence[Scene] = ()) -> float:
 
 
 def may_pass_borders(scene: Scene, extremes: Sequence[Scene] = ()) -> bool:
-    """True if the vehicle may cross a border between layers of the standard atmosphere.
+    """Return True if the vehicle may cross a border between layers of the standard atmosphere.
 
     Parameters
     ----------
@@ -63,7 +65,8 @@ def may_pass_borders(scene: Scene, extremes: Sequence[Scene] = ()) -> bool:
     Returns
     -------
     bool
-        False if no border is within the heights that it can reach
+        False if no border is within the heights that the vehicle can reach, or if the scene does
+        not use the 1976 standard atmosphere
     """
     scenes = list(map(with_sizes, [scene, *extremes]))
     climb = max(
@@ -76,14 +79,15 @@ def may_pass_borders(scene: Scene, extremes: Sequence[Scene] = ()) -> bool:
 
 
 def _between(scenes: Sequence[Scene], speed: float) -> tuple[float, float]:
-    """Minimum and maximum height, m, that a vehicle reaches at a given maximum speed, m/s."""
+    """Bounds (low, high), m, on the height that a vehicle reaches in any of the ``scenes`` until
+    their end time, given a bound on its ``speed``, m/s."""
     heights, distance = [s.initial.altitude for s in scenes], speed * scenes[0].run.end_time
     return min(heights) - distance, max(heights) + distance
 
 
 def _gained(scenes: Sequence[Scene]) -> float:
-    """Maximum speed, m/s, that a mass centre gains by gravity, wind, loads on its body, or on
-    bodies connected to it."""
+    """Bound, over all ``scenes``, on the speed, m/s, that the mass centre of a body gains: by
+    gravity, wind, and loads on the body or on bodies connected to it."""
     gravity = max(
         abs(s.environment.surface_gravity) if s.environment.gravity != "none" else 0.0
         for s in scenes
@@ -92,6 +96,7 @@ def _gained(scenes: Sequence[Scene]) -> float:
 
 
 def _wind(scene: Scene) -> float:
+    """Bound on the wind speed of a scene, m/s: steady wind plus the fastest row of the profile."""
     wind = scene.environment.wind
     if wind.profile is None:
         return abs(wind.speed)
@@ -99,8 +104,9 @@ def _wind(scene: Scene) -> float:
 
 
 def _pushed(scenes: Sequence[Scene]) -> float:
-    """Maximum speed, m/s, that motors, springs and loads give a body, acting on all bodies
-    connected to it in some phase."""
+    """Bound, over all ``scenes`` and bodies, on the speed, m/s, that motors, springs and loads give
+    a body: each of them accelerates the lightest group of connected bodies, of any phase, that
+    contains both that body and the body it acts on."""
     scene = scenes[0]
     groups = [group for phase in scene.phase for group in connected_bodies(scene, phase)]
     masses = {
@@ -119,8 +125,9 @@ def _pushed(scenes: Sequence[Scene]) -> float:
 
 
 def _pushes(scenes: Sequence[Scene]) -> Iterator[tuple[str, Callable[[float], float]]]:
-    """Loaded bodies, and for each the function from mass, kg, to the maximum speed gained, m/s,
-    with the worst parameters of all scenes."""
+    """Yield a pair for each motor and load, and two for each spring: the name of the loaded body,
+    and a function that maps the accelerated mass, kg, to a bound on the speed gained, m/s, with
+    the worst parameters of all ``scenes``."""
     end = scenes[0].run.end_time
     for motors in zip(*(s.motor for s in scenes), strict=True):
         burns = max(m.burn for m in motors) + max(m.tail_off for m in motors)
@@ -142,20 +149,25 @@ def _pushes(scenes: Sequence[Scene]) -> Iterator[tuple[str, Callable[[float], fl
 
 
 def _largest_of_table(spring: Spring) -> float:
-    """Bound on the size of the force of a table, N: a spline may pass its rows."""
+    """Bound on the magnitude of the force of a spring's table, N: twice the largest of its rows,
+    since a spline may exceed them; 0 without a table."""
     return 2.0 * max(map(abs, spring.table.force)) if spring.table is not None else 0.0
 
 
 def _size(motor: Motor) -> float:
+    """Largest magnitude of the thrust of a motor, N: thrust times the largest fraction of its
+    profile."""
     fractions = motor.profile.fraction if motor.profile is not None else (1.0,)
     return abs(motor.thrust) * max(map(abs, fractions))
 
 
 def _by_impulse(impulse: float, mass: float) -> float:
+    """Speed, m/s, that an impulse, N s, gives a mass, kg."""
     return impulse / mass
 
 
 def _by_spring(force: float, distance: float, end: float, mass: float) -> float:
-    """Maximum speed, m/s, that a spring can give a mass, kg, by its maximum force, N: the smaller
-    of those by the impulse until ``end``, s, and by the work over ``distance``, m."""
+    """Bound on the speed, m/s, that a spring with the maximum ``force``, N, gives a ``mass``, kg:
+    the smaller of the speed by the impulse until the end time ``end``, s, and the speed by the work
+    over the ``distance``, m. 0 without a force."""
     return min(force * end / mass, math.sqrt(2.0 * force * distance / mass)) if force > 0.0 else 0.0

@@ -1,7 +1,8 @@
-"""Kernel specification: everything the emitter needs to know of a scene and its dispersions.
+"""Kernel specification: everything that the emitter (`sepmc.kernel.emit`) needs to know of a scene
+and its dispersions to write a kernel.
 
-It contains structure only (rigid groups, constraint rows, events, outputs), no numbers: scenes with
-equal specifications share one compiled kernel.
+It describes structure (segments of time, rigid groups, constraint rows, events, outputs), not
+values of parameters: scenes with equal structure share one compiled kernel.
 """
 
 from dataclasses import dataclass, field
@@ -17,17 +18,18 @@ from sepmc.scene.kinds import joint_axes, leaves_pins_sliding
 from sepmc.scene.model import GROUND, Motor, Scene
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-# codes of the constraint rows of a joint by the number of its kind, the most rows first
+# Kinds that a joint may have: codes of the constraint rows by the number of the kind. Kind 0 has
+# the most rows, and a joint only changes to kinds of higher numbers.
 Kinds = dict[int, tuple[int, ...]]
 
 
 @dataclass(frozen=True)
 class Row:
-    """Constraint row of a joint.
+    """Constraint row: one scalar constraint equation of a joint.
 
-    ``code`` is its type (`sepmc.routines.layout`: translation along an axis, rotation, rod). If the
-    row is active only while its joint has some of the kinds possible in the segment, ``kinds`` has
-    their numbers; empty: always active.
+    ``code`` is its type as in `sepmc.routines.layout` (0 to 2 translation along an axis, from
+    ROTATION on a rotation, ROD). ``kinds`` has the numbers of the joint kinds in which the row is
+    active; empty if it is active in all kinds that the joint may have in the segment.
     """
 
     joint: str
@@ -42,13 +44,19 @@ class Row:
 
 @dataclass(frozen=True)
 class Event:
-    """Condition on the state or on a joint load, compared with a threshold.
+    """Instant at which a quantity of the state, or a joint load, reaches a threshold; kernels
+    locate it by root-finding.
 
-    ``quantity`` is its code (AT_STROKE, ... of `sepmc.routines.layout`) and ``item`` the joint,
-    spring, body, kink or cell; ``threshold`` is a parameter index, or the axis of a cell. It either
-    ends its phase by itself, or is condition ``number`` of several that end a phase together or,
-    with ``any_phase``, trigger a release or an observation event. ``direction`` of the crossing
-    that counts: rising, falling, either, or "" if the quantity may also start beyond the threshold.
+    ``quantity`` is the code of the quantity (AT_STROKE, ... of `sepmc.routines.layout`), ``item``
+    the joint, spring, body, kink (`sepmc.kernel.spec.kinks`) or cell field
+    (`sepmc.kernel.spec.step_cells`) that has it. ``threshold`` is the parameter index of the
+    threshold; of an end of a table cell the axis (0 to 2); -1 without.
+
+    ``ends_phase`` is True if the event ends its phase by itself. Else ``number``, unless it is -1,
+    is that of a condition in clauses (`Segment.clauses`, `Release.clauses`): with ``any_phase`` in
+    those of a release or observation event, else in those that end the phase. ``direction`` says
+    which crossing counts: "rising", "falling" or "either"; with "" the event also occurs if the
+    quantity starts beyond the threshold.
     """
 
     quantity: int
@@ -61,7 +69,8 @@ class Event:
 
     @property
     def name(self) -> str:
-        """Name of the event, unique within its segment."""
+        """Name of the event in names of workspace fields, unique within its segment: the item, with
+        the condition number, or with the end of the layer or cell that is left."""
         if self.is_cell_end:
             end = "top" if self.quantity == at.AT_CELL_TOP else "base"
             return f"{self.item}_{self.threshold}_{end}"
@@ -71,19 +80,20 @@ class Event:
 
     @property
     def is_border(self) -> bool:
-        """True for a border of the atmosphere layer of a body, or of the cell of a table; it may be
-        crossed repeatedly."""
+        """True if the event is that a body leaves its atmosphere layer, or a point the cell of its
+        table; unlike other events it may occur repeatedly."""
         return self.is_cell_end or self.quantity in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
 
     @property
     def is_cell_end(self) -> bool:
-        """True for an end of the cell ``item`` of a table with kinks, along the axis
-        ``threshold``."""
+        """True if the event is that a point leaves the cell ``item`` of a table with kinks, at one
+        end along the axis ``threshold``."""
         return self.quantity in (at.AT_CELL_TOP, at.AT_CELL_BASE)
 
     def flag(self, segment: str) -> str:
-        """Workspace field that is 1 once the event has occurred; of a kink, the field of the mode
-        that it has from then on."""
+        """Name of the workspace field that is 1 once the event has occurred in the segment of that
+        name; at the end of a layer or cell, 1 until the next one is loaded. Of a kink it is the
+        field of the mode (-1, 0, 1) that the kink gets at the event."""
         if self.is_border:
             return f"ENTERS_{self.item}"
         if self.quantity == at.AT_KINK:
@@ -98,7 +108,7 @@ class Event:
 
 
 def stroke_flag(spring: str) -> str:
-    """Workspace field that is 1 once a spring has reached the end of its stroke."""
+    """Name of the workspace field that is 1 once a spring has reached the end of its stroke."""
     return f"SPENT_{spring}"
 
 
@@ -106,19 +116,22 @@ ANY_PHASE = "any_phase"  # in place of the segment, for conditions of releases a
 
 
 def condition_flag(segment: str, number: int) -> str:
-    """Workspace field that is 1 once a numbered condition has been met."""
+    """Name of the workspace field that is 1 once condition ``number`` has been met; ``segment`` is
+    the name of the segment that the condition ends, or ANY_PHASE."""
     return f"FLAG_{segment}_{number}"
 
 
 def condition_numbers(clauses: list[tuple[int, ...]]) -> list[int]:
-    """Sorted numbers of the conditions in some clauses."""
+    """Numbers of the conditions in the given clauses (each a tuple of such numbers), sorted, each
+    once."""
     return sorted({number for clause in clauses for number in clause})
 
 
 @dataclass(frozen=True)
 class Due:
-    """Time of a condition: the sum of the parameters in ``slots``, counted from the start or, if a
-    ``motor`` is named, from its ignition."""
+    """Time at which a condition on time is met: the sum of the parameters with the indices
+    ``slots``, s, since the start of the case or, if ``motor`` is not "", since the ignition of that
+    motor."""
 
     slots: tuple[int, ...]
     motor: str = ""
@@ -126,11 +139,13 @@ class Due:
 
 @dataclass
 class Release:
-    """Release of a joint independent of phases, or an observation event (``joint`` is "").
+    """Release of a joint by a condition of its own, in any phase; or, if ``joint`` is "", an
+    observation event, which releases nothing.
 
-    It occurs when all conditions (by number) of any of its ``clauses`` are met. The conditions by
-    type: ``times``, ``springs`` (stroke ends), ``events`` (on the state), ``loads`` (on joint
-    loads).
+    It occurs when all conditions of any of its ``clauses`` are met; a clause is a tuple of
+    condition numbers. By number, ``times`` has the conditions that are times and ``springs`` the
+    springs whose end of stroke is the condition; ``events`` has the conditions on the state and
+    ``loads`` those on joint loads (`Event.number`).
     """
 
     name: str
@@ -144,8 +159,12 @@ class Release:
 
 @dataclass(frozen=True)
 class Change:
-    """Change of a joint to kind number ``to``, its release delay after its trigger: the end of the
-    phase, or the release, named ``event``; an ``optional`` trigger need not occur."""
+    """Change of a joint to its kind number ``to``.
+
+    ``event`` names the trigger: a phase (at its end) or a release. The change follows the trigger
+    after the release delay of the joint. A case in which it does not happen until the end has the
+    status never-released; if ``optional``, only if the trigger occurred.
+    """
 
     joint: str
     event: str
@@ -155,16 +174,17 @@ class Change:
 
 @dataclass
 class Segment:
-    """Time interval of a case with fixed structure: a phase, or the time between two phases in
-    which delayed releases are pending.
+    """Part of a case that one set of kernel functions integrates: a phase, or the time between two
+    phases in which delayed releases are pending (then ``phase`` names the phase after it).
 
-    ``groups`` are bodies that rotate as one rigid group; the first body is its leader, whose
-    attitude is integrated. A kind of a joint is a set of constraint rows that it may have.
+    ``groups`` are the rigid groups: bodies that rotate together; the first body of a group is its
+    leader, whose attitude is integrated. A kind of a joint is the set of constraint rows that it
+    has at a time; joints with several possible kinds may change within the segment.
     """
 
     name: str
     phase: str
-    joint_kinds: dict[str, Kinds]  # possible kinds of each joint
+    joint_kinds: dict[str, Kinds]  # possible kinds of each joint in the segment
     groups: list[tuple[str, ...]] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
     # joints without relative rotation: their bodies rotate as one rigid group
@@ -172,41 +192,46 @@ class Segment:
     dropped: list[Row] = field(default_factory=list)  # redundant rows that are left out
     # number of redundant rows if each body rotates by itself: if > 0, multipliers are not unique
     redundant: int = 0
-    # bodies rotate by themselves; accelerations and wrenches are solved for in one full system
+    # every body is a group of its own; accelerations and wrenches are solved for in one full system
     full: bool = False
-    # bodies rotate by themselves; all rows are solved for the multipliers of minimum norm
+    # every body is a group of its own; the multipliers of all rows are those of minimum norm
     least_squares: bool = False
-    events: list[Event] = field(default_factory=list)
-    loads: list[Event] = field(default_factory=list)  # conditions on joint forces and moments
-    # parameters whose sum is the time that ends it; none: the end of the run
+    events: list[Event] = field(default_factory=list)  # on the state
+    loads: list[Event] = field(default_factory=list)  # on joint forces and moments
+    # indices of the parameters whose sum is the end time, s; empty: not ended by a given time
     end_time: tuple[int, ...] = ()
-    delay: int | None = None  # parameter: delay of the joint that is released at its end
-    # joints with a release delay and the parameter of the delay: the longest one ends the segment
+    # parameter index of the release delay, s, that is added to the end time; None: no delay
+    delay: int | None = None
+    # parameter index of the delay of each joint whose delayed release is pending: the segment
+    # takes as long as the longest of these delays
     late: dict[str, int] = field(default_factory=dict)
     # its end condition was evaluated before it began, while delayed releases were pending
     after_late: bool = False
-    # the segment of delayed releases after it, if that has the same rows until the releases: both
-    # then use the same compiled derivative and projection
+    # name of the segment of delayed releases after it, if that has the same rows until the
+    # releases: both then use the same compiled derivative and projection
     alias_of: str = ""
     # condition that ends the next phase, evaluated while delayed releases are pending
     pending_event: Event | None = None
-    # it ends when all conditions (by number) of any clause are satisfied
+    # the segment ends when all conditions (by number) of any clause are met
     clauses: list[tuple[int, ...]] = field(default_factory=list)
-    times: dict[int, Due] = field(default_factory=dict)  # conditions that are times
-    springs: dict[int, str] = field(default_factory=dict)  # conditions that are stroke ends
-    # releases independent of phases, and observation events
+    times: dict[int, Due] = field(default_factory=dict)  # conditions of the clauses that are times
+    # springs whose end of stroke is a condition of the clauses, by its number
+    springs: dict[int, str] = field(default_factory=dict)
+    # releases with conditions of their own, and observation events, that may occur in it
     releases: list[Release] = field(default_factory=list)
-    max_intervals: int = 1  # integration intervals, divided by events and load switches
+    max_intervals: int = 1  # maximum number of intervals that events and load switches divide it in
 
     @property
     def needs_min_norm(self) -> bool:
-        """True if the joint loads need a second solution. The motion uses only the rows that are
-        not redundant; the joint loads are the minimum-norm solution over all rows."""
+        """True if the joint loads need a solution of their own, because rows are redundant: the
+        motion uses only independent rows, the joint loads are the minimum-norm multipliers of all
+        rows."""
         return self.redundant > 0 and not self.least_squares
 
     @property
     def all_rows(self) -> list[Row]:
-        """Rows of all joints, each body rotating by itself."""
+        """Constraint rows of all joints, also those that rigid groups make unnecessary: as if every
+        body rotated by itself."""
         return [row for joint in self.joint_kinds for row in self._rows(joint)]
 
     def _rows(self, joint: str) -> list[Row]:
@@ -224,7 +249,8 @@ class Segment:
         ]
 
     def leader(self, body: str) -> str:
-        """Leader of the rigid group of a body: the body whose attitude it shares, or the ground."""
+        """Name of the leader of the rigid group of a body: the body (or GROUND) whose attitude it
+        shares."""
         return next(group[0] for group in self.groups if body in group)
 
     def constrains(self, joint: str) -> bool:
@@ -243,29 +269,31 @@ class Segment:
 
     @property
     def variable_joints(self) -> list[str]:
-        """Joints that may change their kind within the segment."""
+        """Names of the joints that may change their kind within the segment."""
         return [joint for joint, kinds in self.joint_kinds.items() if len(kinds) > 1]
 
     @property
     def ends_by_time(self) -> bool:
-        """True if it ends at a time that is known when it begins: a parameter, or a release
-        delay."""
+        """True if the end time of the segment is known when it begins: a time or burn-out of the
+        file, or the longest release delay."""
         return bool(self.end_time or self.late)
 
     @cached_property
     def leaders(self) -> list[str]:
-        """Leaders of all rigid groups that rotate: their attitudes are integrated."""
+        """Names of the leaders of all rigid groups without the ground; their attitudes are
+        integrated."""
         return [group[0] for group in self.groups if GROUND not in group]
 
     @property
     def ends_by_state(self) -> bool:
-        """True if conditions end it: one on the state or on a joint load, or several together."""
+        """True if conditions, not only a time, end the segment: one on the state or on a joint
+        load, or clauses of several conditions."""
         return bool(self.clauses) or any(event.ends_phase for event in (*self.events, *self.loads))
 
     @property
     def may_end_by_load(self) -> bool:
-        """True if a condition on a joint load may end it, alone or with others: the step to such an
-        event is not predicted."""
+        """True if a condition on a joint load may end the segment, alone or with other conditions;
+        the time of such an event is not predicted from the state."""
         return any(not load.any_phase for load in self.loads)
 
 
@@ -273,7 +301,8 @@ class Segment:
 class KernelSpec:
     """Specification of the kernel of a scene.
 
-    All names are those of the kernel (`Names`), in ``layout`` and ``dispersed`` too.
+    All items have their generated names (`Names`: body1, joint2, ...), in ``layout`` and in the
+    parameter paths ``dispersed`` too.
     """
 
     layout: ParameterLayout
@@ -290,23 +319,24 @@ class KernelSpec:
 
     @property
     def scene(self) -> Scene:
-        """The scene, with the names of the kernel."""
+        """The scene, its items with their generated names."""
         return self.layout.scene
 
     @cached_property
     def step_cells(self) -> dict[str, tuple[int, ...]]:
-        """Axes of the tables with kinks by the fields of their cells, which change at the ends of
-        steps only."""
+        """Cells of tables with kinks, as returned by `step_cells`: the workspace field of each cell
+        and the axes of the table along which it has ends."""
         return step_cells(self.scene, self.dispersed)
 
     @cached_property
     def formulas(self) -> Formulas:
-        """Formulas of the signals of the scene."""
+        """Formulas and kinks of the signals of the scene."""
         return Formulas(self.scene, self.names)
 
     @property
     def n_signal_states(self) -> int:
-        """Number of states of signals, which are integrated with the motion."""
+        """Number of state components of all signals (of lags, servos, integrals), which are
+        integrated with the motion."""
         return sum(signal.states for signal in self.scene.signal)
 
     @property
@@ -316,16 +346,16 @@ class KernelSpec:
 
     @property
     def bodies(self) -> list[str]:
-        """Names of the moving bodies, in the order of the parameters."""
+        """Names of the moving bodies (without the ground), in the order of their parameters."""
         return self.layout.bodies
 
     def may_occur(self, path: str, nominally: bool) -> bool:
-        """Return True if a feature occurs in some case: nominally, or by a dispersed parameter.
+        """Return True if a feature occurs in the nominal case or may occur in a dispersed one.
 
         Parameters
         ----------
         path : str
-            parameter that the feature depends on
+            path of the parameter that the feature depends on
         nominally : bool
             True if the nominal case has the feature
         """
@@ -344,9 +374,9 @@ class KernelSpec:
         return self.scene.environment.atmosphere == "us1976" and self.feels_air(body)
 
     def active_size(self, segment: Segment) -> int:
-        """Number of leading state components that are integrated in a segment: position and
-        velocity of every body, the work of the loads, states of signals, and attitude and rate up
-        to the last leader of the segment."""
+        """Number of leading components of the state vector that are integrated in a segment:
+        position and velocity of every body, the work of the loads, states of signals, then attitude
+        and rate of the bodies in ``attitude_order`` up to the last leader of the segment."""
         return (
             6 * len(self.bodies)
             + 1
@@ -356,17 +386,18 @@ class KernelSpec:
 
     @property
     def any_order(self) -> bool:
-        """True if delayed, failing or phase-independent releases may occur before or after any
-        event."""
+        """True if the variant of the kernel lets delayed, failing or phase-independent releases
+        occur before or after any event (ANY_ORDER or LEAST_SQUARES)."""
         return self.variant <= Variant.ANY_ORDER
 
     @property
     def fallbacks(self) -> list[Variant]:
-        """Variants that may integrate cases which this kernel rejects.
+        """More general variants that may integrate cases which this kernel rejects, the less
+        general first.
 
-        ANY_ORDER: a release may be delayed beyond the next event or fail, a body may leave its
-        atmosphere layer unexpectedly, or an event may occur much later than predicted.
-        LEAST_SQUARES: rows may become redundant or cease to be.
+        ANY_ORDER is among them if a release may be delayed beyond the next event or fail, a body
+        may leave its atmosphere layer unexpectedly, or an event may occur much later than
+        predicted; LEAST_SQUARES if there are constraint rows, which may become redundant.
         """
         any_order_helps = any(
             segment.late or segment.delay is not None for segment in self.segments
@@ -387,7 +418,8 @@ class KernelSpec:
 
     @cached_property
     def initial_kinds(self) -> dict[str, int]:
-        """Joints that change within a segment, and their kind numbers at the start."""
+        """Kind number at the start of a case of each joint that may change its kind within a
+        segment, by joint."""
         names = dict.fromkeys(name for segment in self.segments for name in segment.variable_joints)
         return {name: min(self.segments[0].joint_kinds[name]) for name in names}
 
@@ -405,14 +437,16 @@ class KernelSpec:
 
     @property
     def stroke_columns(self) -> list[str]:
-        """Springs whose end of stroke is an outcome, in the order of the columns."""
+        """Names of the springs whose time of the end of stroke is an outcome, in the order of the
+        outcome columns."""
         springs = self.names.of["spring"]
         return [springs[name] for name in self.layout.contents.springs]
 
     @property
     def partial_releases(self) -> list[tuple[str, int]]:
-        """Joint and kind number of the partial releases that are outcomes, in the order of the
-        columns."""
+        """Pairs (joint, number of the kind that it is released to) of the partial releases whose
+        times are outcomes, in the order of the outcome columns. A partial release leaves some
+        constraint rows."""
         joints, numbers = self.names.of["joint"], {c.event: c.to for c in self.changes}
         kinds = {(r.joint, r.to): numbers[r.name] for r in self.scene.release}
         return [
@@ -422,7 +456,7 @@ class KernelSpec:
 
     @property
     def stroke_springs(self) -> list[str]:
-        """Springs that may reach the end of their stroke."""
+        """Names of the springs that may reach the end of their stroke in some segment."""
         return list(
             dict.fromkeys(
                 e.item
@@ -433,11 +467,11 @@ class KernelSpec:
         )
 
     def changes_of(self, joint: str) -> list[Change]:
-        """Changes of a joint by phases and releases."""
+        """Changes of a joint to other kinds, by phases and by releases."""
         return [change for change in self.changes if change.joint == joint]
 
     def friction_joints(self, segment: Segment) -> list[str]:
-        """Joints whose pins may slide with friction in a segment."""
+        """Names of the joints whose guide pins may slide with friction in a segment."""
         guides = {
             name: joint.guide
             for name, joint in self.scene.joint.items()
@@ -450,7 +484,8 @@ class KernelSpec:
         ]
 
     def has_body_axes(self, joint: str) -> bool:
-        """True if the axes of a joint are those of its first body in every case."""
+        """True if the axes of a joint coincide with the body axes of its first body in every
+        case."""
         j = self.scene.joint[joint]
         if f"joint.{joint}.x_axis.x" in self.layout.slots:
             return False

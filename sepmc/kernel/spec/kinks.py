@@ -1,6 +1,9 @@
-"""Kinks of the signals of a scene, and of springs that only push: places at which a number is not
-smooth. They are events, so that no step passes one; the branch of a formula is fixed within a
-step."""
+"""Kinks of the formulas of signals, and of springs that only push: points at which a value is not
+a smooth function of the state and time, as abs(x) at x = 0.
+
+A switching function is zero at the kink. Reaching it is an event, so that a step ends there, and
+the branch of a formula is constant within a step.
+"""
 
 import math
 from dataclasses import dataclass
@@ -12,20 +15,22 @@ from sepmc.scene.model import Scene, Signal
 from sepmc.scene.signals import Quantity, quantity
 from sepmc.scene.terms import signal_terms
 
-OWN = "@"  # begins names that no file has: states and parameters of the signal itself
+# begins names, in syntax trees, of the states and parameters of the signal itself; no name of a
+# file begins with it
+OWN = "@"
 STATE, STATE_RATE, HELD = Name(f"{OWN}state"), Name(f"{OWN}state rate"), Name(f"{OWN}held")
 _STATES = (STATE, STATE_RATE, HELD)
 
 
 def own_parameter(key: str) -> Name:
-    """Name, in a syntax tree, of a parameter of the response of the signal itself, such as its
-    ``lag``."""
+    """Node of a syntax tree that stands for a parameter of the response of the signal that the tree
+    belongs to; ``key`` is its key in the file, such as ``lag`` or ``servo.damping``."""
     return Name(f"{OWN}{key}")
 
 
 def _lag_rate(formula: Node, signal: Signal) -> Node:
-    """Syntax tree of the rate of a signal y with a lag: (u - y) / lag, limited to plus or minus the
-    rate limit of the signal, if any, with its formula u."""
+    """Syntax tree of the rate of a signal y that follows its ``formula`` u with a lag: (u - y) /
+    lag, limited to plus or minus the rate limit of the signal, if it has one."""
     rate: Node = Call("/", (Call("-", (formula, STATE)), own_parameter("lag")))
     if signal.rate_limit is None:
         return rate
@@ -34,8 +39,8 @@ def _lag_rate(formula: Node, signal: Signal) -> Node:
 
 
 def _servo_rate(formula: Node) -> Node:
-    """Syntax tree of the second rate of a signal y that is a servo: y'' = n (n (u - y) - 2 z y')
-    with its formula u, the natural frequency n, rad/s, and the damping z."""
+    """Syntax tree of the second time derivative of a signal y that follows its ``formula`` u as a
+    servo: y'' = n (n (u - y) - 2 z y') with the natural frequency n, rad/s, and the damping z."""
     natural = Call("*", (Number(2.0 * math.pi), own_parameter("servo.natural")))
     follows = Call("*", (natural, Call("-", (formula, STATE))))
     damped = Call("*", (Call("*", (Number(2.0), own_parameter("servo.damping"))), STATE_RATE))
@@ -43,15 +48,15 @@ def _servo_rate(formula: Node) -> Node:
 
 
 def kink_name(number: int) -> str:
-    """Name of a kink by its number, from 0."""
+    """Name of a kink in names of workspace fields, by its number from 0: kink1, kink2, ..."""
     return f"kink{number + 1}"
 
 
 @dataclass(frozen=True)
 class Kink:
-    """Call (``node``) in the formula of a ``signal`` that is not smooth where its switching
-    function is zero. That function is the argument of the call, or the difference of its two
-    arguments."""
+    """Call in the formula of a signal (abs, min, a comparison, ...) that is not smooth where its
+    switching function is zero. ``node`` is the call in the syntax tree of ``signal``. Its switching
+    function is its argument if it has one, or its first argument minus its second."""
 
     signal: str
     node: Call
@@ -59,21 +64,22 @@ class Kink:
 
 @dataclass(frozen=True)
 class SlackKink:
-    """A spring that only pushes, which is not smooth where its force reaches zero."""
+    """Kink of a spring that only pushes: its force is cut off at zero. ``spring`` is its name."""
 
     spring: str
 
 
 @dataclass(frozen=True)
 class Formulas:
-    """Formulas of a scene with the names of the kernel; in their texts names are those of the
-    file.
+    """Formulas of the signals of a scene, and the kinks in them. Signals and other items have the
+    generated names of the kernel; only within the texts of formulas names are those of the file.
 
     Attributes
     ----------
     scene : Scene
-        with the names of the kernel
+        with the generated names
     names : Names
+        generated names by names of the file
     """
 
     scene: Scene
@@ -81,12 +87,13 @@ class Formulas:
 
     @cached_property
     def signals(self) -> dict[str, Signal]:
-        """Signals of the scene, by their names in the kernel."""
+        """Signals of the scene, by their generated names."""
         return {signal.name: signal for signal in self.scene.signal}
 
     @cached_property
     def with_states(self) -> dict[str, int]:
-        """Signals with states that are integrated, and the number of the first state of each."""
+        """Number of the first state, among the states of all signals, of each signal that has
+        states to be integrated (a lag, a servo, an integral), by signal."""
         first, count = dict[str, int](), 0
         for name, signal in self.signals.items():
             if signal.states:
@@ -95,21 +102,25 @@ class Formulas:
 
     @cached_property
     def sampled(self) -> tuple[str, ...]:
-        """Signals whose formulas are sampled."""
+        """Names of the signals whose formulas are sampled at intervals."""
         return tuple(name for name, one in self.signals.items() if one.sample is not None)
 
     def at_once(self, signal: str) -> bool:
-        """True if a signal follows its formula at once: it has no state and is not sampled."""
+        """True if a signal always equals its formula: it has no state and is not sampled."""
         return signal not in self.with_states and signal not in self.sampled
 
     @cached_property
     def used(self) -> tuple[str, ...]:
-        """Signals that drive numbers or aerodynamic terms of the scene or have states, and all that
-        these depend on; ordered so that each comes after those that its formula names, except
-        signals with states or samples."""
+        """Names of the signals that the motion needs: those without samples that give parameters or
+        aerodynamic terms of the scene, those with states, and the signals that these depend on.
+
+        A signal comes after those that its formula names; signals with states or samples are known
+        beforehand and are in no such order. Sampled signals without states are left out.
+        """
         ordered: dict[str, None] = {}
 
         def add(signal: str) -> None:
+            """Append a signal after the signals that always equal their formulas and it names."""
             for node in walk(self.tree(signal)):
                 other = self.other(signal, node) if isinstance(node, Name) else ""
                 if other and self.at_once(other):
@@ -127,8 +138,9 @@ class Formulas:
         return tuple(ordered)
 
     def tree(self, signal: str) -> Node:
-        """Syntax tree of the value of a signal or, if it has states, of the rate of its last state.
-        Names that begin with `OWN` stand for its states, the sample used now, and parameters."""
+        """Syntax tree of the value of a signal or, if it has states, of the rate of its last state
+        (of a servo the second rate). Names that begin with `OWN` stand for its states, its sample
+        in use, and parameters of its response."""
         model = self.signals[signal]
         formula = parse(model.formula) if model.sample is None else HELD
         if model.servo is not None:
@@ -136,14 +148,15 @@ class Formulas:
         return _lag_rate(formula, model) if model.lag is not None else formula
 
     def other(self, signal: str, node: Name) -> str:
-        """Other signal that a name in the formula of a signal stands for; "" for none."""
+        """Generated name of the other signal that ``node``, a name in the formula of ``signal``,
+        stands for; "" if it stands for something else."""
         if node.path in self.signals[signal].constants or node.path.startswith(OWN):
             return ""
         return str(self.names.of["signal"].get(node.path, ""))
 
     def quantity(self, node: Name) -> Quantity:
-        """Quantity of the flight that a name in a formula stands for, its item with the name of the
-        kernel."""
+        """Quantity of the flight (such as an altitude) that a name in a formula stands for; its
+        item has its generated name."""
         known = quantity(node.path, self.names.of)
         assert known is not None
         return known._replace(
@@ -151,8 +164,8 @@ class Formulas:
         )
 
     def varies(self, signal: str, node: Node) -> bool:
-        """True if a node of the formula of a signal may change during a case: it depends on more
-        than constants and parameters."""
+        """True if the value of ``node``, in the formula of ``signal``, may change during a case: it
+        depends on the flight, time, states or samples, not only on constants and parameters."""
         for one in walk(node):
             if isinstance(one, Name) and one.path not in self.signals[signal].constants:
                 other = self.other(signal, one)
@@ -166,7 +179,7 @@ class Formulas:
     @cached_property
     def kinks(self) -> tuple[Kink | SlackKink, ...]:
         """Kinks of the signals in use, each after those that its switching function depends on,
-        and of springs that only push."""
+        then those of springs that only push. Their order numbers them (`kink_name`)."""
         of_signals: dict[Kink, None] = {}
         for signal in self.used:
             for node in walk(self.tree(signal)):

@@ -1,5 +1,5 @@
-"""Runge-Kutta methods as data: every tableau checks its row sums and the order conditions of
-quadrature."""
+"""Explicit Runge-Kutta methods as data: each checks, when it is made, the row sums of its stage
+matrix and the order conditions of quadrature."""
 
 from dataclasses import dataclass, field
 from functools import cache
@@ -12,20 +12,20 @@ from sepmc.kernel.spec import sharp9_coefficients as sharp
 
 @dataclass(frozen=True)
 class Method:
-    """Explicit Runge-Kutta method, with or without a continuous extension.
+    """Explicit Runge-Kutta method of s stages, with or without a continuous extension.
 
     Notes
     -----
     ``a`` (m, m) is the stage matrix, ``c`` (m,) the nodes, ``b`` (s,) the weights; rows of ``a``
-    below ``s`` are stages that only the extension needs. The state at fraction theta of a step of
-    length h is ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``; without an extension ``dense`` has
-    no columns.
+    from index s on are stages that only the extension needs. The state at the fraction theta of a
+    step of length h is ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``, of order ``dense_order``;
+    without an extension ``dense`` has no columns.
 
     ``h sum_i k_i error_weights_i`` is a low-order estimate of the local error: much larger than the
     error, but it varies from case to case as the error does.
 
-    ``within`` are stages inside a step, in the order of time, whose states are among the most
-    accurate.
+    ``within`` has the indices of some stages at times inside the step, in the order of time, whose
+    states are among the most accurate.
     """
 
     name: str
@@ -43,35 +43,42 @@ class Method:
         if not np.allclose(
             self.a.sum(axis=1), self.c, rtol=0, atol=1e-14 * np.abs(self.a).sum(axis=1).max()
         ):
-            raise ValueError(f"{self.name}: rows of the stage matrix do not sum to the nodes")
+            raise ValueError(
+                f"method {self.name}: the rows of the stage matrix a do not sum to the nodes c"
+            )
         nodes = self.c[: len(self.b)]
         for power in range(self.order):
             if abs(self.b @ nodes**power - 1.0 / (power + 1)) > 1e-13:
-                raise ValueError(f"{self.name}: the weights do not integrate degree {power}")
+                raise ValueError(
+                    f"method {self.name}: the weights b do not integrate t^{power} from 0 to 1"
+                )
         if not abs(self.error_weights @ nodes) + abs(self.error_weights.sum()) < 1e-12:
             raise ValueError(
-                f"{self.name}: error weights that do not vanish for a linear derivative"
+                f"method {self.name}: the error weights do not vanish for a linear derivative"
             )
         full = np.zeros(len(self.dense))
         full[: len(self.b)] = self.b
         if self.has_extension and not np.allclose(
             self.dense.sum(axis=1), full, rtol=0, atol=1e-12 * np.abs(self.dense).max()
         ):
-            raise ValueError(f"{self.name}: the continuous extension does not end on the step")
+            raise ValueError(
+                f"method {self.name}: the continuous extension at theta = 1 is not the end of the "
+                "step"
+            )
 
     @property
     def stages(self) -> int:
-        """Number of evaluations of the derivative in a step."""
+        """Number s of evaluations of the derivative in a step, without those of the extension."""
         return len(self.b)
 
     @property
     def curve(self) -> np.ndarray:
-        """Matrix that fits a polynomial to a step, shape (k + 4, k + 4) for k stages `within`.
+        """Matrix, shape (k + 4, k + 4) for k stages ``within``, that fits a polynomial p'' to the
+        second derivative of a function y over a step of unit length.
 
-        It maps the second derivatives at the start of a step, at the stages `within` and at the
-        end, then the change of the first derivative over a step of unit length and of the function
-        minus the first derivative, to the coefficients of the second derivative by powers of the
-        fraction of the step.
+        It maps the vector of y'' at the start, at the stages ``within`` and at the end of the step,
+        then y'(1) - y'(0), then y(1) - y(0) - y'(0), to the coefficients of p'' by ascending powers
+        of the fraction of the step.
         """
         shares = np.array([0.0, *self.c[list(self.within)], 1.0])
         powers = np.arange(len(shares) + 2)
@@ -85,8 +92,8 @@ class Method:
 
 
 def _rk4() -> Method:
-    """Classical method of order 4 with an extension of order 3 (Hairer, Norsett, Wanner, Solving
-    ODE I, II.6, eq 6.8 ff.)."""
+    """Method rk4: the classical one of order 4, with an extension of order 3 (Hairer, Norsett,
+    Wanner, Solving ODE I, II.6, eq 6.8 ff.)."""
     a = np.zeros((4, 4))
     a[1, 0] = a[2, 1] = 0.5
     a[3, 2] = 1.0
@@ -113,8 +120,8 @@ def _rk4() -> Method:
 
 
 def _dop853() -> Method:
-    """Dormand and Prince, order 8 in twelve stages, with an extension of order 7 by four more
-    (Hairer, Norsett, Wanner, Solving ODE I, II.5, II.6)."""
+    """Method dop853: Dormand and Prince, order 8 in twelve stages, with an extension of order 7 by
+    four more stages (Hairer, Norsett, Wanner, Solving ODE I, II.5, II.6)."""
     stages, total = 12, 16
     a = _matrix(total, dop.A)
     b = a[stages, :stages].copy()
@@ -139,8 +146,8 @@ def _dop853() -> Method:
 
 
 def _dopri5() -> Method:
-    """Dormand and Prince, order 5, with a seventh stage for the extension of order 4 (Hairer,
-    Norsett, Wanner, Solving ODE I, II.5, table 5.2, II.6)."""
+    """Method dopri5: Dormand and Prince, order 5 in six stages, with a seventh stage for the
+    extension of order 4 (Hairer, Norsett, Wanner, Solving ODE I, II.5, table 5.2, II.6)."""
     a = np.zeros((7, 7))
     a[1, :1] = [1 / 5]
     a[2, :2] = [3 / 40, 9 / 40]
@@ -164,8 +171,9 @@ def _dopri5() -> Method:
 
 
 def _tp7() -> Method:
-    """Tsitouras and Papakostas, order 7 in nine stages, with an embedded method of order 5 (Cheap
-    error estimation for Runge-Kutta methods, SIAM J. Sci. Comput. 20 (1999) 2067, NEW7(5))."""
+    """Method tp7: Tsitouras and Papakostas, order 7 in nine stages, with an embedded method of
+    order 5 and no extension (Cheap error estimation for Runge-Kutta methods, SIAM J. Sci. Comput.
+    20 (1999) 2067, NEW7(5))."""
     a = np.zeros((9, 9))
     a[1, 0], a[2, 1] = 1 / 18, 1 / 9
     a[3, [0, 2]] = [1 / 24, 1 / 8]
@@ -194,7 +202,8 @@ def _tp7() -> Method:
 
 
 def _sharp9() -> Method:
-    """Sharp, order 9 in fifteen stages (`sepmc.kernel.spec.sharp9_coefficients`)."""
+    """Method sharp9: Sharp, order 9 in fifteen stages, without an extension
+    (`sepmc.kernel.spec.sharp9_coefficients`)."""
     stages = 15
     a, b, c = _matrix(stages, sharp.A), np.zeros(stages), np.array(sharp.C)
     b[list(sharp.B)] = list(sharp.B.values())
@@ -203,7 +212,7 @@ def _sharp9() -> Method:
 
 
 def _matrix(size: int, entries: dict[tuple[int, int], float]) -> np.ndarray:
-    """Square matrix of a size with the given entries by (row, column), zero elsewhere."""
+    """Matrix, shape (size, size), with the given entries by (row, column), zero elsewhere."""
     matrix = np.zeros((size, size))
     for index, value in entries.items():
         matrix[index] = value
@@ -211,8 +220,8 @@ def _matrix(size: int, entries: dict[tuple[int, int], float]) -> np.ndarray:
 
 
 def _divided_difference(c: np.ndarray, used: list[int]) -> np.ndarray:
-    """Weights, one for each of the nodes ``c``, of the divided difference of derivatives at the
-    nodes numbered in ``used``; zero for the others."""
+    """Weights, one for each node in ``c``, that give the divided difference of the derivatives at
+    the nodes with the indices ``used``; zero for the other nodes."""
     weights = np.zeros(len(c))
     weights[used] = [1.0 / np.prod([c[i] - c[j] for j in used if j != i]) for i in used]
     return weights
@@ -220,14 +229,15 @@ def _divided_difference(c: np.ndarray, used: list[int]) -> np.ndarray:
 
 METHODS = {"rk4": _rk4, "dopri5": _dopri5, "tp7": _tp7, "dop853": _dop853, "sharp9": _sharp9}
 AUTO = "auto"  # as a method name: the method that takes the least work, for each segment
-# method of segments whose states between the ends of steps are needed, if theirs has no extension
+# method of segments in which states between the ends of steps are needed, for AUTO or if the
+# method of the scene has no continuous extension
 _EXTENDED = "dop853"
-_SMOOTH = ("sharp9", "tp7")  # of the other segments, the most accurate first
+_SMOOTH = ("sharp9", "tp7")  # for AUTO: methods of the other segments, the most accurate first
 
 
 @cache
 def method(name: str) -> Method:
-    """Runge-Kutta method by name; AUTO gives the method with a continuous extension.
+    """Runge-Kutta method by name; AUTO gives dop853, which has a continuous extension.
 
     Parameters
     ----------
@@ -242,20 +252,23 @@ def method(name: str) -> Method:
 
 
 def methods_of(name: str, extended: bool, others: bool = False) -> tuple[Method, ...]:
-    """Methods that a segment may be integrated by, the most accurate first.
+    """Methods that a segment may be integrated by; a campaign then selects one of them.
 
     Parameters
     ----------
     name : str
         ``solver.method`` of the scene: key of `METHODS`, or AUTO
     extended : bool
-        True if states between the ends of steps are needed
+        True if the segment needs states between the ends of steps: then only methods with a
+        continuous extension are returned
     others : bool
-        True if other segments need such states, so that the method for these is compiled anyway
+        True if any segment of the kernel needs states between the ends of steps, so that dop853 is
+        compiled anyway: AUTO then offers it for the other segments too
 
     Returns
     -------
     tuple of Method
+        the most accurate first; one method unless ``name`` is AUTO
     """
     if name == AUTO:
         smooth = (*_SMOOTH, _EXTENDED) if others else _SMOOTH

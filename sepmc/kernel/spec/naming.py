@@ -1,5 +1,5 @@
-"""Names of kernels: names of a scene are replaced by generated ones (``body1``, ``joint2``), so
-that no name of a file can collide with another or with a name of the kernel."""
+"""Generated names of the items of a scene (``body1``, ``joint2``, ...): kernels use them in place
+of the names of the file, which could collide with each other or with names of the kernel."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -24,13 +24,14 @@ _WORDS = {
 
 
 class Names:
-    """Generated names of the items of a scene, numbered in the order of the file.
+    """Generated names of the items of a scene, numbered from 1 in the order of the file, and
+    functions that rename with them.
 
     Attributes
     ----------
     of : dict of str to dict of str to str
-        For each table of the file (``body``, ``joint``, ...) the generated name by name in the
-        file.
+        For each table of the file (``body``, ``joint``, ...): the generated name of each item, by
+        its name in the file.
     """
 
     def __init__(self, scene: Scene):
@@ -50,12 +51,13 @@ class Names:
 
     @property
     def back(self) -> dict[str, str]:
-        """Name in the file of each generated name."""
+        """Name in the file, by generated name."""
         return {new: old for table in self.of.values() for old, new in table.items()}
 
     @property
     def legend(self) -> list[str]:
-        """One line for each table with the generated and original names."""
+        """One line for each table of the file that has items: pairs of generated and original name,
+        such as ``body1 upper, body2 lower``."""
         tables = (
             ", ".join(f"{new} {old}" for old, new in table.items()) for table in self.of.values()
         )
@@ -69,7 +71,8 @@ class Names:
         return f"{head}.{self.of[head].get(name, name)}{dot}{tail}" if head in self.of else path
 
     def scene(self, scene: Scene) -> Scene:
-        """Copy of a scene with generated names; keys that no kernel depends on stay as they are."""
+        """Copy of a scene with generated names; keys that no kernel depends on, and the texts of
+        formulas, keep the names of the file."""
         return change(
             scene,
             body={self._body(name): body for name, body in scene.body.items()},
@@ -133,7 +136,8 @@ class Names:
         )
 
     def layout(self, layout: ParameterLayout) -> ParameterLayout:
-        """Parameter layout of the renamed scene; the index of every parameter stays."""
+        """Copy of a parameter layout for the renamed scene: paths and names are replaced by
+        generated ones, the index of every parameter stays."""
         return replace(
             layout,
             scene=self.scene(layout.scene),
@@ -148,15 +152,19 @@ class Names:
         )
 
     def _joints(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Generated names of joints, in the same order."""
         return tuple(self.of["joint"][name] for name in names)
 
     def _body(self, name: str) -> str:
+        """Generated name of a body; the ground keeps its name."""
         return GROUND if name == GROUND else self.of["body"][name]
 
     def _pair(self, bodies: tuple[str, str]) -> tuple[str, str]:
+        """Generated names of two bodies, in the same order."""
         return self._body(bodies[0]), self._body(bodies[1])
 
     def _phase(self, phase: Phase) -> Phase:
+        """Copy of a phase with generated names."""
         joints = {self.of["joint"][name]: kind for name, kind in phase.joints.items()}
         return change(
             phase,
@@ -166,14 +174,14 @@ class Names:
         )
 
     def _ignition(self, ignition: float | Ignition) -> float | Ignition:
-        """Ignition time, or the trigger with its names replaced."""
+        """Copy of an ignition: a time as it is, a trigger with generated names."""
         if not isinstance(ignition, Ignition):
             return ignition
         waits = {key: getattr(ignition, key) for key in ("event", "release", "joint")}
         return change(ignition, **{key: name and self.of[key][name] for key, name in waits.items()})
 
     def _until(self, until: Condition) -> Condition:
-        """Condition, and its components, with names replaced."""
+        """Copy of a condition, with the conditions nested in it, with generated names."""
         return change(
             until,
             joint=until.joint and self.of["joint"][until.joint],

@@ -1,4 +1,5 @@
-"""Tables, axes and outlines of a scene as one array of numbers that all cases share."""
+"""Numbers that all cases of a scene share: axes, tables, thrust profiles and outlines, packed one
+after the other into one array."""
 
 import math
 from dataclasses import dataclass
@@ -37,13 +38,13 @@ PER_RATE, REST = 100.0, -2e-9
 
 
 class Pool:
-    """Array that grows by runs of numbers."""
+    """Growing list of the numbers that all cases share; items refer to them by their index."""
 
     def __init__(self) -> None:
         self.numbers: list[float] = []
 
     def add(self, numbers) -> int:
-        """Append numbers; return the index of the first."""
+        """Append numbers; return the index of the first of them."""
         start = len(self.numbers)
         self.numbers += [float(x) for x in numbers]
         return start
@@ -55,10 +56,13 @@ class Pool:
 
 @dataclass(frozen=True)
 class Term:
-    """Term of an aerodynamic polynomial of a body: the parameter at ``path`` times the powers
-    ``alpha`` and ``beta`` of the flow angles and a reduced rate (one of `RATES`, or ""), or times a
-    ``signal`` (its name in the file); ``coefficient`` is the code of the coefficient that it adds
-    to."""
+    """Term of the polynomial of an aerodynamic coefficient of a body.
+
+    Its value is the parameter at ``path`` times angle of attack to the power ``alpha``, sideslip
+    angle to the power ``beta`` (rad) and the reduced angular rate ``rate`` (one of `RATES`, "" for
+    none); or, if ``signal`` is not "", that parameter times the signal of that name in the file.
+    ``coefficient`` is the code (AXIAL, ... of `sepmc.routines.layout`) of the coefficient.
+    """
 
     path: str
     body: str
@@ -79,6 +83,7 @@ def aero_terms(scene: Scene) -> list[Term]:
     Returns
     -------
     list of Term
+        by body, then coefficient, then term, in the order of their parameters
     """
     terms = []
     for name, body in scene.body.items():
@@ -95,7 +100,8 @@ def aero_terms(scene: Scene) -> list[Term]:
 
 
 def _power(term: str, angle: str) -> int:
-    """Power of ``angle`` in the name of a term, such as ``alpha2_beta``."""
+    """Power of ``angle`` ("alpha" or "beta") in the name of a term: 2 of alpha in ``alpha2_beta``,
+    0 if the angle is not in it."""
     for factor in term.split("_"):
         if factor.startswith(angle):
             return int(factor[len(angle) :] or 1)
@@ -103,15 +109,15 @@ def _power(term: str, angle: str) -> int:
 
 
 def direction(axis: tuple[float, float, float] | None) -> np.ndarray:
-    """Unit vector along an axis, or zero if there is none, shape (3,)."""
+    """Unit vector along an axis, shape (3,); zeros for None."""
     return np.zeros(3) if axis is None else np.array(axis) / np.linalg.norm(axis)
 
 
 def add_air(pool: Pool, scene: Scene) -> int:
-    """Append the minimum and maximum altitude (m) of a scene's table of air, and the functions of
-    the logarithm of the density (kg/m3) and of the speed of sound (m/s) over altitude.
+    """Append a scene's table of air to the pool: its minimum and maximum altitude, m, then the
+    packed functions (`pack`) of altitude: logarithm of the density, kg/m3, and speed of sound, m/s.
 
-    Returns the start of the functions, or -1 without a table.
+    Returns the index of the packed functions, or -1 without such a table.
     """
     air = scene.environment.air
     if scene.environment.atmosphere != "table" or air is None:
@@ -127,11 +133,11 @@ def add_air(pool: Pool, scene: Scene) -> int:
 
 
 def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
-    """Append the functions of the wind along ground x and z (m/s) over altitude.
+    """Append the wind profile of a scene to the pool: packed functions (`pack`) of altitude, m, for
+    the wind along ground x and along ground z, m/s.
 
-    With ``varies`` (factor and turn are parameters of the kernel) the profile is stored without
-    them.
-    Returns the start, or -1 without a profile.
+    With ``varies`` (factor and turn of the profile are parameters of the kernel) they are left out
+    of the stored functions. Returns the index of the pack, or -1 without a profile.
     """
     profile = scene.environment.wind.profile
     if profile is None:
@@ -145,13 +151,13 @@ def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
 
 
 def _flat(interpolation: str) -> str:
-    """Argument ``ends`` of `pack` for functions that are constant beyond their ends: with zero
-    slope there or, of lines, with kinks there."""
+    """Argument ``ends`` of `pack` for a function that is constant beyond its ends: "constant"
+    (kinks at the ends) for linear interpolation, else "flat" (zero slope there)."""
     return "constant" if interpolation == "linear" else "flat"
 
 
 def along_ground(profile: WindProfile) -> np.ndarray:
-    """Wind of a profile along ground x and z.
+    """Wind of the rows of a profile along ground x and z, with the factor and turn of the profile.
 
     Parameters
     ----------
@@ -168,8 +174,9 @@ def along_ground(profile: WindProfile) -> np.ndarray:
 
 
 def add_profile(pool: Pool, motor: Motor) -> tuple[int, int]:
-    """Append the rows (time since ignition, s; thrust fraction) of a thrust profile; return start
-    and number of rows."""
+    """Append the thrust profile of a motor to the pool, row by row: time since ignition, s, and
+    thrust fraction. Return the index of the first number and the number of rows; (0, 0) without a
+    profile."""
     if motor.profile is None:
         return 0, 0
     rows = list(zip(motor.profile.time, motor.profile.fraction, strict=True))
@@ -177,7 +184,7 @@ def add_profile(pool: Pool, motor: Motor) -> tuple[int, int]:
 
 
 def derivative_grids(table: AeroTable) -> list[tuple[str, int, str]]:
-    """Grids of derivatives by a rate that a table has: name, coefficient, rate.
+    """Derivatives of aerodynamic coefficients by reduced angular rates that a table contains.
 
     Parameters
     ----------
@@ -186,7 +193,8 @@ def derivative_grids(table: AeroTable) -> list[tuple[str, int, str]]:
     Returns
     -------
     list of tuple
-        In the order of their functions, which follow those of the six coefficients.
+        name of the grid in the table, code of the coefficient, rate (p, q or r); in the order of
+        their packed functions, which follow those of the six coefficients
     """
     return [
         (name, COEFFICIENTS[name.rpartition("_")[0]], name[-1])
@@ -196,8 +204,9 @@ def derivative_grids(table: AeroTable) -> list[tuple[str, int, str]]:
 
 
 def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
-    """Append the functions of six coefficients over (Mach, alpha, beta), and of derivatives by
-    rates; return the start, or -1 without a table."""
+    """Append the aerodynamic table of body ``name`` to the pool: packed functions (`pack`) of (Mach
+    number, alpha, beta) for the six coefficients, then for derivatives by rates
+    (`derivative_grids`). Return the index of the pack, or -1 without a table."""
     aero = scene.body[name].aerodynamics if name in scene.body else None
     if aero is None or aero.table is None:
         return -1
@@ -215,8 +224,9 @@ def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
 
 
 def add_proximity(pool: Pool, entry: Proximity) -> int:
-    """Append the functions of six coefficient increments over separation distance (m), or over
-    relative position and attitude (m, rad); return the start."""
+    """Append a table of proximity increments to the pool: packed functions (`pack`) for increments
+    of the six aerodynamic coefficients over separation distance, m, or over relative position, m,
+    and attitude, rad. Return the index of the pack."""
     axes = list(entry.points.values())
     zero = np.zeros([len(points) for points in axes])
     values = [np.array(getattr(entry, key) or zero, dtype=float) for key in COEFFICIENTS]
@@ -225,11 +235,12 @@ def add_proximity(pool: Pool, entry: Proximity) -> int:
 
 
 def add_force_table(pool: Pool, spring: Spring, dispersed: frozenset[str]) -> int:
-    """Append the function of the force (N) of a spring over extension (m); return the start, or -1
-    without a table.
+    """Append the force table of a spring to the pool: packed function (`pack`) of the force, N,
+    over extension, m. Return the index of the pack, or -1 without a table.
 
-    With unloading there is a second axis, `PER_RATE` times the rate of extension (m/s), and a
-    second function: the force while the extension shrinks, else 0.
+    With unloading (the force drops while the extension shrinks, `has_unloading`) there is a second
+    axis, `PER_RATE` times the rate of extension, m/s, and a second function: the force while the
+    extension shrinks, else 0.
     """
     table = spring.table
     if table is None:
@@ -243,8 +254,9 @@ def add_force_table(pool: Pool, spring: Spring, dispersed: frozenset[str]) -> in
 
 
 def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:
-    """Append the parts of the outline of a body, layout.PART_SIZE numbers each; return the start
-    and the number of parts (the angles of a sector count as one more)."""
+    """Append the outline of body ``name`` to the pool, layout.PART_SIZE numbers for each part
+    (shell, disc or point). Return the index of the first number and the number of parts; the angles
+    of a sector are stored, and count, as one more part."""
     elements = []
     for element in scene.body[name].outline if name in scene.body else ():
         if element.stations is not None and element.radii is not None:

@@ -1,5 +1,5 @@
-"""Parameter vector of a case: the nominal value and index of every parameter, and the structure
-record (`Model`) that compiled routines read."""
+"""Parameter vector of a case: the index and nominal value of every parameter of a scene, and the
+structure record (`sepmc.routines.layout.Model`) that compiled routines read."""
 
 import math
 from collections.abc import Sequence
@@ -19,10 +19,11 @@ from sepmc.scene.parameters import item_names, value
 from sepmc.schema import Contents
 
 WIND_FACTOR, WIND_TURN = "environment.wind.profile.factor", "environment.wind.profile.turn"
-_LEVEL = 1e-12  # m, or of the coordinates
+_LEVEL = 1e-12  # m, or relative to the coordinates: closer mass centres are level with each other
 
 
 def _vector(key: str, start: int, names: tuple[str, ...] = XYZ) -> dict[str, int]:
+    """Consecutive indices from ``start`` on by ``key.name`` for each of the component names."""
     return {f"{key}.{name}": start + i for i, name in enumerate(names)}
 
 
@@ -100,14 +101,16 @@ _LOAD = {
 
 @dataclass(frozen=True)
 class ParameterLayout:
-    """Parameter vector of a scene and its layout.
+    """Parameter vector of a scene: nominal values, and the index of every parameter.
 
-    ``slots`` maps each parameter path to its index in ``nominal``, shape (p,), SI units, and
-    ``model`` has the positions of its blocks. ``bodies`` are the moving bodies, ``joints`` the two
-    bodies of each joint, ``contents`` the parts of the scene that have columns. ``outlines`` maps
-    each body with a dispersed outline to the index in ``nominal`` of its first part,
-    layout.PART_SIZE numbers per part. ``extremes`` are the scene with all dispersed parameters at
-    their minimum and at their maximum.
+    ``nominal``, shape (p,), has the nominal values, SI; ``slots`` maps each parameter path
+    (``body.upper.mass``) to its index in ``nominal``. ``model`` has the starts of the parameter
+    blocks of bodies, motors, ..., and the numbers that all cases share. ``bodies`` are the names of
+    the moving bodies, ``joints`` the two bodies of each joint, ``phases`` the names of the phases;
+    ``contents`` names the parts of the scene that have outcome columns. ``outlines`` maps each body
+    with a dispersed outline to the index in ``nominal`` of its first part (layout.PART_SIZE numbers
+    per part). ``extremes`` are two scenes, with all dispersed parameters at their minimum and at
+    their maximum; empty if not known.
     """
 
     scene: Scene
@@ -129,7 +132,8 @@ def make_parameter_layout(scene: Scene, dispersed: frozenset[str] = frozenset())
     ----------
     scene : Scene
     dispersed : frozenset of str
-        paths of dispersed parameters; what only they make possible has parameters too
+        paths of dispersed parameters; some quantities, such as axes and outlines, are parameters
+        only if they are dispersed, else numbers that all cases share
 
     Returns
     -------
@@ -165,8 +169,8 @@ def make_parameter_layout(scene: Scene, dispersed: frozenset[str] = frozenset())
 
 
 def body_order(scene: Scene) -> list[str]:
-    """Names of the bodies in the order of a kernel: moving bodies, then the ground if a joint or
-    spring names it."""
+    """Names of the bodies in the order in which their parameter blocks are stored: moving bodies,
+    then the ground if a joint or spring connects to it."""
     return [*scene.body, GROUND] if is_ground_named(scene) else list(scene.body)
 
 
@@ -179,8 +183,12 @@ def is_ground_named(scene: Scene) -> bool:
 def _parameters(
     scene: Scene, order: list[str], conditions: Conditions
 ) -> tuple[dict[str, int], np.ndarray, dict[str, int]]:
-    """Index of each parameter by path, the vector of nominal values, and the starts of the
-    parameter blocks."""
+    """Lay out the parameters that every case has of its own.
+
+    Returns the index of each parameter by path; the parameter vector, still 0 (NaN for points that
+    default to another point), without the extra parameters of `_varied`; and the index of the first
+    parameter of each block, by its name in `sepmc.routines.layout.STRUCTURE`.
+    """
     sizes = {
         "motors_p": at.MOTOR_SIZE * len(scene.motor),
         "joints_p": at.JOINT_SIZE * len(scene.joint),
@@ -249,19 +257,21 @@ def _parameters(
 def _varied(
     scene: Scene, dispersed: frozenset[str], start: int
 ) -> tuple[dict[str, int], dict[str, int], list[float]]:
-    """Extra parameters: constants of signals, return factors of springs, and quantities that all
-    cases share unless they are dispersed: axes of joints and springs, outlines, factor and turn of
-    the wind profile.
+    """Lay out the parameters that follow the blocks: constants of signals, return factors of
+    springs, and quantities that all cases share unless they are dispersed (axes of joints and
+    springs, outlines, factor and turn of the wind profile).
 
-    Returns the indices by path (from ``start`` on), the first index of each dispersed outline
-    (elements as in `sepmc.routines.clearances.load_outline`), and the values.
+    Returns their indices by path, from ``start`` on; the index of the first part of each dispersed
+    outline, by body (parts as in `sepmc.routines.clearances.load_outline`); their nominal values.
     """
     slots, outlines, numbers = dict[str, int](), dict[str, int](), list[float]()
 
     def varies(*stems: str) -> bool:
+        """True if the path of a dispersed parameter begins with one of these stems and a dot."""
         return any(path.startswith(f"{stem}.") for path in dispersed for stem in stems)
 
     def add(values: Sequence[float], offsets: dict[str, int]) -> None:
+        """Append parameter values; ``offsets`` has the position in them of each path."""
         slots.update({path: start + len(numbers) + i for path, i in offsets.items()})
         numbers.extend(map(float, values))
 
@@ -313,8 +323,9 @@ def _varied(
 
 
 def signal_parameters(signal: Signal) -> dict[str, float]:
-    """Values of the parameters of a signal (its constants, and those of its response and sampling),
-    by the part of their path after ``signal.NAME.``."""
+    """Nominal values of the parameters of a signal: its constants, and the numbers of its response
+    and sampling. Keys are the part of the parameter path after ``signal.NAME.``, such as ``lag``.
+    """
     known = dict(signal.constants)
     if signal.lag is not None:
         known["lag"] = signal.lag
@@ -332,8 +343,9 @@ def signal_parameters(signal: Signal) -> dict[str, float]:
 def _optional(
     path: str, point: tuple[float, float, float] | None, start: int, unset: list[int]
 ) -> dict[str, int]:
-    """Indices, by path, of the coordinates of an optional point, from ``start`` on. Without a point
-    there are none, and the indices are added to ``unset``: their values are then NaN."""
+    """Parameter indices, by path, of the three coordinates of a point that may be absent, from
+    ``start`` on. Without a ``point`` the result is empty, and the three indices are appended to
+    ``unset``, the list of those whose values are NaN."""
     if point is None:
         unset += range(start, start + 3)
         return {}
@@ -350,8 +362,9 @@ def _model(
 ) -> at.Model:
     """Counts, positions of blocks, and shared numbers of a scene, as a kernel reads them.
 
-    ``starts`` : positions of the parameter blocks; ``size_p`` : number of parameters; ``gusty`` :
-    True if factor and turn of the wind profile are parameters.
+    ``order`` are the bodies in the order of `body_order`; ``starts`` the indices of the parameter
+    blocks, to which those of interval data are added in place; ``size_p`` is the number of
+    parameters; ``gusty`` is True if factor and turn of the wind profile are parameters.
     """
     joints = list(scene.joint)
     pool = Pool()
@@ -414,8 +427,8 @@ def _model(
 
 
 def _pivot_joint(scene: Scene) -> int:
-    """Number of the joint about which the vehicle rotates at the start: the first that connects it
-    to the ground, or -1."""
+    """Number of the joint about which the vehicle rotates at the start: the first joint to the
+    ground that is not free in the first phase; -1 if there is none."""
     for number, (name, joint) in enumerate(scene.joint.items()):
         if GROUND in joint.bodies and scene.phase[0].joints.get(name, "free") != "free":
             return number
@@ -423,18 +436,21 @@ def _pivot_joint(scene: Scene) -> int:
 
 
 def separation_sign(scene: Scene, name: str) -> int:
-    """Sign that makes the separation positive when the second body of a joint moves away.
+    """Sign of the x axis of a joint that makes its separation distance positive as the second body
+    moves away from the first.
 
     Parameters
     ----------
     scene : Scene
     name : str
-        joint; its x axis is the direction of separation
+        joint; its x axis is the line of separation
 
     Returns
     -------
     int
-        1 or -1. Mass centres that are level with each other to round-off give 1.
+        1 if the second body moves away along +x, else -1: the joint's ``apart`` of the file, if
+        given; else the side along x of the second body's mass centre, 1 if it is level with that of
+        the first to round-off
     """
     joint = scene.joint[name]
     if joint.apart is not None:

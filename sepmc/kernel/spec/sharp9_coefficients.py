@@ -1,8 +1,11 @@
-"""Coefficients of a method of order 9 in fifteen stages by P. W. Sharp, High order explicit
-Runge-Kutta pairs for ephemerides of the Solar System and the Moon, Journal of Applied Mathematics
-and Decision Sciences 4 (2000) 183: the method of higher order of his pair.
+"""Coefficients of an explicit Runge-Kutta method of order 9 in fifteen stages, by Sharp.
 
-Zero entries are left out.
+It is the method of higher order of the pair in: P. W. Sharp, High order explicit Runge-Kutta pairs
+for ephemerides of the Solar System and the Moon, Journal of Applied Mathematics and Decision
+Sciences 4 (2000) 183.
+
+``C`` has the node of each stage, ``A`` maps (stage, earlier stage) and ``B`` maps stage to the
+nonzero entries of the stage matrix and weights; stages count from 0.
 """
 
 C = (

@@ -1,17 +1,18 @@
-"""Tables as functions on a grid of up to three axes: piecewise cubics packed into one flat array.
+"""Tables as functions on a grid of up to three axes: piecewise cubics, packed into one flat array
+(a pack).
 
-Each axis has four basis functions on a span, stored as polynomials, so that a kernel finds the span
-and evaluates four cubics without a division. The packs are read by ``sepmc.routines.splines``, all
-interpolations alike:
+An axis is divided at breaks into spans. On each span it has four basis functions, stored as cubic
+polynomials, so that a kernel finds the span and evaluates four cubics without a division. Packs of
+all interpolations are read in the same way, by ``sepmc.routines.splines``:
 
 - ``"cubic"``: cubic B-splines on a clamped knot vector. Two and three points give a line and a
   parabola, raised to cubics on one span.
-- ``"linear"``: two hat functions; the others are zero.
+- ``"linear"``: two hat functions; the other two basis functions are zero.
 - ``"monotone"``: the Hermite functions of values and slopes at both ends of a span. Slopes are
-  those of Fritsch and Butland (scipy's ``PchipInterpolator``), axis by axis: no value between two
-  rows is beyond theirs. Two coefficients belong to a row, so every row is two breaks at one place,
-  and the span between them is empty.
-- ``"steps"``: the value of each row up to the next one.
+  those of Fritsch and Butland (scipy's ``PchipInterpolator``), axis by axis: between two rows no
+  value is outside the range of the two. Each row has two coefficients (value, slope), so it is two
+  breaks at one point, with an empty span between them.
+- ``"steps"``: constant from each row up to the next one.
 """
 
 from collections.abc import Sequence
@@ -33,7 +34,7 @@ def pack(
     ends: str = "not-a-knot",
     interpolation: str | Sequence[str] = "cubic",
 ) -> np.ndarray:
-    """Pack the interpolant of tabulated functions.
+    """Interpolate tabulated functions and pack the interpolant into one array.
 
     Parameters
     ----------
@@ -41,18 +42,21 @@ def pack(
         grid points of each axis, strictly increasing; at most three axes. A function is constant
         along a missing axis or one with a single point.
     values : ndarray, shape (functions, n1, n2, n3), without the missing axes
+        the functions at the grid points
     ends : {"not-a-knot", "flat", "constant"}
-        "not-a-knot" reproduces cubic polynomials; "flat" has zero slope at both ends, which is
-        smooth if the function is constant beyond. Lines have no such ends. "constant" is
-        "not-a-knot", and constant beyond the ends, where it has kinks.
+        behaviour at the ends of every axis. "not-a-knot" reproduces cubic polynomials; "flat" has
+        zero slope at both ends, which is smooth if the function is constant beyond (ignored for
+        lines). "constant" is "not-a-knot" within the range, with one more, very long span beyond
+        each end, in which the function is constant: it has kinks at the ends.
     interpolation : {"cubic", "linear", "monotone", "steps"}, or one for each axis
 
     Returns
     -------
     ndarray, shape (size,)
         number of functions; for each of three axes the number of spans q, q + 1 breaks and 16 q
-        basis coefficients; then the coefficients, functions side by side. The functions are twice
-        ("cubic"), once ("monotone") or not ("linear") continuously differentiable.
+        basis coefficients; then the coefficients over the grid, the last axis fastest, with the
+        functions side by side. The functions are twice ("cubic"), once ("monotone") or not
+        ("linear") continuously differentiable.
     """
     coefficients = np.asarray(values, float)
     assert len(axes) <= AXES
@@ -78,8 +82,9 @@ def pack(
 
 
 def _axis(points, ends):
-    """Numbers of one axis of a pack (spans, breaks, basis polynomials) of cubic splines, and the
-    matrix (coefficients, points) from tabulated values to spline coefficients."""
+    """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
+    cubic splines, and the matrix, shape (coefficients, points), that maps tabulated values to
+    spline coefficients. An axis of one point has no span and the matrix 1."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415  (0.3 s that scenes without tables do not need)
 
     assert np.all(np.diff(points) > 0.0)
@@ -99,8 +104,9 @@ def _axis(points, ends):
 
 
 def _lines(points):
-    """Numbers of one axis of a pack (spans, breaks, basis polynomials) of lines, and the matrix
-    (coefficients, points) from tabulated values to its coefficients: the values and two zeros."""
+    """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
+    lines, and the matrix, shape (coefficients, points), that maps tabulated values to coefficients:
+    the values and two zeros."""
     widths = np.diff(points)
     pieces = np.zeros((len(widths), 4, 4))
     pieces[:, 0, 0], pieces[:, 0, 1], pieces[:, 1, 1] = 1.0, -1.0 / widths, 1.0 / widths
@@ -108,8 +114,9 @@ def _lines(points):
 
 
 def _steps(points):
-    """Numbers of one axis of a pack (spans, breaks, basis polynomials) of steps, and the matrix
-    (coefficients, points) from tabulated values to its coefficients: the values and three zeros."""
+    """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
+    steps, and the matrix, shape (coefficients, points), that maps tabulated values to coefficients:
+    the values and three zeros."""
     pieces = np.zeros((len(points), 4, 4))
     pieces[:, 0, 0] = 1.0
     breaks = [*points, points[-1] + FAR]
@@ -117,9 +124,9 @@ def _steps(points):
 
 
 def _with_constant_ends(basis):
-    """Numbers of one axis of a pack (``basis``) with one more span beyond each end, where the
-    function is the constant that a coefficient, to be added before the first or after the last,
-    gives."""
+    """Return the numbers of one axis of a pack, given as ``basis``, with one more span of length
+    FAR beyond each end, on which the function is constant. The caller adds the constants to the
+    coefficients: one before the first, one after the last."""
     spans = int(basis[0])
     breaks, pieces = basis[1 : spans + 2], basis[spans + 2 :]
     constants = np.zeros((2, 4, 4))
@@ -130,9 +137,10 @@ def _with_constant_ends(basis):
 
 
 def _monotone(points, values, ends):
-    """Numbers of one axis of a pack (spans, breaks, basis polynomials) of monotone cubics, and the
-    coefficients of functions with the tabulated ``values`` (functions, points, ...): values and
-    slopes in turn, with that axis moved to the end."""
+    """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
+    monotone cubics, and the coefficients of functions with the tabulated ``values``, shape
+    (functions, points, ...): value and slope of each point in turn, shape (functions, ..., 2
+    points)."""
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415
 
     slopes = PchipInterpolator(points, values, axis=1).derivative()(points)
@@ -149,8 +157,8 @@ def _monotone(points, values, ends):
 
 
 def _raised(degree):
-    """Matrix, shape (degree + 2, degree + 1), that raises the degree of a Bernstein polynomial by
-    one."""
+    """Matrix, shape (degree + 2, degree + 1), that maps the Bernstein coefficients of a polynomial
+    of a degree to those of the same polynomial written with a degree one higher."""
     raised = np.zeros((degree + 2, degree + 1))
     for i in range(degree + 1):
         raised[i, i] = 1.0 - i / (degree + 1)
@@ -159,8 +167,9 @@ def _raised(degree):
 
 
 def _pieces(knots, starts):
-    """Cubic B-spline basis functions i to i + 3 on span i as polynomials in x - start, shape
-    (spans, 4 functions, 4 powers); ``starts`` are the starts of the spans."""
+    """Coefficients of the cubic B-spline basis functions i to i + 3 on span i, as polynomials in x
+    minus the start of the span, shape (spans, 4 functions, 4 ascending powers). ``starts`` has the
+    start of each span."""
     from scipy.interpolate import BSpline  # noqa: PLC0415
 
     basis = BSpline(knots, np.eye(len(knots) - 4), 3)

@@ -1,7 +1,11 @@
-"""Tables with kinks: their cells change at the ends of steps only, so that no step passes a kink.
+"""Tables with kinks, and the cells in which they are smooth.
+
+A cell is the part of a table between neighbouring rows along each axis. A lane (a case of those
+integrated side by side) stores the cell that its point is in. In a table with kinks this cell
+changes only at the end of a step, so that no step passes a kink.
 
 A table has kinks where it is made of lines, where a force table is continued as a constant within
-the stroke of its spring, and where the force of a spring drops as its stroke shrinks. Rows of
+the stroke of its spring, and where the force of a spring drops as its extension shrinks. Rows of
 monotone force tables count as kinks: their second derivative jumps.
 """
 
@@ -9,19 +13,22 @@ from sepmc.scene.model import AeroTable, Scene, Spring
 
 
 def has_unloading(spring: Spring, dispersed: frozenset[str]) -> bool:
-    """True if the force of a spring's table drops in some case as its stroke shrinks."""
+    """True if, in some case, the force from a spring's table drops while its extension shrinks: its
+    return factor is not 1 or is among the paths ``dispersed``."""
     return spring.table is not None and (
         spring.table.return_factor != 1.0 or unloading_path(spring.name) in dispersed
     )
 
 
 def unloading_path(spring: str) -> str:
-    """Path of the return factor of a spring's table."""
+    """Parameter path of the return factor of a spring's table: the force while the extension
+    shrinks over that while it grows."""
     return f"spring.{spring}.table.return_factor"
 
 
 def has_kinks(spring: Spring, dispersed: frozenset[str]) -> bool:
-    """True if the table of a spring has kinks within its stroke in some case."""
+    """True if the force table of a spring has kinks within its stroke in some case; False without a
+    table. ``dispersed`` are the paths of dispersed parameters."""
     table = spring.table
     if table is None:
         return False
@@ -35,17 +42,18 @@ def has_kinks(spring: Spring, dispersed: frozenset[str]) -> bool:
 
 
 def proximity_cell(number: int) -> str:
-    """Workspace field of the cell of a table of increments, by its number."""
+    """Name of the workspace field of the cell of a table of proximity increments, given by its
+    number in the scene."""
     return f"INCREMENT_CELL_{number}"
 
 
 def force_cell(spring: str) -> str:
-    """Workspace field of the cell of the table of a spring."""
+    """Name of the workspace field of the cell of the force table of a spring."""
     return f"FORCE_CELL_{spring}"
 
 
 def step_cells(scene: Scene, dispersed: frozenset[str]) -> dict[str, tuple[int, ...]]:
-    """Cells of tables with kinks, which are constant within a step.
+    """Cells of the tables with kinks of a scene; each is constant within a step.
 
     Parameters
     ----------
@@ -56,7 +64,8 @@ def step_cells(scene: Scene, dispersed: frozenset[str]) -> dict[str, tuple[int, 
     Returns
     -------
     dict of str to tuple of int
-        Axes of the table by the workspace field of the cell.
+        by the name of the workspace field of a cell (one for each body and table that it uses, each
+        table of increments, each spring): the axes (0 to 2) along which the cell has ends
     """
     environment, cells = scene.environment, dict[str, tuple[int, ...]]()
     air, wind = environment.air, environment.wind.profile
@@ -80,8 +89,8 @@ def step_cells(scene: Scene, dispersed: frozenset[str]) -> dict[str, tuple[int, 
 
 
 def _kinked_axes(table: AeroTable | None) -> tuple[int, ...]:
-    """Axes (0 Mach number, 1 alpha, 2 beta) of an aerodynamic table, if it is of lines with
-    kinks."""
+    """Axes (0 Mach number, 1 alpha, 2 beta) with more than one point of an aerodynamic table of
+    lines; empty for other tables, and if no axis has more than two points (no kinks)."""
     if table is None or table.interpolation != "linear":
         return ()
     counts = [len(axis) for axis in (table.mach, table.alpha, table.beta)]

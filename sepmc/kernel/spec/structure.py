@@ -1,5 +1,5 @@
-"""Structure of a scene: its segments, the kinds that joints may have in each, rigid groups of
-bodies, events, and redundant constraint rows."""
+"""Derivation of the kernel specification of a scene: its segments of time and, in each, the kinds
+(sets of constraint rows) that joints may have, rigid groups, events and redundant rows."""
 
 import itertools
 import math
@@ -34,17 +34,18 @@ _ON_STATE = {
     "vertical_speed": at.AT_VERTICAL_SPEED,
 }
 _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
-# intervals of a segment that a load may end: each as long as the phase typically is, or a fraction
-# of the time left
+# maximum number of intervals of a segment that a joint load may end, or in which tables with kinks
+# are used: each takes the typical duration of the phase, or a fraction of the time left
 _MANY_INTERVALS = 2**17
-# of a segment at kinks of formulas
+# maximum number of intervals between kinks of formulas in a segment
 _MOST_SWITCHES = 2**11
 
 
 def _needs_any_order(spec: KernelSpec) -> bool:
-    """True if a scene needs the variant ANY_ORDER: conditions are pending during delayed releases
-    that cannot be evaluated then, joints fail in the nominal case, releases change a kind
-    partially, or rows are redundant while joints change."""
+    """True if a scene needs the kernel variant ANY_ORDER, given its specification ``spec`` in the
+    variant STANDARD: a phase's end condition cannot be evaluated while delayed releases are
+    pending, a joint fails in the nominal case, a release is partial or may be delayed, or rows are
+    redundant in a segment in which joints change or pins slide."""
     scene, segments = spec.scene, spec.segments
     if any(
         segment.after_late and (segment.may_end_by_load or segment.clauses) for segment in segments
@@ -63,9 +64,9 @@ def _needs_any_order(spec: KernelSpec) -> bool:
 
 
 def _has_several_conditions(scene: Scene, until: Condition) -> bool:
-    """True if the condition ``until`` of a phase combines several, or is one that is handled as
-    such: a spring stroke, or the burn-out of a motor whose ignition time is not known
-    beforehand."""
+    """True if the condition ``until`` of a phase is handled by clauses: it combines several
+    conditions, or is the end of a spring's stroke, or the burn-out of a motor that waits for a
+    trigger."""
     keys = ("time", "burn_out", *_ON_LOAD, *_ON_STATE)
     return (
         bool(until.any or until.all or until.spring)
@@ -75,7 +76,7 @@ def _has_several_conditions(scene: Scene, until: Condition) -> bool:
 
 
 def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
-    """True if a joint has a release delay in some case."""
+    """True if a joint has a release delay above zero in the nominal case, or a dispersed one."""
     return scene.joint[joint].delay > 0.0 or f"joint.{joint}.delay" in dispersed
 
 
@@ -86,15 +87,16 @@ def make_kernel_spec(
 ) -> KernelSpec:
     """Derive the kernel specification of a scene.
 
-    In the variant STANDARD a joint with a release delay is released between two phases, in a
-    segment of its own; a case in which the next phase ends meanwhile is rejected. In ANY_ORDER
-    (chosen for scenes that need it) it may be released in any phase: segments are the phases, and
-    the rows of such joints are masked. In LEAST_SQUARES rows may also become redundant, or cease to
-    be, in any case.
+    In the variant STANDARD a joint with a release delay is released in a segment of its own between
+    two phases; a case in which the next phase ends meanwhile is rejected. In ANY_ORDER (also chosen
+    instead of STANDARD for scenes that need it) such a joint may be released in any phase: the
+    segments are the phases, and rows of the joint are masked once it is released. In LEAST_SQUARES,
+    besides, rows may become redundant, or cease to be, during a case.
 
     Parameters
     ----------
     layout : ParameterLayout
+        with the names of the file; those of the specification are generated
     dispersed : frozenset of str
         paths of dispersed parameters: features that only some cases have are included
     variant : Variant
@@ -111,8 +113,8 @@ def make_kernel_spec(
 
 
 def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) -> KernelSpec:
-    """Kernel specification of a scene in just this variant, whether it needs a more general one or
-    not."""
+    """Kernel specification of a scene in exactly the given variant, even if the scene needs a more
+    general one; arguments as in `make_kernel_spec`."""
     names, of_file = Names(layout.scene), layout
     layout, dispersed = names.layout(layout), frozenset(names.path(path) for path in dispersed)
     scene = layout.scene
@@ -195,8 +197,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
 
 
 def _count_samples(scene: Scene, dispersed: frozenset[str]) -> int:
-    """Maximum number of times within a case at which a signal is sampled or a sample begins to be
-    used."""
+    """Maximum number of instants of a case at which a sample is taken or begins to be used."""
     count = 0
     for signal in scene.signal:
         if signal.sample is not None:
@@ -210,7 +211,8 @@ def _count_samples(scene: Scene, dispersed: frozenset[str]) -> int:
 def _make_segments(
     layout: ParameterLayout, dispersed: frozenset[str], releases: list[Release], variant: Variant
 ) -> list[Segment]:
-    """Segments of a case, with the conditions that end each."""
+    """Segments of a case in order of time, each with what ends it: one for each phase, preceded by
+    one for delayed releases where needed. Other events are added by the caller."""
     scene, segments, any_order = layout.scene, list[Segment](), variant <= Variant.ANY_ORDER
     for number, phase in enumerate(scene.phase):
         joint_kinds = {
@@ -230,13 +232,14 @@ def _make_segments(
 
 
 def _may_fail(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
-    """True if a joint fails to release in some case."""
+    """True if a joint fails to release in the nominal case, or may in a dispersed one."""
     return scene.joint[joint].fails > 0.0 or f"joint.{joint}.fails" in dispersed
 
 
 def _kinds_of(scene: Scene, joint: str) -> list[tuple[int, ...]]:
-    """Kinds of a joint in all phases and releases, each as the codes of its constraint rows; in the
-    order of their numbers, the most rows first: a joint only loses rows."""
+    """Kinds that a joint has in any phase or after a release, each as the codes of its constraint
+    rows, each once. The index in the list is the number of the kind; kinds with more rows come
+    first, since a joint only loses rows."""
     kinds = [phase.joints.get(joint, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == joint]
     codes = dict.fromkeys(tuple(rows_of(scene.joint[joint], kind)) for kind in kinds)
@@ -244,17 +247,19 @@ def _kinds_of(scene: Scene, joint: str) -> list[tuple[int, ...]]:
 
 
 def _kind_number(scene: Scene, joint: str, kind: str) -> int:
-    """Number, in the order of `_kinds_of`, of a kind of a joint, given by its name."""
+    """Number of a kind of a joint (index in `_kinds_of`); ``kind`` is its name, such as
+    "slider"."""
     return _kinds_of(scene, joint).index(tuple(rows_of(scene.joint[joint], kind)))
 
 
 def _kind_in_phase(scene: Scene, joint: str, phase: int) -> int:
-    """Number (`_kinds_of`) of the kind that a joint has in phase number ``phase``."""
+    """Number of the kind (index in `_kinds_of`) that a joint has in phase number ``phase``."""
     return _kind_number(scene, joint, scene.phase[phase].joints.get(joint, "free"))
 
 
 def _changes(scene: Scene) -> list[Change]:
-    """Changes of joints: at ends of phases, then by releases."""
+    """Changes of all joints to kinds with fewer rows: first those at ends of phases, then those by
+    releases."""
     changes = []
     for (number, phase), joint in itertools.product(enumerate(scene.phase[:-1]), scene.joint):
         to = _kind_in_phase(scene, joint, number + 1)
@@ -269,9 +274,9 @@ def _changes(scene: Scene) -> list[Change]:
 def _possible_kinds(
     scene: Scene, joint: str, phase: int, dispersed: frozenset[str], any_order: bool
 ) -> Kinds:
-    """Kinds, by number, that a joint may have in phase number ``phase``: that of the phase, those
-    it is released to and, with ``any_order``, those of the phases before if its release may be
-    delayed or fail."""
+    """Kinds that a joint may have in phase number ``phase``, as row codes by the number of the
+    kind: the kind of the phase, those that releases change it to and, with ``any_order``, those of
+    earlier phases if its release may be delayed or fail."""
     numbers_of_phases = [_kind_in_phase(scene, joint, phase)]
     if any_order and (_may_be_late(scene, joint, dispersed) or _may_fail(scene, joint, dispersed)):
         numbers_of_phases = [_kind_in_phase(scene, joint, number) for number in range(phase + 1)]
@@ -295,14 +300,15 @@ def _add_late(
     dispersed: frozenset[str],
     releases: list[Release],
 ) -> None:
-    """Add what delayed releases before phase ``number`` require.
+    """Add what delayed releases before phase ``number``, whose segment is ``segment``, require;
+    ``segments`` are those before it. Without delayed releases, change nothing.
 
-    If the phase before ends at a time and only one joint changes, its delay is added to that time.
-    Otherwise a segment is inserted in which the delayed joints keep their kinds and all others have
-    those of phase ``number``.
+    If the last of ``segments`` ends at a time and only one joint changes, the delay is added to
+    that time. Otherwise a segment is appended to ``segments`` in which the delayed joints keep
+    their kinds and all others have those of phase ``number``.
 
-    The end condition of phase ``number`` is evaluated meanwhile; cases in which it may have been
-    met are rejected (`Segment.after_late`).
+    The end condition of phase ``number`` is evaluated meanwhile (`Segment.pending_event`); cases in
+    which it may have been met are rejected.
     """
     scene, phase = layout.scene, layout.scene.phase[number]
     changed = [
@@ -344,8 +350,8 @@ def _add_late(
 
 
 def _has_equal_rows(segment: Segment, late: Segment) -> bool:
-    """True if a segment has no releases and the same rows as the next one, ``late``, has before its
-    delayed releases."""
+    """True if a segment, in which no joint changes, has the same rigid groups and constraint rows
+    as the next one, ``late``, has until its delayed releases, and neither has redundant rows."""
     return not (
         segment.variable_joints or segment.dropped or segment.redundant or late.redundant
     ) and (
@@ -357,7 +363,8 @@ def _has_equal_rows(segment: Segment, late: Segment) -> bool:
 def _add_end(
     segment: Segment, phase: Phase, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> None:
-    """Set the end of a phase: a time, a burn-out, or a single condition."""
+    """Set in ``segment`` what ends its phase: a time, a burn-out, or one condition on the state or
+    on a joint load. A phase without a condition ends with the run."""
     until, path = phase.until, f"phase.{phase.name}.until"
     leaves = {leaf.path: (leaf, slot) for leaf, slot in _thresholds(layout, dispersed)}
     if until is None:
@@ -374,8 +381,8 @@ def _add_end(
 
 
 def _burn_out(layout: ParameterLayout, name: str) -> Due:
-    """Time of the burn-out of motor ``name``: a sum of parameters, counted from its ignition if
-    that is triggered, else from the start."""
+    """Time of the burn-out of motor ``name``, as a condition: its burn duration since ignition if
+    it waits for a trigger, else ignition time, delay and burn duration since the start."""
     motor = next(one for one in layout.scene.motor if one.name == name)
     keys = ("burn",) if motor.trigger is not None else ("ignition", "delay", "burn")
     slots = tuple(layout.slots[f"motor.{name}.{key}"] for key in keys)
@@ -385,7 +392,7 @@ def _burn_out(layout: ParameterLayout, name: str) -> Due:
 def _add_clauses(
     segment: Segment, number: int, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> None:
-    """Set the clauses of conditions that end phase ``number``."""
+    """Set in ``segment`` the clauses that end phase ``number``, and their conditions."""
     segment.clauses, segment.times, segment.springs, events, loads = _clauses(
         number, layout, dispersed
     )
@@ -396,9 +403,9 @@ def _add_clauses(
 def _clauses(
     number: int, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> tuple[list[tuple[int, ...]], dict[int, Due], dict[int, str], list[Event], list[Event]]:
-    """Clauses of event ``number`` (ends of phases, then releases and observation events), each a
-    tuple of condition numbers; and these conditions by type: times, stroke ends, on the state, on
-    loads."""
+    """Return the clauses of event ``number`` (as numbered in `Conditions`), each a tuple of
+    condition numbers (those of the leaves); then their conditions by type: times by number, springs
+    whose end of stroke counts by number, conditions on the state, conditions on joint loads."""
     conditions, first = (
         make_conditions(layout.scene, dispersed),
         int(layout.model.scene[0].leaves_p),
@@ -429,7 +436,7 @@ def _clauses(
 
 
 def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Release]:
-    """Releases independent of phases, then observation events, of a scene."""
+    """Releases with conditions of their own, then observation events, of a scene."""
     names = [(r.name, r.joint) for r in layout.scene.release]
     names += [(event.name, "") for event in layout.scene.event]
     return [
@@ -439,7 +446,8 @@ def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Releas
 
 
 def _thresholds(layout: ParameterLayout, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
-    """Comparisons in the conditions of a scene whose threshold is a parameter, with its index."""
+    """Yield each leaf of the conditions of a scene whose threshold is a parameter, and the index of
+    that parameter."""
     first = int(layout.model.scene[0].leaves_p)
     for number, leaf in enumerate(make_conditions(layout.scene, dispersed).leaves):
         if leaf.path is not None:
@@ -447,7 +455,8 @@ def _thresholds(layout: ParameterLayout, dispersed: frozenset[str]) -> Iterator[
 
 
 def _is_fixed(scene: Scene, segment: Segment, bodies: tuple[str, str]) -> bool:
-    """True if one joint fixes two bodies to each other completely."""
+    """True if the two bodies cannot move relative to each other in a segment: they are in one rigid
+    group, and one joint between them has three rows that are always active."""
     joints = [
         row.joint
         for row in segment.rows
@@ -459,8 +468,8 @@ def _is_fixed(scene: Scene, segment: Segment, bodies: tuple[str, str]) -> bool:
 
 
 def brief_transient(scene: Scene) -> float:
-    """Time constant below which a transient of a motor (build-up or tail-off of its thrust) is an
-    integration interval of its own.
+    """Time constant of a motor's build-up or tail-off below which an interval of integration ends
+    with that transient.
 
     Parameters
     ----------
@@ -469,13 +478,15 @@ def brief_transient(scene: Scene) -> float:
     Returns
     -------
     float
-        s; a kernel takes all steps of the phase in such an interval
+        s; a fraction of the end time of the run. Each interval takes the number of steps that is
+        chosen for the phase.
     """
     return at.BRIEF / at.TRANSIENT * scene.run.end_time
 
 
 def _count_switches(scene: Scene, dispersed: frozenset[str]) -> int:
-    """Maximum number of times within a case at which a load switches."""
+    """Maximum number of instants within a case at which a motor or constant load switches on or
+    off, a thrust profile has a row, or a brief build-up or tail-off is over."""
     count = 0
     for motor in scene.motor:
         path = f"motor.{motor.name}"
@@ -509,12 +520,12 @@ def _make_segment(
     releases: list[Release],
     variant: Variant,
 ) -> Segment:
-    """Build a segment of a phase, or before it: its rigid groups, its constraint rows, and those of
-    the ``releases`` that may occur in it. How it ends is set afterwards.
+    """Build the segment called ``name`` of a phase: its rigid groups, constraint rows, and those of
+    the ``releases`` that may occur in it. What ends it is set by the caller.
 
-    Rotation rows within a group are left out, since its bodies share one attitude. If rows are
-    redundant while joints may change in any order, or may become redundant, all bodies rotate by
-    themselves and all rows stay.
+    Rotation rows within a rigid group are left out, since its bodies share one attitude; so are
+    redundant rows (`Segment.dropped`). In the full formulation, in the variant LEAST_SQUARES, and
+    in ANY_ORDER with redundant rows, every body is a group of its own and all rows stay.
     """
     numbers = {r.name: _kind_number(scene, r.joint, r.to) for r in scene.release}
     lighting = {motor.trigger.release for motor in scene.motor if motor.trigger is not None}
@@ -572,8 +583,8 @@ def _make_segment(
 
 
 def _groups(scene: Scene, welds: list[str], order: list[str]) -> list[tuple[str, ...]]:
-    """Rigid groups of bodies that joints without relative rotation (``welds``) connect, bodies in
-    the given order; the ground, if in a group, comes first, and may be a group of its own."""
+    """Rigid groups of the bodies in ``order``: those connected by joints without relative rotation
+    (``welds``), and single bodies. Bodies of a group are in the given order, the ground first."""
     group: dict[str, tuple[str, ...]] = {body: (body,) for body in order}
     for joint in welds:
         first, second = scene.joint[joint].bodies
@@ -585,5 +596,5 @@ def _groups(scene: Scene, welds: list[str], order: list[str]) -> list[tuple[str,
 
 
 def _count_rotations(codes: tuple[int, ...]) -> int:
-    """Number of rotation rows among row codes."""
+    """Number of rotation rows among the row codes of a joint."""
     return sum(at.ROTATION <= code < at.ROD for code in codes)

@@ -1,14 +1,16 @@
-"""Variants of the kernel of one scene: the more general one integrates cases that another
-rejects."""
+"""Variants of the kernel of one scene: a more general variant is slower, and integrates cases that
+a less general one rejects."""
 
 from enum import IntEnum
 
 
 class Variant(IntEnum):
-    """Kernel variant of a scene, from the fastest to the most general.
+    """Kernel variant of a scene, from the fastest to the most general (lower codes are more
+    general).
 
-    A kernel that rejects a case gives the code of the first variant that may integrate it as the
-    status of the case (`FINER_STEPS` of `sepmc.routines.layout` if smaller steps may do).
+    A kernel rejects a case that it cannot integrate by setting the status of the case: to the code
+    of the first variant that may integrate it, or to `FINER_STEPS` (-1) of `sepmc.routines.layout`
+    if smaller steps may suffice.
     """
 
     STANDARD = 0  # joints release in the order of the phases

@@ -1,1 +1,1 @@
-"""Tracer: formulas called on symbolic expressions become lines of a kernel."""
+"""Tracer: formulas called on symbolic expressions become lines of source code of a kernel."""

@@ -1,5 +1,6 @@
-"""Constant folding of whole numbers in a written kernel: workspace offsets become sums of at most
-two terms, which reduces the work of compiler and interpreter by a fifth."""
+"""Constant folding of integers in the syntax tree of a written kernel: an index of the workspace
+becomes a number plus at most one variable, which reduces the work of compiler and interpreter by a
+fifth."""
 
 import ast
 import operator
@@ -13,19 +14,19 @@ _OPERATIONS: dict[type[ast.operator], Callable[[int, int], int]] = {
 
 
 def whole_numbers(module: ast.Module, lanes: int) -> dict[str, int]:
-    """Integer constants of a kernel module, in their order of definition.
+    """Integer constants that a kernel module defines by assignments at its top level.
 
     Parameters
     ----------
     module : ast.Module
-        its constants are folded in place
+        syntax tree of the kernel; the assigned expressions are folded in place
     lanes : int
-        number of cases side by side
+        number of cases integrated side by side, the value of the name LANES
 
     Returns
     -------
     dict of str to int
-        values by name; LANES, with the number of lanes, comes first
+        values by name, in the order of their definition; LANES comes first
     """
     numbers = {"LANES": lanes}
     for node in module.body:
@@ -39,21 +40,22 @@ def whole_numbers(module: ast.Module, lanes: int) -> dict[str, int]:
 
 
 def fold(function: ast.FunctionDef, numbers: dict[str, int]) -> None:
-    """Replace constant names by their values in a function that does not redefine them.
+    """Replace names of integer constants in a function by their values, and evaluate sums and
+    products of integers.
 
     Parameters
     ----------
     function : ast.FunctionDef
-        changed in place
+        changed in place; it must not assign to a name of ``numbers``
     numbers : dict of str to int
-        values of the constants by name, of `whole_numbers`
+        values of the constants by name, from `whole_numbers`
     """
     for line in function.body:
         _Folding(numbers).visit(line)
 
 
 def _targets(node: ast.Assign) -> list[str]:
-    """Names assigned by a statement."""
+    """Names that an assignment assigns to: one, or those of a tuple."""
     names = node.targets[0]
     return [
         target.id
@@ -63,24 +65,27 @@ def _targets(node: ast.Assign) -> list[str]:
 
 
 def _is_whole(node: ast.expr) -> Any:
-    """True for an integer constant."""
+    """True if a node of a syntax tree is an integer constant (not a bool)."""
     return isinstance(node, ast.Constant) and type(node.value) is int
 
 
 class _Folding(ast.NodeTransformer):
-    """Replaces names of integer constants by their values and evaluates sums and products."""
+    """Visitor that, in place, replaces names of integer constants (``numbers``, by name) by their
+    values and evaluates sums and products of integers."""
 
     def __init__(self, numbers: dict[str, int]):
         self.numbers = numbers
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        """Replace a constant name by its value."""
+        """Return the value of a constant in place of its name where the name is read; other names
+        as they are."""
         if isinstance(node.ctx, ast.Load) and node.id in self.numbers:
             return ast.copy_location(ast.Constant(self.numbers[node.id]), node)
         return node
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
-        """Evaluate a sum or product of constants."""
+        """Return the value of a sum or product of two integers, after both operands are folded;
+        otherwise the node with folded operands."""
         left, right = self.visit(node.left), self.visit(node.right)
         do = _OPERATIONS.get(type(node.op))
         if do and _is_whole(left) and _is_whole(right):

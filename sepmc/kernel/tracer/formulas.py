@@ -1,5 +1,5 @@
-"""Formulas that the emitter calls, with the shapes of their results; calls are traced into lines of
-the kernel."""
+"""Formulas (functions of `sepmc.physics` and `sepmc.routines`) that the emitter calls on symbolic
+expressions, each with the shape of its result: a call becomes a line of the kernel."""
 
 from typing import Any
 
@@ -101,11 +101,12 @@ scalar: Any = Formulas(
 
 
 def square_root(x: Any) -> Any:
-    """Square root of a number, traced as ``math.sqrt``.
+    """Square root of a symbolic number: a call of ``math.sqrt`` in the kernel.
 
     Parameters
     ----------
     x : Expr
+        number, at least zero
 
     Returns
     -------

@@ -1,4 +1,9 @@
-"""Shapes of values, and the code that reads and stores them in the workspace of a kernel."""
+"""Shapes of symbolic values, and the kernel code that reads them from the workspace and stores them
+there.
+
+A workspace path is the code of an index into the workspace ``w`` without the lane, such as
+``S + X_body1``; code within a loop over lanes adds the lane number ``l``.
+"""
 
 import math
 from collections.abc import Callable, Iterator
@@ -9,8 +14,9 @@ from typing import Any
 Shape = int | str | tuple[Any, ...]
 NUMBER, CONDITION, SYMMETRIC = 1, "condition", "symmetric"
 
-# suffix of get and put, and size
+# by shape: suffix of the functions get and put that read and store such a value, and its floats
 _STORED: dict[Shape, tuple[str, int]] = {3: ("3", 3), 4: ("4", 4), SYMMETRIC: ("6", 6), 9: ("9", 9)}
+# of operators, the higher the tighter they bind
 PRECEDENCE = {
     "where": 0,
     "or": 1,
@@ -26,19 +32,20 @@ PRECEDENCE = {
     "/": 5,
     "neg": 6,
 }
-ATOM = 9
+ATOM = 9  # precedence of names, calls and indices, which need no parentheses
 
 
 def size_of(shape: Shape) -> int:
-    """Number of floats of a value; of a tuple of shapes, the sum over its items."""
+    """Number of floats that a value of a shape takes in the workspace per lane; of a tuple of
+    shapes, the sum over its items."""
     if isinstance(shape, tuple):
         return sum(size_of(item) for item in shape)
     return _STORED[shape][1] if shape in _STORED else 1
 
 
 def items_of(path: str, shapes: tuple[Shape, ...]) -> Iterator[tuple[str, Shape]]:
-    """Workspace path and shape of each item of a tuple that is stored from ``path`` on, one item
-    after the other."""
+    """Yield the workspace path and the shape of each item of a tuple of values with these shapes,
+    which is stored from ``path`` on, one item after the other."""
     offset = 0
     for shape in shapes:
         yield (f"{path} + {offset} * LANES" if offset else path), shape
@@ -46,16 +53,16 @@ def items_of(path: str, shapes: tuple[Shape, ...]) -> Iterator[tuple[str, Shape]
 
 
 def store_line(path: str, code: str, shape: Shape) -> str:
-    """Line, within a loop over lanes, that stores the value of ``code``, of some shape, at a
-    workspace path."""
+    """Line of kernel code, within a loop over lanes, that stores a value at a workspace path;
+    ``code`` is the code of the value, of the given shape. A condition is stored as 1.0 or 0.0."""
     if shape in _STORED:
         return f"put{_STORED[shape][0]}(w, {path} + l, {code})"
     return f"w[{path} + l] = {f'1.0 if {code} else 0.0' if shape == CONDITION else code}"
 
 
 def read_of(path: str, shape: Shape) -> tuple[str, int]:
-    """Code, within a loop over lanes, that reads a value of some shape from a workspace path, and
-    its precedence (`PRECEDENCE`)."""
+    """Kernel code, within a loop over lanes, that reads a value of the given shape from a workspace
+    path; and the precedence of that code (`PRECEDENCE` or ATOM)."""
     if isinstance(shape, tuple):
         return f"({', '.join(read_of(at, item)[0] for at, item in items_of(path, shape))})", ATOM
     if shape in _STORED:
@@ -68,10 +75,12 @@ def read_of(path: str, shape: Shape) -> tuple[str, int]:
 
 
 def _shared(index: int, shape: Shape) -> tuple[str, int]:
-    """Code that reads a number, or a vector, of those that all cases share, and its precedence."""
+    """Kernel code that reads a number, or a vector of three, from the numbers that all cases share,
+    at ``index`` among them; and the precedence of that code."""
     return f"w[SHARED + {index}]" if shape == NUMBER else f"vec3.get(w, SHARED + {index})", ATOM
 
 
+# by operator of a node that reads: function from its argument and shape to code and precedence
 READS: dict[str, Callable[[Any, Shape], tuple[str, int]]] = {
     "load": read_of,
     "parameter": lambda index, _: (f"w[P + {index} * LANES + l]", ATOM),
@@ -81,7 +90,8 @@ READS: dict[str, Callable[[Any, Shape], tuple[str, int]]] = {
 
 
 def number_code(a: Any) -> str:
-    """Code of a number that is known while the kernel is written."""
+    """Python code of a number that is known while the kernel is written: ``math.nan``,
+    ``math.inf``, or its repr."""
     if isinstance(a, float) and not math.isfinite(a):
         return "math.nan" if math.isnan(a) else "math.inf" if a > 0.0 else "-math.inf"
     return repr(a)

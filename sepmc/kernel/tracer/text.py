@@ -1,4 +1,5 @@
-"""Text of a module that is being written, and the fields of its workspace."""
+"""Source text of a kernel module that is being written, and the fields of the workspace that its
+functions use."""
 
 import contextlib
 import re
@@ -12,10 +13,11 @@ _ASSIGNED = re.compile(r"(?:for )?((?:[a-z]\w*, )*[a-z]\w*) (?:=|in) ")
 
 
 class Text:
-    """Lines at an indent; a call appends lines.
+    """Lines of source code that are appended at one indent: ``text(line, ...)`` appends lines.
 
-    Texts made by `indented` share the lines and the shapes of variable names: a name has one shape
-    in a function.
+    Texts made from this one (`indented`, `block`, `lanes`) append to the same ``lines``, at a
+    deeper indent, and share ``names``, the shape of each variable of the function: a variable has
+    one shape. A loop written by hand whose counter is a variable of traced code raises TypeError.
     """
 
     def __init__(
@@ -34,25 +36,30 @@ class Text:
                 for name in assignment[1].split(", "):
                     shape = self.names.setdefault(name, _BY_HAND)
                     if shape != _BY_HAND and line.startswith("for "):
-                        raise TypeError(f"{name} stands for two things in a function: {line}")
+                        raise TypeError(
+                            f"{name} stands for two things in a function: a traced value, and the "
+                            f"counter of the loop: {line}"
+                        )
         self.lines += ["    " * self.indent + line if line else "" for line in lines]
 
     def indented(self, by: int) -> "Text":
-        """Text that appends to the same lines with a deeper indent."""
+        """Return a text that appends to the same lines, ``by`` indents (of four spaces) deeper."""
         return Text(self.indent + by, self.lines, self.names)
 
     def block(self, head: str) -> "Text":
-        """Append a line that opens a block; return the text of its body."""
+        """Append the line ``head``, such as ``if x > 0.0:``; return the text for the block below
+        it."""
         self(head)
         return self.indented(1)
 
     def lanes(self) -> "Text":
-        """Append the head of a loop over lanes, with the counter ``l``; return the text of its
-        body."""
+        """Append the head of a loop over lanes (cases side by side), with the counter ``l``; return
+        the text for its body."""
         return self.block("for l in range(LANES):")
 
     def function(self, signature: str, docstring: str) -> "Text":
-        """Append the head of a compiled function.
+        """Append the head of a kernel function, with decorator, docstring and the mark that it is
+        not inlined.
 
         Parameters
         ----------
@@ -63,7 +70,7 @@ class Text:
         Returns
         -------
         Text
-            body of the function
+            for the body of the function; its variable names are independent of other functions
         """
         self("", "", "@routine")
         inner = Text(self.indent + 1, self.lines)
@@ -75,7 +82,8 @@ class Text:
         return inner
 
     def broken(self, line: str) -> None:
-        """Append a statement, broken into lines of at most `WIDTH` characters."""
+        """Append the statement ``line``, an assignment or a call, broken into lines of at most
+        `WIDTH` characters."""
         if 4 * self.indent + len(line) <= WIDTH:
             self(line)
             return
@@ -98,8 +106,8 @@ class Text:
         )
 
     def wrapped(self, start: str, terms: list[str], end: str) -> None:
-        """Append a statement ``start`` + sum of ``terms`` + ``end``, broken into lines of at most
-        `WIDTH` characters."""
+        """Append a statement that is the text ``start``, then ``terms`` joined by " + ", then the
+        text ``end``; broken between terms into lines of at most `WIDTH` characters."""
         lead = "    " * self.indent
         whole = lead + start + " + ".join(terms) + end
         if len(whole) <= WIDTH:
@@ -117,11 +125,12 @@ class Text:
 
 
 class Workspace:
-    """Fields of the workspace, each with a number of components per lane; their offsets follow the
-    order in which they were added.
+    """Fields of the workspace, the array in which a kernel keeps all numbers of a block of cases.
 
-    Optional fields (of outputs, histories or a given step) come last: so functions that do not use
-    them have the same text with and without them, and are compiled once.
+    Each field has a name and a number of components (``counts``); a component is LANES numbers, one
+    per lane. Fields are stored in the order in which they were added, but optional ones (of
+    outputs, histories or a given step) come last: so functions that do not use them have the same
+    text with and without them, and are compiled once.
     """
 
     def __init__(self) -> None:
@@ -130,13 +139,13 @@ class Workspace:
         self._optional = False
 
     def add(self, name: str, count: int, optional: bool = False) -> bool:
-        """Add a field if it is new.
+        """Add a field unless one of that name exists, which then keeps its size.
 
         Parameters
         ----------
         name : str
         count : int
-            components per lane
+            number of components
         optional : bool
             True if not every kernel of the scene has the field
 
@@ -154,7 +163,7 @@ class Workspace:
 
     @contextlib.contextmanager
     def optional(self) -> Iterator[None]:
-        """Make all fields that are added inside the context optional."""
+        """Context manager: all fields that are added within it are optional ones."""
         self._optional = True
         try:
             yield
@@ -166,8 +175,8 @@ class Workspace:
         return name in self.counts
 
     def lines(self) -> list[str]:
-        """Definitions of the field offsets as constants, and the sizes of a state and of the
-        workspace."""
+        """Lines of source code that define, as constants, the offset of each field in the workspace
+        and the sizes, in numbers, of a state (SIZE_Y) and of the workspace (SIZE_W)."""
         lines, start = [], 0
         for name in [*(name for name in self.counts if name not in self._last), *self._last]:
             count = self.counts[name]

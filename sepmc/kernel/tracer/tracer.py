@@ -1,10 +1,10 @@
-"""Tracer: formulas called on symbolic expressions are recorded as a graph and written as the lines
-of a kernel for one lane.
+"""Tracer: formulas called on symbolic expressions are recorded as a graph, which is written as
+lines of kernel code for one lane (one of the cases integrated side by side).
 
 The emitter is ordinary Python: ``flow = vec3.unrotate(attitude, vec3.add(velocity, stream))`` on
-expressions adds two nodes. Equal calls are one node, a node that no output depends on is not
-written, and a value that depends on the parameters of a case alone is computed once before the case
-is integrated and stored in a field of the workspace.
+expressions adds two nodes to the graph. Equal calls are one node, a node on which no stored value
+depends is not written, and a value that depends on the parameters of a case alone is computed once,
+before the case is integrated, and stored in a field of the workspace.
 """
 
 import math
@@ -28,7 +28,7 @@ from sepmc.kernel.tracer.storage import (
 )
 from sepmc.kernel.tracer.text import Text, Workspace
 
-# names that functions already use, and names of functions
+# names that no traced variable may have: variables written by hand, and names of functions
 _TAKEN = {"w", "math", "np", "phase", "typical", "left", "size"}
 _TAKEN |= {"e", "i", "k", "l"}  # counters of hand-written loops
 _TAKEN |= {
@@ -49,15 +49,20 @@ _TAKEN |= {
 
 
 class Expr:
-    """Symbolic number, condition or tuple in the kernel that is being written: node number ``node``
-    of a ``scope``. Operators and indices on it are traced."""
+    """Symbolic value in the kernel that is being written: a number, a condition, a vector or a
+    tuple, as its ``shape`` says. It is node number ``node`` in the graph of its ``scope``.
+
+    Operators and indices on it add nodes and return new expressions. A condition has no truth
+    value while the kernel is written: `where` selects by it.
+    """
 
     def __init__(self, scope: "Scope", node: int, shape: Shape):
         self.scope, self.node, self.shape = scope, node, shape
 
     def called(self, name: str) -> "Expr":
-        """Give the expression a line of its own in the kernel, with a variable called ``name``
-        (numbered if taken); return the expression."""
+        """Give the expression a line of its own in the kernel, which assigns it to a variable
+        called ``name`` (with a number if that is taken); return the expression. A name given before
+        stays."""
         self.scope.names.setdefault(self.node, name)
         return self
 
@@ -65,7 +70,7 @@ class Expr:
         if isinstance(self.shape, tuple):
             return len(self.shape)
         if self.shape in (NUMBER, CONDITION):
-            raise TypeError("a number has no components")
+            raise TypeError("a symbolic number or condition has no components and no length")
         return 9 if self.shape == SYMMETRIC else int(self.shape)
 
     def __getitem__(self, i: int) -> "Expr":
@@ -108,7 +113,7 @@ class Expr:
         return trace("neg", (self,), NUMBER)
 
     def equals(self, other: Any) -> "Expr":
-        """Condition that the number equals another."""
+        """Condition that the number equals ``other`` (== compares expressions as objects)."""
         return trace("==", (self, other), CONDITION)
 
     def __lt__(self, other: Any) -> "Expr":
@@ -136,34 +141,34 @@ def _is(a: Any, number: float) -> bool:
 
 
 def _times(value: Expr, factor: Any) -> Any:
-    """Product of an expression and a known factor 0, 1 or -1, without a new node for 0 or 1; None
-    for any other factor."""
+    """Product of an expression and a factor that is known to be 0 (0.0), 1 (the expression) or -1
+    (its negative); None for any other factor."""
     if _is(factor, 0.0):
         return 0.0
     return value if _is(factor, 1.0) else -value if _is(factor, -1.0) else None
 
 
 def called(value: Any, name: str) -> Any:
-    """`Expr.called`, or the value itself if it is a known number."""
+    """Name an expression (`Expr.called`) and return it; return a known number as it is."""
     return value.called(name) if isinstance(value, Expr) else value
 
 
 def where(condition: Expr, one: Any, other: Any) -> Expr:
-    """Expression ``one`` where a condition is satisfied and ``other`` elsewhere; both are
-    computed."""
+    """Expression that equals ``one`` where a condition is satisfied, else ``other``; the kernel
+    computes both."""
     shape = next((v.shape for v in (one, other) if isinstance(v, Expr)), NUMBER)
     return trace("where", (condition, one, other), shape)
 
 
 def undefined_with(value: Any, other: Any) -> Any:
-    """Expression ``value``, NaN where ``other`` is NaN or infinite."""
+    """Number that equals ``value``, but is NaN where the number ``other`` is NaN or infinite."""
     if not isinstance(other, Expr):
         return value if math.isfinite(other) else math.nan
     return trace("+", (value, trace("*", (0.0, other), NUMBER)), NUMBER)
 
 
 def total(values: Sequence[Any]) -> Any:
-    """Sum of numbers (at least one), from left to right."""
+    """Sum of numbers or expressions (at least one), from left to right."""
     result = values[0]
     for value in values[1:]:
         result = result + value
@@ -171,27 +176,30 @@ def total(values: Sequence[Any]) -> Any:
 
 
 def product(a: Any, b: Any) -> Any:
-    """Scalar product of two vectors without the terms that contain a known zero."""
+    """Scalar product of two vectors, without the terms in which a component is known to be zero;
+    0.0 if no term is left."""
     terms = [x * y for x, y in zip(a, b, strict=True) if not (_is(x, 0.0) or _is(y, 0.0))]
     return total(terms) if terms else 0.0
 
 
 def trace(op: str, args: tuple[Any, ...], shape: Shape) -> Expr:
-    """Record a call of an operator or formula.
+    """Record a call of an operator or formula as a node of a scope.
 
     Parameters
     ----------
     op : str
         operator, or name of the function in the kernel
     args : tuple
-        expressions, known numbers and tuples of these
+        expressions (at least one), known numbers and tuples of these
     shape : Shape
         shape of the result
 
     Returns
     -------
     Expr
-        in the scope of a function if any argument depends on it, else in that of the case
+        the result: in the scope of the kernel function that is being written if any argument
+        belongs to that, else (all arguments depend on parameters of the case alone) in the scope of
+        the case
     """
     scopes = [value.scope for value in _expressions(args)]
     scope = next((scope for scope in scopes if scope.case is not None), scopes[0])
@@ -199,7 +207,7 @@ def trace(op: str, args: tuple[Any, ...], shape: Shape) -> Expr:
 
 
 def _expressions(args: Any) -> Iterator[Expr]:
-    """Expressions among arguments and nested tuples."""
+    """Yield the expressions among the arguments of a call, nested tuples included."""
     for a in args:
         if isinstance(a, Expr):
             yield a
@@ -211,10 +219,10 @@ _WORD = re.compile(r"[A-Za-z_]\w*")
 
 
 class Scope:
-    """Nodes and stores of one loop over lanes.
+    """Graph of the expressions of one loop over lanes, with what is stored in the workspace.
 
-    ``case`` is the scope of values that depend on the parameters of a case alone; that scope has no
-    ``case`` itself.
+    ``case`` is the scope of values that depend on the parameters of a case alone, which may be used
+    here; it is None for that scope itself.
     """
 
     def __init__(self, workspace: Workspace, case: "Scope | None" = None):
@@ -222,17 +230,17 @@ class Scope:
         self.nodes: list[tuple[str, tuple[Any, ...], Shape]] = []
         self.names: dict[int, str] = {}
         self._known: dict[Any, int] = {}
-        # value stored at each path, and the number of nodes before the store
+        # by workspace path: number of nodes that existed before the store, and the stored value
         self.stores: dict[str, tuple[int, Expr]] = {}
-        # of the case scope: fields in which its values are stored for other scopes
+        # of the scope of the case, by node: workspace field that stores the value for other scopes
         self._fields: dict[int, str] = {}
-        self.comments: list[tuple[int, str]] = []  # and the number of nodes before each
+        self.comments: list[tuple[int, str]] = []  # number of nodes before each, and its text
 
     # -- tracing
 
     def add(self, op: str, args: tuple[Any, ...], shape: Shape) -> Expr:
-        """Expression of a call of an operator or formula (as in `trace`) in this scope: a new node,
-        or that of an equal call."""
+        """Return the expression, in this scope, of a call of an operator or formula (arguments as
+        in `trace`); an equal call before it has the same node."""
         args = self._adopted(args)
         key = (op, shape, _key(args))
         if key not in self._known:
@@ -241,24 +249,27 @@ class Scope:
         return Expr(self, self._known[key], shape)
 
     def load(self, path: str, shape: Shape = NUMBER) -> Expr:
-        """Value at a workspace path such as ``S + X_body1``; if this scope has stored one there,
-        that value."""
+        """Expression of the value at a workspace path such as ``S + X_body1`` (a field, or field
+        plus offset); if this scope has stored a value there, that value."""
         return self.stores[path][1] if path in self.stores else self.add("load", (path,), shape)
 
     def parameter(self, index: int) -> Expr:
-        """Parameter of a case by its index in the parameter vector, SI."""
+        """Expression of a parameter of the case, SI, by its index in the parameter vector."""
         return self.add("parameter", (index,), NUMBER)
 
     def shared(self, index: int, shape: Shape = NUMBER) -> Expr:
-        """Number (or, with the shape 3, vector) of those that all cases share, by its index."""
+        """Expression of one of the numbers that all cases share, by its index among them; with the
+        shape 3, of the vector that begins there."""
         return self.add("shared", (index,), shape)
 
     def named(self, name: str) -> Expr:
-        """Constant of the kernel's module, or argument of the function, by its name."""
+        """Expression of a constant of the kernel's module, or of an argument of the kernel
+        function, by its name."""
         return self.add("named", (name,), NUMBER)
 
     def store(self, path: str, value: Any) -> None:
-        """Store a value at a workspace path; only the last value is written."""
+        """Store a value (expression, known number or tuple) at a workspace path; of several values
+        stored there, the loop writes only the last."""
         if not isinstance(value, Expr):
             value = self.add(
                 "tuple" if isinstance(value, tuple) else "constant",
@@ -269,17 +280,17 @@ class Scope:
         self.stores[path] = len(self.nodes), value
 
     def comment(self, text: str) -> None:
-        """Add a comment above the next node."""
+        """Add a comment line above the line of the node that is added next."""
         self.comments.append((len(self.nodes), text))
 
     def localize(self, value: Any) -> Any:
-        """Value as an expression of this scope: what another scope computed is loaded from the
-        workspace field that stores it. Plain numbers are returned unchanged."""
+        """Return a value as an expression of this scope: a value of the scope of the case is loaded
+        from the workspace field that stores it. Plain numbers are returned unchanged."""
         return self._adopt(value) if isinstance(value, Expr) else value
 
     def _adopted(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Arguments, nested tuples included, with the expressions of other scopes replaced by those
-        of this scope (`_adopt`)."""
+        """Arguments of a call, nested tuples included, with each expression replaced by that of
+        this scope (`_adopt`)."""
         return tuple(
             self._adopt(a)
             if isinstance(a, Expr)
@@ -290,19 +301,20 @@ class Scope:
         )
 
     def _adopt(self, value: Expr) -> Expr:
-        """Expression of this scope for an expression of this or the case scope: values of the case
-        scope are read from their fields, parameters and shared numbers directly."""
+        """Expression of this scope for ``value``, an expression of this scope (returned as it is)
+        or of the scope of the case: that is loaded from its workspace field, but a parameter or
+        shared number is read again."""
         if value.scope is self:
             return value
-        assert value.scope is self.case, "an expression of another function"
+        assert value.scope is self.case, "expression of a function used in another function"
         op, args, shape = value.scope.nodes[value.node]
         if op in ("parameter", "shared"):
             return self.add(op, args, shape)
         return self.add("load", (value.scope.field_of(value),), shape)
 
     def field_of(self, value: Expr) -> str:
-        """Workspace field in which a value of this scope, the case scope, is stored for others; it
-        is added when first needed."""
+        """Name of the workspace field in which a value of this scope (that of the case) is stored
+        for other scopes; the field, and the store, are added when first needed."""
         if value.node not in self._fields:
             name = self.names.get(value.node, self.nodes[value.node][0].rpartition(".")[2])
             name = (name if name.isidentifier() else "value").upper()
@@ -316,22 +328,22 @@ class Scope:
     # -- writing
 
     def lines(self) -> list[str]:
-        """Lines that compute all stored values, for one lane."""
+        """Lines of kernel code that compute and store all stored values, for one lane."""
         return [line for _, _, line in _Writer(self, {}).lines()]
 
     def write(self, text: Text, most: float = math.inf) -> None:
-        """Write the scope as loops over lanes.
+        """Append the scope to a text as one or more loops over lanes.
 
-        Values that all lanes share are read before the loop: a loop that reads them is not
+        Numbers that all lanes share are read before the loops: a loop that reads them is not
         vectorised.
 
         Parameters
         ----------
         text : Text
         most : float
-            maximum number of lines in a loop of the case scope: the time to compile a loop grows
-            with the square of its reads and writes. Values that a later loop needs are stored in
-            fields.
+            number of lines after which a new loop begins; finite only for the scope of the case,
+            since the time to compile a loop grows with the square of its reads and writes. Values
+            that a later loop needs are stored in workspace fields.
         """
         writer = _Writer(self, text.names)
         lines = writer.lines()
@@ -373,8 +385,9 @@ class Scope:
 
 
 class _Writer:
-    """Lines of a scope and the names of its variables; ``of_function`` has the shapes of the names
-    that the function uses already."""
+    """Writer of the code of one scope: it names variables and orders lines. ``of_function`` has, by
+    name, the shapes of the variables that the kernel function already has; names of the scope are
+    added to it."""
 
     def __init__(self, scope: Scope, of_function: dict[str, Any]):
         self.scope, self.of_function = scope, of_function
@@ -389,7 +402,8 @@ class _Writer:
         self.taken = {op.partition(".")[0] for op, _, _ in scope.nodes if op not in READS} | _TAKEN
 
     def _visit(self, args: tuple[Any, ...]) -> None:
-        """Count the uses of all nodes that some expressions depend on."""
+        """Count, in ``uses``, the uses of all nodes on which the given expressions depend, and note
+        operands of `where` in ``operands``."""
         pending = list(args)
         while pending:
             a = pending.pop()
@@ -406,8 +420,9 @@ class _Writer:
                         }
 
     def lines(self) -> list[tuple[int, int, str]]:
-        """Lines of a lane as (node, order at the node, line); lines before the loop are then in
-        ``shared``."""
+        """Lines of the loop body as sorted tuples (node, order, line); at one node, order is 0 for
+        a comment, 1 for an assignment, 2 for a store. ``shared`` then has the lines to write before
+        the loop."""
         written: list[tuple[int, int, str]] = []  # node, order at the same node, line
         for node in sorted(self.uses):
             line = self._line(node)
@@ -422,7 +437,8 @@ class _Writer:
         return sorted(written, key=lambda item: item[:2])
 
     def _line(self, node: int) -> str | None:
-        """Assignment of a node to its variable; None if its code is inserted where it is used."""
+        """Line that assigns the value of a node to a variable; None if the node has no line in the
+        loop, because its code is inserted where it is used or stands before the loop."""
         op, args, shape = self.scope.nodes[node]
         code, precedence = self._code(op, args, shape)
         if op == "shared":
@@ -446,8 +462,8 @@ class _Writer:
         return f"{name} = {code}"
 
     def _name(self, base: str, shape: Shape) -> str:
-        """Variable name that is unique in the scope and has one shape in the function: a compiled
-        variable has one type."""
+        """Return a variable name, ``base`` or with a number after it, that is new in the scope and
+        has no other shape in the function, since a compiled variable has one type; reserve it."""
         name, number = base, 1
         while name in self.taken or self.of_function.get(name, shape) != shape:
             number += 1
@@ -457,8 +473,8 @@ class _Writer:
         return name
 
     def _code(self, op: str, args: tuple[Any, ...], shape: Shape) -> tuple[str, int]:
-        """Code of a node, given its operator or formula, arguments and shape; and its
-        precedence."""
+        """Code of a node, given its operator or formula, its arguments and its shape; and the
+        precedence of that code (`PRECEDENCE` or ATOM)."""
         rank = PRECEDENCE.get(op, ATOM)
         if op in READS:
             return READS[op](args[0], shape)
@@ -478,7 +494,8 @@ class _Writer:
         return code, rank
 
     def _spell(self, a: Any, precedence_needed: int = 0) -> str:
-        """Code of an argument, in parentheses if its precedence is below ``precedence_needed``."""
+        """Code of an argument (expression, known number or tuple), in parentheses if its precedence
+        is below ``precedence_needed``."""
         if isinstance(a, tuple):
             return f"({', '.join(self._spell(item) for item in a)}{',' if len(a) == 1 else ''})"
         if not isinstance(a, Expr):
@@ -487,10 +504,10 @@ class _Writer:
         return code if precedence >= precedence_needed else f"({code})"
 
     def store(self, path: str, value: Expr) -> list[str]:
-        """Lines that store a value at a path, items of a tuple one after the other."""
+        """Lines that store a value at a workspace path; one line for each item of a tuple."""
         code = self._spell(value)
         if isinstance(value.shape, tuple):
-            assert value.node in self.named, "a tuple without a name would be computed twice"
+            assert value.node in self.named, "stored tuple has no variable; name it with called()"
             return [
                 store_line(to, f"{code}[{k}]", shape)
                 for k, (to, shape) in enumerate(items_of(path, value.shape))
@@ -499,7 +516,8 @@ class _Writer:
 
 
 def _key(a: Any) -> Any:
-    """Hashable key of an argument of a call: equal for equal expressions, numbers and tuples."""
+    """Hashable key of the argument of a call: equal for arguments that are the same node, equal
+    numbers of one type, or tuples of such."""
     if isinstance(a, Expr):
         return ("value", a.node)
     if isinstance(a, tuple):
@@ -508,7 +526,8 @@ def _key(a: Any) -> Any:
 
 
 def _word(op: str, args: tuple[Any, ...]) -> str:
-    """Variable name of a node that was not named by the emitter."""
+    """Variable name for a node that the emitter has not named, from its operator or formula and, of
+    a value loaded from the workspace, from its field."""
     if op in ("load", "parameter", "shared", "tuple"):
         word = str(args[0]).rpartition(" + ")[2].lower() if op == "load" else op
         return word if word.isidentifier() else "value"
@@ -526,14 +545,15 @@ def _word(op: str, args: tuple[Any, ...]) -> str:
 
 
 class Formulas:
-    """Formulas of a module, as attributes: calls on expressions are traced.
+    """Formulas of one module as attributes, which are called on expressions: ``vec3.add(a, b)``
+    records the call as a node and returns the expression of its result.
 
     Parameters
     ----------
     prefix : str
         Name of the module in the kernel; "" for functions imported by name.
     shapes : dict of str to Shape
-        Shape of the result of each formula.
+        Shape of the result of each formula, by name; other names are an AttributeError.
     """
 
     def __init__(self, prefix: str, shapes: dict[str, Shape]):
