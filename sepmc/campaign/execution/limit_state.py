@@ -121,7 +121,7 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
     """
     known = {item.name: item for item in campaign.file.requirements}
     if not known:
-        raise InputError(f"rare = {name}: campaign {campaign.name} has no [[requirement]]")
+        raise InputError(f"rare = {name}: needs a [[requirement]] in {campaign.name}")
     if name not in known:
         raise InputError(f"rare = {name}: no such requirement; {nearest(name, known)}")
     item, inputs = known[name], campaign.file.input_table
@@ -129,7 +129,7 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
     columns = {column.name: k for k, column in enumerate(campaign.outcome_columns)}
     if item.metric == VIOLATION:
         others = ", ".join(other for other in known if other != name)
-        raise InputError(f"{key}: combines the other requirements; name one: {others}")
+        raise InputError(f"{key}: combines other requirements; name one of them: {others}")
     if item.metric not in columns:
         raise InputError(
             f"{key}: is a status, which has no margin; give a requirement with a bound on an "
@@ -141,7 +141,7 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
             "table; give [dispersion] distributions, and no run.samples"
         )
     if not campaign.file.dispersions:
-        raise InputError(f"rare = {name}: no input is dispersed; give [dispersion]")
+        raise InputError(f"rare = {name}: nothing is dispersed; give [dispersion]")
     if not is_yes_or_no(item.metric):
         index = columns[item.metric]
         return LimitState(item, campaign.outcome_columns[index], index)

@@ -381,8 +381,8 @@ def _notes(
 ) -> list[str]:
     """Notes on an estimate for the user, as sentences.
 
-    ``known`` is the estimate of violations, ``of_all`` that in which cases without a margin count
-    as ``unknown``; ``rare_values`` are from `rare_discrete_values`.
+    ``known`` is the estimate for violating cases, ``of_all`` that for these and the cases without a
+    margin; ``rare_values`` are from `rare_discrete_values`.
     """
     campaign, integration, summary, limit = (
         evaluator.campaign,
