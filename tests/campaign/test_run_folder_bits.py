@@ -240,7 +240,7 @@ def test_a_folder_of_statistics_only(tmp_path):
     called = call("campaign", *options, "--resume", "--keep", "failed")
     assert (
         called.exit_code,
-        "was run with --stats-only, and is to be continued keeping failed" in called.stderr,
+        "was run with --stats-only, and is to be continued saving the rows failed" in called.stderr,
     ) == (2, True)
     manifests.seal(folder, manifests.read_manifest(folder) | {"complete": False})
     assert "it was interrupted; to continue" in call("stats", folder).stderr

@@ -193,7 +193,7 @@ def column_scales(
     Returns
     -------
     ndarray, shape (o,)
-        Size of each outcome below which its error is relative to that size.
+        Scale of each outcome in the unit of its column.
     """
     columns = campaign.outcome_columns
     units = [column.unit for column in columns]
@@ -256,7 +256,7 @@ def with_errors(
 
     ``error`` is the relative error of the outcome, from ``errors_by_name`` (NaN if unknown); the
     column is left out if ``errors_by_name`` is empty. ``error_size`` is the error in the unit of
-    the outcome, and ``constant`` is True if all cases agree within that error; see
+    the outcome, and ``constant`` is True if no two cases differ by more than twice that error; see
     `sepmc.analysis.constant_outcomes.with_constants`.
     """
     if errors_by_name:

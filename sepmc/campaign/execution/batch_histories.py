@@ -61,7 +61,7 @@ class BatchHistories:
     names : sequence of str
         Names of the history columns to return, from `sepmc.schema.history_columns`.
     times : ndarray, shape (t,)
-        Times of the history rows, s: rising, from 0 to the end time.
+        Times of the history rows, s: rising, between 0 and the end time.
     tolerances : sequence of float
         For each column, the allowed root mean square over time of its numerical error, in its unit.
     trials : ndarray, shape (k, d)
@@ -110,8 +110,9 @@ class BatchHistories:
                 self._select_steps(campaign.in_si(trials), np.asarray(tolerances))
 
     def _select_steps(self, trials: np.ndarray, tolerances: np.ndarray) -> None:
-        """Double the steps until doubling changes the histories of trial cases by no more than the
-        tolerances; sets the steps and durations of this object, and `error`.
+        """Double the steps until that changes the histories of the trial cases by no more than the
+        tolerances, or a segment has 1,024 steps. Sets steps and durations of this object, and
+        `error`.
 
         ``trials`` (k, d) are inputs, SI; ``tolerances`` (c,) are allowed errors by column.
         """

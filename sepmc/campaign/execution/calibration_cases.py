@@ -19,7 +19,8 @@ _CORNERS_PER_VALUE = 3  # minimum number of corners with each value of a discret
 
 class CalibrationSize(NamedTuple):
     """Number of calibration cases: ``corners``, each with all inputs at ends of their
-    distributions, and cases of a ``sample`` of the distributions."""
+    distributions, and cases of a ``sample`` of the distributions. The median case comes in
+    addition."""
 
     corners: int
     sample: int

@@ -71,8 +71,8 @@ def scene_notes(campaign: Definition, integration: Integration) -> list[str]:
 
 
 def failure_notes(count: int, n_run: int, max_failures: int | None) -> list[str]:
-    """List with one note if more cases failed (``count``, of ``n_run``) than ``max_failures``, at
-    which a run stops; empty if not, or without that limit."""
+    """List with one note that a run stopped after ``n_run`` cases, as ``count`` of them failed;
+    empty if these are no more than ``max_failures``, or if that is None."""
     if max_failures is None or count <= max_failures:
         return []
     allowed = f"no more than {max_failures} may fail" if max_failures else "none may fail"
@@ -196,7 +196,7 @@ def nominal_notes(
     outcomes : mapping of str to float
         Outcomes of the nominal case by column, in the units of the columns.
     has_ended : bool
-        True if the case reached its end.
+        True if the case reached its end: events that do not occur are noted only then.
 
     Yields
     ------
@@ -209,8 +209,8 @@ def nominal_notes(
             continue
         if math.isnan(value):
             yield (
-                f"requirement.{item.name}: the nominal case has no {item.metric}: its event does "
-                "not occur, or it is not defined"
+                f"requirement.{item.name}: the nominal case has no {item.metric}: the event that "
+                "gives it does not occur, or it is not defined"
             )
         unit = "" if units[item.metric] == "1" else units[item.metric]
         for key, bound, sign in (("at_least", item.at_least, 1), ("at_most", item.at_most, -1)):
@@ -307,8 +307,8 @@ def _min_at_end_note(clearance: str, times: str) -> str:
 
 
 def accuracy_notes(achieved: AchievedAccuracy, fixed: bool) -> list[str]:
-    """List with one note if the requested accuracy is not met, or if no calibration case reached
-    its end; empty if it is met, or if the file gives the step (``fixed`` is True)."""
+    """List with one note if no calibration case reached its end or, unless the file gives the step
+    (``fixed`` is True), if the requested accuracy is not met; else empty."""
     if not achieved.cases:
         return [
             "no calibration case reached its end with the kernel of the campaign, so its numerical "

@@ -88,7 +88,7 @@ class Integration:
         Length of the steps, s, if the file gives it, else None; in copies by `refined` it is
         divided.
     scale : ndarray, shape (o,)
-        Size of each outcome below which its error is absolute; see
+        Scale of each outcome, SI, by which errors are divided if the outcome is smaller; see
         `sepmc.campaign.execution.accuracy.scales`.
     limits : ndarray, shape (g,)
         Largest value of each error indicator (`Block.indicators`) at which the error estimate still

@@ -24,7 +24,8 @@ _FREE = "free"
 
 
 def expected_events(campaign: Definition) -> dict[str, str]:
-    """Name of the outcome column with the time of each event that the file lets expect.
+    """For each event that is expected by the campaign file, the name of the outcome column with its
+    time.
 
     The keys are ``joint.NAME`` (the joint becomes free), ``joint.NAME.KIND`` (it is released to
     another kind), ``event.NAME``, ``motor.NAME`` and ``spring.NAME``.
@@ -107,7 +108,7 @@ def _description(scene: Scene, key: str) -> str:
     if table == "motor":
         return f"{key} does not light"
     if table == "event":
-        return f"{key} does not come"
+        return f"{key} does not occur"
     if table == "spring":
         return f"{key} does not reach the end of its stroke, and pushes on"
     releases = [release for release in scene.release if release.joint == name]

@@ -31,7 +31,7 @@ def original_mode(
     Parameters
     ----------
     folder : Path
-        Run folder; without a run of a campaign in it, the options of now are returned.
+        Run folder; without a run of a campaign in it, the requested options are returned.
     stats_only : bool
     keep : KeepRules or None
     until : str or None
@@ -75,11 +75,11 @@ def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
 
 def _mode_text(stats_only_before: bool, keep: str) -> str:
     return (
-        f"keeping {keep}"
+        f"saving the rows {keep}"
         if keep
         else f"with {switch('stats_only')}"
         if stats_only_before
-        else "keeping all rows"
+        else "storing all rows"
     )
 
 

@@ -47,11 +47,11 @@ REPORT, TABLE = "rare.json", "rare.parquet"
 _OWN_COLUMNS = (
     Column("margin", "", "how far the outcome is within the bound; below zero beyond it"),
     Column("level", "1", "level that the case was run for; 0: sampled from the distributions"),
-    Column("replica", "1", "replica of the case"),
+    Column("replica", "1", "replica (independent estimate) that the case belongs to"),
     Column(
         "weight",
         "1",
-        "probability of the case; the sum over all violating cases is their probability",
+        "probability that the case stands for; its sum over violating cases is the estimate",
     ),
 )
 

@@ -86,12 +86,13 @@ class SingleCase:
 
 
 class UnknownError(Exception):
-    """A case could not be finished in plain Python within the allowed number of kernel lines; the
+    """A case could not be finished in plain Python within the allowed number of executed lines; the
     argument is the reason, as text for the user."""
 
 
 class _SpentError(Exception):
-    """The next compiled integration would exceed the kernel lines that a case may execute."""
+    """The next compiled integration would exceed the number of kernel lines that a case may
+    execute."""
 
 
 class _RejectedError(Exception):
@@ -124,8 +125,8 @@ def simulate_case(
         Called with a message if a kernel is compiled, which is done where plain Python takes longer
         than some ten seconds.
     plain_work : float, optional
-        Number of kernel lines that plain Python may execute (1e7 take some 5 s); if given, nothing
-        is compiled.
+        Number of lines of the kernel that plain Python may execute (1e7 take some 5 s); if given,
+        nothing is compiled.
 
     Returns
     -------

@@ -208,7 +208,7 @@ class SelectedRowWriter:
 
     def _write_final(self, first: int, rows: dict[str, np.ndarray]) -> Entry:
         """Write a shard of those of the ``rows`` (by column) that are still selected when all cases
-        are known; return its ledger entry. ``first`` is the first case number of the shard."""
+        are known; return its ledger entry. ``first``, a case number, is part of its file name."""
         reasons = self.selection.final_reasons(rows["case"], rows[REASON.name])
         is_kept = reasons != ""
         selected = {name: values[is_kept] for name, values in rows.items()} | {

@@ -152,8 +152,8 @@ class Search:
         """Use the step that the file gives, in place of a search: integrate the reference at an
         eighth of it.
 
-        Returns an array of ones (``stages``,), the number of segments: the given step is not
-        divided. Returns None if most cases are not valid.
+        ``stages`` is the number of segments. Returns ones, shape (stages,), as the given step is
+        not divided; None if most cases are not valid.
         """
         steps = np.ones(stages, dtype=np.int64)
         self.reference, self.verdict = self.evaluate(_GIVEN_STEP_FACTOR * steps, self.draws)

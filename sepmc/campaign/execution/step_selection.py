@@ -170,8 +170,9 @@ def unpacked(
     announce: Log | None = None,
     timing: dict[str, float] | None = None,
 ) -> Integration:
-    """Copy of an integration without kernels (`Integration.packed`, from another process or the
-    cache) with the kernel and fallback kernels of this process, which are compiled if necessary.
+    """Copy, with kernel and fallback kernels, of an integration that has none (from
+    `Integration.packed`, of another process or the cache folder). The kernel is compiled if
+    necessary.
 
     ``history`` is True if histories are to be stored; ``announce`` and ``timing`` are as in
     `select_steps`.

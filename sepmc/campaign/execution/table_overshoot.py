@@ -142,6 +142,6 @@ def _beyond_neighbours(
     column = at[2:]
     return float(excess[at]), (
         f"the smooth function reaches {values[at]:.4g} between the rows {key} = {first:.5g} and "
-        f"{last:.5g}{' deg' if angle else ''}, which are {rows[(at[0], *column)]:.4g} and "
+        f"{last:.5g}{' deg' if angle else ''}, whose values are {rows[(at[0], *column)]:.4g} and "
         f"{rows[(at[0] + 1, *column)]:.4g}"
     )

@@ -148,7 +148,7 @@ def changed_files(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
     """Faults of a folder whose manifest, campaign file, sample table or ledger was changed since
     the manifest was written; empty if none was. ``manifest`` are its entries by key."""
     if not _is_sealed(manifest):
-        reason = "was changed since it was written: it does not have the checksum in it"
+        reason = "was changed since it was written: the checksum that it contains is not its own"
         return [Finding(f"{folder / folders.MANIFEST}: {reason}")]
     return [*_changed_campaign(folder, manifest), *_changed_ledger(folder, manifest)]
 
@@ -172,7 +172,7 @@ def _changed_campaign(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Fin
             yield Finding(text, repairable=False, advice=restore_advice(folder))
     samples = ledger.read(folder).get(folders.SAMPLES)
     if samples and (problem := shards.find_fault(folder, samples)):
-        reason = f"{folder / folders.SAMPLES}: {problem}; it gave inputs of the cases"
+        reason = f"{folder / folders.SAMPLES}: {problem}; it contains the inputs of the cases"
         yield Finding(reason, repairable=False, advice="restore it from a copy")
 
 
@@ -307,7 +307,7 @@ def diagnose(folder: Path) -> list[Finding]:
                 reason = f"is not in {ledger.LEDGER}: not finished, or not of this run"
                 ours = path.name.startswith("part-") and ".parquet" in path.name
                 findings.append(
-                    Finding(f"{path}: {reason if ours else 'is none of a run: move it'}")
+                    Finding(f"{path}: {reason if ours else 'is no file of a run: move it'}")
                 )
     if _is_sealed(manifest) and "rare" not in manifest:
         findings += foreign_shards(folder, manifest)

@@ -148,7 +148,7 @@ def write_accumulators(
     earlier ones are deleted. ``arrays`` are one-dimensional, ``about`` is metadata of the file."""
     lengths = json.dumps([len(entry) for entry in arrays])
     path = shard_path(folder, folders.ACCUMULATORS, cases)
-    column = Column("value", "", "what is counted, an array after the other")
+    column = Column("value", "", "accumulators of the statistics, one array after the other")
     content = write_parquet(
         path, [column], {"value": np.concatenate(arrays)}, about | {"lengths": lengths}
     )
@@ -524,7 +524,8 @@ def read_cases(
     folder: Path, below: int | None = None, columns: list[str] | None = None
 ) -> pd.DataFrame:
     """Read case rows of a run as a table, sorted by case; if given, only those with case numbers
-    below ``below``, and only some ``columns``. Raises StoreError if no rows are stored."""
+    below ``below``, and only some ``columns``, which must include ``case``. Raises StoreError if no
+    rows are stored."""
     stored = entries(folder, folders.CASES)
     if not stored:
         raise StoreError(f"{folder}: contains no {folders.CASES}; give the folder of a run")

@@ -57,7 +57,7 @@ def check_entries(folder: Path) -> None:
 
 
 def _check_entry(entry: "os.DirEntry[str]", is_rewritten: bool) -> None:
-    """Raise StoreError if an entry of a folder is neither a regular file nor a folder, or a link.
+    """Raise StoreError if an entry of a folder is a link, or neither a regular file nor a folder.
 
     With ``is_rewritten`` (True) files in that folder may be written in place, so a file with
     another name elsewhere (hard link) is refused, too.
