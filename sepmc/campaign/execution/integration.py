@@ -39,7 +39,7 @@ from sepmc.schema import Status
 
 SAFE = 0.5  # fraction of the accuracy asked that errors of calibration cases may reach
 _DURATION_REFINEMENT = 64  # of the steps that measure how long the segments of a case last
-_MIN_DURATION = 1e-9  # of a flight
+_MIN_DURATION = 1e-9  # of the end time; shorter segments have no duration
 _MAX_REJECTED = 3  # halvings of the step of a rejected case that a fallback kernel may accept
 _NO_CALLS = np.zeros(0, dtype=np.int64)
 REPORT_EVERY_S = 10.0  # between two progress messages
@@ -47,7 +47,7 @@ REPORT_EVERY_S = 10.0  # between two progress messages
 
 @dataclass(frozen=True)
 class FallbackKernel:
-    """Other kernel of a scene, slower but more general, for cases that its first kernel rejects.
+    """Slower but more general kernel, for cases that the first one rejects by a negative status.
 
     Attributes
     ----------
@@ -227,7 +227,7 @@ def integrate(
     Cases are integrated again with smaller steps, each by itself, if they lie outside the
     calibration, have too large an estimated error, or end with a status that smaller steps may
     change. Those that the kernel still rejects are tried with the fallback kernels. Cases that all
-    kernels reject get a final status and no outcomes (NaN).
+    kernels reject get a final status and NaN outcomes; their audit columns stay.
 
     Parameters
     ----------
@@ -485,8 +485,8 @@ def _refine_with_own_durations(
     number: int,
 ) -> Converged:
     """Refine the case with index ``number`` in ``block`` and ``draws`` (n, d), whose phases last
-    much longer than typical: measure its own durations, then halve its steps until it converges;
-    write its results into ``block``."""
+    much longer than typical: measure its own durations, then halve its steps until it converges.
+    Writes its results into ``block``; returns steps and changes of this one case."""
     inputs, fine = draws[number : number + 1], flight.refined(_DURATION_REFINEMENT)
     _, ends = integrate_cases(
         flight.kernel,

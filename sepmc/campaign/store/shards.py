@@ -144,8 +144,8 @@ def replace_shards(folder: Path, kind: str, written: Iterable[ledger.Entry]) -> 
 def write_accumulators(
     folder: Path, cases: int, arrays: Sequence[np.ndarray], about: dict[str, str]
 ) -> None:
-    """Write the accumulators of the first ``cases`` cases of a run, and record them in the ledger;
-    earlier ones are deleted. ``arrays`` are one-dimensional, ``about`` is metadata of the file."""
+    """Write the accumulators of the first ``cases`` cases of a run: one-dimensional ``arrays`` that
+    statistics are computed from. They are recorded in the ledger, and earlier ones are deleted."""
     lengths = json.dumps([len(entry) for entry in arrays])
     path = shard_path(folder, folders.ACCUMULATORS, cases)
     column = Column("value", "", "accumulators of the statistics, one array after the other")
@@ -171,7 +171,7 @@ def accumulator_entry(folder: Path) -> ledger.Entry | None:
 def read_accumulators(
     folder: Path, entry: ledger.Entry
 ) -> tuple[list[np.ndarray], dict[bytes, bytes]]:
-    """Read the accumulators of a run, and their metadata.
+    """Read the accumulators of a run (arrays that statistics are computed from) and their metadata.
 
     Parameters
     ----------
@@ -354,8 +354,8 @@ def drop_damaged(folder: Path, with_histories: bool) -> int:
 
 
 def drop_selected(folder: Path, first: int | None) -> int | None:
-    """Delete the shards of selected rows that begin at case ``first`` or later (none if that is
-    None), and all shards that are not in the ledger.
+    """Delete the shards of selected rows (saved beside statistics) that begin at case ``first`` or
+    later (none if that is None), and all shards that are not in the ledger.
 
     Returns
     -------
