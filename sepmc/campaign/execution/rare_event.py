@@ -131,8 +131,13 @@ class RareEventEstimate:
         return index_by_case(self.rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """The estimate, without the rows of cases, as data for JSON: the contents of
-        ``rare.json``."""
+        """Contents of ``rare.json``: the estimate without the rows of cases.
+
+        Returns
+        -------
+        dict
+            Nested data of JSON types.
+        """
         violate = int(np.count_nonzero(self.rows["margin"] < 0.0))
         return {
             "requirement": self.requirement,
