@@ -403,7 +403,7 @@ def test_a_saltelli_campaign(tmp_path):
         campaign.run(cases=15)
     with run_interpreted():
         result = campaign.run(cases=256, out=tmp_path / "run")
-    assert any("differ from others in one parameter only" in note for note in result.notes)
+    assert any("differ from another one in one parameter only" in note for note in result.notes)
     table = result.sensitivity("upper_pitch_deg")
     assert table.index[0] == "in_initial_pitch_deg"
     # ranks are of the cases that do not repeat each other: the first and the last of each four

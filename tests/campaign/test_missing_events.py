@@ -139,7 +139,7 @@ def test_they_are_counted_in_notes_and_manifest(run, expected):
     manifest = read_manifest(folder)
     assert manifest["missing"] == expected
     for output in (reported.output, call("stats", folder).output):
-        assert f"event.far does not come in {expected['event.far']} of 40 ok cases" in output
+        assert f"event.far does not occur in {expected['event.far']} of 40 ok cases" in output
         assert f"motor.kick does not light in {expected['motor.kick']} of 40 ok" in output
         assert (
             f"joint.bolt does not become free (its release is optional) in "
@@ -283,7 +283,7 @@ def test_check_tells_it_of_the_nominal_case(file):
     """`check` of a nominal that is too weak, and of one that is not."""
     weak = call("check", file, "--set", "spring.push.force_N=1.0", "--set", "dispersion={}")
     for message in (
-        "event.far does not come in the nominal case, which ends at 0.1 s",
+        "event.far does not occur in the nominal case, which ends at 0.1 s",
         "motor.kick does not light in the nominal case",
         "joint.bolt does not become free (its release is optional) in the nominal case",
     ):

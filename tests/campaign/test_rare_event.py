@@ -230,7 +230,8 @@ def test_a_value_that_levels_do_not_see_is_told(spinning):
     result = with_one.with_settings({"requirement": [item]}).rare("slow", most=FLIGHTS)
     assert result.probability == 0.0
     message = (
-        "initial.omega_deg_s.x = 50 has a probability of 1e-06, and of such cases 100 % violate"
+        "initial.omega_deg_s.x = 50 has a probability of 1e-06, and of the cases with it 100 % "
+        "violate"
     )
     assert any(note.startswith(message) for note in result.notes)
 
@@ -366,7 +367,7 @@ def test_it_is_not_gone_on_with(folder, tmp_path):
     run, _ = folder
     called = invoke("campaign", run, "--out", run, "--resume")
     assert called.exit_code == 2
-    assert "so no cases can be continued" in called.output
+    assert "so there are no cases to continue" in called.output
     called = invoke("run", run, "--case", 1, "--out", tmp_path / "one")
     assert "add --set run.samples=rare.parquet" in called.output
     called = invoke("campaign", run, "--rare", "slow", "--out", run)

@@ -224,4 +224,4 @@ def test_command(tmp_path):
     assert call("campaign", "table2", "--sampler", "halton").exit_code == 2
     checked = call("check", "table2", "--set", "run.sampler=lhs")
     assert "sampler lhs" in checked.stdout
-    assert "'lhs': intervals are those of" in checked.stderr
+    assert "'lhs': confidence intervals are computed as for" in checked.stderr

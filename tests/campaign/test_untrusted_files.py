@@ -163,7 +163,7 @@ def test_a_small_table_that_unpacks_to_a_vast_one_is_refused(tmp_path):
 
 def test_a_pipe_is_no_table(tmp_path):
     os.mkfifo(tmp_path / "x.csv")
-    assert "is no file" in read_plan(tmp_path / "x.csv")[1]
+    assert "is no regular file" in read_plan(tmp_path / "x.csv")[1]
 
 
 @pytest.mark.parametrize(
@@ -334,7 +334,7 @@ def _changed(table, way):
         ("status", "unknown status: 'fine'"),
         ("rows", "has 8 rows, and should have 4"),
         ("case", "has other cases than 0 to 3"),
-        ("text", "of another type: string"),
+        ("text", "of another type than runs write: string"),
         ("lost", "differ in columns|no column separation_distance_mm"),
     ],
 )

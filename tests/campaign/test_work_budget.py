@@ -110,7 +110,7 @@ def test_a_case_whose_work_is_spent_says_so(pair, monkeypatch):
     assert result.attrs["status"] == "ok"
     assert any("its integrations take up to about" in text for text in heard)
     note = result.attrs["notes"][0]
-    assert re.search(r"work of this case was spent at \d+ steps a phase, before it converged", note)
+    assert re.search(r"time of a case was used up at \d+ steps a phase, before it converged", note)
 
 
 def test_a_case_that_no_steps_suffice_is_unresolved(pair, monkeypatch):

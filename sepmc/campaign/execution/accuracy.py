@@ -25,11 +25,12 @@ _EXTREME_POSITIONS = (
 
 
 def scene_scales(scene: Scene, units: Iterable[str]) -> np.ndarray:
-    """Typical size of a quantity of each unit in a scene.
+    """Typical size of a quantity in a scene, for each of some units.
 
-    A length is the vehicle length L, a time the end time T, an angle 1 rad, a speed V = L / T + T F
-    / M with the sum F of the forces of all motors, springs and loads on the mass M; a rate is V /
-    L, a force M V / T, and so on.
+    A length is the vehicle length L (extent of the centres of mass and joint points), a time the
+    end time T, an angle 1 rad, a speed V = L / T + T F / M. Here F is the sum of the forces of all
+    motors, springs and loads, and M the mass of all bodies. A rate is V / L, a force M V / T; the
+    other units follow from these.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def scene_scales(scene: Scene, units: Iterable[str]) -> np.ndarray:
     Returns
     -------
     ndarray, shape (len(units),)
-        A size for each unit, SI.
+        Size of a quantity with each of the units, in SI.
     """
     mass = sum(body.mass for body in scene.body.values())
     gyration = max(float(np.sqrt(max(body.inertia) / body.mass)) for body in scene.body.values())
@@ -86,25 +87,27 @@ def scales(
     scene_scale: np.ndarray | None = None,
     spread: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Size below which the error of an outcome is absolute.
+    """Scale of each outcome: the size below which errors are relative to the scale instead.
 
-    It is the larger of two: the standard deviation of the outcome, and `SMALL` times the largest
-    outcome of the same unit or, if given, of the scene scale.
+    The scale is the larger of the standard deviation of the outcome and `SMALL` times a typical
+    size. That size is the largest absolute value of all outcomes with the same unit, or
+    ``scene_scale`` if that is larger.
 
     Parameters
     ----------
     reference : ndarray, shape (n, o)
-        Outcomes, SI.
+        Values of o outcomes in n cases, SI; NaN are ignored.
     units : list of str, length o
+        Unit of each outcome.
     scene_scale : ndarray, shape (o,), optional
-        See `scene_scales`.
+        Typical size of each outcome in the scene; see `scene_scales`.
     spread : ndarray, shape (o,), optional
         Standard deviation of each outcome; computed from ``reference`` if not given.
 
     Returns
     -------
     ndarray, shape (o,)
-        SI.
+        Scale of each outcome, SI.
     """
     magnitudes = np.abs(np.where(np.isnan(reference), 0.0, reference)).max(axis=0, initial=0.0)
     largest_of: dict[str, float] = {}
@@ -117,7 +120,10 @@ def scales(
 
 
 def deviation(outcomes: np.ndarray) -> np.ndarray:
-    """Standard deviation (o,) of outcomes (n, o), ignoring NaN; 0 if an outcome has no value."""
+    """Standard deviation (o,) of each outcome over n cases, from ``outcomes`` (n, o).
+
+    NaN are ignored; an outcome without any value has the deviation 0.
+    """
     finite = ~np.isnan(outcomes)
     count = np.maximum(1, finite.sum(axis=0))
     with np.errstate(invalid="ignore"):
@@ -126,17 +132,19 @@ def deviation(outcomes: np.ndarray) -> np.ndarray:
 
 
 def errors(outcomes: np.ndarray, reference: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Error of every outcome of every case: the measure of ``solver.accuracy``.
+    """Error of every outcome of every case, in the measure that ``solver.accuracy`` limits.
 
-    The error is the difference from the reference over the size of the outcome or, if that is
-    larger, over its scale. So an outcome near zero has no unbounded relative error. Two NaN at the
-    same place agree; a number against NaN is an infinite error.
+    The error is the absolute difference from the reference, divided by the size of the reference
+    value or by the scale of the outcome, whichever is larger. So an outcome near zero has no
+    unbounded relative error. Two NaN at the same place have the error 0; a number and NaN have an
+    infinite error.
 
     Parameters
     ----------
     outcomes, reference : ndarray, shape (n, o)
+        Values of o outcomes in n cases, and the more exact values to compare them with.
     scale : ndarray, shape (o,)
-        See `scales`.
+        Scale of each outcome, in the same unit as its values; see `scales`.
 
     Returns
     -------
@@ -157,8 +165,11 @@ def relative_error(
     units: list[str],
     scene_scale: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Largest error (o,) of each outcome over n cases, scaled by the reference (n, o); see
-    `errors`."""
+    """Largest relative error (o,) of each outcome over n cases; zeros without cases.
+
+    ``outcomes`` and ``reference``, both (n, o) and SI, are compared by `errors`; ``units`` (o) and
+    ``scene_scale`` (o,) give the scales as in `scales`.
+    """
     if not len(outcomes):
         return np.zeros(len(units))
     return errors(outcomes, reference, scales(reference, units, scene_scale)).max(
@@ -169,20 +180,20 @@ def relative_error(
 def column_scales(
     campaign: Definition, outcomes: np.ndarray, spread: np.ndarray | None = None
 ) -> np.ndarray:
-    """Size below which the error of an outcome is absolute, in the unit of its column.
+    """Scale of each outcome, as `scales` computes it, but in the unit of its column.
 
     Parameters
     ----------
     campaign : Definition
     outcomes : ndarray, shape (n, o)
-        In the units of their columns.
+        Values of all outcomes in n cases, in the units of their columns.
     spread : ndarray, shape (o,), optional
         Standard deviation of each outcome; computed from ``outcomes`` if not given.
 
     Returns
     -------
     ndarray, shape (o,)
-        See `scales`.
+        Scale of each outcome in the unit of its column.
     """
     columns = campaign.outcome_columns
     units = [column.unit for column in columns]
@@ -193,7 +204,7 @@ def column_scales(
 def with_scales(
     campaign: Definition, errors_by_name: Mapping[str, float], statistics: pd.DataFrame
 ) -> dict[str, tuple[float, float]]:
-    """Relative error of each outcome, and its scale in the unit of its column (`scales`).
+    """Relative error and scale (`scales`) of each outcome, with scales from statistics.
 
     Parameters
     ----------
@@ -201,12 +212,12 @@ def with_scales(
     errors_by_name : mapping of str to float
         Relative error by outcome.
     statistics : DataFrame
-        Statistics of the cases, by outcome; at least min, max and sigma.
+        Statistics of the cases, a row per outcome; needs the columns min, max and sigma.
 
     Returns
     -------
     dict of str to (float, float)
-        Relative error (NaN if unknown) and scale, by outcome.
+        By outcome: its relative error (NaN if unknown), and its scale in the unit of its column.
     """
     names = [column.name for column in campaign.outcome_columns]
     extremes = statistics.loc[names, ["min", "max"]].to_numpy()
@@ -217,16 +228,20 @@ def with_scales(
 def with_scales_of(
     campaign: Definition, errors_by_name: Mapping[str, float], outcomes: np.ndarray
 ) -> dict[str, tuple[float, float]]:
-    """Relative error and scale of each outcome, as `with_scales`, from the ``outcomes`` (n, o) of
-    cases, in the units of their columns."""
+    """Relative error and scale of each outcome, with scales from the values in cases.
+
+    ``outcomes`` (n, o) are in the units of their columns; the result is that of `with_scales`.
+    """
     return _by_name(campaign, errors_by_name, column_scales(campaign, outcomes))
 
 
 def _by_name(
     campaign: Definition, errors_by_name: Mapping[str, float], outcome_scales: np.ndarray
 ) -> dict[str, tuple[float, float]]:
-    """Relative error (NaN if unknown) and scale by outcome; ``outcome_scales`` (o,) are in the
-    order of the outcomes."""
+    """Pairs (relative error, scale) by outcome; an error that ``errors_by_name`` lacks is NaN.
+
+    ``outcome_scales`` (o,) are in the order of the outcome columns of the campaign.
+    """
     return {
         column.name: (errors_by_name.get(column.name, np.nan), float(scale))
         for column, scale in zip(campaign.outcome_columns, outcome_scales, strict=True)
@@ -236,11 +251,13 @@ def _by_name(
 def with_errors(
     campaign: Definition, errors_by_name: Mapping[str, float], table: pd.DataFrame
 ) -> pd.DataFrame:
-    """Add to a table of statistics, a row per outcome, the columns ``error``, ``error_size`` and
-    ``constant``.
+    """Copy of a table of statistics (a row per outcome) with the columns ``error``,
+    ``error_size`` and ``constant`` added.
 
-    ``error`` is the relative error (NaN if unknown); it is left out if ``errors_by_name`` is empty.
-    For the others see `sepmc.analysis.constant_outcomes.with_constants`.
+    ``error`` is the relative error of the outcome, from ``errors_by_name`` (NaN if unknown); the
+    column is left out if ``errors_by_name`` is empty. ``error_size`` is the error in the unit of
+    the outcome, and ``constant`` is True if no two cases differ by more than twice that error; see
+    `sepmc.analysis.constant_outcomes.with_constants`.
     """
     if errors_by_name:
         table = table.assign(error=[errors_by_name.get(str(name), np.nan) for name in table.index])
@@ -250,10 +267,10 @@ def with_errors(
 def zero_below_error(
     campaign: Definition, outcomes: Mapping[str, float], errors_by_name: Mapping[str, float]
 ) -> dict[str, float]:
-    """Outcomes of one case by column, set to 0 where they are not larger than their numerical
-    error.
+    """Copy of the outcomes of one case with 0 for each value not larger than its numerical error.
 
-    ``errors_by_name`` are relative errors as `errors` measures them.
+    ``outcomes`` are by column, in the units of their columns; ``errors_by_name`` are relative
+    errors by outcome, as `errors` measures them.
     """
     values = np.array([[outcomes[column.name] for column in campaign.outcome_columns]])
     magnitudes = {
@@ -267,8 +284,8 @@ def zero_below_error(
 
 
 def decisive(columns: list[Column]) -> np.ndarray:
-    """Mask (o,) of the outcomes, given by their ``columns``, that must converge: all but contact
-    and the times and positions of extremes."""
+    """Mask (o,) of the outcomes that must converge, True for all but contact (1 or 0) and the
+    times and positions of extremes; ``columns`` are those of the o outcomes."""
     return np.array(
         [not column.name.endswith(_EXTREME_POSITIONS) for column in columns], dtype=bool
     )
@@ -284,14 +301,15 @@ class AchievedAccuracy:
         Requested accuracy, ``solver.accuracy``.
     errors : dict of str to float
         Relative error (see `errors`) by outcome: `SAFETY` times the largest of the calibration
-        cases.
+        cases, or more if `with_errors` raised it to that of other cases.
     cases : int
         Number of calibration cases.
     positions : frozenset of str
-        Outcomes that do not converge with the step: times and positions of extremes, contact. They
-        have errors too, but do not count in ``worst`` and ``met``.
+        Outcomes that need not converge with the step: times and positions of extremes, and
+        contact. They have errors too, but do not count in ``worst`` and ``met``.
     history : float or None
-        Error of stored histories between the ends of steps; None without histories.
+        Relative error of stored histories, which are interpolated between the ends of steps; None
+        without histories.
     """
 
     asked: float
@@ -302,7 +320,7 @@ class AchievedAccuracy:
 
     @property
     def worst(self) -> tuple[str, float]:
-        """Decisive outcome with the largest error, and the error."""
+        """Name and relative error of the outcome with the largest error, without `positions`."""
         return _largest(
             {name: error for name, error in self.errors.items() if name not in self.positions}
             or self.errors
@@ -310,17 +328,20 @@ class AchievedAccuracy:
 
     @property
     def worst_position(self) -> tuple[str, float] | None:
-        """Outcome of `positions` with the largest error, and the error; None if there are none."""
+        """Name and relative error of the outcome among `positions` with the largest error; None
+        if there are none."""
         errors = {name: error for name, error in self.errors.items() if name in self.positions}
         return _largest(errors) if errors else None
 
     @property
     def met(self) -> bool:
-        """True if the worst error meets the requested accuracy. False without calibration cases."""
+        """True if the error of `worst` is at most the requested accuracy, and there were
+        calibration cases."""
         return self.cases > 0 and self.worst[1] <= self.asked
 
     def with_errors(self, others: Mapping[str, float]) -> "AchievedAccuracy":
-        """Copy with errors raised to those of ``others``, by outcome."""
+        """Copy in which the error of each outcome is the larger of its own and that in
+        ``others``, relative errors by outcome."""
         return replace(
             self,
             errors={name: max(error, others.get(name, 0.0)) for name, error in self.errors.items()},
@@ -328,21 +349,22 @@ class AchievedAccuracy:
 
 
 def _largest(errors_by_name: dict[str, float]) -> tuple[str, float]:
-    """Name and value of the largest error."""
+    """Outcome with the largest error, and that error."""
     name = max(errors_by_name, key=lambda n: errors_by_name[n])
     return name, errors_by_name[name]
 
 
 def achieved(campaign: Definition, largest_errors: np.ndarray, cases: int) -> AchievedAccuracy:
-    """Achieved accuracy: its errors are `SAFETY` times the largest ones of calibration cases.
+    """Numerical error of a campaign from the errors of its calibration cases.
 
     Parameters
     ----------
     campaign : Definition
     largest_errors : ndarray, shape (o,)
-        Largest relative error of each outcome.
+        Largest relative error of each outcome in the calibration cases; the result has `SAFETY`
+        times these.
     cases : int
-        Number of calibration cases; errors are infinite if 0.
+        Number of calibration cases; if 0, the result has infinite errors.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Histories of many cases of a campaign in one call of a kernel, for inputs that are given."""
+"""Histories of many cases of a campaign on common times, a few kernel calls for all of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,8 +24,13 @@ _BYTES = 2**25  # of the rows of one call
 
 @dataclass(frozen=True)
 class _Way:
-    """A kernel, its steps and durations (segments,), and the instants (m, 3) of its rows: all times
-    in the first segment, then in the second, ..."""
+    """Kernel and arrays with which `BatchHistories` integrates cases.
+
+    ``steps`` and ``durations`` (segments,) are the number of steps and the typical duration, s, of
+    each segment. ``instants`` (m, 3) has the time, s, the segment and the side (0) of each history
+    row that the kernel writes: all times in the first segment, then all in the second, ..., as the
+    segment of a case at a time is not known before.
+    """
 
     kernel: Kernel
     steps: np.ndarray
@@ -34,38 +39,43 @@ class _Way:
 
     @classmethod
     def of(cls, kernel: Kernel, steps: np.ndarray, times: np.ndarray) -> "_Way":
-        """Way with the durations not known yet."""
+        """`_Way` with a row at each of the ``times`` (t,), s, in each segment, and with infinite
+        durations, which means that they are not known yet."""
         segments = range(kernel.n_segments)
         rows = [np.column_stack([times, np.full(len(times), k), 0 * times]) for k in segments]
         return cls(kernel, steps, np.full(kernel.n_segments, np.inf), np.concatenate(rows))
 
     def refined(self, factor: int) -> "_Way":
-        """Copy with ``factor`` times the steps."""
+        """Copy with ``factor`` times the number of steps."""
         return replace(self, steps=factor * self.steps)
 
 
 class BatchHistories:
-    """Histories of cases of a campaign on common times.
+    """Callable that integrates cases of a campaign and returns their histories on common times.
+
+    Creating one loads the kernel and selects the steps.
 
     Parameters
     ----------
     campaign : Definition
     names : sequence of str
-        Of `sepmc.schema.history_columns`.
+        Names of the history columns to return, from `sepmc.schema.history_columns`.
     times : ndarray, shape (t,)
-        Rising, within the run, s.
+        Times of the history rows, s: rising, between 0 and the end time.
     tolerances : sequence of float
-        Root mean square over time of the numerical error of each column, in its unit.
+        For each column, the allowed root mean square over time of its numerical error, in its unit.
     trials : ndarray, shape (k, d)
-        Inputs in the units of the file, of cases that the steps are selected with.
+        Inputs, in the units of the file, of the cases that the steps are selected with.
     threads : int, optional
+        Number of threads; all if None.
     announce : Log, optional
-        Told if a kernel is compiled.
+        Called with a message if a kernel is compiled.
 
     Attributes
     ----------
     error : float
-        Largest numerical error of the trial cases, in units of the tolerances.
+        Largest numerical error of the trial cases, as a multiple of the tolerances; 0 if the file
+        gives the step.
     """
 
     def __init__(
@@ -100,7 +110,12 @@ class BatchHistories:
                 self._select_steps(campaign.in_si(trials), np.asarray(tolerances))
 
     def _select_steps(self, trials: np.ndarray, tolerances: np.ndarray) -> None:
-        """Double the steps until the histories of trial cases (k, d), SI, change no more."""
+        """Double the steps until that changes the histories of the trial cases by no more than the
+        tolerances, or a segment has 1,024 steps. Sets steps and durations of this object, and
+        `error`.
+
+        ``trials`` (k, d) are inputs, SI; ``tolerances`` (c,) are allowed errors by column.
+        """
         before = None
         while True:
             status, histories, ends = self._integrate(self._way, trials)
@@ -121,23 +136,24 @@ class BatchHistories:
             before, self._way = histories, self._way.refined(2)
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
-        """Histories of cases.
+        """Integrate cases and return their histories.
 
         Parameters
         ----------
         inputs : ndarray, shape (n, d)
-            In the units of the file.
+            Inputs of n cases, in the units of the file.
 
         Returns
         -------
         ndarray, shape (n, c, t)
-            In the units of the columns; NaN after the end of a case, and of a case without a valid
-            result.
+            Values of the c columns at the t times, in the units of the columns. NaN at times after
+            the end of a case, and in all values of a case without a valid result.
         """
         return self.of_samples(self._campaign.in_si(inputs))
 
     def of_samples(self, samples: np.ndarray) -> np.ndarray:
-        """Histories (n, c, t) of cases with inputs (n, d), SI."""
+        """Histories (n, c, t), as `__call__` returns them, of cases with inputs ``samples`` (n, d)
+        in SI."""
         with using_threads(self._threads):
             status, histories, _ = self._integrate(self._way, samples)
             if self._campaign.scene.solver.step is None:
@@ -155,7 +171,8 @@ class BatchHistories:
     def _repair(
         self, way: _Way, samples: np.ndarray, status: np.ndarray, histories: np.ndarray
     ) -> None:
-        """Integrate rejected cases another way, into their rows."""
+        """Integrate the rejected cases (negative status) with another kernel or other steps,
+        ``way``, and overwrite their ``status`` (n,) and ``histories`` (n, c, t) in place."""
         rejected = np.flatnonzero(status < 0)
         if len(rejected):
             status[rejected], histories[rejected], _ = self._integrate(way, samples[rejected])
@@ -163,8 +180,8 @@ class BatchHistories:
     def _integrate(
         self, way: _Way, samples: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Status (n,), histories (n, c, t) and ends of segments (segments, n) of samples (n, d),
-        SI."""
+        """Integrate cases with inputs ``samples`` (n, d), SI; return their status (n,), histories
+        (n, c, t) in the units of the columns, and end times, s, of segments (segments, n)."""
         campaign, segments = self._campaign, way.kernel.n_segments
         width = len(schema.history_columns(campaign.layout.contents))
         per_call = max(8, _BYTES // (8 * len(way.instants) * width) // 8 * 8)

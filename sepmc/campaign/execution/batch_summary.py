@@ -1,4 +1,4 @@
-"""Counts and extremes of cases: of a chunk, a shard and a whole run."""
+"""Counts of cases and largest errors, for a chunk, a shard and a whole run."""
 
 import json
 from collections import Counter
@@ -22,28 +22,32 @@ from sepmc.schema import Status
 
 
 class BatchSummary(msgspec.Struct, frozen=True):
-    """Counts and extremes of a set of cases; summaries add up.
+    """Counts and largest errors of a set of cases; ``a + b`` is the summary of both sets.
 
     Attributes
     ----------
     failures : int
-        Cases with another status than ok.
+        Number of cases with another status than ok.
     implausible : int
-        Cases with an inertia that no solid body has.
+        Number of cases with an inertia that no solid body has.
     refined, fallback, unconverged : int
-        Cases integrated again at smaller steps; cases integrated by a fallback kernel; cases
-        integrated again that did not converge.
+        Number of cases integrated again at smaller steps; integrated by a fallback kernel;
+        integrated again without reaching convergence.
     min_at_end : mapping of str to int
-        By clearance: cases whose minimum is at the end time.
+        By clearance: number of cases in which it is smallest at the end time.
     missing : mapping of str to int
-        By event: ok cases in which it does not occur; see
+        By event: number of ok cases in which it does not occur; see
         `sepmc.campaign.execution.missing_events`.
     errors : mapping of str to float
-        Largest relative error of each outcome, of those whose error is estimated case by case.
+        By outcome: largest relative error of the cases integrated again and, for the outcomes
+        `Estimate.leading`, of all others too. The errors of the remaining outcomes follow from
+        ``indicators``.
     indicators : tuple of float
-        Largest error indicators; see `sepmc.campaign.execution.error_estimate.Estimate.largest`.
+        Largest value of each error indicator over the cases not integrated again; see
+        `sepmc.campaign.execution.error_estimate.Estimate.largest`.
     occurred : tuple of int
-        Occurrences of rare values; see `sepmc.analysis.rare_values.count_values`.
+        Number of cases, then the number of those with each rare value of the campaign; see
+        `sepmc.analysis.rare_values.count_values`.
     """
 
     failures: int = 0
@@ -76,27 +80,30 @@ class BatchSummary(msgspec.Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """JSON text for `read`."""
+        """The summary as JSON text, which `read` converts back."""
         return json.dumps(msgspec.to_builtins(self))
 
 
 def read(text: str | bytes) -> BatchSummary:
-    """Read a summary from `BatchSummary.text`, which may contain Infinity. Raises InputError if the
-    text is none."""
+    """Convert JSON text from `BatchSummary.text`, which may contain Infinity, to the summary.
+    Raises InputError for any other text."""
     try:
         return msgspec.convert(json.loads(text), BatchSummary)
     except (ValueError, RecursionError, msgspec.ValidationError):
-        raise InputError("the summary of a shard cannot be read; run its cases again") from None
+        raise InputError(
+            "the summary in the metadata of a shard (Parquet file of a run folder) cannot be read; "
+            "run its cases again"
+        ) from None
 
 
 def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummary:
-    """Summary of a chunk of cases.
+    """Summarise the inputs and results of n cases.
 
     Parameters
     ----------
     campaign : Definition
     inputs : ndarray, shape (n, d)
-        In the units of the campaign file.
+        Inputs of the cases, in the units of the campaign file.
     block : Block
         Results of the kernel for these n cases.
 
@@ -116,7 +123,8 @@ def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummar
 
 
 def count_errors(campaign: Definition, block: Block) -> BatchSummary:
-    """Summary of the numerical errors of a chunk of cases, and of those integrated again."""
+    """Summary of n cases in which only ``refined``, ``fallback``, ``unconverged``, ``errors`` and
+    ``indicators`` are filled, from ``block.refinement``; the rest is 0 or empty."""
     columns, again = campaign.outcome_columns, block.refinement
     errors = np.zeros(len(columns)) if again is None else again.error
     return BatchSummary(
@@ -129,7 +137,8 @@ def count_errors(campaign: Definition, block: Block) -> BatchSummary:
 
 
 def accuracy(integration: Integration, summary: BatchSummary) -> AchievedAccuracy:
-    """Achieved accuracy of a run: the larger error of its cases and of the calibration cases."""
+    """Numerical error of a run: for each outcome the larger of the error of its own cases
+    (``summary``) and that of the calibration cases (``integration.achieved``)."""
     achieved = integration.achieved
     assert achieved is not None
     # no calibration case has an error, but cases that were integrated again have
@@ -139,7 +148,8 @@ def accuracy(integration: Integration, summary: BatchSummary) -> AchievedAccurac
 
 
 def _errors(integration: Integration, summary: BatchSummary) -> dict[str, float]:
-    """Largest relative error of each outcome, by name, over the cases in a summary."""
+    """Largest relative error over the cases in a summary, by outcome: that of the cases
+    integrated again, and that which the error estimate gives for all others."""
     errors_by_name, estimate = dict(summary.errors), integration.estimate
     if estimate is None or not errors_by_name:
         return errors_by_name
@@ -151,8 +161,8 @@ def _errors(integration: Integration, summary: BatchSummary) -> dict[str, float]
 def accuracy_entries(
     campaign: Definition, integration: Integration, summary: BatchSummary
 ) -> dict[str, Any]:
-    """Entry ``accuracy`` of a manifest: steps of an integration, and numerical error of the cases
-    in a summary."""
+    """Contents of the entry ``accuracy`` of a manifest, by key: methods and steps of an
+    integration, numerical error of the cases in a summary, and counts of refined cases."""
     solver, achieved = campaign.scene.solver, accuracy(integration, summary)
     entries: dict[str, Any] = {
         "formulation": solver.formulation,

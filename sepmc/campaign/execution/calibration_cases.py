@@ -1,4 +1,5 @@
-"""Calibration cases, from which steps are selected: corners of the dispersions and a sample."""
+"""Calibration cases, which the integration steps are selected with: corners (each input at an end
+of its distribution) and a sample."""
 
 from typing import NamedTuple
 
@@ -17,30 +18,33 @@ _CORNERS_PER_VALUE = 3  # minimum number of corners with each value of a discret
 
 
 class CalibrationSize(NamedTuple):
-    """Number of calibration cases: ``corners`` of the dispersions, besides the nominal case, and a
-    ``sample`` of the distributions."""
+    """Number of calibration cases: ``corners``, each with all inputs at ends of their
+    distributions, and cases of a ``sample`` of the distributions. The median case comes in
+    addition."""
 
     corners: int
     sample: int
 
 
 def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray:
-    """Inputs at corners of the dispersions, SI.
+    """Inputs of the median case and of corner cases, the same ones at every call.
 
-    The first row is the median of every parameter; in the others each parameter is at one of its
-    ends (quantiles at 0.001 and 0.999), chosen by a fixed random sequence. Angles that vary over
-    more than a quarter turn are spaced over their range instead, discrete distributions take every
-    value, and whether something ``fails`` stays at its median.
+    The first row is the median of every parameter. In the others each parameter is at one of its
+    two ends (quantiles at 0.001 and 0.999), chosen by a fixed random sequence. Exceptions: angles
+    that vary over more than a quarter turn take evenly spaced quantiles, discrete distributions
+    take every value, and parameters whose path ends in ``.fails`` stay at their median.
 
     Parameters
     ----------
     campaign : Definition
     corners : int, optional
-        Number of corners, `CORNERS` if None; more if a discrete distribution has many values.
+        Number of corners, `CORNERS` if None; more are returned if a discrete distribution needs
+        them, to have three corners with each of its values.
 
     Returns
     -------
     ndarray, shape (1 + corners, d)
+        Inputs, a row per case, SI.
     """
     dispersions = campaign.file.dispersions
     corners = CORNERS if corners is None else corners
@@ -73,9 +77,11 @@ def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray
 
 
 def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
-    """Latin hypercube sample of the inputs, SI.
+    """Sample of the inputs, the same one at every call: two Latin hypercubes of half the cases
+    each.
 
-    In the second half all values of a discrete distribution are equally frequent.
+    In the second half all values of a discrete distribution are equally frequent, whatever their
+    weights; parameters whose path ends in ``.fails`` keep their weights.
 
     Parameters
     ----------
@@ -86,6 +92,7 @@ def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
     Returns
     -------
     ndarray, shape (count, d)
+        Inputs, a row per case, SI.
     """
     dispersions, half = campaign.file.dispersions, (count + 1) // 2
     random = np.random.Generator(np.random.Philox(key=21))
@@ -103,7 +110,8 @@ def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
 
 
 def _quantiles(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
-    """Quantiles of a distribution; the median in place of values that are not allowed."""
+    """Quantiles (n,) of a distribution at probabilities ``u`` (n,), in the unit of the file; the
+    median in place of each value that the parameter does not allow."""
     values = cases.quantile(dispersion, u)
     return (
         np.where(dispersion.allowed(values), values, cases.quantile(dispersion, np.array([0.5])))
@@ -113,15 +121,17 @@ def _quantiles(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
 
 
 def _value_probabilities(dispersion: Dispersion) -> np.ndarray:
-    """Cumulative probability at the middle of the step of each value of a discrete distribution;
-    values without weight are left out."""
+    """Probability at which the quantile of a discrete distribution is each of its values: the
+    middle of the value's step of the cumulative distribution. Values without weight are left
+    out."""
     weights = np.array(dispersion.weights)
     edges = np.cumsum(weights) / np.sum(weights)
     return (edges - 0.5 * weights / np.sum(weights))[weights > 0.0]
 
 
 def _is_wide(dispersion: Dispersion) -> bool:
-    """Return True if a parameter is an angle that varies over more than a quarter turn."""
+    """Return True if a parameter is an angle whose quantiles at 0.001 and 0.999 differ by more
+    than a quarter turn."""
     if dispersion.parameter.unit not in UNITS["angle"]:
         return False
     low, high = (

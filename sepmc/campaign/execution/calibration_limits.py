@@ -1,5 +1,9 @@
-"""Limits of a calibration: error indicators and angles up to which the errors of calibration cases
-apply to other cases."""
+"""Limits of a calibration: error indicators and angles up to which the error model, which is fitted
+to calibration cases, applies to other cases.
+
+An error indicator is a number that a kernel computes for each case from its steps: it grows with
+the error.
+"""
 
 import numpy as np
 
@@ -17,10 +21,11 @@ _LOAD_GROWTH = 0.2
 
 
 def indicator_limits(campaign: Definition, trials: Block) -> np.ndarray:
-    """Upper limits (g,) of error indicators within which the calibration applies.
+    """Upper limit (g,) of each of the g error indicators of a case: beyond any of them the case is
+    outside the calibration.
 
-    Each is the largest indicator of the ok calibration cases (``trials``) times a margin, or a
-    negligible value if that is larger.
+    A limit is the largest value in the ok calibration cases times a factor, or a negligible value
+    if that is larger. ``trials`` are the results of the calibration cases.
     """
     assert trials.indicators is not None
     indicators = trials.indicators[(trials.status == Status.OK) & trials.has_indicators]
@@ -50,8 +55,13 @@ def indicator_limits(campaign: Definition, trials: Block) -> np.ndarray:
 
 
 def angle_limits(campaign: Definition, trials: Block) -> dict[int, float]:
-    """Limits, rad, of sideslip and yaw, by outcome index, from calibration cases (``trials``):
-    errors of alpha, pitch and roll grow as one over their cosine."""
+    """Largest absolute sideslip and yaw angle, rad, of a case within the calibration, by index of
+    the outcome.
+
+    Errors of alpha, pitch and roll grow as one over the cosine of these angles. A limit is the
+    angle at which that is 1.25 times as large as in any ok calibration case. ``trials`` are the
+    results of the calibration cases.
+    """
     limits = {}
     for k, column in enumerate(campaign.outcome_columns):
         if column.name.endswith(("_beta_deg", "_yaw_deg")):
@@ -61,8 +71,12 @@ def angle_limits(campaign: Definition, trials: Block) -> dict[int, float]:
 
 
 def unseen_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
-    """Relative error (o,) that impulses can have although their indicators are below the
-    negligible values of `indicator_limits`; 0 for other outcomes."""
+    """Relative error (o,) that an impulse (time integral of a joint load) can have although its
+    error indicator is below the negligible value of `indicator_limits`; 0 for other outcomes.
+
+    ``trials`` are the results of the calibration cases, ``scale`` (o,) the scales of the outcomes
+    (`sepmc.campaign.execution.accuracy.scales`).
+    """
     unseen, impulses = np.zeros(len(scale)), _impulse_indices(campaign)
     sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
     omitted = _UNSEEN_IMPULSE * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
@@ -71,8 +85,12 @@ def unseen_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.
 
 
 def direct_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
-    """Relative error (o, g) of impulses per unit of their indicator, due to the polynomials that
-    are integrated; 0 elsewhere."""
+    """Relative error of each outcome per unit of each error indicator, shape (o, g): not 0 only for
+    an impulse (time integral of a joint load) and the indicator of that impulse.
+
+    This is the error of the polynomial over a step whose integral is the impulse. ``trials`` are
+    the results of the calibration cases, ``scale`` (o,) the scales of the outcomes.
+    """
     assert trials.indicators is not None
     impulses = _impulse_indices(campaign)
     direct = np.zeros((len(scale), trials.indicators.shape[1]))
@@ -83,14 +101,18 @@ def direct_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.
 
 
 def _impulse_indices(campaign: Definition) -> list[int]:
-    """Indices of impulses among the outcomes: their indicators come last, in the same order."""
+    """Indices of the impulses (N s, N m s) among the outcomes. The last error indicators of a case
+    are those of the impulses, in the same order."""
     return [
         k for k, column in enumerate(campaign.outcome_columns) if column.unit in ("N s", "N m s")
     ]
 
 
 def _relative_to_smallest(amount: np.ndarray, sizes: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """``amount`` (k,) over the smallest of the ``sizes`` (n, k) of each outcome in n cases, which
-    are at least its ``scale`` (k,)."""
+    """``amount`` (k,) divided by the smallest size of each of k outcomes over n cases.
+
+    ``sizes`` (n, k) are absolute values; a size below the ``scale`` (k,) of its outcome counts as
+    that scale. The result is 0 where the smallest size is 0 or there are no cases.
+    """
     smallest = np.maximum(sizes, scale).min(axis=0, initial=np.inf)
     return np.divide(amount, smallest, out=np.zeros(len(smallest)), where=smallest > 0.0)

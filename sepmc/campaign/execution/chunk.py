@@ -1,4 +1,4 @@
-"""Chunks of cases, which are sampled and integrated in one call of the kernel."""
+"""Chunks: consecutive cases that are sampled and integrated together."""
 
 import time
 from dataclasses import dataclass
@@ -16,7 +16,8 @@ from sepmc.scene.messages import Log
 
 @dataclass(frozen=True)
 class SampleSpec:
-    """Cases to sample: the cases ``numbers`` of the sample of ``total`` cases with a ``seed``."""
+    """Cases of a run: the case ``numbers`` taken from a sample of ``total`` cases, which the random
+    ``seed`` determines."""
 
     seed: int
     numbers: CaseSelection
@@ -24,22 +25,22 @@ class SampleSpec:
 
     @property
     def text(self) -> str:
-        """Case numbers as text; empty if they are all cases of the sample."""
+        """Case numbers as text, such as ``25:50,73``; empty if they are all cases of the sample."""
         all_of_them = self.numbers.are_first and self.total == self.numbers.count
         return "" if all_of_them else str(self.numbers)
 
 
 class Chunk(NamedTuple):
-    """Cases integrated in one call.
+    """Inputs and results of n consecutive cases that were integrated together.
 
     Attributes
     ----------
     first : int
-        Number of the first case.
+        Case number of the first one.
     inputs : ndarray, shape (n, d)
         Sampled inputs, in the units of the campaign file.
     block : Block
-        Results of the kernel.
+        Results of the kernel, SI.
     summary : BatchSummary
         Counts and largest errors of these cases.
     """
@@ -60,18 +61,21 @@ def integrate_chunk(
     timing: dict[str, float],
     announce: Log | None = None,
 ) -> Chunk:
-    """Sample and integrate cases ``first`` to ``end`` - 1.
+    """Sample the inputs of cases ``first`` to ``end`` - 1 and integrate these cases.
 
     Parameters
     ----------
     campaign : Definition
     integration : Integration
+        Kernel and steps.
     spec : SampleSpec
+        Seed and size of the sample that the cases belong to.
     first, end : int
+        Number of the first case, and one more than that of the last one.
     with_histories : bool
-        Store histories in the block.
+        If True, the block of the chunk contains separation histories.
     timing : dict of str to float
-        Seconds are added to the keys sample, compile and kernel.
+        Changed in place: seconds are added to the values of the keys sample, compile and kernel.
     announce : Log, optional
         Called with a message if a fallback kernel is compiled.
 

@@ -1,4 +1,5 @@
-"""Fewest steps of every segment at which calibration cases meet the accuracy of a campaign."""
+"""Selection of the fewest steps of every kernel segment at which calibration cases meet the
+accuracy of a campaign."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -57,27 +58,30 @@ def common_steps(
     size: CalibrationSize,
     history_size: int = 0,
 ) -> Integration | None:
-    """Select the fewest steps of every segment at which calibration cases meet the accuracy, or use
-    the step of the file if it gives one.
+    """Select steps that all cases of a campaign share, and fit its error estimate, by calibration
+    cases.
+
+    The steps are the fewest of every segment at which the calibration cases meet the accuracy; if
+    the file gives a step, it is used and its error is measured.
 
     Parameters
     ----------
     campaign : Definition
     kernel : Kernel
-        Of the campaign.
+        Kernel of the campaign.
     stages : list of str
-        Names of the segments.
+        Names of the kernel segments.
     report : callable (n_cases)
-        Called with the number of cases of each batch that was integrated.
+        Called after each batch with the number of cases that it integrated.
     size : CalibrationSize
         Number of calibration cases.
     history_size : int
-        Rows of a stored history; 0: none.
+        Number of rows of a stored history; 0 if none is stored.
 
     Returns
     -------
     Integration or None
-        Kernel, steps, methods and error estimate; None if no steps suit most cases.
+        Kernel, steps, methods and error estimate; None if no steps suit most of the cases.
     """
     tried, sampled = (
         corner_cases(campaign, size.corners),
@@ -240,11 +244,12 @@ def common_steps(
 def history_error(
     campaign: Definition, at_steps: Block, at_half: Block, scale: np.ndarray
 ) -> float:
-    """Largest relative error of stored histories, from the same cases integrated at some steps and
-    at half of them.
+    """Largest relative error of stored histories: the difference between histories of the same
+    cases integrated with some steps (``at_steps``) and with steps of half the length (``at_half``).
 
-    Between the ends of steps histories are interpolated, with a lower order than that of the steps.
-    As for outcomes, errors are relative to size or, if larger, ``scale`` (o,).
+    Histories are interpolated between the ends of steps, with a lower order than that of the steps.
+    Errors are relative to the size of a value or, if larger, to the scale of the outcome with the
+    same name; ``scale`` (o,) has the scales of all outcomes, SI.
     """
     names = [column.name for column in campaign.outcome_columns]
     width = at_half.history.shape[2]
@@ -260,9 +265,10 @@ def history_error(
 
 
 def _verdict(block: Block, step: float | None) -> np.ndarray:
-    """Verdict (n,) on cases: VALID, IN_DOUBT or NO_OUTCOMES.
+    """Verdict (n,) on each case of a block: VALID, IN_DOUBT or NO_OUTCOMES.
 
-    Cases with an unknown error indicator are in doubt, unless the ``step`` is given.
+    A case that failed for good (by its status) has NO_OUTCOMES. A case that the kernel rejected is
+    IN_DOUBT, and so is one with an unknown error indicator unless the file gives the ``step``.
     """
     is_valid = block.has_outcomes & (step is not None or block.has_indicators)
     return np.where(
@@ -273,7 +279,8 @@ def _verdict(block: Block, step: float | None) -> np.ndarray:
 
 
 def _completed(block: Block, step: float | None) -> np.ndarray:
-    """Outcomes (n, o) of the valid cases with status ok; of all valid cases if none is ok."""
+    """Outcomes (m, o), SI, of the m cases of a block that are VALID by `_verdict` and have the
+    status ok; of all VALID cases if none of them is ok."""
     is_valid = _verdict(block, step) == VALID
     ended = is_valid & (block.status == Status.OK)
     return np.asarray(block.outcomes[ended if ended.any() else is_valid])
@@ -286,8 +293,12 @@ def _doubtful_errors(
     scale: np.ndarray,
     is_decisive: np.ndarray,
 ) -> np.ndarray:
-    """Largest error (o,) of cases valid at the chosen steps but not at smaller ones, relative to
-    their converged values."""
+    """Largest relative error (o,) of cases that are valid at the chosen steps but not at steps of
+    half the length, by comparison with their values at steps at which they converge.
+
+    ``outcomes`` (n, o) are those at the chosen steps; ``integrate`` is as for `refine_steps`. A
+    case that does not converge has infinite errors.
+    """
     converged = np.empty_like(outcomes)
 
     def integrate_and_store(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -302,6 +313,6 @@ def _doubtful_errors(
 
 
 def _worst_cases(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
-    """Indices of the at most `_N_WORST` cases with the largest errors (n,), of those above the
-    goal, largest first."""
+    """Indices of the cases with errors (n,) above the ``goal``, largest first, at most `_N_WORST`
+    of them."""
     return np.argsort(-errors_of_cases)[: min(_N_WORST, np.count_nonzero(errors_of_cases > goal))]

@@ -1,5 +1,5 @@
-"""Notes on a campaign for the user: unmet accuracy, bodies that do not separate, loads without
-effect."""
+"""Notes for the user on a campaign and its results, as sentences: unmet accuracy, bodies that do
+not separate, loads without effect."""
 
 import math
 from collections import Counter
@@ -36,7 +36,7 @@ _MIN_COSINE = 0.5  # of the angle between thrust and direction to the other body
 
 
 def file_notes(campaign: Definition) -> list[str]:
-    """Notes on the contents of a campaign file."""
+    """Notes on probable mistakes in a campaign file, found without integrating a case."""
     dispersed = {d.parameter.path for d in campaign.file.dispersions}
     return [
         *campaign.file.no_effect,
@@ -53,7 +53,8 @@ def scene_notes(campaign: Definition, integration: Integration) -> list[str]:
     ----------
     campaign : Definition
     integration : Integration
-        With the outcomes of its nominal case.
+        Its attribute ``nominal`` has the outcomes of the nominal case; if that is None, the notes
+        are those of `file_notes` alone.
 
     Returns
     -------
@@ -70,41 +71,45 @@ def scene_notes(campaign: Definition, integration: Integration) -> list[str]:
 
 
 def failure_notes(count: int, n_run: int, max_failures: int | None) -> list[str]:
-    """Note if a run stopped, after ``n_run`` cases, because ``count`` of them failed, more than
-    ``max_failures``; empty if not."""
+    """List with one note that a run stopped after ``n_run`` cases, as ``count`` of them failed;
+    empty if these are no more than ``max_failures``, or if that is None."""
     if max_failures is None or count <= max_failures:
         return []
-    allowed = f"no more than {max_failures} may" if max_failures else "none may"
-    return [f"stopped after {n_run} cases, as {count} did not reach their end and {allowed}"]
+    allowed = f"no more than {max_failures} may fail" if max_failures else "none may fail"
+    return [f"stopped after {n_run} cases: {count} of them did not reach their end, and {allowed}"]
 
 
 def worker_notes(worker_kinds: Mapping[str, int]) -> list[str]:
-    """Note if workers of several kinds took part, whose rows can differ in their last bits; empty
-    if not. ``worker_kinds`` has the number of cases by kind."""
+    """List with one note if workers of several kinds (processor and code version) ran the cases, so
+    that rows can differ in their last bits; empty if not. ``worker_kinds`` has the number of cases
+    by kind."""
     if len(worker_kinds) < 2:
         return []
     texts = "; ".join(f"{count} cases by {kind}" for kind, count in worker_kinds.items())
     return [
-        "cases were run by several kinds of processor or code: rows of one kind are the same to "
-        f"the last bit, those of different kinds to the requested accuracy ({texts})"
+        "cases were run by several kinds of processor or code: if they are run again by another "
+        f"kind, rows agree to the requested accuracy but not to the last bit ({texts})"
     ]
 
 
 def sampling_notes(
     campaign: Definition, numbers: CaseSelection, total: int | None = None
 ) -> Iterator[str]:
-    """Notes on the cases ``numbers`` of a run if they are not sampled independently, or the user
-    chose them; ``total`` is the number of cases of the sample that they belong to."""
+    """Yield notes on how the cases of a run were sampled or selected, where confidence intervals
+    and verdicts therefore are not valid, too wide or too narrow.
+
+    ``numbers`` are the cases of the run, ``total`` is the size of the sample that they belong to.
+    """
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:
         yield (
-            "run.samples: intervals and verdicts are valid only if the rows of the table are "
-            "independent random cases"
+            "run.samples: confidence intervals and verdicts are valid only if the "
+            "rows of the table are independent random cases"
         )
     if not numbers.are_first and numbers != campaign.numbers:
         yield (
-            f"only cases {numbers} are run: if these were chosen by their outcomes, intervals and "
-            "verdicts are not valid"
+            f"only cases {numbers} are run: if these were chosen by their outcomes, confidence "
+            "intervals and verdicts are not valid"
         )
     if sampler == "random":
         return
@@ -120,14 +125,14 @@ def sampling_notes(
         )
     if sampler == SALTELLI:
         yield (
-            "run.sampler = 'saltelli': cases differ from others in one parameter only, so "
-            "intervals are too narrow and requirements get no verdict; sepmc sensitivity computes "
-            "indices from them"
+            "run.sampler = 'saltelli': many cases differ from another one in one parameter only, "
+            "so confidence intervals are too narrow and requirements get no verdict; sepmc "
+            "sensitivity computes sensitivity indices from these cases"
         )
         return
     yield (
-        f"run.sampler = {sampler!r}: intervals are those of as many random cases, mostly too wide; "
-        "requirements get no verdict"
+        f"run.sampler = {sampler!r}: confidence intervals are computed as for random cases, so "
+        "they are mostly too wide; requirements get no verdict"
     )
     if sampler == "sobol" and cases & (cases - 1):
         below = 1 << (cases.bit_length() - 1)
@@ -138,8 +143,9 @@ def sampling_notes(
 
 
 def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
-    """Notes on motors, tail-offs, signals, loads and springs without effect; parameters at the
-    paths ``dispersed`` vary."""
+    """Yield notes on motors, tail-offs, signals, loads and springs without effect, such as a motor
+    of thrust 0. A value counts as having an effect if its path is in ``dispersed`` (it varies) or a
+    signal drives it."""
 
     def is_zero(path: str, **numbers: float | tuple[float, ...]) -> bool:
         paths = tuple(f"{path}.{key}" for key in numbers)
@@ -181,15 +187,16 @@ def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
 def nominal_notes(
     campaign: Definition, outcomes: Mapping[str, float], has_ended: bool
 ) -> Iterator[str]:
-    """Notes on the outcomes of the nominal case: violated, missing, or a minimum at the end time.
+    """Yield notes on the nominal case: requirements that it violates, events that do not occur in
+    it, and clearances that are smallest at the end time.
 
     Parameters
     ----------
     campaign : Definition
     outcomes : mapping of str to float
-        By column, in its unit.
+        Outcomes of the nominal case by column, in the units of the columns.
     has_ended : bool
-        True if the case reached its end.
+        True if the case reached its end: events that do not occur are noted only then.
 
     Yields
     ------
@@ -202,8 +209,8 @@ def nominal_notes(
             continue
         if math.isnan(value):
             yield (
-                f"requirement.{item.name}: the nominal case has no {item.metric}: its event does "
-                "not occur, or it is not defined"
+                f"requirement.{item.name}: the nominal case has no {item.metric}: the event that "
+                "gives it does not occur, or it is not defined"
             )
         unit = "" if units[item.metric] == "1" else units[item.metric]
         for key, bound, sign in (("at_least", item.at_least, 1), ("at_most", item.at_most, -1)):
@@ -223,18 +230,19 @@ def min_at_end(
     outcomes: Mapping[str, float] | Mapping[str, np.ndarray],
     inputs: np.ndarray | None = None,
 ) -> Counter[str]:
-    """Count, by clearance, the cases whose minimum is at the end time.
+    """Count, for each clearance, the cases in which the distance is smallest at the end time.
 
-    The minimum can be smaller after the end. Penetrations at the limit of the reported depth
-    (`outlines.THROUGH`) do not count.
+    In such a case it may become smaller after the end. Penetrations at the limit of the reported
+    depth (`outlines.THROUGH`) do not count.
 
     Parameters
     ----------
     campaign : Definition
     outcomes : mapping of str to float or ndarray, shape (n,)
-        By column, in its unit, of one case or n.
+        Outcomes of one case or of n cases by column, in the units of the columns.
     inputs : ndarray, shape (n, d), optional
-        In the units of the file; the nominal outlines count if None.
+        Inputs of the cases, in the units of the file, which can change the outlines of bodies; if
+        None, the nominal outlines are used.
 
     Returns
     -------
@@ -260,10 +268,11 @@ def min_at_end(
 def _deepest_penetration(
     clearance: Clearance, campaign: Definition, inputs: np.ndarray | None, row: int
 ) -> float:
-    """Maximum depth, m, that is reported for a rim through the wall of a shell, with the outlines
-    of row ``row`` of the inputs (n, d), or the nominal ones.
+    """Maximum depth, m, that a clearance reports for a rim that penetrates the wall of a shell;
+    infinite if there is no shell.
 
-    Infinite if there is no shell.
+    The outlines are those of case ``row`` of ``inputs`` (n, d), or the nominal ones if that is
+    None.
     """
     scene = campaign.scene
     if inputs is not None:
@@ -284,7 +293,7 @@ def _deepest_penetration(
 
 
 def min_at_end_notes(counts: Mapping[str, int]) -> list[str]:
-    """Notes on the counts of `min_at_end`."""
+    """A note for each clearance in ``counts``, which `min_at_end` returned."""
     return [
         _min_at_end_note(name, f"the run ends in {count} cases") for name, count in counts.items()
     ]
@@ -298,8 +307,8 @@ def _min_at_end_note(clearance: str, times: str) -> str:
 
 
 def accuracy_notes(achieved: AchievedAccuracy, fixed: bool) -> list[str]:
-    """Note if the requested accuracy is not met, with error, outcomes and remedy; empty if it is
-    met or the step is ``fixed`` by the file."""
+    """List with one note if no calibration case reached its end or, unless the file gives the step
+    (``fixed`` is True), if the requested accuracy is not met; else empty."""
     if not achieved.cases:
         return [
             "no calibration case reached its end with the kernel of the campaign, so its numerical "
@@ -318,15 +327,15 @@ def accuracy_notes(achieved: AchievedAccuracy, fixed: bool) -> list[str]:
     )
     return [
         f"the requested accuracy {achieved.asked:g} is not met: error up to "
-        f"{achieved.worst[1]:.1e} of size or sigma ({shown}); "
+        f"{achieved.worst[1]:.1e} of the size of an outcome, or of its sigma if larger ({shown}); "
         "give a larger solver.accuracy, look at what these outcomes have in common, "
         "or give a shorter solver.step_s"
     ]
 
 
 def unconverged_notes(count: int, n_refined: int) -> list[str]:
-    """Note on the ``count`` cases, of ``n_refined`` integrated again, that did not converge; empty
-    if there are none."""
+    """List with one note if ``count`` of the ``n_refined`` cases that were integrated again did not
+    converge; empty if ``count`` is 0."""
     if not count:
         return []
     return [
@@ -336,16 +345,16 @@ def unconverged_notes(count: int, n_refined: int) -> list[str]:
 
 
 def reversed_joints(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
-    """Notes on joints whose bodies end on the wrong side of each other, at a negative separation
-    distance; hinges are left out.
+    """Notes on joints whose bodies end on the wrong side of each other: at a separation distance
+    below minus 0.1 % of the vehicle length. Hinges are left out.
 
     Parameters
     ----------
     scene : Scene
     outcomes : dict of str to float
-        By column, in its unit.
+        Outcomes of one case by column, in the units of the columns.
     case : str
-        Name of the case in the notes.
+        Name of the case in the notes, such as "the nominal case".
 
     Returns
     -------
@@ -368,8 +377,8 @@ def reversed_joints(scene: Scene, outcomes: dict[str, float], case: str) -> list
 
 
 def _motors_toward(scene: Scene, first: str, second: str) -> str:
-    """Sentence on the motors that push one of two bodies toward the other, with a leading space;
-    empty if there are none."""
+    """Sentence for a note on the motors that push one of two bodies (names ``first``, ``second``)
+    toward the other, with a leading space; empty if there are no such motors."""
     if GROUND in (first, second):
         return ""
     separation = np.subtract(scene.body[second].cg, scene.body[first].cg) * (-1.0, 1.0, 1.0)
@@ -387,8 +396,8 @@ def _motors_toward(scene: Scene, first: str, second: str) -> str:
 
 
 def _is_hinge(scene: Scene, name: str) -> bool:
-    """Return True if a joint allows rotation but no sliding in some phase, so that x is no
-    separation axis."""
+    """Return True if in some phase joint ``name`` allows rotation but no motion along its x axis
+    (or is a rod): its separation distance along x then means nothing."""
     kinds = [rows_of(scene.joint[name], phase.joints.get(name, "free")) for phase in scene.phase]
     turning = [
         rows

@@ -1,5 +1,9 @@
-"""Error estimate of every case: error indicators of its integration, calibrated on cases of known
-error."""
+"""Estimate of the numerical error of every case, from error indicators of its integration: a model
+fitted to calibration cases of known error.
+
+An error indicator is a number that a kernel computes for each case from its steps: it grows with
+the error.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -16,22 +20,23 @@ _DEPENDENT = 1e-9
 
 @dataclass(frozen=True)
 class Estimate:
-    """Linear model of the errors of outcomes in the error indicators of a case.
+    """Model that gives the relative errors of the o outcomes of a case from its g error indicators.
 
-    The error of outcome k is a sum of terms over indicators: ``weights[k, g]`` times the power 3/2
-    of indicator g over ``size[g]``. The sum is raised by ``factor[k]`` or by ``offset[k]``,
-    whichever is less, so that no calibration case exceeds it; ``factor`` is infinite if indicators
-    do not explain some errors. ``floor[k]`` and ``direct[k, g]`` times the indicators are added.
+    The sum over the indicators g of ``weights[k, g] * (indicator[g] / size[g]) ** 1.5`` is the
+    error of outcome k. It is multiplied by ``factor[k]``, or ``offset[k]`` is added, whichever
+    gives less, so that no calibration case has a larger error; ``factor`` is infinite if
+    indicators do not explain some errors. Then ``floor[k]`` and the sum over g of
+    ``direct[k, g] * indicator[g]`` are added.
 
     Attributes
     ----------
     size : ndarray, shape (g,)
-        Largest value of each of g indicators in the calibration cases.
+        Largest value of each indicator in the calibration cases.
     weights : ndarray, shape (o, g)
     factor, offset, floor : ndarray, shape (o,)
     direct : ndarray, shape (o, g)
     leading : ndarray of int
-        Indices of the outcomes that can have the largest error of a case.
+        Indices of the decisive outcomes that can have the largest error of a case.
     is_decisive : ndarray of bool, shape (o,)
         See `sepmc.campaign.execution.accuracy.decisive`.
     """
@@ -46,7 +51,8 @@ class Estimate:
     is_decisive: np.ndarray
 
     def of_cases(self, indicators: np.ndarray) -> np.ndarray:
-        """Largest error (n,) of the leading outcomes of each case, from its indicators (n, g).
+        """Error of each case (n,): the largest one of its leading outcomes, from the indicators
+        (n, g) of n cases.
 
         Sums are made term by term, so that a case has the same bits in any batch.
         """
@@ -56,8 +62,8 @@ class Estimate:
         return errors
 
     def of_leading(self, indicators: np.ndarray) -> np.ndarray:
-        """Largest error (o,) of each leading outcome over cases with indicators (n, g); 0 for the
-        others."""
+        """Error (o,) of each leading outcome, the largest over n cases with indicators (n, g); 0
+        for the outcomes that are not leading."""
         errors = np.zeros(len(self.floor))
         terms = _terms(indicators, self.size)
         for k in self.leading:
@@ -65,20 +71,22 @@ class Estimate:
         return errors
 
     def largest(self, leading: np.ndarray, largest: np.ndarray) -> np.ndarray:
-        """Upper bound of the error of each outcome over some cases.
+        """Upper bound of the error of each outcome over a set of cases, in a tenth of the time of
+        `of_outcomes`.
 
         Parameters
         ----------
         leading : ndarray, shape (o,)
-            Largest error of the leading outcomes; see `of_leading`.
+            Result of `of_leading` for these cases.
         largest : ndarray, shape (g,)
-            Largest value of each indicator over the cases.
+            Largest value of each indicator over these cases; may be empty for no cases.
 
         Returns
         -------
         ndarray, shape (o,)
-            Independent of how cases are grouped. Decisive outcomes are bounded by the leading ones.
-            Takes a tenth of the time of `of_outcomes`.
+            ``leading`` for the leading outcomes; for the others the error at the largest
+            indicators, but for a decisive outcome no more than the largest error of a leading one.
+            The bits do not depend on how cases are grouped.
         """
         if not len(largest):
             return leading
@@ -90,23 +98,24 @@ class Estimate:
         return np.where(self.is_decisive, np.minimum(errors, limit), errors)
 
     def of_outcomes(self, indicators: np.ndarray) -> np.ndarray:
-        """Error (o, n) of each outcome of every case with indicators (n, g)."""
+        """Error of each outcome of every case, shape (o, n), from the indicators (n, g) of n
+        cases."""
         terms = _terms(indicators, self.size)
         return np.array(
             [self._bound(k, self._sum(k, terms), indicators) for k in range(len(self.floor))]
         )
 
     def _sum(self, k: int, terms: np.ndarray) -> np.ndarray:
-        """Weighted sum (n,) of the terms (g, n) for outcome ``k``. Most weights are zero, so a
-        matrix product is slower, and much slower where other processes use the cores."""
+        """Weighted sum (n,) over g of the ``terms`` (g, n) of n cases, for outcome ``k``. Most
+        weights are zero: a matrix product is slower, and much slower on busy cores."""
         error = np.zeros(terms.shape[1])
         for indicator in np.flatnonzero(self.weights[k]):
             error += self.weights[k, indicator] * terms[indicator]
         return error
 
     def _bound(self, k: int, error: np.ndarray, indicators: np.ndarray) -> np.ndarray:
-        """Error (n,) of outcome ``k`` from its weighted sum ``error`` (n,) and indicators (n, g):
-        raised by factor or offset, plus floor and direct terms."""
+        """Error (n,) of outcome ``k`` in n cases, from its weighted sum ``error`` (n,) (`_sum`) and
+        the indicators (n, g): raised by factor or offset, plus floor and direct terms."""
         error_bound = error + self.offset[k]
         if np.isfinite(self.factor[k]):
             error_bound = np.minimum(self.factor[k] * error, error_bound)
@@ -116,8 +125,8 @@ class Estimate:
 
 
 def _terms(indicators: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Power 3/2 of indicators (n, g) over a size (g,), by rows (g, n): indicators are of order 6 in
-    the step, errors of order 9."""
+    """Terms of the error model: ``(indicators / size) ** 1.5``, shape (g, n), for indicators (n, g)
+    and size (g,). Indicators are of order 6 in the step, errors of order 9."""
     ratio_of_size = indicators.T / size[:, None]
     return np.asarray(ratio_of_size * np.sqrt(ratio_of_size))
 
@@ -138,17 +147,17 @@ def estimate(
     errors : ndarray, shape (n, o)
         Their known relative errors.
     floor : ndarray, shape (o,)
-        Lower bound of the estimate.
+        Error of each outcome that is added in every case.
     direct : ndarray, shape (o, g)
-        Error per unit of an indicator that is added.
+        Error per unit of an indicator that is added to the fitted error.
     is_decisive : ndarray of bool, shape (o,)
         See `sepmc.campaign.execution.accuracy.decisive`.
 
     Returns
     -------
     Estimate
-        Weights are least squares without negative terms. A decisive outcome leads if its error
-        comes near the largest error of any calibration case.
+        Weights are fitted by least squares and not negative. A decisive outcome is leading if in
+        some calibration case its estimated error is at least half the largest one of that case.
     """
     size = indicators.max(axis=0, initial=0.0)
     size = np.where(size > 0.0, size, 1.0)
@@ -178,8 +187,8 @@ def estimate(
 
 
 def _fitted(terms: np.ndarray, known_errors: np.ndarray) -> np.ndarray:
-    """Non-negative weights (g,) by which terms (n, g) add up to known errors (n,), by least
-    squares."""
+    """Weights (g,), not negative, with which the sum of the terms (n, g) fits the known errors (n,)
+    best, by least squares; terms whose weight would be negative are left out (weight 0)."""
     weights = np.zeros(terms.shape[1])
     largest = float(known_errors.max())
     columns_used = np.flatnonzero(terms.any(axis=0) & (largest > 0.0))
@@ -193,11 +202,11 @@ def _fitted(terms: np.ndarray, known_errors: np.ndarray) -> np.ndarray:
 
 
 def _least_squares(terms: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Coefficients (g,) of terms (n, g) by modified Gram-Schmidt with pivoting; 0 for terms that
-    depend on the others.
+    """Coefficients (g,) of the terms (n, g) whose sum fits ``target`` (n,) best, by modified
+    Gram-Schmidt with pivoting; 0 for terms that depend linearly on the others.
 
     LAPACK is not used: its results differ in their last bits by processor and number of threads,
-    and with them would the error of every row.
+    and so would the column ``error`` of every case.
     """
     rest, residual = terms.T.copy(), target.copy()
     coefficients = np.zeros(len(rest))

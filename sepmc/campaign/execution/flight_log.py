@@ -1,8 +1,8 @@
 """Log of the cases of a rare-event estimate, from which an interrupted estimate is resumed.
 
-The estimate requests batches of cases in an order that its seed determines. Batches are written as
-they complete; a resumed estimate requests the same batches and is answered from the log until its
-end.
+An estimate runs batches of cases, whose inputs and order its seed determines. Completed batches are
+written into shards (Parquet files) of the run folder. A resumed estimate asks for the same batches
+again: it gets the results of the logged ones from the shards, and runs the others.
 """
 
 import json
@@ -30,20 +30,21 @@ Batch = tuple[np.ndarray, np.ndarray]  # margins (n,) and rows (n, k): inputs, s
 
 
 class FlightLog:
-    """Batches of cases of an estimate, in order, in the folder of its run.
+    """Log of one rare-event estimate: `answer` returns logged batches of cases, `add` appends newly
+    run ones.
 
     Parameters
     ----------
     folder : Path
-        Open for writing.
+        Run folder, open for writing.
     width : int
-        Columns k of a row.
+        Number k of columns of a case row: inputs, status and results.
     inputs : int
-        Number of leading columns that are inputs.
+        Number of leading columns of a row that are inputs.
     about : dict of str to str
-        Metadata of every shard: campaign, digest and seed.
+        Metadata of every shard: campaign, digest, seed and requirement.
     resume : bool
-        Answer requests from the shards in the folder until their end.
+        True: begin with the intact shards in the folder; False: begin with an empty log.
     """
 
     def __init__(self, folder: Path, width: int, inputs: int, about: dict[str, str], resume: bool):
@@ -58,13 +59,15 @@ class FlightLog:
         self._saved = time.monotonic()
 
     def answer(self, drawn: np.ndarray) -> Batch | None:
-        """Return the next logged batch, which must have these inputs ``drawn`` (n, d), in the units
-        of the file; None at the end of the log.
+        """Return margins (n,) and rows (n, k) of the next logged batch; None after the last one.
+
+        ``drawn`` (n, d) are the inputs, in the units of the file, that the estimate asks for next.
+        The batch is removed from those still to be returned, and counted.
 
         Raises
         ------
         StoreError
-            If the log has another batch here.
+            If the next logged batch has other inputs.
         """
         if not self._batches and self._shards:
             shard = self._shards.pop(0)
@@ -75,7 +78,8 @@ class FlightLog:
         margin, rows = self._batches.pop(0)
         if not np.array_equal(rows[:, : self.inputs], drawn, equal_nan=True):
             raise StoreError(
-                f"{self.folder}: its cases are not those of this estimate; {another_place()}"
+                f"{self.folder}: its stored cases have other inputs than this estimate samples, "
+                f"so it cannot be resumed; {another_place()}"
             )
         self.count += len(rows)
         self.resumed += len(rows)
@@ -84,8 +88,8 @@ class FlightLog:
         return margin, rows
 
     def add(self, margin: np.ndarray, rows: np.ndarray, summary: BatchSummary) -> None:
-        """Add a completed batch, margins (n,) and rows (n, k); ``summary`` is of all cases so far.
-        Pending batches are written every ten seconds."""
+        """Append a completed batch, margins (n,) and rows (n, k), to the log; ``summary`` is of all
+        cases so far. Batches are collected in memory and written every ten seconds."""
         self._pending.append((margin, rows))
         self.summary = summary
         n_numbers = sum(rows.size for _, rows in self._pending)
@@ -93,7 +97,8 @@ class FlightLog:
             self.save()
 
     def save(self) -> None:
-        """Write the pending batches."""
+        """Write the batches collected in memory as one shard, and record it in the ledger; does
+        nothing if there are none."""
         if not self._pending:
             return
         n_cases = sum(len(rows) for _, rows in self._pending)
@@ -111,14 +116,15 @@ class FlightLog:
         self._pending, self._saved = [], time.monotonic()
 
     def remove(self) -> None:
-        """Remove the log of a complete estimate."""
+        """Delete the shards of the log and their folder, once the estimate is complete."""
         shards.replace_shards(self.folder, folders.ACCUMULATORS, [])
         log_folder = self.folder / folders.ACCUMULATORS
         if is_local(log_folder) and log_folder.is_dir():
             log_folder.rmdir()
 
     def _read(self, shard: ledger.Entry) -> tuple[list[Batch], BatchSummary]:
-        """Batches of a shard, and the summary of all cases up to its end."""
+        """Batches of a shard, and the summary of all cases of the log up to its end. Raises
+        StoreError if the shard is damaged."""
         path = self.folder / shard.file
         _, about = shards.read_metadata(path)
         values = shards.read_table(path, ["value"])["value"].to_numpy()
@@ -126,7 +132,7 @@ class FlightLog:
             lengths = [int(n) for n in json.loads(about[b"lengths"])]
             summary = read_summary(about[b"summary"])
             if min(lengths) < 0 or sum(lengths) * (1 + self.width) != len(values):
-                raise ValueError("its batches have other lengths")
+                raise ValueError("the lengths of its batches do not match its number of values")
         except (KeyError, TypeError, ValueError) as error:
             raise StoreError(f"{path}: cannot be read: {error}") from None
         batches, offset = [], 0
@@ -138,8 +144,8 @@ class FlightLog:
 
 
 def _intact_shards(folder: Path) -> list[ledger.Entry]:
-    """Ledger entries of the log's shards, from the first one to the last before a gap or a damaged
-    one."""
+    """Ledger entries of the shards of a log in order, up to the first gap between cases or damaged
+    shard."""
     intact: list[ledger.Entry] = []
     end = 0
     for shard in shards.entries(folder, folders.ACCUMULATORS):
@@ -151,14 +157,17 @@ def _intact_shards(folder: Path) -> list[ledger.Entry]:
 
 
 def interrupted(folder: Path, request: dict[str, Any]) -> list[dict[str, Any]]:
-    """Sessions of the interrupted estimate in a folder: a manifest entry for each command that ran
-    it. Empty if there is no run in the folder.
+    """Check that a folder contains the interrupted estimate that is requested; return its sessions.
+
+    A session is the manifest entry of one command that ran cases of the estimate. The list is empty
+    if there is no run in the folder.
 
     Parameters
     ----------
     folder : Path
     request : dict
-        Manifest entries of the requested estimate, which those of the folder must equal.
+        Manifest entries of the requested estimate; the manifest of the folder must contain the same
+        values.
 
     Raises
     ------

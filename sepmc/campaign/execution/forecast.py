@@ -1,4 +1,4 @@
-"""Forecast of disk space, memory and time of a run."""
+"""Forecast of the disk space, memory and time that a run will need."""
 
 import shutil
 from dataclasses import dataclass
@@ -29,9 +29,10 @@ class Forecast:
     cases : int
         Number of cases.
     row, history : int
-        Bytes of the row of a case, and of its stored history; 0 if none is stored.
+        Bytes in memory of one case: of its row in the case table, and of its stored history (0 if
+        none is stored).
     shard_size : int
-        Cases in a shard.
+        Maximum number of cases in a shard (one Parquet file).
     """
 
     cases: int
@@ -41,7 +42,8 @@ class Forecast:
 
     @property
     def disk_bytes(self) -> tuple[float, float]:
-        """Minimum and maximum size of the run folder, bytes."""
+        """Smallest and largest probable size of the run folder, bytes; they differ by how far the
+        numbers can be compressed."""
         min_bytes = _ROWS * self.row + _HISTORIES * self.history
         return self.cases * min_bytes, self.cases * float(self.row + self.history)
 
@@ -53,7 +55,8 @@ class Forecast:
         )
 
     def check_disk(self, folder: Path) -> None:
-        """Raise StoreError if the disk of a folder is too small."""
+        """Raise StoreError if the disk of a local folder has less free space than the smallest
+        probable size of the run."""
         if not is_local(folder):
             return
         free, (min_bytes, max_bytes) = (
@@ -74,7 +77,8 @@ class Forecast:
         )
 
     def sentence(self, seconds: float, on_disk: bool) -> str:
-        """Announcement of a run at ``seconds`` per case; empty if it is short and small."""
+        """Sentence that announces time, disk space (if ``on_disk``: rows are stored) and memory of
+        the run at ``seconds`` per case; empty for a run below 20 s and 5 GB."""
         time, max_bytes = self.cases * seconds, self.disk_bytes[1] if on_disk else 0.0
         if time < _LONG_S and max_bytes < _LARGE:
             return ""
@@ -88,7 +92,7 @@ class Forecast:
 def forecast(
     campaign: Definition, cases: int, with_histories: bool, keep: KeepRules | None = None
 ) -> Forecast:
-    """Forecast of a run.
+    """Forecast the size of a run from the columns that it stores.
 
     Parameters
     ----------
@@ -96,7 +100,7 @@ def forecast(
     cases : int
         Number of cases.
     with_histories : bool
-        True if histories are stored.
+        True if histories are stored, provided that the campaign has them.
     keep : KeepRules, optional
         Rules that reduce the columns of rows, or their precision.
 

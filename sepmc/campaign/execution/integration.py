@@ -39,7 +39,7 @@ from sepmc.schema import Status
 
 SAFE = 0.5  # fraction of the accuracy asked that errors of calibration cases may reach
 _DURATION_REFINEMENT = 64  # of the steps that measure how long the segments of a case last
-_MIN_DURATION = 1e-9  # of a flight
+_MIN_DURATION = 1e-9  # of the end time; shorter segments have no duration
 _MAX_REJECTED = 3  # halvings of the step of a rejected case that a fallback kernel may accept
 _NO_CALLS = np.zeros(0, dtype=np.int64)
 REPORT_EVERY_S = 10.0  # between two progress messages
@@ -47,17 +47,18 @@ REPORT_EVERY_S = 10.0  # between two progress messages
 
 @dataclass(frozen=True)
 class FallbackKernel:
-    """Kernel variant for cases that the kernel of an integration rejects.
+    """Slower but more general kernel, for cases that the first one rejects by a negative status.
 
     Attributes
     ----------
     variant : int
         A `Variant` other than the standard one.
     make : callable
-        ``make(announce)`` loads the kernel; ``announce`` is a Log, called if it is compiled, or
-        None.
+        ``make(announce)`` loads and returns the kernel; ``announce`` is a Log, called with a
+        message if it is compiled, or None.
     phases : ndarray, shape (segments,)
-        Phase number of each segment of the integration.
+        For each segment of the first kernel: index of the phase that it belongs to, which is its
+        segment in this kernel.
     """
 
     variant: int
@@ -67,46 +68,53 @@ class FallbackKernel:
 
 @dataclass(frozen=True)
 class Integration:
-    """Kernel, methods and steps of a campaign.
+    """How the cases of a campaign are integrated: kernel, methods and steps, the error estimate of
+    each case, and limits beyond which a case is refined.
+
+    A segment is a phase, or a part of a phase in which delayed releases are pending; o is the
+    number of outcomes, g that of error indicators.
 
     Attributes
     ----------
     kernel : Kernel
     steps : ndarray, shape (segments,)
-        Number of steps in each kernel segment; with a given ``step``, number of steps that each
-        given step is divided into.
+        Number of steps in each segment; if the file gives a step, number of steps that each given
+        step is divided into.
     durations : ndarray, shape (segments,)
         Typical durations of the segments, s.
     stages : list of str
-        Names of the segments: phases, and times in which delayed releases are pending.
+        Names of the segments.
     step : float or None
-        Step given in the file, s; `refined` divides it.
+        Length of the steps, s, if the file gives it, else None; in copies by `refined` it is
+        divided.
     scale : ndarray, shape (o,)
-        Size of each outcome below which its error is absolute; see
+        Scale of each outcome, SI, by which errors are divided if the outcome is smaller; see
         `sepmc.campaign.execution.accuracy.scales`.
     limits : ndarray, shape (g,)
-        Error indicators up to which the calibration applies (`Block.indicators`).
+        Largest value of each error indicator (`Block.indicators`) at which the error estimate still
+        applies; None: no limits.
     angles : dict of int to float
-        Limits, rad, of sideslip and yaw by outcome index, up to which the calibration applies: near
-        a right angle alpha, or pitch and roll, change fast.
+        Largest absolute sideslip and yaw, rad, by outcome index, at which the error estimate still
+        applies: near a right angle alpha, or pitch and roll, change fast.
     estimate : Estimate
         Model of the error of a case within these limits.
     error_limit : float
-        Estimated error above which a case is refined.
+        Estimated error above which a case is integrated again with smaller steps.
     error : float
-        Largest relative error of the calibration cases.
+        Largest relative error of the calibration cases, without times and positions of extremes.
     achieved : AchievedAccuracy
         Numerical error of the campaign, from the calibration cases.
     nominal : ndarray, shape (o,)
         Outcomes of the nominal case, SI; None if it did not reach its end.
     notes : list of str
-        Notes on the file and on the nominal case.
+        Notes on the file and on the nominal case, for the user.
     fallbacks : tuple of FallbackKernel
-        Tried in order for rejected cases.
+        Other kernels, tried in order for cases that the kernel rejects.
     methods : ndarray, shape (segments,)
-        Numbers of the integration methods; None: the most exact ones.
+        Index of the integration method of each segment, in ``kernel.methods``; None: the most
+        exact one of each (0).
     variant : int
-        Variant of the kernel.
+        `Variant` of the kernel.
     """
 
     kernel: Kernel
@@ -137,14 +145,14 @@ class Integration:
         return f"<Integration: {segments}{step}; error {self.error:.1e}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        """State for copies and pickles: without the fallback kernels, which cannot be pickled; see
-        `packed`."""
+        """Attributes for copies and pickles, without the fallback kernels, which cannot be pickled;
+        see `packed`."""
         return {**vars(self), "fallbacks": ()}
 
     @property
     def packed(self) -> "Integration":
-        """Copy without kernel addresses and fallback kernels, for other processes; see
-        `sepmc.campaign.execution.step_selection.unpacked`."""
+        """Copy for other processes, without fallback kernels and without addresses of machine code;
+        `sepmc.campaign.execution.step_selection.unpacked` adds both again."""
         return replace(self, kernel=replace(self.kernel, address=0, table=_NO_CALLS), fallbacks=())
 
     @property
@@ -155,14 +163,14 @@ class Integration:
 
     @property
     def one_method(self) -> str | None:
-        """Name of the method of all segments; None if there are several."""
+        """Name of the integration method if all segments have the same one; else None."""
         names = set(self.method_names)
         return names.pop() if len(names) == 1 else None
 
     @property
     def evaluations(self) -> int:
-        """Derivative evaluations of a case; with a given step, only those of one step in each
-        segment."""
+        """Number of derivative evaluations of a case; if the file gives the step, number of those
+        of one given step in each segment."""
         return sum(
             int(steps) * method(name).stages
             for steps, name in zip(self.steps, self.method_names, strict=True)
@@ -175,8 +183,9 @@ class Integration:
         return any(fallback.variant == Variant.ANY_ORDER for fallback in self.fallbacks)
 
     def with_fallback(self, fallback: FallbackKernel, announce: Log | None) -> "Integration":
-        """Copy that uses a fallback kernel, whose segments are the phases, with steps and durations
-        summed over the segments of each phase."""
+        """Copy that uses a fallback kernel, which is compiled if necessary (``announce`` gets a
+        message then). Its segments are the phases: each has the sum of the steps, and of the
+        durations, of the segments of that phase. All segments use the most exact method."""
         kernel = fallback.make(announce)
         steps = np.bincount(fallback.phases, self.steps, kernel.n_segments).astype(np.int64)
         durations = np.bincount(fallback.phases, self.durations, kernel.n_segments)
@@ -190,15 +199,15 @@ class Integration:
         )
 
     def refined(self, factor: int = 2) -> "Integration":
-        """Copy with ``factor`` times the number of steps."""
+        """Copy with ``factor`` times as many steps, each shorter by that factor."""
         return replace(
             self, steps=factor * self.steps, step=None if self.step is None else self.step / factor
         )
 
 
 def by_name(kernel: Kernel, names: list[str]) -> np.ndarray:
-    """Numbers (segments,) of the methods with these names, one for each segment; 0, the most exact
-    method, where the kernel lacks a method."""
+    """Indices (segments,) of integration methods, from a name for each segment of a kernel; 0, the
+    most exact method, where the segment lacks the named one."""
     pairs = zip(kernel.methods, names, strict=True)
     return np.array(
         [available.index(name) if name in available else 0 for available, name in pairs],
@@ -215,9 +224,10 @@ def integrate(
 ) -> Block:
     """Integrate cases to the accuracy of a campaign.
 
-    Cases are refined, each by itself, if they lie outside the calibration, have too large an error,
-    or end with a status that smaller steps may change; then fallback kernels are tried. Cases that
-    remain rejected have no outcomes (NaN).
+    Cases are integrated again with smaller steps, each by itself, if they lie outside the
+    calibration, have too large an estimated error, or end with a status that smaller steps may
+    change. Those that the kernel still rejects are tried with the fallback kernels. Cases that all
+    kernels reject get a final status and NaN outcomes; their audit columns stay.
 
     Parameters
     ----------
@@ -225,9 +235,9 @@ def integrate(
     flight : Integration
         Kernel and steps.
     draws : ndarray, shape (n, d)
-        Inputs, SI.
+        Inputs of the n cases, SI.
     history_size : int
-        Rows of a stored history; 0: none.
+        Number of rows of a stored history; 0 for no history.
     announce : Log, optional
         Called with a message if a fallback kernel is compiled.
 
@@ -272,17 +282,22 @@ def integrate(
 
 
 def is_accepted_by(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
-    """Mask (n,) of rejected cases (negative ``status``) that a kernel variant may accept.
+    """Mask (n,) of the rejected cases (negative ``status``) that a kernel ``variant`` may accept.
 
-    Least squares does not help cases that need smaller steps and have ``finite`` (n,) outcomes.
+    ``finite`` (n,) is True for cases with finite outcomes: if such a case needs smaller steps only,
+    the variant LEAST_SQUARES does not help.
     """
     finer = (status == FINER_STEPS) & finite
     return (status < 0) & (status >= variant) & ~(finer & (variant == Variant.LEAST_SQUARES))
 
 
 def final_status(rejected: np.ndarray, finite: np.ndarray) -> np.ndarray:
-    """Final status (n,) of cases that every kernel rejects, from their last rejection and whether
-    their outcomes are ``finite``."""
+    """Final status (n,) of cases that every kernel rejects, from ``rejected`` (n,), their negative
+    status at the last rejection, and ``finite`` (n,), True for cases with finite outcomes.
+
+    It is SINGULAR_JOINT if the constraint equations failed, NOT_FINITE if smaller steps were needed
+    and outcomes are not finite, else UNRESOLVED.
+    """
     ended = np.where(
         rejected == Variant.LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED)
     )
@@ -290,15 +305,15 @@ def final_status(rejected: np.ndarray, finite: np.ndarray) -> np.ndarray:
 
 
 def typical_durations(ends: np.ndarray, is_ok: np.ndarray) -> np.ndarray:
-    """Typical durations (segments,), s.
+    """Typical durations (segments,) of the segments, s: differences of their median end times.
 
     Parameters
     ----------
     ends : ndarray, shape (segments, n)
         End times of segments in n cases, s.
     is_ok : ndarray of bool, shape (n,)
-        Cases of which the median end times are taken. A segment without duration in them gets the
-        median duration over all cases in which it has one.
+        True for the cases of which the medians are taken. A segment without duration there gets the
+        median duration over all cases in which it has one; 0 if there are none.
     """
     durations, lengths = (
         np.diff(np.median(ends[:, is_ok], axis=1), prepend=0.0),
@@ -311,14 +326,16 @@ def typical_durations(ends: np.ndarray, is_ok: np.ndarray) -> np.ndarray:
 
 
 def history_rows(scene: Scene) -> int:
-    """Rows of the stored history of a case."""
+    """Number of rows of the stored history of a case, from ``run.history_step_s`` and the end
+    time."""
     return int(scene.run.end_time / scene.run.history_step + 1e-9) + 1
 
 
 def integrate_once(
     campaign: Definition, flight: Integration, draws: np.ndarray, history_size: int = 0
 ) -> Block:
-    """Integrate inputs ``draws`` (n, d), SI, at the steps of an integration, without refinement."""
+    """Integrate n cases with inputs ``draws`` (n, d), SI, once with the kernel and steps of
+    ``flight``, without refinement; ``history_size`` is the number of rows of a stored history."""
     return integrate_cases(
         flight.kernel,
         campaign.layout,
@@ -332,7 +349,8 @@ def integrate_once(
 
 
 def motion_is_finite(outcomes: np.ndarray, bodies: int) -> np.ndarray:
-    """Mask (n,) of cases whose rates and attitudes at the end are finite, from outcomes (n, o).
+    """Mask (n,) of the cases whose rates and attitudes at the end are finite for all ``bodies`` (a
+    number), from ``outcomes`` (n, o).
 
     Flow angles are NaN in still air, so they do not count.
     """
@@ -341,7 +359,8 @@ def motion_is_finite(outcomes: np.ndarray, bodies: int) -> np.ndarray:
 
 
 def _is_calibrated(flight: Integration, block: Block) -> np.ndarray:
-    """Mask (n,) of cases within the limits of the calibration."""
+    """Mask (n,) of the cases within the limits of the calibration (error indicators and angles), to
+    which the error estimate applies."""
     assert block.indicators is not None
     if flight.limits is None:
         return np.ones(len(block.status), dtype=bool)
@@ -356,8 +375,8 @@ def _is_calibrated(flight: Integration, block: Block) -> np.ndarray:
 def _apply_estimate(
     campaign: Definition, flight: Integration, block: Block, is_calibrated: np.ndarray
 ) -> RefinementSummary:
-    """Write the estimated error of calibrated cases into a block; returns the summary of those
-    accepted."""
+    """Write the estimated error of the cases in ``is_calibrated`` (n,) into the column ``error`` of
+    ``block``; return the summary of those whose error is within the limit of ``flight``."""
     empty = RefinementSummary(np.zeros(len(campaign.outcome_columns)))
     if flight.estimate is None:
         return empty
@@ -374,12 +393,14 @@ def _apply_estimate(
 
 
 def _select(indicators: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Rows of error indicators (n, g), stored column by column, where the ``mask`` (n,) is true."""
+    """Rows (m, g) of error indicators (n, g) where the ``mask`` (n,) is True; stored by column, as
+    the indicators are."""
     return indicators if mask.all() else indicators.T[:, mask].T
 
 
 def _is_doubtful(campaign: Definition, block: Block) -> np.ndarray:
-    """Mask (n,) of cases whose status smaller steps may change; all False with a given step."""
+    """Mask (n,) of the cases of a block whose status smaller steps may change; all False if the
+    file gives the step."""
     return status_in(block.status, (FINER_STEPS, *STEP_TOO_LONG, *DOUBTFUL)) & (
         campaign.scene.solver.step is None
     )
@@ -394,13 +415,11 @@ def _refine_cases(
     refined_cases: np.ndarray,
     agreements: int = AGREEMENTS,
 ) -> RefinementSummary:
-    """Refine the steps of cases, given by their rows ``refined_cases`` (k,) of ``block``, and write
-    their results there; with a given step, write only their error.
+    """Integrate k cases again with ever smaller steps until they converge; write their results and
+    errors into ``block`` (only the errors if the file gives the step), and return their summary.
 
-    Returns
-    -------
-    RefinementSummary
-        Summary of these cases.
+    ``refined_cases`` (k,) are the indices of these cases in ``block`` and in ``draws`` (n, d), the
+    inputs, SI. A case has converged after ``agreements`` consecutive halvings with small changes.
     """
     has_given_step = campaign.scene.solver.step is not None
     columns = campaign.outcome_columns
@@ -451,8 +470,8 @@ def _refine_cases(
 def _reported_errors(
     flight: Integration, change: np.ndarray, is_decisive: np.ndarray
 ) -> np.ndarray:
-    """Reported error (n,) of cases from the changes (n, o) of the last halvings, at least the floor
-    of the estimate."""
+    """Error (n,) to report for each case: the largest over its decisive outcomes of `SAFETY` times
+    the ``change`` (n, o) by the last halvings, or of the floor of the error estimate if larger."""
     floor = flight.estimate.floor if flight.estimate else np.zeros(change.shape[1])
     return np.asarray(np.maximum(SAFETY * change, floor)[:, is_decisive].max(axis=1, initial=0.0))
 
@@ -465,8 +484,9 @@ def _refine_with_own_durations(
     block: Block,
     number: int,
 ) -> Converged:
-    """Refine the case in row ``number`` of ``block``, whose phases last much longer than typical,
-    with durations from an integration of its own."""
+    """Refine the case with index ``number`` in ``block`` and ``draws`` (n, d), whose phases last
+    much longer than typical: measure its own durations, then halve its steps until it converges.
+    Writes its results into ``block``; returns steps and changes of this one case."""
     inputs, fine = draws[number : number + 1], flight.refined(_DURATION_REFINEMENT)
     _, ends = integrate_cases(
         flight.kernel,
@@ -496,7 +516,7 @@ def _refine(
     agreements: int = AGREEMENTS,
     initial: Block | None = None,
 ) -> Converged:
-    """Refine cases into their rows of a block until they converge.
+    """Halve the steps of some cases of a block until they converge; write their results into it.
 
     Parameters
     ----------
@@ -504,15 +524,16 @@ def _refine(
     flight : Integration
         Kernel and first steps.
     block : Block
-        Receives the results.
+        Changed in place: receives the results of the k cases.
     numbers : ndarray, shape (k,)
-        Indices of the rows.
+        Indices of the cases in the block.
     integrate_rows : callable
-        ``integrate_rows(integration, rows)`` integrates some of these rows; returns a Block.
+        ``integrate_rows(integration, indices)`` integrates the cases with some of these indices at
+        the steps of the integration; returns a Block.
     agreements : int
         See `sepmc.campaign.execution.step_refinement.refine_steps`.
     initial : Block, optional
-        Results at the steps of ``flight``, if known.
+        Results of the k cases at the steps of ``flight``, if known.
 
     Returns
     -------
@@ -548,7 +569,7 @@ def _refine(
 
 
 def _rows_of(block: Block, numbers: np.ndarray) -> Block:
-    """Copy of some rows of a block."""
+    """Block with copies of the results of the cases with indices ``numbers`` (k,) in ``block``."""
     indicators = None if block.indicators is None else block.indicators[numbers]
     return Block(
         block.outcomes[numbers],
@@ -562,7 +583,8 @@ def _rows_of(block: Block, numbers: np.ndarray) -> Block:
 
 
 def _put_rows(block: Block, numbers: np.ndarray, rows: Block) -> None:
-    """Write the results ``rows`` of k cases into the rows ``numbers`` (k,) of a block."""
+    """Write outcomes, status, history and error indicators of k cases, ``rows``, into ``block`` in
+    place, at the indices ``numbers`` (k,); indicators only if both have equally many."""
     block.outcomes[numbers], block.status[numbers] = rows.outcomes, rows.status
     block.history[numbers], block.rows[numbers] = rows.history, rows.rows
     if (
@@ -574,5 +596,5 @@ def _put_rows(block: Block, numbers: np.ndarray, rows: Block) -> None:
 
 
 def _largest_changes(change: np.ndarray) -> np.ndarray:
-    """Largest change (o,) of every outcome over cases (n, o)."""
+    """Largest change (o,) of each outcome over n cases, from ``change`` (n, o); 0 without cases."""
     return np.asarray(change.max(axis=0, initial=0.0))

@@ -1,4 +1,8 @@
-"""Limit-state function: maps standard-normal samples to margins of a requirement."""
+"""Limit-state function of a rare-event estimate: maps standard-normal samples to margins of a
+requirement, by running their cases.
+
+A margin is the distance of an outcome from the bound of the requirement; below 0 the case violates.
+"""
 
 from collections import Counter
 from collections.abc import Callable
@@ -32,17 +36,17 @@ _MIN_FRACTION = 0.2  # of the estimated probability: contributions below are not
 
 @dataclass(frozen=True)
 class LimitState:
-    """Requirement on a numeric outcome, as a margin.
+    """Requirement on one outcome, and where in the results of a case its margin is computed from.
 
     Attributes
     ----------
     requirement : Requirement
     column : Column
-        Outcome that is bounded; the clearance if the requirement is on contact.
+        Column of the outcome that is bounded; of the clearance if the requirement is on contact.
     index : int
-        Index of the outcome.
+        Index of that column among the outcomes.
     contact : int or None
-        Index of the contact outcome, if the requirement is on contact.
+        Index of the contact outcome (1 or 0) if the requirement is on contact, else None.
     """
 
     requirement: Requirement
@@ -64,14 +68,16 @@ class LimitState:
 
     @property
     def size(self) -> float:
-        """Absolute value of the bound, the larger one of two, in the unit of the outcome; 0 for
-        contact."""
+        """Absolute value of the bound, in the unit of the outcome: the larger one if there are two
+        bounds, 0 for a requirement on contact."""
         bounds = (self.requirement.at_least, self.requirement.at_most)
         return max(abs(x) for x in bounds if x is not None) if self.contact is None else 0.0
 
     def margin(self, block: Block) -> np.ndarray:
-        """Margins of cases, positive within the bound; NaN for a case that is not ok or does not
-        have the outcome.
+        """Margin of each case: positive within the bound, negative beyond it.
+
+        It is NaN for a case that is not ok or does not have the outcome. The margin of a
+        requirement on contact is the clearance; it is negative if there was contact.
 
         Parameters
         ----------
@@ -81,7 +87,7 @@ class LimitState:
         Returns
         -------
         ndarray, shape (n,)
-            In the unit of the outcome.
+            Margins in the unit of the outcome (of the clearance if on contact).
         """
         values = block.outcomes[:, self.index] * self.column.scale
         if self.contact is None:
@@ -95,13 +101,13 @@ class LimitState:
 
 
 def limit_state(campaign: Definition, name: str) -> LimitState:
-    """Limit state of a requirement.
+    """Create the limit state of a requirement of a campaign.
 
     Parameters
     ----------
     campaign : Definition
     name : str
-        Of the requirement.
+        Name of the requirement.
 
     Returns
     -------
@@ -110,8 +116,8 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
     Raises
     ------
     InputError
-        If there is no such requirement, its violation has no margin, or inputs are not sampled from
-        distributions.
+        If the campaign has no requirement with this name, if its violation cannot be expressed as a
+        margin, or if inputs are not sampled from distributions.
     """
     known = {item.name: item for item in campaign.file.requirements}
     if not known:
@@ -148,18 +154,21 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
 
 
 class MarginEvaluator:
-    """Limit-state function of standard-normal samples: runs their cases, and counts them.
+    """Limit-state function of an estimate: runs the cases of standard-normal samples, returns their
+    margins, and counts cases, statuses and failures of the audit.
 
     Parameters
     ----------
     campaign : Definition
     integration : Integration
+        Kernel and steps.
     limit_state : LimitState
     report : callable (n_cases, n_failures)
-        Called after each batch with the totals so far.
+        Called after each batch with the numbers of cases and of failed cases so far.
     announce : Log or None
+        Called with a message if a fallback kernel is compiled.
     log : FlightLog, optional
-        Receives the batches, and answers those of an interrupted estimate.
+        Receives the batches that are run, and returns those of an interrupted estimate.
     """
 
     def __init__(
@@ -183,19 +192,22 @@ class MarginEvaluator:
         }
 
     def margins(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Evaluate the limit state.
+        """Run the cases of some samples, or take them from the log, and return their margins.
+
+        The counts of this object are updated, and ``report`` is called.
 
         Parameters
         ----------
         scores : ndarray, shape (n, d)
-            Standard-normal samples.
+            Independent standard-normal scores of the d inputs of n cases.
 
         Returns
         -------
         margin : ndarray, shape (n,)
             See `LimitState.margin`.
         rows : ndarray, shape (n, k)
-            Inputs, status and results, in the units of their columns.
+            Inputs, status code, and results (outcomes and audit columns) of each case, in the units
+            of their columns.
         """
         parts = [
             self._margins_of_batch(scores[first : first + _CASES_PER_CALL])
@@ -225,8 +237,8 @@ class MarginEvaluator:
         return margin, rows
 
     def _fly(self, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Integrate cases with these inputs (n, d), in the units of the file; returns margins (n,)
-        and rows (n, k)."""
+        """Integrate cases with ``inputs`` (n, d), in the units of the file, and add them to
+        ``summary``; return margins (n,) and rows (n, k) as `margins` does."""
         campaign = self.campaign
         block = integrate(campaign, self.integration, campaign.in_si(inputs), 0, self.announce)
         self.summary += count(campaign, inputs, block)
@@ -235,23 +247,24 @@ class MarginEvaluator:
 
     @property
     def beyond_bounds(self) -> dict[str, int]:
-        """Number of cases beyond the bound of each audit column, by name, without zeros."""
+        """Number of cases beyond the bound of an audit column (a check of the integration, such as
+        a joint gap), by column; columns without such cases are left out."""
         names = [column.name for column in self.campaign.result_columns]
         return {names[k]: worst.beyond for k, worst in self.audited.items() if worst.beyond}
 
 
 @dataclass(frozen=True)
 class RareValue:
-    """Rare value of a discrete distribution.
+    """Rare value of a discrete distribution, and how many cases with it violate the requirement.
 
     Attributes
     ----------
     index : int
         Index of the parameter among the dispersed ones.
     value, probability : float
-        Value, in the unit of its key, and its probability.
+        The value, in the unit of its key in the file, and its probability.
     fraction : float
-        Fraction of the cases with this value that violate, or have an unknown margin.
+        Fraction of the cases with this value that violate the requirement or have no margin.
     """
 
     index: int
@@ -260,8 +273,8 @@ class RareValue:
     fraction: float
 
     def note(self, campaign: Definition, values: Estimate) -> str:
-        """Note if the estimate ``values`` misses most of what cases with this value contribute to
-        the probability; empty if not."""
+        """Note for the user if an estimate, ``values``, misses most of the contribution of cases
+        with this value to its probability; empty if not."""
         contribution, last = self.probability * self.fraction, values.last
         weight_found = values.weight[
             (last.records[:, self.index] == self.value) & ~(last.margin >= 0.0)
@@ -271,8 +284,8 @@ class RareValue:
             return ""
         key = campaign.file.dispersions[self.index].parameter.key
         return (
-            f"{key} = {self.value:g} has a probability of {self.probability:.2g}, and of such "
-            f"cases {100.0 * self.fraction:.0f} % violate or have no outcome: that adds "
+            f"{key} = {self.value:g} has a probability of {self.probability:.2g}, and of the "
+            f"cases with it {100.0 * self.fraction:.0f} % violate or have no outcome: that adds "
             f"{contribution:.1e} to the probability, which the estimate misses; estimate it with "
             f"{setting(f'dispersion.{key}.constant', f'{self.value:g}')}"
         )
@@ -281,8 +294,11 @@ class RareValue:
 def rare_discrete_values(
     evaluator: MarginEvaluator, random: np.random.Generator
 ) -> list[RareValue]:
-    """Run some cases at each rare value of the discrete distributions, except correlated ones;
-    return the values with the fraction of these cases that violate."""
+    """Run 64 cases at each value of a discrete distribution that is less probable than 1 %, and
+    return these values, each with the fraction of its cases that violate.
+
+    The other inputs are sampled by ``random``. Correlated parameters are left out.
+    """
     dispersions, values = evaluator.campaign.file.dispersions, []
     correlated = {index for copula in evaluator.campaign.file.copulas for index in copula.places}
     for index, dispersion in enumerate(dispersions):

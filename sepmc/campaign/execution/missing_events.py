@@ -1,6 +1,7 @@
-"""Expected events that do not occur: releases, observation events, ignitions and ends of strokes.
+"""Expected events that do not occur in a case: releases of joints, observation events, ignitions of
+motors and ends of the strokes of springs.
 
-A phase that does not end has the status never-released instead.
+A case with a phase that does not end has the status never-released instead.
 """
 
 import math
@@ -23,9 +24,12 @@ _FREE = "free"
 
 
 def expected_events(campaign: Definition) -> dict[str, str]:
-    """Column of the time of each expected event, by its path in the file: ``joint.NAME``,
-    ``event.NAME``, ``motor.NAME``, ``spring.NAME``; of a release to another kind,
-    ``joint.NAME.KIND``."""
+    """For each event that is expected by the campaign file, the name of the outcome column with its
+    time.
+
+    The keys are ``joint.NAME`` (the joint becomes free), ``joint.NAME.KIND`` (it is released to
+    another kind), ``event.NAME``, ``motor.NAME`` and ``spring.NAME``.
+    """
     contents = campaign.layout.contents
     releases, freed = release_columns(contents), set(_released_joints(campaign.scene))
     partial = partial_release_columns(contents)
@@ -39,7 +43,7 @@ def expected_events(campaign: Definition) -> dict[str, str]:
 
 
 def _released_joints(scene: Scene) -> Iterator[str]:
-    """Names of the joints that a release or the end of a phase makes free."""
+    """Yield the names of the joints that a release or the end of a phase makes free."""
     yield from (release.joint for release in scene.release if release.to == _FREE)
     for phase, next_phase in pairwise(scene.phase):
         for joint, kind in phase.joints.items():
@@ -50,20 +54,21 @@ def _released_joints(scene: Scene) -> Iterator[str]:
 def count_missing(
     campaign: Definition, outcomes: Mapping[str, np.ndarray], ok: np.ndarray
 ) -> dict[str, int]:
-    """Count the ok cases without an expected event.
+    """Count, for each expected event, the ok cases in which it does not occur.
 
     Parameters
     ----------
     campaign : Definition
     outcomes : mapping of str to ndarray, shape (n,)
-        By column; times of events are NaN if they do not occur.
+        Outcomes of n cases by column; the time of an event that does not occur is NaN.
     ok : ndarray of bool, shape (n,)
-        Cases with status ok.
+        True for the cases with status ok.
 
     Returns
     -------
     dict of str to int
-        Number of cases by event, with the keys of `expected_events`, without zeros.
+        Number of such cases by event, with the keys of `expected_events`; events that occur in all
+        ok cases are left out.
     """
     counts = {
         key: int(np.count_nonzero(ok & np.isnan(outcomes[column])))
@@ -73,17 +78,19 @@ def count_missing(
 
 
 def missing_notes(campaign: Definition, counts: Mapping[str, int], ok: int) -> list[str]:
-    """Notes on the counts of `count_missing` among ``ok`` ok cases."""
+    """A note for each event in ``counts``, which `count_missing` returned; ``ok`` is the number of
+    cases with status ok."""
     return [
         f"{_description(campaign.scene, key)} in {count} of {ok} ok cases: outcomes that wait for "
-        "it are missing there, and do not pass a requirement"
+        "it are NaN there, and do not pass a requirement"
         for key, count in counts.items()
     ]
 
 
 def missing_of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> list[str]:
-    """Notes on the expected events that do not occur in the nominal case, from its outcomes by
-    column. The end of a stroke is not expected of a spring without a nominal stroke."""
+    """A note for each expected event that does not occur in the nominal case; ``outcomes`` are its
+    outcomes by column. The end of a stroke is not expected of a spring whose nominal stroke is
+    infinite."""
     scene = campaign.scene
     endless = {f"spring.{spring.name}" for spring in scene.spring if math.isinf(spring.stroke)}
     values = {name: np.array([value]) for name, value in outcomes.items()}
@@ -95,12 +102,13 @@ def missing_of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> l
 
 
 def _description(scene: Scene, key: str) -> str:
-    """Sentence on an event that does not occur; ``key`` is one of `expected_events`."""
+    """Start of a sentence on an event that does not occur, such as "motor.retro does not light";
+    ``key`` is one of the keys of `expected_events`."""
     table, name, *kinds = key.split(".")
     if table == "motor":
         return f"{key} does not light"
     if table == "event":
-        return f"{key} does not come"
+        return f"{key} does not occur"
     if table == "spring":
         return f"{key} does not reach the end of its stroke, and pushes on"
     releases = [release for release in scene.release if release.joint == name]

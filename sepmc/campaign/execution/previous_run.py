@@ -1,4 +1,5 @@
-"""State of an existing run folder, from which a run is resumed: stored rows or accumulators."""
+"""State of an existing run folder, from which a run is resumed: its stored rows or, for a run that
+stores statistics only, its accumulators (the arrays that statistics are computed from)."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,26 +26,28 @@ _MAX_DIFFERENCES = 8  # differences between two campaigns
 def original_mode(
     folder: Path, stats_only: bool, keep: KeepRules | None, until: str | None
 ) -> tuple[bool, KeepRules | None, str | None]:
-    """Mode of an existing run, which resuming keeps.
+    """Options with which an existing run is resumed: what it stores stays as it was.
 
     Parameters
     ----------
     folder : Path
+        Run folder; without a run of a campaign in it, the requested options are returned.
     stats_only : bool
     keep : KeepRules or None
     until : str or None
-        Options that are requested now, with the meaning of `RunOptions`.
+        Options that are requested now, as in `RunOptions`: store only statistics, rules for rows
+        saved beside them, and stopping rule.
 
     Returns
     -------
     (bool, KeepRules or None, str or None)
-        ``stats_only``, ``keep`` and ``until`` of the run; the last one only if the run was
-        interrupted and nothing else is requested.
+        ``stats_only`` and ``keep`` of the run; ``until`` as requested, or that of the run if
+        none is requested and the run was interrupted.
 
     Raises
     ------
     StoreError
-        If other rows are requested than the run stores.
+        If ``stats_only`` or ``keep`` is requested and differs from that of the run.
     """
     manifest = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if "digest" not in manifest or "rare" in manifest:
@@ -62,8 +65,8 @@ def original_mode(
 
 
 def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
-    """Cases of the run in ``folder``, if ``campaign`` was loaded from that folder and they are not
-    all cases of its sample; else None."""
+    """Cases of the run in ``folder``, if ``campaign`` was loaded from that folder and the run has
+    only some cases of its sample; else None."""
     if campaign.file.folder.resolve() != folder.resolve():
         return None
     numbers = manifests.read_provenance(folder).get("numbers")
@@ -72,11 +75,11 @@ def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
 
 def _mode_text(stats_only_before: bool, keep: str) -> str:
     return (
-        f"keeping {keep}"
+        f"saving the rows {keep}"
         if keep
         else f"with {switch('stats_only')}"
         if stats_only_before
-        else "keeping all rows"
+        else "storing all rows"
     )
 
 
@@ -87,22 +90,27 @@ def read_previous(
     stats_only_before: bool,
     announce: Log | None,
 ) -> tuple[PreviousRun, CaseSelection]:
-    """State of the run in a folder, and the cases that remain to be run.
+    """Read the state of the run in a folder, and find the cases that remain to be run.
+
+    Damaged shards are removed from the folder, so that their cases are run again. Result files are
+    removed if they were made from another number of cases than is wanted.
 
     Parameters
     ----------
     campaign : Definition
     folder : Path
     spec : SampleSpec
-        Wanted cases.
+        Wanted cases, those already run included.
     stats_only_before : bool
-        True for a run that stores statistics: read its accumulators instead of rows.
+        True for a run that stores statistics only: read its accumulators instead of rows.
     announce : Log, optional
+        Called with a message on what was removed, or if nothing can be continued.
 
     Returns
     -------
     (PreviousRun, CaseSelection)
-        An empty state and all wanted cases if the folder has no run.
+        State of the run, and the remaining cases; an empty state and all wanted cases if the folder
+        has no run.
 
     Raises
     ------
@@ -123,8 +131,8 @@ def read_previous(
         removed = manifests.drop_derived(folder)
         if removed and announce:
             announce(
-                f"{folder}: contained results of {manifest['cases']} cases only, so removed: "
-                f"{', '.join(sorted(removed))}"
+                f"{folder}: removed result files made from {manifest['cases']} cases, another "
+                f"number than are to be run now: {', '.join(sorted(removed))}"
             )
     if announce and not previous.n_stored:
         announce(f"{folder}: no stored cases to continue from, so all are run")
@@ -132,10 +140,12 @@ def read_previous(
 
 
 def _check(campaign: Definition, folder: Path, spec: SampleSpec, manifest: dict[str, Any]) -> None:
-    """Raise StoreError if a folder contains another run."""
+    """Raise StoreError if the ``manifest`` of a folder is that of another campaign, seed or kind of
+    run, or of a sample whose size cannot change to that of ``spec``."""
     if "rare" in manifest:
         raise folders.StoreError(
-            f"{folder}: contains {folders.RARE}, so no cases can be continued; {another_place()}"
+            f"{folder}: contains {folders.RARE}, so there are no cases to continue; "
+            f"{another_place()}"
         )
     if manifest.get("digest") not in (None, campaign.digest):
         raise folders.StoreError(
@@ -157,7 +167,8 @@ def _check(campaign: Definition, folder: Path, spec: SampleSpec, manifest: dict[
 
 
 def _differences(campaign: Definition, folder: Path) -> str:
-    """Sentence on the keys in which a campaign differs from that of a run folder."""
+    """Sentence for a message: keys in which a campaign differs from that stored in a run folder, at
+    most eight of them."""
     try:
         other = Definition(read_campaign(str(folder), reader=read_input_table))
     except InputError:
@@ -177,8 +188,8 @@ def _differences(campaign: Definition, folder: Path) -> str:
 def _stored_rows(
     campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
-    """State of the cases whose rows are intact, and the remaining cases; damaged shards are
-    removed."""
+    """State of the cases of a run whose rows are intact, and the remaining ones of the wanted cases
+    (``spec``); damaged shards are removed. Raises StoreError as `read_previous` does."""
     if not folders.is_run(folder):
         return PreviousRun(), spec.numbers
     n_dropped = shards.drop_damaged(folder, campaign.has_histories)
@@ -208,7 +219,11 @@ def _stored_accumulators(
     campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
     """State of a run that stores statistics, as its accumulators were last written, and the
-    remaining cases; selected rows of later cases are removed."""
+    remaining ones of the wanted cases (``spec``).
+
+    Saved rows of cases that are not in the accumulators are removed. If a saved row is missing or
+    damaged, the state is empty and all cases remain.
+    """
     entry = shards.accumulator_entry(folder)
     if not entry:
         shards.drop_damaged(folder, with_histories=False)
@@ -227,8 +242,8 @@ def _stored_accumulators(
     if str(n_selected).encode() != about.get(b"rows", b"0"):
         if announce:
             announce(
-                f"{folder}: rows that were kept are missing or were changed since they were "
-                "written, so all cases are run again"
+                f"{folder}: rows saved beside the statistics are missing or were changed since "
+                "they were written, so all cases are run again"
             )
         shards.drop_damaged(folder, with_histories=False)
         return PreviousRun(), spec.numbers
@@ -241,5 +256,6 @@ def _cases_option(numbers: CaseSelection) -> str:
 
 
 def text(numbers: CaseSelection) -> str:
-    """Value of ``--cases`` for these cases: their number if they are the first ones."""
+    """Text of a selection of cases as the option ``--cases`` takes it: a number of cases if they
+    are the first ones, else case numbers such as ``25:50,73``."""
     return str(numbers.count if numbers.are_first else numbers)

@@ -1,4 +1,4 @@
-"""Rare-event probability of a requirement violation, by subset simulation."""
+"""Estimate of the small probability that a requirement is violated, by subset simulation."""
 
 import os
 import time
@@ -47,35 +47,38 @@ REPORT, TABLE = "rare.json", "rare.parquet"
 _OWN_COLUMNS = (
     Column("margin", "", "how far the outcome is within the bound; below zero beyond it"),
     Column("level", "1", "level that the case was run for; 0: sampled from the distributions"),
-    Column("replica", "1", "replica of the case"),
+    Column("replica", "1", "replica (independent estimate) that the case belongs to"),
     Column(
         "weight",
         "1",
-        "probability of the case; the sum over all violating cases is their probability",
+        "probability that the case stands for; its sum over violating cases is the estimate",
     ),
 )
 
 
 @dataclass(frozen=True, repr=False)
 class RareEventEstimate:
-    """Estimated probability that a requirement is violated.
+    """Estimated probability that a case violates a requirement, and the cases it rests on.
+
+    Subset simulation goes through levels: each needs a smaller margin (distance from the bound),
+    down to 0 at the last level.
 
     Attributes
     ----------
     requirement, metric, unit : str
-        Requirement; outcome of its margin, and its unit.
+        Name of the requirement; outcome that its margin is computed from; unit of the margin.
     probability : float
-        Mean of the replicas.
+        Estimated probability: the mean of ``replicas``.
     interval : (float, float)
-        95 % confidence interval.
+        95 % confidence interval of the probability.
     unknown : float
-        Probability of a case that does not reach its end or has no outcome.
+        Probability that a case does not reach its end or does not have the outcome.
     bounds : (float, float)
-        Low end of the interval if no such case violates, and high end if all do.
+        Low end of the interval if no unknown case violates, and high end if all of them do.
     replicas : tuple of float
-        Independent estimates of the probability, of which it is the mean.
+        Independent estimates of the probability.
     levels : tuple of Level
-        Levels from the distributions to the bound.
+        Levels in order, from the distributions of the inputs to the bound.
     flights : int
         Number of cases run.
     seed : int
@@ -83,14 +86,14 @@ class RareEventEstimate:
     rows : dict of str to ndarray
         Cases of the last level by column, the smallest margin first.
     inputs : dict of str to (float, float)
-        Mean and standard deviation of the normal score of each input over violating cases; 0 and 1
-        over all cases.
+        By input: mean and standard deviation, over violating cases, of its normal score, which has
+        mean 0 and deviation 1 over all cases.
     statuses : dict of str to int
-        Number of cases by status.
+        Number of cases by status label.
     notes : list of str
         Notes on the estimate for the user.
     folder : Path or None
-        Run folder with the results.
+        Run folder with the results; None if they were not written.
     """
 
     requirement: str
@@ -118,21 +121,22 @@ class RareEventEstimate:
         )
 
     def to_pandas(self) -> pd.DataFrame:
-        """Cases of the last level.
+        """Cases of the last level as a table.
 
         Returns
         -------
         DataFrame
-            A row per case, indexed by case number; case 0 has the smallest margin.
+            A row per case, indexed by a case number that counts from the smallest margin (0).
         """
         return index_by_case(self.rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Contents of ``rare.json``.
+        """Contents of ``rare.json``: the estimate without the rows of cases.
 
         Returns
         -------
         dict
+            Nested data of JSON types.
         """
         violate = int(np.count_nonzero(self.rows["margin"] < 0.0))
         return {
@@ -176,24 +180,30 @@ def estimate_rare_event(
     announce: Log | None = None,
     resume: bool = False,
 ) -> RareEventEstimate:
-    """Estimate the probability that a requirement is violated.
+    """Estimate the probability that a requirement is violated, by subset simulation.
+
+    With a ``folder``, cases are logged while they are run, and results are written at the end.
 
     Parameters
     ----------
     campaign : Definition
     name : str
-        Of the requirement.
+        Name of the requirement.
     max_cases : int
-        Maximum number of cases, 1e4 to 1e7.
-    seed, threads : int, optional
-        Default: the seed of the file, and all cores.
+        Maximum number of cases to run, 1e4 to 1e7.
+    seed : int, optional
+        Random seed; that of the file if None.
+    threads : int, optional
+        Number of threads to state in the manifest; the number of cores if None. It is not set here.
     folder : Path, optional
         Run folder for the results, open for writing.
     progress : callable, optional
-        Called with cases done, maximum and failures.
+        Called after each batch with the number of cases done, ``max_cases`` and the number of
+        failed cases.
     announce : Log, optional
+        Called with messages on the estimate and on compiling.
     resume : bool
-        Continue the interrupted estimate in the folder.
+        True: continue the interrupted estimate in the folder.
 
     Returns
     -------
@@ -202,9 +212,11 @@ def estimate_rare_event(
     Raises
     ------
     InputError
-        If the requirement has no limit state, or a number is out of range.
+        If the violation of the requirement has no margin (`limit_state`), or a number is out of
+        range.
     StoreError
-        If the folder has another estimate than the one to be continued, or cannot be written.
+        If ``resume`` is True and the folder contains something else than this estimate,
+        interrupted, or if the folder cannot be written.
     """
     limit, max_cases = (
         limit_state(campaign, name),
@@ -270,7 +282,8 @@ def estimate_rare_event(
 
 
 def _request(campaign: Definition, limit: LimitState, max_cases: int, seed: int) -> dict[str, Any]:
-    """Manifest entries that determine an estimate: one with equal entries can be continued."""
+    """Manifest entries, by key, that determine an estimate: an interrupted one can be resumed only
+    by an estimate with equal entries."""
     item = msgspec.to_builtins(limit.requirement)
     return {
         "campaign": campaign.name,
@@ -284,8 +297,8 @@ def _request(campaign: Definition, limit: LimitState, max_cases: int, seed: int)
 def _begin(
     campaign: Definition, folder: Path, request: dict[str, Any], resume: bool
 ) -> list[dict[str, Any]]:
-    """Write the manifest of an estimate at its begin; returns the manifest entries of the earlier
-    commands (sessions) that ran a resumed one."""
+    """Write the manifest of an estimate when it begins; return its earlier sessions, the manifest
+    entries of the commands that ran a resumed estimate before (empty if it is new)."""
     previous_sessions: list[dict[str, Any]] = interrupted(folder, request) if resume else []
     session = {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -306,7 +319,7 @@ def _open_log(
 
 
 def _about(campaign: Definition, seed: int, requirement: str) -> dict[str, str]:
-    """Metadata of the Parquet files of an estimate."""
+    """Metadata that each Parquet file of an estimate contains, by key."""
     return {
         "campaign": campaign.name,
         "digest": campaign.digest,
@@ -320,13 +333,15 @@ def _generator(seed: int, what: str) -> np.random.Generator:
 
 
 def table_columns(campaign: Definition, unit: str) -> list[Column]:
-    """Columns of the saved cases; ``unit`` is that of the margin."""
+    """Columns of ``rare.parquet``: those of the case table, then margin, level, replica and weight;
+    ``unit`` is that of the margin."""
     margin, *others = _OWN_COLUMNS
     return [*campaign.columns, Column(margin.name, unit, margin.meaning), *others]
 
 
 def _rows(campaign: Definition, estimate: Estimate) -> dict[str, np.ndarray]:
-    """Distinct cases of the last level by column, the smallest margin first."""
+    """Distinct cases of the last level, values (n,) by column of `table_columns`, the smallest
+    margin first; cases without weight are left out."""
     used = estimate.weight > 0.0
     _, first, which = np.unique(estimate.last.number[used], return_index=True, return_inverse=True)
     positions = np.flatnonzero(used)[first]
@@ -349,10 +364,10 @@ def _rows(campaign: Definition, estimate: Estimate) -> dict[str, np.ndarray]:
 
 
 def _violating_inputs(campaign: Definition, estimate: Estimate) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of the normal score of each input over violating cases, by
-    column.
+    """Mean and standard deviation of the normal score of each input over violating cases, by input
+    column; empty if no case violates.
 
-    Sorted by divergence from a standard normal distribution, largest first.
+    The inputs are sorted by how far these differ from 0 and 1, the most different first.
     """
     weight = np.where(estimate.last.margin < 0.0, estimate.weight, 0.0)
     if not weight.sum():
@@ -369,7 +384,11 @@ def _violating_inputs(campaign: Definition, estimate: Estimate) -> dict[str, tup
 def _notes(
     evaluator: MarginEvaluator, known: Estimate, of_all: Estimate, rare_values: list[RareValue]
 ) -> list[str]:
-    """Notes on an estimate for the user."""
+    """Notes on an estimate for the user, as sentences.
+
+    ``known`` is the estimate for violating cases, ``of_all`` that for these and the cases without a
+    margin; ``rare_values`` are from `rare_discrete_values`.
+    """
     campaign, integration, summary, limit = (
         evaluator.campaign,
         evaluator.integration,
@@ -383,7 +402,7 @@ def _notes(
     if evaluator.n_without_outcome or ended < evaluator.count:
         metric = limit.requirement.metric
         of_ok = (
-            f" and {evaluator.n_without_outcome} others have no {metric}"
+            f", and {evaluator.n_without_outcome} others have no {metric}"
             if evaluator.n_without_outcome
             else ""
         )
@@ -391,19 +410,19 @@ def _notes(
         notes.append(
             f"{evaluator.count - ended} of {evaluator.count} cases did not reach their end"
             f"{of_ok}: it is not known "
-            "whether they violate, and they do not count as violations; probability of such cases "
-            f"{format_proportion(unknown)}"
+            "whether they violate, and they do not count as violations; the probability of a case "
+            f"of this kind is {format_proportion(unknown)}"
         )
     notes += [
-        f"{cases} cases are beyond the bound of {name}, {schema.AUDIT_BOUNDS[name]:g}: the "
+        f"{cases} cases are beyond the bound of column {name}, {schema.AUDIT_BOUNDS[name]:g}: the "
         "audit failed"
         for name, cases in evaluator.beyond_bounds.items()
     ]
     plain = subset_simulation.equivalent_direct_cases(known.probability, known.interval)
     if len(known.levels) > 1 and plain < evaluator.count:
         notes.append(
-            f"this is not rare: {plain:.0f} cases of a plain campaign estimate it as well as the "
-            f"{evaluator.count} do"
+            f"this is not rare: {plain:.0f} random cases of a plain campaign estimate the "
+            f"probability as well as these {evaluator.count} do"
         )
     broken = implausible_note(summary.implausible, evaluator.count)
     notes += [broken] if broken else []
@@ -420,8 +439,11 @@ def _notes(
 def _error_notes(
     integration: Integration, limit: LimitState, relative_error: float, estimate: Estimate
 ) -> list[str]:
-    """Notes if the numerical error of the outcome, ``relative_error`` (NaN if unknown), matters
-    beside the bound or the distances of levels."""
+    """Notes for the user if the numerical error of the outcome is unknown, or too large: many cases
+    are nearer to the bound, or two levels nearer to each other, than that error.
+
+    ``relative_error`` is that of the outcome, NaN if unknown.
+    """
     scale = (
         0.0
         if integration.scale is None
@@ -441,8 +463,8 @@ def _error_notes(
     if len(thresholds) > 1 and error > _NEAR * np.abs(np.diff(thresholds)).min():
         texts.append(
             f"two levels lie about as near to each other as the numerical error of {error:.1e}, or "
-            "the outcome is the same in many cases: which of them continue is decided by "
-            "round-off, so the interval is wider than it could be"
+            "the outcome is the same in many cases: round-off decides which cases belong to a "
+            "level, so the interval is wider than it could be"
         )
     return texts
 
@@ -454,7 +476,8 @@ def _write(
     request: dict[str, Any],
     sessions: list[dict[str, Any]],
 ) -> None:
-    """Write manifest, campaign, report and cases into an open folder."""
+    """Write the results of a complete estimate into its open run folder: manifest, campaign text,
+    ``rare.parquet`` (cases) and ``rare.json`` (report)."""
     campaign = evaluator.campaign
     manifest = {
         **request,

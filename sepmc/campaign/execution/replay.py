@@ -1,4 +1,4 @@
-"""Repeat a case of a run: which one, and whether its row has the same bits."""
+"""Replay of one case of a run: choice of the case, comparison of its row with the stored one."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,17 +18,17 @@ from sepmc.schema import Status
 
 @dataclass(frozen=True)
 class RowComparison:
-    """Comparison of a stored row with the same case run alone.
+    """Result of the comparison of a stored row of a run with the same case run again alone.
 
     Attributes
     ----------
     number : int
         Case number.
     was_run : bool
-        False if the case was not run, as the campaign's kernel is not in the cache of compiled
-        kernels.
+        False if the case was not run again, as the campaign's kernel is not in the cache of
+        compiled kernels.
     columns : tuple of str
-        Columns with different bits.
+        Names of the columns whose values differ in any bit; empty if the rows are the same.
     """
 
     number: int
@@ -37,7 +37,7 @@ class RowComparison:
 
     @property
     def sentence(self) -> str:
-        """Result in words."""
+        """Result of the comparison in words, for the user."""
         if not self.was_run:
             return "its row was not run again: the campaign's kernel is not compiled here"
         if not self.columns:
@@ -50,8 +50,8 @@ class RowComparison:
 
 
 def earlier_integration(campaign: Definition, log: Log | None = None) -> Integration | None:
-    """Integration (kernel and steps) of the campaign of a run; None if its kernel is not in the
-    cache of compiled kernels."""
+    """Kernel and steps that the run of a campaign used; None if its kernel is not in the cache of
+    compiled kernels, so that nothing is compiled here. ``log`` receives messages on calibration."""
     history = campaign.has_histories
     if units_to_compile(kernel_text(campaign, history=history))[0]:
         return None
@@ -66,17 +66,17 @@ def compare_row(
     seed: int,
     total: int,
 ) -> RowComparison:
-    """Run a case as its campaign did, and compare its row with the stored one.
+    """Run a case again as its campaign did, and compare its row with the one stored in the folder.
 
     Parameters
     ----------
     campaign : Definition
     integration : Integration or None
-        See `earlier_integration`.
+        Result of `earlier_integration`; if None, the case is not run.
     folder : Path
-        Run folder.
+        Run folder with the row.
     number, seed, total : int
-        Case number, seed of the run, and number of cases of its sample.
+        Case number, seed of the run, and number of cases of the sample that it belongs to.
 
     Returns
     -------
@@ -106,16 +106,17 @@ def _same_bits(a: float, b: float) -> bool:
 
 
 def extreme_case(cases: shards.CaseColumns, outcome: str, minimum: bool) -> int:
-    """Number of the ok case with the minimum or maximum of an outcome. Raises InputError if there
-    is no such outcome, StoreError if no ok case has it."""
+    """Number of the ok case with the smallest value of an outcome (``minimum`` True) or the largest
+    (False). Raises InputError if there is no such outcome or no ok case has it."""
     numbers, values = _values(cases, outcome)
     return int(numbers[values.argmin() if minimum else values.argmax()])
 
 
 def nearest_case(cases: shards.CaseColumns, query: str) -> tuple[int, str]:
-    """Number of the ok case nearest to a value of an outcome, and the value in words.
+    """Number of the ok case whose outcome is nearest to a value, and a text ``OUTCOME = value``.
 
-    ``query`` is ``OUTCOME:p99.73``, ``OUTCOME:mean`` or ``OUTCOME:12.5``. Raises InputError.
+    ``query`` is ``OUTCOME:p99.73`` (a percentile), ``OUTCOME:mean`` or ``OUTCOME:12.5``. Raises
+    InputError for any other text.
     """
     outcome, colon, point = query.rpartition(":")
     if not colon:
@@ -141,7 +142,8 @@ def nearest_case(cases: shards.CaseColumns, query: str) -> tuple[int, str]:
 def worst_case(
     summary: TableStatistics | StreamingStatistics, campaign: Definition, errors: dict, query: str
 ) -> tuple[int, str]:
-    """Worst case of a requirement.
+    """Worst case of a requirement: the one with the smallest margin or, if it is on a 1-or-0
+    outcome, a status or a violation, the first case that violates it.
 
     Parameters
     ----------
@@ -149,20 +151,20 @@ def worst_case(
         Statistics of the run.
     campaign : Definition
     errors : dict of str to (float, float)
-        Error and scale by outcome; see `sepmc.campaign.execution.accuracy.with_scales`.
+        Relative error and scale by outcome; see `sepmc.campaign.execution.accuracy.with_scales`.
     query : str
         Name or metric of the requirement.
 
     Returns
     -------
     (int, str)
-        Number of the case, and why it was selected. For a 1-or-0 outcome, a status or a violation:
-        the first case that violates.
+        Number of the case, and the reason of the choice as the end of a sentence, such as "is the
+        worst of NAME".
 
     Raises
     ------
     InputError
-        If there is no such requirement, or no such case.
+        If no requirement has this name or metric, or no case violates it.
     """
     names = [name for item in campaign.file.requirements for name in (item.name, item.metric)]
     audited, sampler = summary.audit(), campaign.scene.run.sampler
@@ -180,7 +182,8 @@ def worst_case(
 
 
 def _values(cases: shards.CaseColumns, outcome: str) -> tuple[np.ndarray, np.ndarray]:
-    """Case numbers and values (n,) of an outcome, of ok cases that have it."""
+    """Case numbers (n,) and values (n,) of an outcome, of the ok cases that have it. Raises
+    InputError if there is no such outcome or no such case."""
     names = [name for name in cases if name not in ("case", "status")]
     if outcome not in names:
         raise InputError(f"{outcome}: no such outcome; {nearest(outcome, names)}")

@@ -1,6 +1,7 @@
-"""Execution of a run in chunks: each is sampled and integrated, and written by a sink meanwhile.
+"""Execution of a run in chunks of cases: while one is sampled and integrated, a sink stores the
+ones before, as rows or as statistics.
 
-The manifest states how many cases are stored.
+The manifest of the run folder states how many cases are stored.
 """
 
 import copy
@@ -72,21 +73,22 @@ class ExecutionOptions:
     Attributes
     ----------
     threads : int or None
-        None: all cores.
+        Number of threads, which the manifest states; None: the number of cores.
     executor : Executor or None
         Workers that run the cases instead of this process.
     until : StoppingRule or None
-        Stop when a statistic is known as precisely as the rule asks.
+        The run stops when a statistic is known as precisely as this rule asks.
     max_failures : int or None
-        Stop after more failed cases than this.
+        The run stops when more cases than this have failed; None: no limit.
     stats_only : bool
-        Accumulate statistics instead of storing rows.
+        True: statistics are accumulated, and the rows of cases are not stored.
     keep : KeepRules or None
-        Rules for rows that are saved beside statistics.
+        Rules that select rows to be saved beside statistics.
     calibration : CalibrationSize or None
         Number of calibration cases; see `sepmc.campaign.execution.step_selection.select_steps`.
     progress : callable or None
-        Called with cases done, cases in all and failures.
+        Called with the number of cases done, of cases to do (without those already stored), and of
+        failed cases.
     announce : Log or None
         Called with messages about the run.
     """
@@ -104,18 +106,20 @@ class ExecutionOptions:
 
 @dataclass(frozen=True)
 class PreviousRun:
-    """State of a run that is resumed.
+    """State of a run that is resumed, as read from its folder; without arguments, that of a new
+    run.
 
     Attributes
     ----------
     n_stored : int
-        Cases in the folder.
+        Number of cases that are stored or, for a run that stores statistics only, counted.
     summary : BatchSummary
         Summary of these cases.
     sessions : tuple of dict
         Manifest entries of the commands that ran these cases.
     arrays : tuple of ndarray
-        Accumulators of a run of statistics, as `Runner.save` wrote them.
+        Arrays that statistics are computed from (accumulators), as `Runner.save` wrote them; empty
+        for a run that stores rows.
     """
 
     n_stored: int = 0
@@ -125,9 +129,9 @@ class PreviousRun:
 
 
 class Runner:
-    """Execution of one run.
+    """Execution of one run: integrates its cases, passes them to a sink, and writes the manifest.
 
-    A context manager: leaving it waits for pending writes and raises their errors.
+    It is a context manager: leaving the context waits for pending writes and raises their errors.
 
     Parameters
     ----------
@@ -135,13 +139,14 @@ class Runner:
     flight : Integration
         Kernel and steps.
     spec : SampleSpec
-        Wanted cases, those of the previous run included.
+        Wanted cases, those already stored included.
     timing : dict of str to float
-        Seconds by stage, which this run adds to.
+        Changed in place: the run adds its seconds to the values by stage (sample, compile, kernel,
+        write).
     previous : PreviousRun
         State of the run in the folder; an empty one for a new run.
     folder : Path or None
-        Open run folder; None keeps rows in memory.
+        Run folder, open for writing; None: rows or statistics stay in memory.
     options : ExecutionOptions
     """
 
@@ -205,10 +210,11 @@ class Runner:
             self._writer.shutdown()
 
     def run(self, first: int, end: int, report: Callable[[], None]) -> None:
-        """Run cases ``first`` to ``end`` - 1 in calls of about half a second; call ``report`` after
-        each.
+        """Run cases ``first`` to ``end`` - 1 in this process, in chunks of about half a second, and
+        pass them to the sink; call ``report`` after each chunk.
 
-        Completed chunks are written even if this is interrupted, or too many cases fail.
+        It ends early if too many cases fail. Completed chunks are stored even if an error or an
+        interruption ends it.
         """
         chunks: list[Chunk] = []
         shard_start_s = time.perf_counter()
@@ -253,9 +259,11 @@ class Runner:
     def run_on(
         self, executor: Executor, numbers: CaseSelection, report: Callable[[], None]
     ) -> None:
-        """Let workers run the cases ``numbers``; call ``report`` after each completed range.
+        """Let the workers of ``executor`` run the cases ``numbers``, in ranges; call ``report``
+        after each completed range. It ends early if too many cases fail.
 
-        For statistics, the first cases run here: they define the histogram grids of all others.
+        If statistics are accumulated, the first cases are run in this process: they define the
+        histogram grids of all others.
         """
         assert self.folder is not None
         stream = self.sink.stream if isinstance(self.sink, StatisticsSink) else None
@@ -297,8 +305,9 @@ class Runner:
         folders.remove_temporary_shards(self.folder)
 
     def _ranges(self, left: CaseSelection, workers: int) -> Iterator[tuple[int, int]]:
-        """Ranges (first, end) of the remaining cases for workers: a few seconds each, and at least
-        a few for each worker. Ranges of statistics are whole accumulation blocks."""
+        """Yield ranges (first, end) of the cases ``left``, each for one of the ``workers``: some
+        seconds long, and at least four for each worker. If statistics are accumulated, ranges are
+        whole accumulation blocks (`ACCUMULATION_BLOCK` cases)."""
         block_size = ACCUMULATION_BLOCK if self.options.stats_only else 1
         max_size = max(block_size, -(-left.count // (_RANGES_PER_WORKER * workers)))
         max_size = min(
@@ -314,8 +323,8 @@ class Runner:
                 start = stop
 
     def _receive(self, result: RangeResult) -> None:
-        """Add the counts, times and selected rows of a range that a worker ran, and record its
-        shards in the ledger."""
+        """Add the counts, times and worst cases of a range that a worker ran to those of this run,
+        and record the files (shards) that the worker wrote in the ledger."""
         if result.shards:
             assert self.folder is not None
             shards.record_shards(self.folder, result.shards)
@@ -332,8 +341,8 @@ class Runner:
         self.worker_kinds[result.kind] += result.cases
 
     def _report_forecast(self, seconds: float) -> None:
-        """Announce once, if the run is long or large, the time it will take at ``seconds`` per
-        case."""
+        """Announce the time and space that the run will take, at ``seconds`` per case: at the first
+        call only, and only if the run is long or large."""
         if not self._forecast_reported:
             self._forecast_reported = True
             text = self.forecast.sentence(
@@ -344,18 +353,19 @@ class Runner:
 
     @property
     def n_complete(self) -> int:
-        """Cases that are stored or counted so far, those of the resumed run included."""
+        """Number of cases that are stored or counted so far, those of the resumed run included."""
         return self.previous.n_stored + self.n_stored
 
     @property
     def too_many_failed(self) -> bool:
-        """True if more cases failed than allowed."""
+        """True if more cases failed, those of the resumed run included, than ``max_failures``."""
         failure_notes = self.previous.summary.failures + self.failures
         return self.options.max_failures is not None and failure_notes > self.options.max_failures
 
     def _hand_over(self, chunks: list[Chunk]) -> list[Chunk]:
-        """Let the sink write chunks in the background, after the chunks before; returns an empty
-        list for the next ones. One list at most is pending, so memory is bounded."""
+        """Wait until the chunks before are stored, then let the sink store these in the background;
+        return an empty list, for the next chunks. At most one list is pending, so memory is
+        bounded."""
         if chunks:
             self._wait()
             self._writing = self._writer.submit(self._take, chunks)
@@ -372,7 +382,7 @@ class Runner:
         self.timing["write"] += time.perf_counter() - start
 
     def _wait(self) -> None:
-        """Wait for the pending write; raises its error."""
+        """Wait until the pending chunks are stored; raises the error of that, if there was one."""
         taking, self._writing = self._writing, None
         if taking:
             taking.result()
@@ -382,8 +392,12 @@ class Runner:
             self.save()
 
     def save(self) -> None:
-        """Write the accumulators of a run that stores statistics, from which it can be resumed;
-        other runs store rows and need none."""
+        """Write the arrays that statistics are computed from (accumulators) into the folder, so
+        that the run can be resumed.
+
+        It does nothing for a run that stores rows or has no folder, nor while cases are being
+        added.
+        """
         sink = self.sink
         if self.folder is None or not (isinstance(sink, StatisticsSink) and self._consistent):
             return
@@ -396,7 +410,8 @@ class Runner:
         self._saved = time.monotonic()
 
     def _restore(self, arrays: Iterable[np.ndarray]) -> None:
-        """Load the accumulators of the previous run. Raises StoreError if they do not fit."""
+        """Load the accumulators of the previous run, in the order in which `save` wrote them, into
+        the sink. Raises StoreError if they do not fit this campaign."""
         assert isinstance(self.sink, StatisticsSink)
         remaining = iter(arrays)
         try:
@@ -406,19 +421,21 @@ class Runner:
                     self.rows.selection.restore(remaining)
         except (ValueError, ArithmeticError, StopIteration) as error:
             raise folders.StoreError(
-                f"{self.folder}: {error}; run it again with {switch('overwrite')}"
+                f"{self.folder}: its statistics cannot be continued: {error}; run it again with "
+                f"{switch('overwrite')}"
             ) from None
 
     def finish(self) -> None:
-        """Remove selected rows that no rule keeps, now that all cases are known."""
+        """Wait for pending writes, then remove saved rows that no rule selects any more, now that
+        all cases are known."""
         self._wait()
         if self.rows:
             self.save()  # or rows of later cases would be saved twice
             self.rows.finish()
 
     def write_manifest(self, complete: bool) -> None:
-        """Write the manifest and the campaign text of the folder; ``complete`` is True if all
-        wanted cases are stored."""
+        """Write the manifest and the campaign text into the folder; the manifest states
+        ``complete``, which is True if all wanted cases are stored."""
         assert self.folder is not None
         campaign = self.campaign
         manifest = {
@@ -454,13 +471,14 @@ class Runner:
 
     @property
     def _selection_entries(self) -> dict[str, Any]:
-        """Manifest entries of the wanted case numbers; empty if they are all cases of the
-        sample."""
+        """Manifest entries ``numbers`` (wanted case numbers) and ``of`` (size of the sample); empty
+        if all cases of the sample are wanted."""
         text = self.spec.text
         return {"numbers": text, "of": self.spec.total} if text else {}
 
     def _session(self) -> dict[str, Any]:
-        """Manifest entry of this command."""
+        """Manifest entry of the command that executes this run: cases, times, threads, workers and
+        versions."""
         return {
             "cases_flown": self.n_run,
             "started": self.started.isoformat(timespec="seconds"),
@@ -473,7 +491,7 @@ class Runner:
 
     @property
     def accuracy(self) -> AchievedAccuracy:
-        """Numerical error of the run."""
+        """Numerical error of the run so far."""
         return accuracy(self.flight, self.summary)
 
     def _accuracy(self) -> dict[str, Any]:
@@ -481,7 +499,7 @@ class Runner:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on the run for the user."""
+        """Notes on the run so far for the user, as sentences."""
         achieved, fixed = self.accuracy, self.campaign.scene.solver.step is not None
         note = implausible_note(self.summary.implausible, self.n_complete)
         notes = [
@@ -503,11 +521,12 @@ class Runner:
         return notes + [note for note in self.flight.notes if note not in notes]
 
     def statistic_is_known(self, until: StoppingRule, end: int, n_looks: int) -> bool:
-        """Return True if the cases up to ``end`` - 1 give a statistic as precisely as ``until``
-        asks; the run then ends with these cases.
+        """Return True if the first ``end`` cases give a statistic as precisely as the rule
+        ``until`` asks; these are then the wanted cases of the run.
 
-        ``n_looks`` is the maximum number of such checks in a run. A resumed run can have more cases
-        than ``end``: fewer were not enough, so the result is False.
+        ``n_looks`` is the maximum number of such checks in a run, on which the confidence of each
+        depends. The result is False for a resumed run with more than ``end`` cases: it went on, so
+        these were not enough.
         """
         summary = self.output().summary
         if self.n_complete > end:
@@ -530,18 +549,18 @@ class Runner:
 
     @property
     def occurred(self) -> list[Occurrence]:
-        """Occurrences, in the cases so far, of each of `Definition.rare_values`."""
+        """How often each of `Definition.rare_values` occurred in the cases so far."""
         return occurrences(self.campaign.rare_values, self.summary.occurred)
 
     def output(self) -> RunOutput:
-        """Statistics, rows and histories so far."""
+        """Statistics, rows and histories of the cases so far, after waiting for pending writes."""
         self._wait()
         return self.sink.output()
 
 
 def _in_order(results: Iterable[RangeResult], first: int) -> Iterator[RangeResult]:
-    """Yield results of consecutive ranges in the order of their cases, of which the first is
-    ``first``; results that come too early wait."""
+    """Yield the results of consecutive ranges in the order of their cases; results that come too
+    early wait. ``first`` is the number of the first case of all ranges."""
     waiting: dict[int, RangeResult] = {}
     for result in results:
         waiting[result.first] = result
@@ -552,8 +571,8 @@ def _in_order(results: Iterable[RangeResult], first: int) -> Iterator[RangeResul
 
 
 def implausible_note(broken: int, cases: int) -> str:
-    """Note that ``broken`` of ``cases`` cases have an inertia that no solid body has; empty if
-    there are none."""
+    """Note for the user that ``broken`` of ``cases`` cases have an inertia that no solid body has;
+    empty if ``broken`` is 0."""
     return (
         f"{broken} of {cases} sampled cases have an inertia that breaks the triangle inequality, "
         "which no solid body has"

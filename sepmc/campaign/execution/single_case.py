@@ -51,24 +51,25 @@ _NO_INSTANTS = np.empty((0, 3))  # times of history rows
 
 @dataclass
 class SingleCase:
-    """Result of one case.
+    """Result of one case with its time history.
 
     Attributes
     ----------
     layout : ParameterLayout
+        Layout of the parameters of the scene of the case.
     status : Status
     outcomes : ndarray, shape (o,)
-        Outcomes and audit columns, SI.
+        Outcomes, then audit columns, SI; NaN if the case was rejected or not simulated.
     times : ndarray, shape (n,)
-        Of the history rows, s.
+        Times of the history rows, s.
     phases : ndarray, shape (n,)
-        Phase numbers of the history rows.
+        Index of the phase of each history row.
     rows : ndarray, shape (n, columns)
-        History, SI; columns as `sepmc.schema.history_columns`.
+        History, SI, in the columns of `sepmc.schema.history_columns`.
     notes : list of str
-        Notes on the convergence of the steps.
+        Notes for the user if the case did not converge; else empty.
     error : ndarray, shape (number of outcomes,), optional
-        Relative numerical error of the outcomes, without audit columns.
+        Relative numerical error of each outcome, without audit columns; None if unknown.
     compiled : bool
         True if the kernel was compiled, False if it ran in plain Python.
     """
@@ -85,15 +86,18 @@ class SingleCase:
 
 
 class UnknownError(Exception):
-    """The result is unknown within the work allowed; the argument is the reason."""
+    """A case could not be finished in plain Python within the allowed number of executed lines; the
+    argument is the reason, as text for the user."""
 
 
 class _SpentError(Exception):
-    """The next integration would exceed the work of a case."""
+    """The next compiled integration would exceed the number of kernel lines that a case may
+    execute."""
 
 
 class _RejectedError(Exception):
-    """The kernel rejects the case with ``status``."""
+    """The kernel rejects the case: ``status`` is FINER_STEPS or the kernel variant that may
+    integrate it."""
 
     def __init__(self, status: int):
         self.status = status
@@ -106,22 +110,23 @@ def simulate_case(
     announce: Log | None = None,
     plain_work: float | None = None,
 ) -> SingleCase:
-    """Simulate one case, at the given step or in steps at which its outcomes converge.
+    """Simulate one case with its history, at the step that the file gives or at steps at which its
+    outcomes converge to ``solver.accuracy``.
 
     Parameters
     ----------
     scene : Scene
-        Values of the case.
+        Scene with the values of the case.
     contents : Contents
-        Contents of the scene from which the columns of outcomes and histories follow; those of the
-        campaign.
+        Parts of the scene of the campaign, from which the columns of outcomes and histories follow.
     row_interval_s : float
         Interval of history rows, s; there are also two rows at each end of a phase.
     announce : Log, optional
         Called with a message if a kernel is compiled, which is done where plain Python takes longer
         than some ten seconds.
     plain_work : float, optional
-        Kernel lines that plain Python may run (1e7 in 5 s); with this limit nothing is compiled.
+        Number of lines of the kernel that plain Python may execute (1e7 take some 5 s); if given,
+        nothing is compiled.
 
     Returns
     -------
@@ -130,7 +135,7 @@ def simulate_case(
     Raises
     ------
     UnknownError
-        If ``plain_work`` is too small.
+        If the case needs more lines than ``plain_work``.
     """
     layout, variant = _layout(scene, contents), Variant.STANDARD
     columns = schema.outcome_columns(contents)
@@ -151,7 +156,8 @@ def simulate_case(
 
 
 def invalid_case(scene: Scene, contents: Contents) -> SingleCase:
-    """Result of a case with an invalid parameter, which is not simulated."""
+    """Result of a case with an invalid parameter, which is not simulated: status INVALID_INPUT, NaN
+    outcomes, no history rows."""
     layout, columns = _layout(scene, contents), len(schema.result_columns(contents))
     rows = np.empty((0, len(schema.history_columns(contents))))
     return SingleCase(
@@ -166,13 +172,17 @@ def invalid_case(scene: Scene, contents: Contents) -> SingleCase:
 
 
 def _layout(scene: Scene, contents: Contents) -> ParameterLayout:
-    """Layout of the parameters of a case, with the columns of its campaign, which may have more:
-    dispersions may give a stroke to a spring that has none in this case."""
+    """Layout of the parameters of a case, with the columns (``contents``) of its campaign.
+
+    The campaign may have more columns than the case alone: dispersions may give a stroke to a
+    spring that has none in this case.
+    """
     return replace(make_parameter_layout(scene), contents=contents)
 
 
 class _SingleRun:
-    """Integrations of one case by one kernel variant, in as many steps as it takes."""
+    """Integrations of one case by one kernel variant, at more and more steps: in plain Python, or
+    compiled if that takes too long."""
 
     def __init__(
         self,
@@ -209,11 +219,13 @@ class _SingleRun:
 
     @property
     def finite(self) -> bool:
-        """True if the last integration ended with finite numbers."""
+        """True if rates and attitudes of all bodies are finite at the end of the last
+        integration."""
         return bool(motion_is_finite(self.outcomes[None, :], len(self.layout.bodies))[0])
 
     def run(self) -> SingleCase:
-        """Simulate the case. Raises _RejectedError if the kernel rejects it."""
+        """Simulate the case, and return its result with history and errors. Raises _RejectedError
+        if the kernel rejects it, UnknownError if it takes too long and must not be compiled."""
         scene, steps = self.layout.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
         if scene.solver.step is None:
             steps, error, notes = self._converged_steps(steps)
@@ -231,15 +243,15 @@ class _SingleRun:
         return self._with_error(result, error)
 
     def _with_error(self, result: SingleCase, error: np.ndarray) -> SingleCase:
-        """The result with the relative errors (o,) of its outcomes; the largest one of a decisive
-        outcome becomes the audit column ``error``."""
+        """Copy of ``result`` with the relative errors ``error`` (o,) of its outcomes. The largest
+        one of a decisive outcome is also written into the audit column ``error``, in place."""
         if result.status <= Status.NEVER_RELEASED:
             result.outcomes[-1] = error[decisive(self.columns)].max(initial=0.0)
         return replace(result, error=error)
 
     def rejected(self, status: int) -> SingleCase:
-        """Result, with NaN outcomes, of a case that every kernel rejects; ``status`` is that of the
-        last rejection."""
+        """Result of a case that every kernel rejects, with NaN outcomes and the history of the last
+        steps tried; ``status`` is the (negative) one of the last rejection."""
         return self._with_rows(
             self.steps,
             [self.spent_note] if self.spent_note else [],
@@ -247,8 +259,12 @@ class _SingleRun:
         )
 
     def _measure_durations(self, steps: np.ndarray) -> np.ndarray | None:
-        """Measure the durations of segments at finer steps than ``steps`` (segments,); returns the
-        outcomes there, SI, or None if the case does not reach its end."""
+        """Measure the durations of segments, if the file gives the step, in integrations with more
+        steps than ``steps`` (segments,).
+
+        The durations are stored in this object. Returns the outcomes of the last integration, SI;
+        None if the case does not reach its end in it.
+        """
         solver, max_steps = (
             self.layout.scene.solver,
             _MAX_STEPS if self.compiled else _MAX_PLAIN_STEPS,
@@ -288,8 +304,8 @@ class _SingleRun:
         return self.outcomes, status, rows
 
     def _call_kernel(self, steps: np.ndarray, instants: np.ndarray) -> Any:
-        """Call `integrate_nominal` in plain Python, or compiled once the work is used up; returns
-        its result. ``instants`` (n, 3) are those of `_instants`."""
+        """Call `integrate_nominal` in plain Python, or compiled once the lines allowed for plain
+        Python are used up; return its result. ``instants`` (n, 3) are from `_instants`."""
         most = float(steps.max())
         if not self.compiled:
             self._report_forecast(self.per_step * most)
@@ -309,8 +325,8 @@ class _SingleRun:
         return integrate_nominal(self.kernel, self.layout, steps, self.durations, instants)
 
     def _report_forecast(self, lines: float) -> None:
-        """Announce a long integration in plain Python, of so many kernel ``lines``; compile instead
-        if they exceed the work left."""
+        """Announce an integration of so many kernel ``lines`` in plain Python if it takes longer
+        than three seconds; compile the kernel instead if they exceed the lines left."""
         if lines > self.work.left and self.may_compile:
             self._compile()
         elif lines * LINE_S > _LONG_S and self.announce:
@@ -321,8 +337,11 @@ class _SingleRun:
     def _with_rows(
         self, steps: np.ndarray, notes: list[str], forced_status: Status | None = None
     ) -> SingleCase:
-        """Integrate at some steps (segments,); result with its history. A rejected case gets the
-        ``forced_status`` and NaN outcomes; without one, _RejectedError is raised."""
+        """Integrate at ``steps`` (segments,) and return the result with its history and ``notes``.
+
+        With a ``forced_status`` the result has that status and NaN outcomes; without one,
+        _RejectedError is raised if the kernel rejects the case.
+        """
         scene = self.layout.scene
         ends, changes = self._event_times(steps)
         instants, phases = _instants(
@@ -353,7 +372,8 @@ class _SingleRun:
         )
 
     def _event_times(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Ends of segments (segments,) and times (n,) of changes within, s, at some steps."""
+        """End times of segments (segments,), and times (n,) of the changes of joints and ends of
+        strokes within segments, s, as integrated at ``steps`` (segments,)."""
         if self.kernel.n_segments == 1 and self.kernel.n_changes == 0:
             return np.array([self.layout.scene.run.end_time]), np.empty(0)
         key = steps.tobytes(), self.durations.tobytes()
@@ -362,8 +382,8 @@ class _SingleRun:
         return self.times_by_steps[key]
 
     def _converged_steps(self, ones: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """Steps (segments,) at which the case converges, its relative errors (o,) and notes;
-        ``ones`` (segments,) is one step in each segment."""
+        """Steps (segments,) at which the case converges, its relative errors (o,) there, and notes
+        (one if it does not converge). ``ones`` (segments,) is an array of ones."""
         scene = self.layout.scene
         min_steps = max(
             _MIN_STEPS,
@@ -388,13 +408,14 @@ class _SingleRun:
         return round(min_steps / ratio) * ones, error, notes
 
     def _last_completed(self) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """Steps (segments,), relative errors (o,) and a note, for a case whose work is used up: of
-        the last integration that reached its end. Raises _RejectedError if none did."""
+        """Result of `_converged_steps` for a case that may execute no more lines: steps
+        (segments,), relative errors (o,) and a note, of the last integration that reached its end.
+        Raises _RejectedError if none did."""
         advice = "; to continue, give solver.step_s or a larger solver.accuracy"
         if not self.completed:
             self.spent_note = (
-                f"{int(self.steps.max())} steps a phase do not suffice, and more are beyond the "
-                f"work that a case may take{advice}"
+                f"{int(self.steps.max())} steps a phase do not suffice, and more would exceed the "
+                f"computing time that a case may take{advice}"
             )
             raise _RejectedError(FINER_STEPS)
         steps, _ = self.completed[-1]
@@ -411,16 +432,19 @@ class _SingleRun:
             steps,
             error,
             [
-                f"the work of this case was spent at {int(steps.max())} steps a phase, before it "
-                f"converged: the last halving of the step changed {self.columns[worst].name} by "
+                f"the computing time of a case was used up at {int(steps.max())} steps a phase, "
+                f"before it converged: the last halving of the step changed "
+                f"{self.columns[worst].name} by "
                 f"{error[worst]:.1e} of its size; requested {scene.solver.accuracy:g}{advice}"
             ],
         )
 
     def _try_steps(self, steps: np.ndarray) -> tuple[np.ndarray, int]:
-        """Outcomes (o,) and status at some steps, compiled if there are many.
+        """Outcomes (o,), SI, and status of the case at ``steps`` (segments,), integrated by the
+        compiled kernel if they are many.
 
-        Raises _RejectedError if they are too many, or the case needs another kernel.
+        Raises _RejectedError if they are too many or the case needs another kernel variant,
+        _SpentError if the case may execute no more lines.
         """
         if steps.max() > _MAX_STEPS:
             raise _RejectedError(FINER_STEPS)
@@ -438,34 +462,37 @@ class _SingleRun:
         return outcomes, status
 
     def _compile_for(self, steps: float) -> None:
-        """Compile the kernel if plain Python would take minutes for these steps of a segment."""
+        """Compile the kernel if ``steps``, the number of steps of a segment, are more than plain
+        Python takes (2,048)."""
         if steps > _MAX_PLAIN_STEPS and not self.compiled:
             self._compile()
 
     def _compile(self, reached: float | None = None) -> None:
-        """Use the compiled kernel from now on; ``reached`` is the time of the case, s, at which
-        plain Python was stopped.
+        """Compile the kernel, and use it from now on; raises UnknownError if that is not allowed.
 
-        Raises UnknownError if compiling is not allowed.
+        ``reached`` is the simulated time, s, at which an integration in plain Python was stopped,
+        for the message of the error; None if none was.
         """
         if not self.may_compile:
             raise UnknownError(self._unknown_reason(reached))
         if self.announce:
             self.announce(
-                "this case takes more steps than plain Python takes in some seconds: compiled, its "
-                f"integrations take up to about {_COMPILED_WORK * COMPILED_LINE_S:.0f} s, longer "
-                "if the machine is busy"
+                "this case needs more steps than plain Python takes in some seconds, so its kernel "
+                "is compiled; "
+                f"its integrations take up to about {_COMPILED_WORK * COMPILED_LINE_S:.0f} s, "
+                "longer if the machine is busy"
             )
         self.kernel, self.compiled = load_kernel(self.text, self.announce), True
         self.times_by_steps.clear()  # compiled, times can differ in the last bit
 
     def _reached_time(self) -> float:
-        """Time of the case, s, that the integration in plain Python has reached."""
+        """Simulated time, s, that the integration in plain Python had reached when it stopped."""
         assert self.kernel.plain is not None
         return float(self.work.numbers[self.kernel.plain.BEGIN_T])
 
     def _unknown_reason(self, reached: float | None) -> str:
-        """Reason of `UnknownError`."""
+        """Text of `UnknownError`; ``reached`` is the simulated time, s, at which the integration
+        was stopped, if known."""
         end, given_step = self.layout.scene.run.end_time, self.layout.scene.solver.step
         how = (
             f"of {self.steps.max()} steps a phase"
@@ -482,18 +509,20 @@ class _SingleRun:
             return f"{reason}; give a longer solver.step_s"
         if self.completed and self.completed[-1][0].max() < self.steps.max():
             most = self.completed[-1][0].max()
-            reason += f"; in {most} it reached its end, but its outcomes had not converged"
+            reason += f"; with {most} it reached its end, but its outcomes had not converged"
         return f"{reason}; look at the warnings, give solver.step_s, or compile: sepmc run"
 
 
 def _instants(
     shape: KernelSpec, ends: np.ndarray, changes: np.ndarray, row_interval_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times, s, segments and sides (n, 3) of history rows, and their phase numbers (n,).
+    """Instants of the history rows of a case, and the index of the phase of each row (n,).
 
-    Rows are at every interval, and on both sides of the ``ends`` (segments,) and of ``changes`` of
-    joints within segments; sides are -1 just before a change, 1 just after it, else 0. A joint with
-    a release delay is released in the next phase.
+    Each instant, a row of an array (n, 3), has the time, s, the index of the segment, and the side:
+    -1 just before a change of joints, 1 just after it, else 0. Instants are at every interval
+    ``row_interval_s``, at the begin and end of each segment (``ends`` (segments,), s), and on both
+    sides of ``changes`` (s) within segments. While the delayed release of a joint is pending, the
+    phase is the next one.
     """
     grid = np.arange(int(ends[-1] / row_interval_s + 1e-9) + 1) * row_interval_s
     instants: list[tuple[float, int, int]] = []
@@ -525,7 +554,7 @@ def _instants(
 
 
 def _phase(shape: KernelSpec, number: int) -> int:
-    """Phase number of segment ``number``; a segment with pending delayed releases belongs to the
-    next phase."""
+    """Index of the phase of the segment with index ``number``; a segment in which delayed releases
+    are pending belongs to the next phase."""
     following = next(segment for segment in shape.segments[number:] if not segment.late)
     return [phase.name for phase in shape.scene.phase].index(following.phase)

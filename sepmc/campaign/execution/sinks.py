@@ -1,4 +1,5 @@
-"""Destinations of completed cases: memory, Parquet shards of a run folder, or statistics."""
+"""Sinks, the destinations of completed cases: memory, Parquet files (shards) of a run folder, or
+statistics."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -25,18 +26,18 @@ _ROWS_OF_A_SHARD = 200_000  # of selected rows: up to this many go into one shar
 
 @dataclass
 class RunOutput:
-    """Output of a run.
+    """Statistics, case rows and histories that a run has so far.
 
     Attributes
     ----------
     summary : TableStatistics or StreamingStatistics
-        Statistics.
+        Statistics of the cases.
     rows : mapping of str to ndarray, optional
-        Case table by column; None if only statistics were accumulated.
+        Values of the case table by column; None if only statistics were accumulated.
     histories : mapping of str to ndarray, optional
-        Histories by column, in memory.
+        Histories by column, if they are in memory; None if not, or if there are none.
     history_shards : sequence of Entry
-        Shards of histories in the folder.
+        Ledger entries of the Parquet files of histories, if they are in a folder.
     """
 
     summary: TableStatistics | StreamingStatistics
@@ -46,18 +47,20 @@ class RunOutput:
 
 
 class Sink(Protocol):
-    """Receives lists of consecutive chunks, from one thread."""
+    """Destination of completed cases: receives lists of consecutive chunks, from one thread at a
+    time."""
 
     def take(self, chunks: list[Chunk]) -> None:
-        """Add the chunks that come next."""
+        """Store the next chunks, whose cases are consecutive."""
 
     def output(self) -> RunOutput:
-        """Output of all chunks so far."""
+        """Statistics, rows and histories of all chunks so far."""
 
 
 @dataclass
 class MemorySink:
-    """Keeps all rows in memory; ``separation`` are the columns of stored histories, if any."""
+    """Sink that keeps the rows of all cases in memory, and their histories if there are columns of
+    these, ``separation``."""
 
     campaign: Definition
     separation: list[Column]
@@ -84,8 +87,8 @@ class MemorySink:
 
 @dataclass
 class ParquetSink:
-    """Writes a shard of cases, and one of histories if there are columns ``separation``, for every
-    list of chunks."""
+    """Sink that writes a Parquet file (shard) of case rows into the run folder for every list of
+    chunks, and one of histories if there are columns of these, ``separation``."""
 
     campaign: Definition
     separation: list[Column]
@@ -97,8 +100,8 @@ class ParquetSink:
         shards.record_shards(self.folder, self.write(chunks))
 
     def write(self, chunks: list[Chunk]) -> list[Entry]:
-        """Write a shard of histories, if there are any, then one of cases, which completes the
-        range; returns their ledger entries."""
+        """Write a shard of histories, if there are any, and then one of case rows; return their
+        ledger entries, which the caller has to record: only then they belong to the run."""
         campaign, first = self.campaign, chunks[0].first
         count = sum(len(chunk.inputs) for chunk in chunks)
         about = _about(campaign, self.spec) | {
@@ -129,7 +132,8 @@ class ParquetSink:
         return written
 
     def output(self) -> RunOutput:
-        """Statistics and columns of the cases in the folder."""
+        """Statistics and rows of all cases in the folder, and entries of their histories. Raises
+        StoreError if there are no cases."""
         columns = shards.CaseColumns(self.folder)
         history_shards = shards.entries(self.folder, folders.HISTORIES)
         summary = summarise(columns, *self.campaign.summary_inputs)
@@ -137,8 +141,8 @@ class ParquetSink:
 
 
 def _about(campaign: Definition, spec: SampleSpec) -> dict[str, str]:
-    """Metadata of a shard on the origin of its cases, from which a run without a manifest is
-    repaired."""
+    """Metadata of a shard that say which campaign and seed its cases are of, so that a run folder
+    without its manifest can be repaired."""
     return {
         "campaign": campaign.name,
         "digest": campaign.digest,
@@ -150,8 +154,8 @@ def _about(campaign: Definition, spec: SampleSpec) -> dict[str, str]:
 
 @dataclass
 class SelectedRowWriter:
-    """Writes a shard of the rows that ``selection`` selects from every list of chunks, if there are
-    any."""
+    """Writes the rows that the rules of ``selection`` select from every list of chunks into a shard
+    of the run folder, for a run that otherwise stores statistics only."""
 
     campaign: Definition
     folder: Path
@@ -159,8 +163,9 @@ class SelectedRowWriter:
     selection: RowSelection
 
     def write(self, chunks: list[Chunk]) -> list[Entry]:
-        """Write a shard of the selected rows of chunks; returns its ledger entry in a list, which
-        is empty if none is selected."""
+        """Write a shard of the selected rows of chunks; return a list with its ledger entry, which
+        the caller has to record. The list is empty, and no shard is written, if no row is
+        selected."""
         status = {"status": status_labels(_codes(chunks))}
         table = case_table(self.campaign, chunks) | status
         positions, reasons = self.selection.choose(table)
@@ -186,7 +191,8 @@ class SelectedRowWriter:
         )
 
     def finish(self) -> None:
-        """Remove rows that are no longer among the worst, and merge a few rows into one shard."""
+        """Rewrite the saved rows when all cases are known: without those that were among the worst
+        only for a time, and in one shard if they are at most 200,000."""
         entries = shards.entries(self.folder, folders.SELECTED)
         if sum(entry.cases for entry in entries) <= _ROWS_OF_A_SHARD:
             rows = (
@@ -201,8 +207,8 @@ class SelectedRowWriter:
             shards.replace_shards(self.folder, folders.SELECTED, final)
 
     def _write_final(self, first: int, rows: dict[str, np.ndarray]) -> Entry:
-        """Write the shard, starting at case ``first``, of those ``rows`` that are still selected
-        now that all cases are known."""
+        """Write a shard of those of the ``rows`` (by column) that are still selected when all cases
+        are known; return its ledger entry. ``first``, a case number, is part of its file name."""
         reasons = self.selection.final_reasons(rows["case"], rows[REASON.name])
         is_kept = reasons != ""
         selected = {name: values[is_kept] for name, values in rows.items()} | {
@@ -212,20 +218,22 @@ class SelectedRowWriter:
 
 
 class StatisticsSink:
-    """Accumulates statistics, and passes chunks to ``rows``, which writes selected rows."""
+    """Sink that accumulates statistics in memory, stores no rows, and passes the chunks on to
+    ``rows``, if given, which saves selected rows."""
 
     def __init__(self, campaign: Definition, rows: SelectedRowWriter | None = None):
         self.campaign, self.rows = campaign, rows
         self.stream = StreamingStatistics(*campaign.summary_inputs)
 
     def take(self, chunks: list[Chunk]) -> None:
-        """Add the cases of chunks to the statistics."""
+        """Add the cases of chunks to the statistics, and save the selected rows among them."""
         add_to(self.stream, self.campaign, chunks)
         if self.rows:
             shards.record_shards(self.rows.folder, self.rows.write(chunks))
 
     def about(self, spec: SampleSpec, summary: BatchSummary) -> dict[str, str]:
-        """Metadata of the file of accumulators."""
+        """Metadata of the file that stores the accumulated statistics: origin of the cases, their
+        numbers, ``summary``, and rules for saved rows."""
         keep = self.rows.selection.keep.text if self.rows else ""
         entries = {"numbers": spec.text, "summary": summary.text, "keep": keep}
         return _about(self.campaign, spec) | entries
@@ -238,13 +246,13 @@ class StatisticsSink:
 def add_to(
     stream: StreamingStatistics | PartialStatistics, campaign: Definition, chunks: list[Chunk]
 ) -> None:
-    """Add the cases of consecutive chunks, in their order, to statistics."""
+    """Add the cases of consecutive chunks, in their order, to the statistics ``stream``."""
     first, count = chunks[0].first, sum(len(chunk.inputs) for chunk in chunks)
     stream.add(np.arange(first, first + count), _codes(chunks), _results(campaign, chunks))
 
 
 def status_labels(codes: np.ndarray) -> np.ndarray:
-    """Labels (n,) of status ``codes`` (n,), as Python strings in an array of objects."""
+    """Labels (n,) of status ``codes`` (n,), such as "ok", as Python strings in an object array."""
     return np.array(STATUS_LABELS, dtype=object)[codes]
 
 
@@ -253,7 +261,8 @@ def _codes(chunks: list[Chunk]) -> np.ndarray:
 
 
 def _results(campaign: Definition, chunks: list[Chunk]) -> np.ndarray:
-    """Outcomes and audit columns of chunks in the units of the columns, shape (columns, cases)."""
+    """Outcomes and audit columns of all cases of the chunks, in the units of their columns, shape
+    (columns, cases)."""
     scale = np.array([[column.scale] for column in campaign.result_columns])
     results = np.empty((len(scale), sum(len(chunk.inputs) for chunk in chunks)))
     start = 0
@@ -265,8 +274,8 @@ def _results(campaign: Definition, chunks: list[Chunk]) -> np.ndarray:
 
 
 def case_table(campaign: Definition, chunks: list[Chunk]) -> dict[str, Any]:
-    """Case table of consecutive chunks: values (n,) by column, in the units of the columns;
-    ``status`` is None, to be filled in by the caller."""
+    """Case table of the n cases of consecutive chunks: values (n,) by column, in the units of the
+    columns; the value of ``status`` is None, to be replaced by the caller."""
     first, results = chunks[0].first, _results(campaign, chunks)
     table: dict[str, Any] = {"case": np.arange(first, first + results.shape[1]), "status": None}
     table |= {
@@ -277,8 +286,9 @@ def case_table(campaign: Definition, chunks: list[Chunk]) -> dict[str, Any]:
 
 
 def _histories(chunks: list[Chunk], separation: list[Column]) -> dict[str, np.ndarray]:
-    """Stored histories of chunks by column, in long form: ``case``, ``time_s`` and the columns
-    ``separation``, an element for each used history row of each case."""
+    """Histories of all cases of the chunks in long form: by column, an array with an element for
+    each valid history row of each case. The columns are ``case``, ``time_s`` and those in
+    ``separation``, in their units."""
     histories = {
         name: np.empty(sum(int(chunk.block.rows.sum()) for chunk in chunks))
         for name in ("time_s", *(c.name for c in separation))

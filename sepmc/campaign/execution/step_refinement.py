@@ -1,4 +1,4 @@
-"""Step refinement: halve the step of a case until its outcomes converge."""
+"""Step refinement: halving the integration step of each case until its outcomes converge."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -46,15 +46,18 @@ Integrate = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def longest_step(scene: Scene, dispersions: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
-    """Longest step, s, that resolves thrust transients and the rows of tables over height.
+    """Longest first step, s, that resolves thrust transients (build-up, tail-off) and the rows of
+    tables over height.
 
-    Halving a longer step can leave the error unchanged by cancellation.
+    From a longer first step, halving can leave the outcomes unchanged by chance although their
+    error is large.
 
     Parameters
     ----------
     scene : Scene
     dispersions : sequence of Dispersion
-        Those of time constants and of the ranges of tables count.
+        Dispersions of the campaign: they can make time constants shorter, and change the heights
+        that a case passes.
     brief : float
         Time constants up to this, s, are ignored.
 
@@ -88,13 +91,14 @@ class Converged:
     Attributes
     ----------
     step : ndarray, shape (n,)
-        Last step of each case, in the unit of the first one.
+        Last step of each case, in the unit of the first step (s, or relative).
     status : ndarray, shape (n,)
         Status of each case at that step.
     change : ndarray, shape (n, o)
-        Relative change of each outcome, the largest of the last two halvings; of the last one if
-        one agreement is asked for.
+        Relative change of each outcome: the largest of the last two halvings, or that of the last
+        one if ``agreements`` was 1.
     converged : ndarray of bool, shape (n,)
+        True for cases that converged.
     """
 
     step: np.ndarray
@@ -111,12 +115,12 @@ def changes(
     scale: np.ndarray,
     is_decisive: np.ndarray,
 ) -> np.ndarray:
-    """Relative errors (n, o) of outcomes ``result`` (n, o) against those of shorter steps,
-    ``refined`` (n, o).
+    """Relative changes (n, o) of the outcomes of n cases from one step, ``result`` (n, o), to a
+    shorter one, ``refined`` (n, o); ``scale`` (o,) is as in `errors`.
 
-    Decisive outcomes of a case whose status (n,) differs between the two have infinite errors; they
-    have errors of 1 if both steps are too long. A case that fails otherwise in both has errors of
-    0.
+    The statuses (n,) overrule these: decisive outcomes change by infinity if the status of the case
+    differs, and by 1 if it says at both steps that the step is too long. If it is the same other
+    failure at both steps, all changes are 0.
     """
     table = errors(result, refined, scale)
     table[(status == refined_status) & ~status_in(status, _COMPLETED)] = 0.0
@@ -128,8 +132,12 @@ def changes(
 def _is_premature(
     integrate: Integrate, step: float, cases: np.ndarray, status: np.ndarray
 ) -> np.ndarray:
-    """Mask (n,) of cases that leave the atmosphere or a table, or jam, only because the step is too
-    long."""
+    """Mask (n,) of the cases with a status in `DOUBTFUL`, such as having left the atmosphere or a
+    table, that no longer have such a status at a step 64 times shorter.
+
+    ``status`` (n,) is that of the cases with numbers ``cases`` (n,) at ``step``; ``integrate`` is
+    as for `refine_steps`.
+    """
     result = status_in(status, DOUBTFUL)
     if result.any():
         result[result] = ~status_in(integrate(step / _CHECK_RATIO, cases[result])[1], DOUBTFUL)
@@ -149,24 +157,25 @@ def refine_steps(
     """Halve the step of each case until its outcomes converge.
 
     A case has converged when ``agreements`` consecutive halvings change its decisive outcomes by at
-    most the tolerance. Refinement ends early if changes stop falling, or the case is rejected after
-    ``max_rejected`` halvings.
+    most the tolerance. It is given up after nine halvings, when its changes stop falling, or when
+    it is still rejected after ``max_rejected`` halvings.
 
     Parameters
     ----------
     integrate : callable
-        ``integrate(step, numbers)`` integrates the cases of some numbers (k,) with a step; returns
-        outcomes (k, o) and status (k,). Its last call for a case is at the step returned.
+        ``integrate(step, numbers)`` integrates the cases with some numbers (k,) at one step, and
+        returns outcomes (k, o) and status (k,); it may store them, as its last call for a case is
+        at the step that is returned for it.
     count : int
-        Number of cases.
+        Number n of cases, whose numbers are 0 to n - 1.
     step : float
         First step, s or relative.
     tolerance : float
         Largest relative change of a decisive outcome.
     scale : ndarray, shape (o,)
-        See `sepmc.campaign.execution.accuracy.errors`.
+        Scale of each outcome; see `sepmc.campaign.execution.accuracy.errors`.
     is_decisive : ndarray of bool, shape (o,)
-        Outcomes that must converge.
+        True for the outcomes that must converge.
     max_rejected : int
         Halvings after which a case that is still rejected is given up.
     agreements : int
@@ -221,7 +230,7 @@ def refine_steps(
 def refine_case_steps(
     integrate: Integrate, step: float, scene: Scene, columns: list[Column]
 ) -> tuple[float, np.ndarray, list[str]]:
-    """Refine the step of one case.
+    """Halve the step of one case until its outcomes converge, in several rounds of `refine_steps`.
 
     Parameters
     ----------
@@ -230,9 +239,9 @@ def refine_case_steps(
     step : float
         First step, s or relative.
     scene : Scene
-        Of the case; its ``solver.accuracy`` is the tolerance.
+        Scene of the case; its ``solver.accuracy`` is the tolerance.
     columns : list of Column
-        Of the outcomes.
+        Columns of the outcomes.
 
     Returns
     -------
@@ -241,7 +250,7 @@ def refine_case_steps(
     change : ndarray, shape (o,)
         Relative change of each outcome by the last halvings.
     notes : list of str
-        One note if the case has not converged, else none.
+        One note for the user if the case has not converged, else empty.
     """
     units, is_decisive = [c.unit for c in columns], decisive(columns)
     case, tolerance = np.zeros(1, dtype=np.int64), scene.solver.accuracy

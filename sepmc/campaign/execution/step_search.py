@@ -1,4 +1,5 @@
-"""Search for the fewest steps of each kernel segment at which cases meet a tolerance."""
+"""Search for the fewest steps of each kernel segment, and its cheapest method, at which cases meet
+a tolerance."""
 
 from collections.abc import Callable
 
@@ -30,24 +31,26 @@ _STEP_OVERHEAD = 2
 
 
 def most_are_valid(verdict: np.ndarray) -> bool:
-    """Return True if most cases (n,) with outcomes are valid."""
+    """Return True if, without the cases whose ``verdict`` (n,) is NO_OUTCOMES, more than half are
+    VALID."""
     return bool(np.count_nonzero(verdict == VALID) > 0.5 * np.count_nonzero(verdict != NO_OUTCOMES))
 
 
 def find_durations(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
-    """Typical durations of segments.
+    """Measure the typical duration of each kernel segment, with ever more steps until some case
+    reaches its end.
 
     Parameters
     ----------
     campaign : Definition
     kernel : Kernel
     draws : ndarray, shape (n, d)
-        Inputs, SI.
+        Inputs of n cases, SI.
 
     Returns
     -------
     ndarray, shape (segments,), or None
-        Median over cases, s; None if no case can be integrated.
+        Durations from the median end times of the cases, s; None if no case reaches its end.
     """
     durations, steps = np.full(kernel.n_segments, np.inf), np.full(kernel.n_segments, 2)
     while steps.max() <= _MAX_STEPS:
@@ -63,30 +66,31 @@ def find_durations(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> n
 
 
 class Search:
-    """Search for steps on a set of cases.
+    """Search for the fewest steps of each segment, and its cheapest method, at which a set of cases
+    meets a tolerance; `fewest_steps` performs it.
 
     Parameters
     ----------
     evaluate : callable
-        ``evaluate(steps, methods, draws)`` returns outcomes (n, o) and verdicts (n,): VALID,
-        IN_DOUBT or NO_OUTCOMES.
+        ``evaluate(steps, methods, draws)`` integrates n cases and returns outcomes (n, o) and
+        verdicts (n,): VALID; IN_DOUBT, if other steps may make the case valid; NO_OUTCOMES.
     draws : ndarray, shape (n, d)
-        Inputs, SI.
+        Inputs of the cases, SI.
     scale : ndarray, shape (o,)
-        See `sepmc.campaign.execution.accuracy.errors`.
+        Scale of each outcome; see `sepmc.campaign.execution.accuracy.errors`.
     tolerance : float
-        Largest relative error of a decisive outcome.
+        Largest allowed relative error of a decisive outcome; the search may raise it.
     is_decisive : ndarray of bool, shape (o,)
-        Outcomes that must meet the tolerance.
+        True for the outcomes that must meet the tolerance.
     evaluations : list of list of int
-        By segment and method: derivative evaluations of a step.
+        By segment and method: number of derivative evaluations in a step.
 
     Attributes
     ----------
     methods : ndarray, shape (segments,)
-        Numbers of the selected methods; 0 is the most exact one.
+        Index of the selected method of each segment; 0 is the most exact one.
     reference : ndarray, shape (n, o)
-        Outcomes at many steps, from which errors are measured.
+        Outcomes at many steps, against which errors are measured.
     """
 
     def __init__(
@@ -112,27 +116,27 @@ class Search:
         self.reference_errors = np.full(len(scale), np.inf)  # by outcome
 
     def evaluate(self, steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Outcomes (n, o) and verdicts (n,) of inputs (n, d) at some steps (segments,), by the
-        selected methods."""
+        """Integrate cases with inputs ``draws`` (n, d) at ``steps`` (segments,) by the selected
+        methods; return outcomes (n, o) and verdicts (n,), and add the steps to `work`."""
         self.work += len(draws) * int(steps.sum())
         return self._integrate(steps, self.methods, draws)
 
     @property
     def is_exhausted(self) -> bool:
-        """True if the search has used up its work."""
+        """True if the search has integrated more steps than it may in all."""
         return self.work > _MAX_WORK
 
     @property
     def is_valid(self) -> np.ndarray:
-        """Mask (n,) of cases that are valid at the reference."""
+        """Mask (n,) of the cases that are VALID in the reference."""
         return np.asarray(self.verdict == VALID)
 
     def fewest_steps(self, min_steps: np.ndarray) -> np.ndarray | None:
-        """Fewest steps (segments,) at which the cases meet the tolerance; None if most cases are
-        invalid.
+        """Search and return the fewest steps (segments,) at which the cases meet the tolerance;
+        None if most cases are not valid. Also sets `methods` and `reference`.
 
-        The reference has at least ``min_steps`` (segments,). If it does not converge within twice
-        the tolerance, the value it converges to becomes the tolerance.
+        The reference has at least ``min_steps`` (segments,). If its last doubling of steps changes
+        it by more than twice the tolerance, the tolerance is raised to twice that change.
         """
         steps = self._integrate_reference(min_steps)
         if np.isinf(self.reference_change) or not most_are_valid(self.verdict):
@@ -145,16 +149,20 @@ class Search:
         )
 
     def given_step(self, stages: int) -> np.ndarray | None:
-        """Integrate the reference at an eighth of the step that the file gives; return ones
-        (segments,), as that step is not divided, or None if most cases are invalid. ``stages`` is
-        the number of segments."""
+        """Use the step that the file gives, in place of a search: integrate the reference at an
+        eighth of it.
+
+        ``stages`` is the number of segments. Returns ones, shape (stages,), as the given step is
+        not divided; None if most cases are not valid.
+        """
         steps = np.ones(stages, dtype=np.int64)
         self.reference, self.verdict = self.evaluate(_GIVEN_STEP_FACTOR * steps, self.draws)
         self.reference_errors = np.full(len(self.scale), _ROUND_OFF)
         return steps if most_are_valid(self.verdict) else None
 
     def largest_errors(self, steps: np.ndarray) -> np.ndarray:
-        """Largest error (o,) of each outcome at some steps; at least that of the reference."""
+        """Largest relative error (o,) of each outcome over the cases, integrated at ``steps``
+        (segments,), against the reference; at least the error of the reference itself."""
         outcomes, verdict = self.evaluate(steps, self.draws)
         in_both = (verdict == VALID) & self.is_valid
         return np.maximum(
@@ -164,7 +172,7 @@ class Search:
 
     def _integrate_reference(self, min_steps: np.ndarray) -> np.ndarray:
         """Integrate the reference, doubling the steps from ``min_steps`` (segments,) until it has
-        converged or takes too long; returns its steps."""
+        converged or takes too long; set `reference`, its verdicts and errors; return its steps."""
         steps, max_steps = min_steps, max(_MAX_STEPS, _REFERENCE_FACTOR * int(min_steps.max()))
         self.reference, self.verdict = self.evaluate(steps, self.draws)
         while self.reference_change > 0.02 * self.tolerance and 2 * steps.max() <= max_steps:
@@ -187,11 +195,12 @@ class Search:
         return steps
 
     def _sufficient_steps(self, min_steps: np.ndarray, max_steps: np.ndarray) -> np.ndarray:
-        """Twice the steps at which the cases meet the tolerance, at most ``max_steps``.
+        """Return twice the steps (segments,) at which the cases meet the tolerance, at most
+        ``max_steps``, those of the reference.
 
         The steps start at ``min_steps`` and are doubled in all segments together. The factor of two
-        keeps the errors of other segments small while one segment is reduced (`_reduce_each`), and
-        integration is cheaper than at the reference.
+        keeps the errors of other segments small while the steps of one are reduced
+        (`_reduce_each`), and integration is cheaper than with the steps of the reference.
         """
         steps = min_steps
         while (steps < max_steps).any() and self.error(steps) > self.tolerance:
@@ -199,12 +208,17 @@ class Search:
         return np.minimum(2 * steps, max_steps)
 
     def _errors(self, steps: np.ndarray) -> np.ndarray:
-        """Largest error (o,) of each outcome; infinite if too many cases are rejected."""
+        """Largest relative error (o,) of each outcome at ``steps`` (segments,) against the
+        reference; infinite if too many cases are rejected."""
         return self._compare(*self.evaluate(steps, self.draws))
 
     def _compare(self, outcomes: np.ndarray, verdict: np.ndarray) -> np.ndarray:
-        """Largest error (o,) of outcomes (n, o) with verdicts (n,) against the reference; infinite
-        if too many cases are rejected."""
+        """Largest relative error (o,) of each outcome over n cases, from ``outcomes`` (n, o) and
+        ``verdict`` (n,), against the reference.
+
+        It is infinite if more than a tenth of the cases are valid in the reference but not here, or
+        no case is valid in both.
+        """
         in_both = (verdict == VALID) & self.is_valid
         if (
             np.count_nonzero(self.is_valid & ~in_both) > _MAX_REJECTED * len(self.draws)
@@ -216,13 +230,13 @@ class Search:
         )
 
     def error(self, steps: np.ndarray) -> float:
-        """Largest error of decisive outcomes at some steps; infinite if too many cases are
-        rejected."""
+        """Largest relative error of a decisive outcome at ``steps`` (segments,) against the
+        reference; infinite if too many cases are rejected."""
         return float(self._errors(steps)[self.is_decisive].max(initial=0.0))
 
     def _reduce_each(self, steps: np.ndarray) -> np.ndarray:
-        """Fewest steps of each segment at which the cases meet the tolerance while the others have
-        ``steps`` (segments,)."""
+        """For each segment alone, the fewest steps at which the cases meet the tolerance while the
+        other segments have their ``steps`` (segments,); shape (segments,)."""
         steps_chosen = steps.copy()
         for stage in range(len(steps_chosen)):
             low, high = 0, int(steps[stage])
@@ -234,8 +248,9 @@ class Search:
         return steps_chosen
 
     def _cheapest_methods(self, steps: np.ndarray) -> np.ndarray:
-        """Select the method with the least work for each segment, the most expensive segment first;
-        returns the steps (segments,) for these methods."""
+        """Select for each segment the method with the least work at which the cases meet the
+        tolerance, the most expensive segment first; set `methods`, and return the steps (segments,)
+        for these methods. ``steps`` are those for the methods so far."""
         work = [self._work_of(stage, number) for stage, number in enumerate(steps)]
         for stage in sorted(range(len(steps)), key=lambda k: -work[k]):
             for method in range(1, len(self.evaluations[stage])):
@@ -243,8 +258,11 @@ class Search:
         return steps
 
     def _with_method(self, method: int, stage: int, steps: np.ndarray) -> np.ndarray:
-        """Steps (segments,) with the fewest steps of segment ``stage`` by another method, if that
-        is less work, and select the method; else the steps unchanged."""
+        """Try another method (index ``method``) for the segment with index ``stage``.
+
+        If it meets the tolerance with less work, it is selected, and the steps (segments,) with its
+        fewest steps in that segment are returned; else ``steps`` is returned unchanged.
+        """
         previous, trial = int(self.methods[stage]), steps.copy()
         max_steps = self._work_of(stage, int(steps[stage])) - 1
 
@@ -264,13 +282,14 @@ class Search:
         return trial
 
     def _work_of(self, stage: int, steps: int) -> int:
-        """Work of some steps of segment ``stage`` by its selected method, in derivative
-        evaluations."""
+        """Work of a number of ``steps`` in the segment with index ``stage`` by its selected method,
+        in derivative evaluations."""
         return steps * (self.evaluations[stage][self.methods[stage]] + _STEP_OVERHEAD)
 
     def _increase_jointly(self, steps_chosen: np.ndarray, max_steps: np.ndarray) -> np.ndarray:
-        """Add a step, or a sixteenth, to the segment where it helps most, until all meet the
-        tolerance."""
+        """Raise the steps ``steps_chosen`` (segments,), up to ``max_steps``, until all cases meet
+        the tolerance, and return them: each time in the segment where it reduces the error most, by
+        one step or a sixteenth of its steps."""
         error = self.error(steps_chosen)
         while error > self.tolerance and (steps_chosen < max_steps).any():
             if self.is_exhausted:

@@ -1,7 +1,7 @@
-"""Selection of the integration steps of a campaign, by calibration cases.
+"""Selection of the kernel and the integration steps of a campaign, by calibration cases.
 
-Calibration cases are corners of the dispersions and a sample. They depend on the scene and its
-distributions, not on the seed or the number of cases; so do the steps.
+Calibration cases are corners (each input at an end of its distribution) and a sample. They depend
+on the scene and its distributions, not on the seed or the number of cases; so do the steps.
 """
 
 import time
@@ -57,11 +57,12 @@ from sepmc.scene.messages import Log
 from sepmc.schema import Status
 
 _SAMPLE_DIVISOR = 8  # the sample is this much smaller where each case is refined by itself
-_LONG_S = 60.0  # after this time the way to skip calibration is announced
+_LONG_S = 60.0  # after this time a way to shorten calibration is announced
 
 
 def kernel_spec(campaign: Definition, variant: int = Variant.STANDARD) -> KernelSpec:
-    """Specification of the kernel of a campaign."""
+    """Specification of the kernel of a campaign, from which its text is written; ``variant`` is a
+    `Variant`."""
     return structure.make_kernel_spec(campaign.layout, campaign.dispersed, variant)
 
 
@@ -71,15 +72,16 @@ def kernel_text(
     history: int = False,
     variant: int = Variant.STANDARD,
 ) -> str:
-    """Text of the kernel of a campaign, a Python module.
+    """Python source text of the kernel of a campaign.
 
     Parameters
     ----------
     campaign : Definition
     solver : str, optional
-        Name of other integration methods.
+        Name of the integration method (``solver.method``); that of the campaign if None.
     history : int
-        Write stored histories (1), or full ones: see `sepmc.engine.kernel_texts.written`.
+        Which histories the kernel writes: none (0), separations (1) or full ones (2); see
+        `sepmc.engine.kernel_texts.written`.
     variant : int
         A `Variant` of the kernel.
 
@@ -91,7 +93,8 @@ def kernel_text(
 
 
 def stage_names(spec: KernelSpec) -> list[str]:
-    """Names of the kernel segments, in the words of the campaign file."""
+    """Name of each kernel segment: that of its phase in the campaign file, with " (late joints)" if
+    delayed releases are pending in the segment."""
     return [
         spec.names.back[segment.phase] + (" (late joints)" if segment.late else "")
         for segment in spec.segments
@@ -99,7 +102,8 @@ def stage_names(spec: KernelSpec) -> list[str]:
 
 
 def fallbacks(campaign: Definition, spec: KernelSpec, history: int) -> tuple[FallbackKernel, ...]:
-    """Fallback kernels for cases that the kernel of a specification rejects."""
+    """Fallback kernels, in order, for cases that the kernel of the specification ``spec`` rejects;
+    they are not loaded yet. ``history`` is as in `kernel_text`."""
     phases = [phase.name for phase in spec.scene.phase]
     numbers = np.array([phases.index(segment.phase) for segment in spec.segments])
 
@@ -118,24 +122,24 @@ def select_steps(
     timing: dict[str, float] | None = None,
     again: bool = False,
 ) -> Integration:
-    """Select kernel and steps for the accuracy that a campaign asks for.
+    """Select kernel and steps with which a campaign meets its ``solver.accuracy``.
 
-    Compiled campaigns keep their steps, in memory and in the cache folder
-    (`sepmc.campaign.execution.step_store`).
+    They are taken from memory or the cache folder (`sepmc.campaign.execution.step_store`) if they
+    were selected before; else calibration cases are integrated, and the selection is stored there.
 
     Parameters
     ----------
     campaign : Definition
     history : bool
-        Histories are to be stored.
+        True if histories are to be stored.
     announce : Log, optional
         Called with messages about compiling and calibration.
     size : CalibrationSize, optional
         Number of calibration cases; (`CORNERS`, `SAMPLE`) if None.
     timing : dict of str to float, optional
-        Seconds are added to the keys text, compile and steps.
+        Changed in place: seconds are added to the values of the keys text, compile and steps.
     again : bool
-        Select steps anew, even if there are stored ones, and store none.
+        True: select steps anew, even if there are stored ones, and do not store them.
 
     Returns
     -------
@@ -166,7 +170,13 @@ def unpacked(
     announce: Log | None = None,
     timing: dict[str, float] | None = None,
 ) -> Integration:
-    """Integration from another process (`Integration.packed`), with kernels of this one."""
+    """Copy, with kernel and fallback kernels, of an integration that has none (from
+    `Integration.packed`, of another process or the cache folder). The kernel is compiled if
+    necessary.
+
+    ``history`` is True if histories are to be stored; ``announce`` and ``timing`` are as in
+    `select_steps`.
+    """
     spec = kernel_spec(campaign, integration.variant)
     kernel = _load(campaign, spec, history, announce, timing)
     return replace(integration, kernel=kernel, fallbacks=fallbacks(campaign, spec, history))
@@ -179,8 +189,8 @@ def _load(
     announce: Log | None,
     timing: dict[str, float] | None,
 ) -> Kernel:
-    """Write the kernel of a specification, and compile or load it; adds seconds to the keys compile
-    and text of ``timing``."""
+    """Write the text of the kernel of a specification, and load it, compiled if necessary; add
+    seconds to the values of the keys compile and text of ``timing``."""
     start, waited = time.perf_counter(), compile_wait_s()
     kernel = load_kernel(written(spec, campaign.scene.solver.method, history), announce)
     waited = compile_wait_s() - waited
@@ -197,7 +207,8 @@ def _select(
     size: CalibrationSize,
     timing: dict[str, float],
 ) -> Integration:
-    """Select kernel variant and steps by calibration cases, without the step store."""
+    """Select kernel variant and steps by calibration cases, as `select_steps` does without memory
+    and cache folder."""
     variant: int = Variant.STANDARD
     history_size = history_rows(campaign.scene) if history and campaign.scene.joint else 0
     while True:
@@ -235,8 +246,8 @@ def _capable_variant(
     remaining_kernels: tuple[FallbackKernel, ...],
     size: CalibrationSize,
 ) -> int | None:
-    """Variant of a fallback kernel that accepts most of the corners that ``kernel`` rejects; None
-    if there is none."""
+    """Variant of the first of the ``remaining_kernels`` that may accept at least half of the corner
+    cases that ``kernel`` rejects; None if there is none, or no corner is rejected."""
     steps, durations = _initial_steps(kernel)
     block, _ = integrate_cases(
         kernel,
@@ -254,7 +265,8 @@ def _capable_variant(
 
 
 def _initial_steps(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
-    """Steps and durations (segments,) before any case was integrated."""
+    """Number of steps and duration (infinite: unknown) of each segment, arrays (segments,), for a
+    first integration."""
     return np.full(kernel.n_segments, SPREAD_STEPS), np.full(kernel.n_segments, np.inf)
 
 
@@ -265,7 +277,8 @@ def _refined_case_by_case(
     remaining_kernels: tuple[FallbackKernel, ...],
     size: CalibrationSize,
 ) -> Integration:
-    """Integration with cases refined one by one, where no common steps suit most cases."""
+    """Integration in which the steps of every case are refined by themselves, for a campaign
+    without common steps that suit most cases; its accuracy is that of calibration cases."""
     draws, given_step = (
         np.vstack(
             [
@@ -312,7 +325,8 @@ def _refined_case_by_case(
 def _with_history_error(
     campaign: Definition, selected: Integration, history_size: int, size: CalibrationSize
 ) -> Integration:
-    """Integration with the error of stored histories of ``history_size`` rows."""
+    """Copy of an integration with the error of stored histories of ``history_size`` rows in its
+    ``achieved`` accuracy; itself if no histories are stored or it has no such accuracy."""
     if not history_size or selected.achieved is None:
         return selected
     draws = np.empty((1, 0))
@@ -334,8 +348,8 @@ def _announce_calibration(announce: Log | None) -> None:
 
 
 def _progress_counter(announce: Log | None) -> Callable[[int], None]:
-    """Return a function (n_cases) that adds to a count of calibration cases, and announces the
-    count every ten seconds."""
+    """Create a function ``count(n_cases)`` that adds to the number of calibration cases run so far,
+    and announces that number every ten seconds."""
     report, total = progress_reporter(announce, REPORT_EVERY_S), 0
 
     def count(n_cases: int) -> None:
@@ -344,7 +358,7 @@ def _progress_counter(announce: Log | None) -> Callable[[int], None]:
         report(
             lambda seconds: (
                 f"{total} calibration cases in {seconds:.0f} s"
-                + ("; solver.step_s, a step of your own, needs none" if seconds > _LONG_S else "")
+                + ("; a step of your own, solver.step_s, needs fewer" if seconds > _LONG_S else "")
                 + " ..."
             )
         )
@@ -353,7 +367,8 @@ def _progress_counter(announce: Log | None) -> Callable[[int], None]:
 
 
 def units_to_compile(text: str) -> tuple[int, int]:
-    """Number of compile units of a kernel that are not in the cache, and number of units."""
+    """Number of compile units (pieces of machine code) of a kernel ``text`` that are not in the
+    cache folder, and number of all its units."""
     from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (llvmlite)
 
     units = compiled.compile_units_of(text)

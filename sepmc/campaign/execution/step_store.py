@@ -1,4 +1,4 @@
-"""Selected steps, kept in memory and in the cache folder.
+"""Store of selected integration steps, in memory and in the cache folder.
 
 Steps follow from the scene, its dispersions, the kernel and the code, not from the seed or the
 number of cases: they are selected once.
@@ -24,7 +24,8 @@ _in_memory: RecentItems[str, Integration] = RecentItems(32)
 
 
 def key_of(campaign: Definition, history: bool, size: CalibrationSize) -> str:
-    """Digest of all that the steps of a campaign follow from; names its file in the cache folder.
+    """Key of the steps of a campaign: a digest of all that they follow from. It is also part of the
+    name of their file in the cache folder.
 
     Parameters
     ----------
@@ -51,14 +52,14 @@ def _sources_digest() -> bytes:
 
 
 def in_memory(key: str) -> Integration | None:
-    """Integration of a key (`key_of`) selected earlier in this process, with its kernels; None if
-    there is none."""
+    """Integration with a key (`key_of`) that was selected or loaded earlier in this process, with
+    its kernels; None if there is none."""
     return _in_memory.get(key)
 
 
 def stored(key: str) -> Integration | None:
-    """Integration from the cache folder, without kernels (`Integration.packed`); None if it is
-    missing or damaged."""
+    """Integration with a key (`key_of`) from its file in the cache folder, without kernels
+    (`Integration.packed`); None if the file is missing or damaged."""
     from sepmc.code_cache import CACHE_FOLDER  # noqa: PLC0415
     from sepmc.engine.cache_files import read_sealed  # noqa: PLC0415  (llvmlite)
 
@@ -69,17 +70,18 @@ def stored(key: str) -> Integration | None:
 
 
 def remember(key: str, integration: Integration) -> None:
-    """Keep an integration in memory, for `in_memory`."""
+    """Store an integration in memory under a key (`key_of`), for `in_memory`."""
     _in_memory.put(key, integration)
 
 
 def forget() -> None:
-    """Forget the integrations in memory."""
+    """Remove all integrations from memory; files in the cache folder stay."""
     _in_memory.clear()
 
 
 def store(key: str, integration: Integration) -> None:
-    """Keep an integration in memory and, without its kernels, in the cache folder."""
+    """Store an integration under a key (`key_of`) in memory and, without its kernels, in the cache
+    folder; old files there are removed at times."""
     from sepmc.code_cache import CACHE_FOLDER  # noqa: PLC0415
     from sepmc.engine.cache_files import put_sealed  # noqa: PLC0415  (llvmlite)
 
@@ -90,7 +92,7 @@ def store(key: str, integration: Integration) -> None:
 
 
 def _prune(folder: Path) -> None:
-    """Remove all but the newest files of steps."""
+    """Remove all files of steps from the cache folder but the newest thousand."""
     with contextlib.suppress(OSError):  # another process may remove them, too
         files = sorted(folder.glob("steps_*.sealed"), key=lambda path: path.stat().st_mtime)
         for path in files[:-_MAX_FILES]:

@@ -1,5 +1,5 @@
-"""Tables whose spline goes beyond the values of their rows: rows at uneven distances, or too few
-where the values bend."""
+"""Notes on tables whose spline overshoots the values of their rows: rows at uneven distances, or
+too few where the values bend."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -24,7 +24,8 @@ Array = np.ndarray
 
 
 def overshooting(scene: Scene) -> list[str]:
-    """Notes on tables whose interpolant is much larger or smaller between rows than at rows."""
+    """Notes for the user on the tables of a scene, interpolated by cubic splines, whose values
+    between rows are far above or below those of the rows; a sentence for each."""
     notes, environment = list[str](), scene.environment
     profile, air = environment.wind.profile, environment.air
     if profile is not None and profile.interpolation == "cubic":
@@ -80,7 +81,8 @@ def _wind_notes(profile: WindProfile) -> list[str]:
 
 
 def _air_columns(air: AirProfile) -> Iterator[tuple[str, Array]]:
-    """Names and values of the columns that are interpolated over height."""
+    """Yield name and values (rows,) of each column of a table of the air that is interpolated over
+    height: the logarithm of the density, and the speed of sound if given."""
     yield "environment.air.density (logarithm)", np.log(air.density)
     if air.speed_of_sound:
         yield "environment.air.speed_of_sound", np.array(air.speed_of_sound)
@@ -89,9 +91,12 @@ def _air_columns(air: AirProfile) -> Iterator[tuple[str, Array]]:
 def _table_notes(
     name: str, axes: Mapping[str, Sequence[float]], values: Array, ends: str | None = None
 ) -> list[str]:
-    """Note if the interpolant of ``values``, a row for each number of the axes, goes far beyond
-    them, or along an axis beyond two neighbouring rows. ``ends`` is a boundary condition of scipy;
-    None: not-a-knot."""
+    """List with one note if the spline through a table goes far beyond the range of its ``values``
+    or, along one axis, beyond both of two neighbouring rows; else empty.
+
+    ``name`` is that of the table in the note. ``axes`` are the numbers along each dimension of
+    ``values``, by key. ``ends`` is the boundary condition for scipy; None: not-a-knot.
+    """
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415
 
     low, high, curve = float(values.min()), float(values.max()), values
@@ -121,8 +126,11 @@ def _table_notes(
 def _beyond_neighbours(
     key: str, points: Array, along: Callable[[Array], Array]
 ) -> tuple[float, str]:
-    """Largest amount by which a spline ``along`` the axis ``key`` goes beyond both neighbouring
-    rows of the axis ``points`` (n,), and a sentence on where."""
+    """Largest amount by which a spline between two neighbouring rows of a table is above both or
+    below both, and a clause that says where.
+
+    ``along`` is the spline along the axis named ``key``, whose rows are at ``points`` (n,).
+    """
     angle = key in ("alpha", "beta", "pitch", "yaw", "roll")
     between = np.linspace(points[:-1], points[1:], _BETWEEN, axis=1)  # (intervals, points)
     values, rows = along(between), along(points)
@@ -134,6 +142,6 @@ def _beyond_neighbours(
     column = at[2:]
     return float(excess[at]), (
         f"the smooth function reaches {values[at]:.4g} between the rows {key} = {first:.5g} and "
-        f"{last:.5g}{' deg' if angle else ''}, which are {rows[(at[0], *column)]:.4g} and "
+        f"{last:.5g}{' deg' if angle else ''}, whose values are {rows[(at[0], *column)]:.4g} and "
         f"{rows[(at[0] + 1, *column)]:.4g}"
     )

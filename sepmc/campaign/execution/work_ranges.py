@@ -1,4 +1,5 @@
-"""Ranges of cases that worker processes run: the job, the result and the executor interface."""
+"""Ranges of cases that worker processes run: the job that describes the run, the result of a range,
+and the interface of executors, which distribute ranges to workers."""
 
 import platform
 import threading
@@ -24,7 +25,7 @@ from sepmc.scene.read import read_campaign
 
 @dataclass(frozen=True)
 class Job:
-    """Description of a run that workers need.
+    """Description of a run, which is sent to workers: all that they need to run its cases.
 
     Attributes
     ----------
@@ -33,13 +34,13 @@ class Job:
     campaign : str
         Checksum of the campaign file in the folder.
     lease : str
-        Token of `sepmc.campaign.store.folders.issue_lease`.
+        Token from `sepmc.campaign.store.folders.issue_lease`: workers write only while it is valid.
     integration : Integration
-        Without kernels; see `Integration.packed`.
+        Steps, without kernels; see `Integration.packed`.
     spec : SampleSpec
         Sample that the cases belong to.
     accumulator : PartialStatistics or None
-        Empty statistics to add cases to; None if rows are written.
+        Empty statistics to which a worker adds its cases; None if rows are written.
     keep : KeepRules or None
         Rules for rows that are saved beside statistics.
     """
@@ -54,30 +55,31 @@ class Job:
 
     @property
     def key(self) -> tuple[str, str, bool]:
-        """Key of the campaign and kernel that a process loads for the job."""
+        """Key under which a worker process keeps the campaign and kernel of the job: folder,
+        checksum of the campaign, and True if rows are written."""
         return str(self.folder), self.campaign, self.accumulator is None
 
 
 @dataclass(frozen=True)
 class RangeResult:
-    """Result of cases ``first`` to ``first + cases`` - 1.
+    """What a worker returns for a range of cases, ``first`` to ``first + cases`` - 1.
 
     Attributes
     ----------
     first, cases : int
-        First case, and number of cases.
+        Number of the first case, and number of cases.
     summary : BatchSummary
         Counts and largest errors of the cases.
     timing : dict of str to float
-        Seconds by stage.
+        Seconds by stage: sample, compile, kernel.
     kind : str
         Code version and processor of the worker.
     shards : tuple of Entry
-        Ledger entries of the files written.
+        Ledger entries of the Parquet files that the worker wrote, not recorded yet.
     accumulator : PartialStatistics or None
         Statistics of the cases; None if rows are written.
     selection : RowSelection or None
-        Worst cases of the range, by the rules for rows that are saved beside statistics.
+        Worst cases of the range, if rows are saved beside statistics; else None.
     """
 
     first: int
@@ -91,7 +93,8 @@ class RangeResult:
 
 
 class Executor(Protocol):
-    """Workers, a number ``workers`` of them, on this machine or others."""
+    """Distributes ranges of cases to workers on this machine or others; ``workers`` is their
+    number."""
 
     workers: int
 
@@ -101,15 +104,16 @@ class Executor(Protocol):
         function: Callable[[Job, int, int, int], RangeResult],
         ranges: Iterable[tuple[int, int]],
     ) -> Generator[RangeResult]:
-        """Call ``function(job, first, end, threads)`` for each range; yield results as they
-        complete.
+        """Call ``function(job, first, end, threads)`` in a worker for each range (first, end);
+        yield the results as they complete, in any order.
 
-        Ranges are taken one by one, a few ahead of the completed ones.
+        ``ranges`` is iterated a few ranges ahead of the completed ones.
         """
 
 
 class StaleWorkerError(RuntimeError):
-    """The worker sees another state of the run folder than the command."""
+    """A worker sees another run folder than the command that sent the job, or the command no longer
+    waits for it."""
 
 
 # one range runs at a time in a process, while rows of another are written
@@ -117,13 +121,17 @@ _running = threading.Lock()
 
 
 def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
-    """Run cases ``first`` to ``end`` - 1 of a job in a worker, on some threads, and write their
-    shards; the caller records these in the ledger.
+    """Run cases ``first`` to ``end`` - 1 of a job in this worker process, with a number of
+    ``threads``.
+
+    Rows, or selected rows, are written into the run folder; the caller has to record the files in
+    its ledger. If statistics are accumulated, the cases are added to those of ``job``.
 
     Raises
     ------
     StaleWorkerError
-        If the folder is not the one of the job, or its lease was revoked.
+        If the campaign file of the folder is missing or differs from that of the job, or the lease
+        of the job is no longer valid.
     """
     timing = {"compile": 0.0, "sample": 0.0, "kernel": 0.0}
     with _running:
@@ -161,7 +169,8 @@ def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
 
 
 def kind() -> str:
-    """Code version and processor of this process: rows of one kind have the same bits."""
+    """Kind of this process, as text: code version and processor. Processes of one kind compute the
+    same bits."""
     from sepmc.code_cache import processor, sources_digest  # noqa: PLC0415  (llvmlite)
 
     return f"sepmc {__version__}, {processor()}, code {sources_digest()}"
@@ -171,8 +180,9 @@ _last: dict[tuple[str, str, bool], tuple[Definition, Integration]] = {}
 
 
 def _ready(job: Job) -> tuple[Definition, Integration]:
-    """Campaign and integration (with kernels) of a job, loaded once in a process. Raises
-    StaleWorkerError if the campaign file is missing or another one."""
+    """Campaign and integration (with kernels) of a job: loaded at the first call in this process,
+    and kept until a job of another run comes. Raises StaleWorkerError if the campaign file cannot
+    be read or is not that of the job."""
     if job.key not in _last:
         text = job.folder / folders.CAMPAIGN
         try:

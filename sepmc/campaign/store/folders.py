@@ -1,4 +1,5 @@
-"""Folder of a run: names of its files, locks and leases of writers, atomic writes."""
+"""Folder of a run: names of its files, checks before it is written, locks and leases of writers,
+atomic writes."""
 
 import contextlib
 import json
@@ -89,18 +90,19 @@ if hasattr(os, "register_at_fork"):
 def opened(
     folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True
 ) -> Iterator[Path]:
-    """Context manager: create a run folder if needed, and lock it for writing by this process.
+    """Context in which a run folder exists and is locked, so that only this process writes into it.
 
-    A folder that is open already in this process is yielded at once. A folder that was created
-    here and is still empty at the end is removed.
+    The folder is created if needed. Temporary files of killed processes and the lease of earlier
+    workers are removed. A folder that is open already in this process is yielded at once. A folder
+    that was created here and is still empty at the end is removed.
 
     Parameters
     ----------
     folder : Path
     overwrite : bool
-        Remove the run in it.
+        True: remove the run that the folder contains.
     resume : bool
-        Leave the run in it, to be continued.
+        True: leave the run that the folder contains, to be continued.
     resumable : bool
         If False, errors do not advise to resume.
 
@@ -112,7 +114,7 @@ def opened(
     Raises
     ------
     StoreError
-        If the folder may not be written (`check_folder`), cannot be, or another process has it
+        If `check_folder` refuses the folder, if it cannot be written, or if another process has it
         open.
     """
     if folder.resolve() in _open_folders:  # open already
@@ -138,7 +140,7 @@ def opened(
 def check_folder(
     folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True
 ) -> None:
-    """Check that a folder may be written, without changing it.
+    """Check that a run may be written into a folder, without changing anything.
 
     Parameters
     ----------
@@ -149,8 +151,8 @@ def check_folder(
     Raises
     ------
     StoreError
-        If it contains a run and neither ``overwrite`` nor ``resume`` is given, or contains other
-        files, or is a file.
+        If the folder contains a run and neither ``overwrite`` nor ``resume`` is True, if it
+        contains a link or files but no run, or if it is a file.
     """
     if folder.exists() and not folder.is_dir():
         raise StoreError(f"{folder}: is a file; give {option('out')} a folder")
@@ -181,7 +183,7 @@ def ledger_is_intact(folder: Path) -> bool:
 
 
 def has_ledger(folder: Path) -> bool:
-    """Return True if the folder has a ledger."""
+    """Return True if the folder has a ledger, the file that lists its files with checksums."""
     return (folder / ledger.LEDGER).is_file()
 
 
@@ -193,7 +195,8 @@ def is_run(folder: Path) -> bool:
 
 @contextlib.contextmanager
 def _locked_folder(folder: Path) -> Iterator[None]:
-    """Lock a local folder against other processes. Raises StoreError if it is locked."""
+    """Context in which a local folder is locked against other processes; raises StoreError if
+    another one has locked it. Object storage is not locked."""
     if not is_local(folder):  # objects cannot be locked
         yield
         return
@@ -210,7 +213,8 @@ def _locked_folder(folder: Path) -> Iterator[None]:
 
 
 def make_writable(folder: Path) -> None:
-    """Create a folder if needed, and check that it can be written. Raises StoreError."""
+    """Create a folder if needed, and check that it can be written, by a temporary file. Raises
+    StoreError if not."""
     try:
         if is_local(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -240,7 +244,8 @@ def clear(folder: Path) -> None:
 
 
 def is_derived(name: str) -> bool:
-    """Return True if a file of this name is derived from the cases: statistics, tables, figures."""
+    """Return True if a file with this name is a result derived from the cases: statistics, a table,
+    a report or a figure."""
     return _matches(name, _DERIVED)
 
 
@@ -249,8 +254,8 @@ def _matches(name: str, patterns: Iterable[str]) -> bool:
 
 
 def _remove_temporary(folder: Path, kinds: Sequence[str] = (".",)) -> None:
-    """Remove temporary files of killed processes from some subfolders ``kinds`` of a local
-    folder."""
+    """Remove the temporary files of killed processes from some subfolders, ``kinds`` (names), of a
+    local folder; by default from the folder itself."""
     for kind in kinds if is_local(folder) else ():
         for path in (folder / kind).glob("*.????????.tmp"):
             if _is_temporary(path):
@@ -258,24 +263,28 @@ def _remove_temporary(folder: Path, kinds: Sequence[str] = (".",)) -> None:
 
 
 def _is_temporary(path: Path) -> bool:
-    """Return True if a file has the name of a temporary file, as killed processes leave behind."""
+    """Return True if a path has the name of a temporary file of a run, as killed processes leave
+    behind."""
     return _matches(path.name, [f"{one}.????????.tmp" for one in (*_OUR_FILES, SHARD_PATTERN)])
 
 
 def issue_lease(folder: Path) -> str:
-    """Allow workers to write shards into a folder; returns the token of the lease."""
+    """Allow workers to write shards into a run folder, until `revoke_lease`, by a file with a
+    random token (the lease); returns that token. An earlier lease becomes invalid."""
     lease = uuid4().hex
     write_text(folder / _LEASE, lease)
     return lease
 
 
 def revoke_lease(folder: Path) -> None:
-    """End the lease: workers no longer write into the folder."""
+    """End the lease of a run folder, if there is one, by removing its file: workers then no longer
+    write into the folder."""
     (folder / _LEASE).unlink(missing_ok=True)
 
 
 def lease_is_valid(folder: Path, lease: str) -> bool:
-    """Return True if a lease still allows workers to write into a folder."""
+    """Return True if the token ``lease`` from `issue_lease` is still that of the folder, so that
+    workers may write into it."""
     try:
         return (folder / _LEASE).read_text(encoding="utf-8") == lease
     except OSError:
@@ -283,22 +292,23 @@ def lease_is_valid(folder: Path, lease: str) -> bool:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file atomically."""
+    """Write a text file in UTF-8 atomically: readers see the old or the new content."""
     ledger.write_atomically(path, text.encode())
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write JSON atomically; see `json_text`."""
+    """Write data as a JSON file atomically; numbers that are not finite become null."""
     write_text(path, json_text(data))
 
 
 def json_text(data: Any) -> str:
-    """JSON text of data; numbers that are not finite become null."""
+    """JSON text of nested data, indented; numbers that are not finite become null."""
     return json.dumps(finite(data), indent=2, allow_nan=False) + "\n"
 
 
 def finite(data: Any) -> Any:
-    """Copy of data with None in place of numbers that are not finite."""
+    """Copy of nested dicts and lists with None in place of floats that are not finite; tuples
+    become lists."""
     if isinstance(data, dict):
         return {key: finite(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
@@ -307,5 +317,5 @@ def finite(data: Any) -> Any:
 
 
 def remove_temporary_shards(folder: Path) -> None:
-    """Remove temporary files that ended workers left in the data folders of a run."""
+    """Remove the temporary files that killed workers left in the data folders of a run."""
     _remove_temporary(folder, DATA_FOLDERS)

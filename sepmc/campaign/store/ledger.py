@@ -1,8 +1,8 @@
-"""Ledger of a run folder: its files with size and checksum, a line each, appended as files are
-written.
+"""Ledger of a run folder: a file with a line for each other file, with its size and checksum.
 
-Each line ends with a checksum of its own. The last line of a file counts; a damaged line is
-ignored, so its file counts as missing.
+Lines are appended as files are written; of several lines on one file the last one counts. Each line
+ends with a checksum of itself. A damaged line is ignored, so the file that it is on counts as
+missing.
 """
 
 import hashlib
@@ -23,18 +23,19 @@ _CHECKSUM_LENGTH = 16  # characters
 
 
 class Entry(msgspec.Struct, frozen=True):
-    """File of a run folder.
+    """Entry of the ledger of a run folder: what one file of the folder was when it was written.
 
     Attributes
     ----------
     file : str
-        Path relative to the folder.
+        Path of the file relative to the folder.
     bytes : int
         Size of the file.
     sha256 : str
-        Checksum of its content, hexadecimal.
+        SHA-256 checksum of its content, hexadecimal.
     first, cases : int
-        First case and number of cases of a shard; 0 for other files.
+        Number of the first case and number of cases of a shard, 0 and 0 for other files; of
+        accumulators, ``first`` is the number of cases in them, and ``cases`` is 0.
     """
 
     file: str
@@ -45,7 +46,8 @@ class Entry(msgspec.Struct, frozen=True):
 
     @property
     def is_valid(self) -> bool:
-        """True if a run can have a file of this name, size and range of cases."""
+        """True if a run can have a file with this name, size and range of cases; the file itself is
+        not read."""
         return (
             untrusted.is_file_name(self.file)
             and 0 <= self.bytes <= PART_BYTES
@@ -55,26 +57,26 @@ class Entry(msgspec.Struct, frozen=True):
 
     @property
     def line(self) -> str:
-        """Line of the ledger: the entry as JSON, a space, and the start of the checksum of that
-        text."""
+        """The entry as a line of the ledger: JSON, a space, the first 16 digits of the checksum of
+        that JSON, and a line end."""
         text = msgspec.json.encode(self).decode()
         return f"{text} {checksum(text.encode())[:_CHECKSUM_LENGTH]}\n"
 
     @property
     def cases_text(self) -> str:
-        """Range of cases in words."""
+        """Range of cases in words, such as "cases 0 to 99"."""
         return f"cases {self.first} to {self.first + self.cases - 1}"
 
 
 def checksum(content: bytes) -> str:
-    """SHA-256 of bytes, hexadecimal."""
+    """SHA-256 checksum of bytes, 64 hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that readers see the old or the new content, never a part.
+    """Write a file so that readers see the old or the new content, never a part of it.
 
-    Of several processes that write it at once, one wins.
+    If several processes write it at once, the content is that of one of them. Raises OSError.
     """
     if not is_local(path):  # object storage writes atomically
         path.write_bytes(content)
@@ -92,12 +94,13 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def make_entry(file: str, content: bytes, first: int = 0, cases: int = 0) -> Entry:
-    """Entry of a file with this content."""
+    """Create the entry of a file with path ``file`` in the run folder and this ``content``; it is
+    not yet added to a ledger. ``first`` and ``cases`` are the range of a shard."""
     return Entry(file, len(content), checksum(content), first, cases)
 
 
 def add(folder: Path, *entries: Entry) -> None:
-    """Append entries to the ledger of a folder."""
+    """Append entries to the ledger of a folder, which is created if it is missing."""
     lines = "".join(entry.line for entry in entries).encode()
     if not is_local(folder):  # objects cannot be appended to
         write_atomically(folder / LEDGER, _content(folder) + lines)
@@ -107,7 +110,7 @@ def add(folder: Path, *entries: Entry) -> None:
 
 
 def rewrite(folder: Path, entries: Iterable[Entry]) -> None:
-    """Replace the ledger of a folder by these entries."""
+    """Replace the ledger of a folder, atomically, by one with these entries alone."""
     write_atomically(folder / LEDGER, "".join(entry.line for entry in entries).encode())
 
 
@@ -117,7 +120,8 @@ def read(folder: Path) -> Mapping[str, Entry]:
     Returns
     -------
     mapping of str to Entry
-        By path of the file in the folder; empty if there is no ledger. Damaged lines are ignored.
+        Entries by path of the file relative to the folder; empty if there is no ledger. Damaged
+        lines are ignored.
 
     Raises
     ------
@@ -152,7 +156,7 @@ def _content(folder: Path) -> bytes:
 
 
 def _lines(path: Path) -> list[bytes]:
-    """Lines of a ledger. Raises StoreError if it is unreadable or too large."""
+    """Lines of a ledger file. Raises StoreError if it is unreadable or too large."""
     content = untrusted.read_bounded(path, LEDGER_BYTES)
     if (count := content.count(b"\n") + content.count(b"\r")) > LEDGER_LINES:
         text = f"has {count:,} lines: must have at most {LEDGER_LINES:,}"
@@ -161,7 +165,7 @@ def _lines(path: Path) -> list[bytes]:
 
 
 def _entry(line: bytes) -> Entry | None:
-    """Entry of a line; None if the line is damaged or invalid."""
+    """Entry that a line of a ledger contains; None if the line is damaged or the entry invalid."""
     text, _, end = line.rpartition(b" ")
     if checksum(text)[:_CHECKSUM_LENGTH].encode() != end:
         return None
@@ -173,7 +177,7 @@ def _entry(line: bytes) -> Entry | None:
 
 
 def count_damaged_lines(folder: Path) -> int:
-    """Number of damaged lines in the ledger of a folder; 0 if it cannot be read."""
+    """Number of damaged lines in the ledger of a folder; 0 also if there is no readable ledger."""
     try:
         lines = _lines(folder / LEDGER)
     except untrusted.StoreError:
@@ -182,17 +186,18 @@ def count_damaged_lines(folder: Path) -> int:
 
 
 def digest(entries: Iterable[Entry]) -> str:
-    """Checksum of a set of entries, which does not depend on their order."""
+    """Checksum of a set of entries, hexadecimal, which does not depend on their order."""
     return checksum("".join(sorted(entry.line for entry in entries)).encode())
 
 
 def read_verified(folder: Path, entry: Entry) -> bytes:
-    """Content of a file whose size and checksum match its entry.
+    """Read a file of a run folder, and return its content if size and checksum match its entry.
 
     Raises
     ------
     ValueError
-        With the reason, if the file is missing or differs.
+        If the file is missing, cannot be read or differs from the entry. Its text is the reason,
+        as the end of a sentence about the file: "is gone", "was changed: ...".
     """
     path = folder / entry.file
     try:
@@ -205,5 +210,5 @@ def read_verified(folder: Path, entry: Entry) -> bytes:
     if size != entry.bytes:
         raise ValueError(f"was changed: it has {size} bytes, and had {entry.bytes}")
     if checksum(content) != entry.sha256:
-        raise ValueError("was changed: its checksum is another")
+        raise ValueError("was changed: its checksum is not that in the ledger")
     return content

@@ -1,4 +1,5 @@
-"""Schema of manifests: types, ranges and required keys, checked when a manifest is read."""
+"""Schema of the manifest of a run folder (``manifest.json``): types, ranges and required keys,
+which are checked when a manifest is read."""
 
 import contextlib
 import json
@@ -22,7 +23,8 @@ _REQUIRED_OF_RARE_EVENT = ("seed", "sessions")
 
 
 class _Session(Struct):
-    """Entry of a manifest for one command that ran cases of the run."""
+    """Entry of a manifest for one command (session) that ran cases of the run: versions, machine,
+    times and number of cases."""
 
     sepmc: str
     started: str = ""
@@ -36,8 +38,8 @@ class _Session(Struct):
 
 
 class _Accuracy(Struct):
-    """Entry of a manifest on the steps and the numerical error of a run, see
-    `sepmc.campaign.execution.batch_summary.accuracy_entries`; an infinite error is null."""
+    """Entry ``accuracy`` of a manifest, on the steps and the numerical error of a run, which
+    `sepmc.campaign.execution.batch_summary.accuracy_entries` creates; infinite errors are null."""
 
     achieved: float | None = None
     worst_outcome: str = ""
@@ -60,7 +62,7 @@ class _Accuracy(Struct):
 
 
 class _Manifest(Struct):
-    """Manifest of a campaign, a rare-event estimate or a single case."""
+    """Keys and types of the manifest of a campaign, a rare-event estimate or a single case."""
 
     digest: str
     format: int = 1
@@ -95,8 +97,9 @@ class _Manifest(Struct):
 
 
 def shard_provenance(metadata: Mapping[bytes, bytes]) -> dict[str, Any]:
-    """Entries of a manifest that the metadata of a shard contains: ``digest``, ``seed``,
-    ``settings`` and, if they apply, ``numbers``, ``stats_only`` and ``keep``.
+    """Manifest entries, by key, that follow from the metadata of a shard (Parquet file): ``digest``
+    and ``settings`` of the campaign, ``seed``, and ``numbers``, ``stats_only`` and ``keep`` of the
+    run if they apply.
 
     Raises
     ------
@@ -114,39 +117,38 @@ def shard_provenance(metadata: Mapping[bytes, bytes]) -> dict[str, Any]:
     try:
         settings = msgspec.json.decode(metadata.get(b"settings", b"{}"), type=dict[str, str])
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise ValueError(f"its settings are none: {error}") from None
+        raise ValueError(f"its metadata have invalid settings: {error}") from None
     _check(settings)
     return provenance | {"settings": settings}
 
 
 def read(content: bytes) -> dict[str, Any]:
-    """Read and check a manifest.
+    """Decode and check the content of ``manifest.json``.
 
     Parameters
     ----------
     content : bytes
-        Content of ``manifest.json``.
 
     Returns
     -------
     dict of str to Any
-        Entries by key.
+        Entries of the manifest by key.
 
     Raises
     ------
     ValueError
-        If the content is no JSON, or types, ranges or keys are not those of a manifest; the message
-        is the reason.
+        If the content is no JSON, if a type or range is not that of a manifest, or if a manifest
+        with a checksum lacks a required key. Its text is the reason.
     """
     try:
         manifest = json.loads(content.decode("utf-8"))
     except RecursionError:
-        raise ValueError("is too deep") from None
+        raise ValueError("its JSON is nested too deep") from None
     _check(manifest)
     try:
         msgspec.convert(manifest, _Manifest)
     except msgspec.ValidationError as error:
-        raise ValueError(f"it contains no manifest: {error}") from None
+        raise ValueError(f"it is not a manifest: {error}") from None
     if "sha256" in manifest:
         own = (
             _REQUIRED_OF_CASE
@@ -158,12 +160,13 @@ def read(content: bytes) -> dict[str, Any]:
         required = (*_REQUIRED, *own)
         for key in required:
             if manifest.get(key) is None or (key == "sessions" and not manifest[key]):
-                raise ValueError(f"it is not a complete manifest: {key} is missing")
+                raise ValueError(f"it is not a complete manifest: key {key} is missing or empty")
     return dict(manifest)
 
 
 def _check(manifest: Any) -> None:
-    """Raise ValueError for data that are too large, or texts with control characters."""
+    """Raise ValueError, with the place, if JSON data have too large values, are nested too deep, or
+    have texts with control characters."""
     problems = Problems()
     with contextlib.suppress(TooManyProblems):
         check_tree(manifest, problems, _TEXT)

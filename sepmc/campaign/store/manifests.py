@@ -1,4 +1,5 @@
-"""Manifest of a run folder: writing, sealing, checking and diagnosing."""
+"""Manifest of a run folder (``manifest.json``): writing it with checksums, checking these, and
+listing the faults of a run folder."""
 
 import contextlib
 import json
@@ -22,18 +23,18 @@ from sepmc.wording import another_place, flying_again
 
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any], campaign: str) -> None:
-    """Write manifest and campaign text of a run folder.
+    """Write manifest and campaign file (text ``campaign``) of a run folder.
 
-    The manifest comes first, as it makes a folder a run folder; it has a checksum of the campaign
-    text.
+    The manifest is written first, as it makes a folder a run folder; a checksum of the campaign
+    text is added to it, and those of `seal`.
     """
     seal(folder, {**manifest, "campaign_sha256": ledger.checksum(campaign.encode())})
     folders.write_text(folder / folders.CAMPAIGN, campaign)
 
 
 def seal(folder: Path, manifest: Mapping[str, Any]) -> None:
-    """Write a manifest into a folder, with a checksum of the ledger, as it is now, and of
-    itself."""
+    """Write a manifest into a folder with a checksum of the ledger, as it is now, and one of itself
+    (a seal), so that later changes of both are noticed."""
     files = ledger.read(folder).values()
     sealed = {
         **manifest,
@@ -45,19 +46,19 @@ def seal(folder: Path, manifest: Mapping[str, Any]) -> None:
 
 
 def _checksum_of(manifest: Mapping[str, Any]) -> str:
-    """Checksum of a manifest without its own checksum."""
+    """Checksum of the entries of a manifest, without the entry with its own checksum."""
     content = {key: value for key, value in manifest.items() if key != "sha256"}
     return ledger.checksum(json.dumps(folders.finite(content), sort_keys=True).encode())
 
 
 def _is_sealed(manifest: Mapping[str, Any]) -> bool:
-    """Return True if a manifest matches the checksum of itself that it contains."""
+    """Return True if a manifest contains the right checksum of itself: it was not changed."""
     return manifest.get("sha256") == _checksum_of(manifest)
 
 
 def forget_damaged(folder: Path, endings: tuple[str, ...]) -> list[str]:
-    """Remove the entries of missing or damaged files with these endings from the ledger of a
-    folder; returns the names of the files, which are not deleted."""
+    """Remove missing or damaged files whose names have one of the ``endings`` from the ledger of a
+    folder, and seal the manifest again; return their names. The files are not deleted."""
     entries = ledger.read(folder)
     candidates = [(name, entry) for name, entry in entries.items() if name.endswith(endings)]
     damaged = [name for name, entry in candidates if shards.find_fault(folder, entry)]
@@ -68,23 +69,24 @@ def forget_damaged(folder: Path, endings: tuple[str, ...]) -> list[str]:
 
 
 class OtherFormatError(StoreError):
-    """The run folder has the format of another version of sepmc."""
+    """A run folder has a format that another version of sepmc wrote and this one cannot read."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Fault of a run folder.
+    """One fault of a run folder.
 
     Attributes
     ----------
     text : str
-        Fault in words.
+        The fault in words, beginning with the path of the file.
     file : str
-        Name of the file of the ledger that is missing or damaged; empty for other faults.
+        Path, relative to the folder, of the recorded file that is missing or damaged; empty for
+        other faults.
     repairable : bool
-        True if running or drawing again repairs it.
+        True if ``sepmc doctor --repair`` can repair it: by running cases or drawing figures again.
     advice : str
-        Remedy if it is not repairable.
+        What to do if it is not repairable.
     """
 
     text: str
@@ -94,18 +96,19 @@ class Finding:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read the manifest of a run.
+    """Read the manifest of a run folder, after checking that nothing was changed since it was
+    written.
 
     Returns
     -------
     dict of str to Any
-        Entries by key.
+        Entries of the manifest by key.
 
     Raises
     ------
     StoreError
-        If there is none, or the manifest, the campaign, its sample table or the ledger of a
-        complete run was changed.
+        If there is no manifest, if it cannot be read, or if the manifest, the campaign, its sample
+        table, or the ledger of a complete run was changed.
     """
     manifest = _manifest(folder, f"; to see what would repair it: sepmc doctor {folder}")
     for finding in changed_files(folder, manifest):
@@ -114,9 +117,12 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def read_provenance(folder: Path) -> dict[str, Any]:
-    """Manifest of a run folder; if it is missing or was changed, the entries that the metadata of a
-    shard contains (`sepmc.campaign.store.manifest_schema.shard_provenance`). Empty if no shard can
-    be read. Raises OtherFormatError for a folder of another format."""
+    """Entries of the manifest of a run folder by key, also of a damaged folder.
+
+    If the manifest is missing or was changed, they are the few entries that the metadata of a shard
+    contains (`sepmc.campaign.store.manifest_schema.shard_provenance`), or none if no shard can be
+    read. Raises OtherFormatError for a folder with the format of another version.
+    """
     untrusted.check_entries(folder)
     try:
         manifest = _manifest(folder)
@@ -139,16 +145,17 @@ def read_provenance(folder: Path) -> dict[str, Any]:
 
 
 def changed_files(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
-    """Faults of the manifest of a folder, of its campaign, its sample table and its ledger: files
-    that were changed since the manifest was written."""
+    """Faults of a folder whose manifest, campaign file, sample table or ledger was changed since
+    the manifest was written; empty if none was. ``manifest`` are its entries by key."""
     if not _is_sealed(manifest):
-        reason = "was changed since it was written: its checksum is another"
+        reason = "was changed since it was written: the checksum that it contains is not its own"
         return [Finding(f"{folder / folders.MANIFEST}: {reason}")]
     return [*_changed_campaign(folder, manifest), *_changed_ledger(folder, manifest)]
 
 
 def _changed_campaign(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Faults if the campaign of a folder, or its sample table, is missing or was changed."""
+    """Yield a fault if the campaign file of a folder is missing or was changed, and one if its
+    sample table is."""
     try:
         checksum = ledger.checksum(
             untrusted.read_bounded(folder / folders.CAMPAIGN, CAMPAIGN_BYTES)
@@ -165,12 +172,12 @@ def _changed_campaign(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Fin
             yield Finding(text, repairable=False, advice=restore_advice(folder))
     samples = ledger.read(folder).get(folders.SAMPLES)
     if samples and (problem := shards.find_fault(folder, samples)):
-        reason = f"{folder / folders.SAMPLES}: {problem}; it gave inputs of the cases"
+        reason = f"{folder / folders.SAMPLES}: {problem}; it contains the inputs of the cases"
         yield Finding(reason, repairable=False, advice="restore it from a copy")
 
 
 def restore_advice(folder: Path) -> str:
-    """Remedy if the campaign of a run was changed."""
+    """Advice for a message: what to do if the campaign file of a run folder was changed."""
     return (
         f"restore {folders.CAMPAIGN}, or continue with the file that it was made from: "
         f"{flying_again(folder, 'FILE')}"
@@ -178,7 +185,7 @@ def restore_advice(folder: Path) -> str:
 
 
 def _changed_ledger(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Fault if the ledger of a complete run lists other files than when the manifest was
+    """Yield a fault if the ledger of a complete run has other entries than when the manifest was
     written."""
     files = ledger.read(folder).values()
     if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
@@ -191,32 +198,35 @@ def _changed_ledger(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Findi
 
 
 def has_case_rows(manifest: Mapping[str, Any]) -> bool:
-    """Return True if a run stores the rows of all cases: not a single case, statistics only or a
-    rare-event estimate."""
+    """Return True if the run of a manifest stores the rows of all its cases. It does not if it is a
+    single case, a rare-event estimate, or stores statistics only."""
     return is_resumable(manifest) and not manifest.get("stats_only")
 
 
 def is_resumable(manifest: Mapping[str, Any]) -> bool:
-    """Return True if missing cases of a run can be run again: not a single case or a rare-event
-    estimate."""
+    """Return True if missing cases of the run of a manifest can be run by resuming it. They cannot
+    if it is a single case or a rare-event estimate."""
     return not ("case" in manifest or "rare" in manifest)
 
 
 def record_derived(folder: Path, files: Iterable[Path]) -> None:
-    """Record files derived from the cases of a run, statistics and figures, in its ledger."""
+    """Record files that are derived from the cases of a run, such as statistics and figures, in its
+    ledger, and seal the manifest again. ``files`` are paths in the folder."""
     names = [path.relative_to(folder).as_posix() for path in files]
     ledger.add(folder, *(ledger.make_entry(name, (folder / name).read_bytes()) for name in names))
     seal(folder, _manifest(folder))
 
 
 def is_recorded(folder: Path, name: str) -> bool:
-    """Return True if the ledger of a folder has a file of this name, and the file is intact."""
+    """Return True if the ledger of a folder has an entry for the file ``name``, and the file is
+    intact."""
     entry = ledger.read(folder).get(name)
     return entry is not None and not shards.find_fault(folder, entry)
 
 
 def drop_derived(folder: Path) -> list[str]:
-    """Remove the files derived from the cases of a run; returns their names."""
+    """Delete the recorded files that are derived from the cases of a run, and remove them from the
+    ledger; return their names."""
     entries = ledger.read(folder)
     derived = [name for name in entries if folders.is_derived(name)]
     for name in derived:
@@ -227,10 +237,12 @@ def drop_derived(folder: Path) -> list[str]:
 
 
 def foreign_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
-    """Faults of shards whose metadata have another campaign or seed than the manifest.
+    """Find shards (Parquet files) of another campaign or seed than the manifest has, by their
+    metadata; a fault for each.
 
-    If the ledger has the intact shard, manifest and campaign are those of another run, which is not
-    repairable; otherwise the shard is, and its cases can be run again.
+    If the ledger has such a shard, and it is intact, then manifest and campaign file belong to
+    another run than the ledger: that cannot be repaired. Otherwise only the shard is foreign, and
+    its cases can be run again.
     """
     findings, entries = [], ledger.read(folder)
     expected = {key: manifest[key] for key in ("digest", "seed") if manifest.get(key) is not None}
@@ -246,22 +258,24 @@ def foreign_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
             is_recorded_shard = entry is not None and not shards.find_fault(folder, entry)
             seed, expected_seed = provenance["seed"], expected.get("seed")
             difference = (
-                "another campaign" if seed == expected_seed else f"seed {seed}, not {expected_seed}"
+                "another campaign than that"
+                if seed == expected_seed
+                else f"seed {seed}, not the seed {expected_seed}"
             )
             findings.append(
                 Finding(
-                    f"{path}: was run with {difference}, as {folders.MANIFEST} says",
+                    f"{path}: was run with {difference} of {folders.MANIFEST}",
                     repairable=not is_recorded_shard,
                     advice=f"{folders.MANIFEST} and {folders.CAMPAIGN} are of another run: restore "
-                    "those of its cases, or run with --overwrite or another --out",
+                    "those of the run of these cases, or run with --overwrite or another --out",
                 )
             )
     return findings
 
 
 def diagnose(folder: Path) -> list[Finding]:
-    """List all faults of a run folder, file by file; empty if it is intact. Raises StoreError if it
-    is no run folder."""
+    """List all faults of a run folder, after reading every file of it; empty if it is intact.
+    Raises StoreError if it is no run folder."""
     if not (folders.is_run(folder) or read_provenance(folder)):
         raise _no_run(folder)
     try:
@@ -293,7 +307,7 @@ def diagnose(folder: Path) -> list[Finding]:
                 reason = f"is not in {ledger.LEDGER}: not finished, or not of this run"
                 ours = path.name.startswith("part-") and ".parquet" in path.name
                 findings.append(
-                    Finding(f"{path}: {reason if ours else 'is none of a run: move it'}")
+                    Finding(f"{path}: {reason if ours else 'is no file of a run: move it'}")
                 )
     if _is_sealed(manifest) and "rare" not in manifest:
         findings += foreign_shards(folder, manifest)
@@ -314,14 +328,18 @@ def diagnose(folder: Path) -> list[Finding]:
 
 
 def ensure_ledger(folder: Path) -> None:
-    """Write an empty ledger if only shards are left of a run, so that its cases are run again."""
+    """Write an empty ledger into a folder without manifest and ledger: it then is a run folder
+    whose cases are all to be run again."""
     if not folders.is_run(folder):
         ledger.rewrite(folder, [])
 
 
 def _manifest(folder: Path, advice: str = "") -> dict[str, Any]:
-    """Manifest of a run, whether it was changed or not. Raises StoreError, with ``advice``, if it
-    is missing or unreadable; OtherFormatError if it has another folder format."""
+    """Entries of the manifest of a run folder by key, whether it was changed or not.
+
+    Raises StoreError if it is missing or unreadable (then with ``advice`` at the end of the
+    message), OtherFormatError if the folder has the format of another version.
+    """
     path = folder / folders.MANIFEST
     untrusted.check_entries(folder)
     if not (path.exists() or (is_local(path) and path.is_symlink())):
@@ -343,7 +361,8 @@ def _no_run(folder: Path) -> StoreError:
 
 
 def versions() -> dict[str, Any]:
-    """Versions of sepmc, Python and packages, and the kind of machine, as entries of a manifest."""
+    """Entries of a manifest, by key, on versions (of sepmc, Python and packages) and the kind of
+    machine."""
     packages = {
         "numpy": np.__version__,
         "numba": version("numba"),

@@ -17,18 +17,18 @@ from sepmc.wording import flying_again, switch
 def write_statistics(
     folder: Path, stats: pd.DataFrame, of: dict[str, str], content: dict[str, Any]
 ) -> None:
-    """Write ``statistics.csv`` and ``statistics.json``.
+    """Write ``statistics.csv`` and ``statistics.json`` into a run folder, not into its ledger.
 
     Parameters
     ----------
     folder : Path
         Run folder.
     stats : DataFrame
-        Statistics, a row per outcome.
+        Statistics, a row per outcome, for the CSV file.
     of : dict of str to str
         Unit of each outcome.
     content : dict
-        Contents of the JSON file; see `statistics_as_json`.
+        Contents of the JSON file, from `statistics_as_json`.
     """
     frame = _with_units(stats, of)
     folders.write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
@@ -36,15 +36,16 @@ def write_statistics(
 
 
 def write_histograms(folder: Path, bins: pd.DataFrame) -> Path:
-    """Write ``histograms.csv``, a row for each of ``bins``, into a folder; returns its path."""
+    """Write ``histograms.csv`` into a folder, and return its path; ``bins`` is a table with a row
+    for each bin of the histogram of each outcome."""
     path = folder / folders.HISTOGRAMS
     folders.write_text(path, bins.to_csv(index=False))
     return path
 
 
 def read_stored_statistics(folder: Path) -> StoredStatistics:
-    """Statistics and histograms of a run without rows, from its CSV files. Raises StoreError if
-    they are missing or damaged."""
+    """Read the statistics and histograms of a run that stores no case rows, from its CSV files.
+    Raises StoreError if one is missing, not in the ledger or damaged."""
     stored, frames = ledger.read(folder), []
     for name, index in (("statistics.csv", "outcome"), (folders.HISTOGRAMS, None)):
         problem = shards.find_fault(folder, stored[name]) if name in stored else "is not there"
@@ -66,7 +67,7 @@ def statistics_as_json(
     verdicts: Sequence[dict[str, Any]] = (),
     rarely_drawn: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Contents of ``statistics.json``; NaN becomes null.
+    """Contents of ``statistics.json``, with None in place of NaN.
 
     Parameters
     ----------
@@ -77,11 +78,11 @@ def statistics_as_json(
     of : dict of str to str
         Unit of each outcome.
     audit : DataFrame
-        Extremes of the audit, a row per audit column.
+        Extremes of the audit columns, a row for each of them.
     failed : dict of str to list of int, optional
         Numbers of the first failed cases by status.
     verdicts : sequence of dict
-        Verdicts on requirements.
+        Verdicts on requirements, each as data.
     rarely_drawn : sequence of str
         Sentences on input values that hardly occur in the cases.
 
@@ -108,8 +109,8 @@ def statistics_as_json(
 
 
 def _with_units(stats: pd.DataFrame, of: dict[str, str]) -> pd.DataFrame:
-    """Statistics with a first column ``unit``, from the units ``of`` outcomes; case numbers become
-    integers."""
+    """Copy of a table of statistics (a row per outcome) with a first column ``unit``, from ``of``,
+    the unit by outcome; case numbers become integers."""
     columns = {
         str(name): stats[name].astype("Int64") if name in ("case_min", "case_max") else stats[name]
         for name in stats
@@ -119,8 +120,12 @@ def _with_units(stats: pd.DataFrame, of: dict[str, str]) -> pd.DataFrame:
 
 
 def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str]) -> Path:
-    """Write the history of a single case as ``history.parquet``, and a ledger that has only this
-    file; returns the path. Units of columns are in ``history.attrs``, ``meanings`` by column."""
+    """Write the history of a single case as ``history.parquet``, and a ledger with this file alone
+    in place of the old one; return the path of the file.
+
+    ``history`` has a row per time, and the unit of each column in ``history.attrs["units"]``;
+    ``meanings`` are explanations by column, which the file contains.
+    """
     columns = [
         Column(str(name), history.attrs["units"][name], meanings.get(str(name), ""))
         for name in history.columns
@@ -139,8 +144,8 @@ def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str])
 
 
 def read_history(folder: Path) -> pd.DataFrame | None:
-    """History of a single case, as `write_history` wrote it; None if the folder has none. Raises
-    StoreError if it is damaged."""
+    """Read the history of a single case that `write_history` wrote: a table with a row per time, or
+    None if the ledger of the folder has none. Raises StoreError if it is missing or damaged."""
     entry = ledger.read(folder).get(folders.HISTORY)
     if entry is None:
         return None

@@ -1,4 +1,5 @@
-"""Rows that a run of statistics saves: rules, columns and precision."""
+"""Selection of the case rows that a run, which otherwise stores statistics only, saves: rules,
+columns and precision."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,20 +22,21 @@ _HEAD = ("case", "status", REASON.name)
 
 @dataclass(frozen=True)
 class KeepRules:
-    """Rules for the rows that are saved, and their columns.
+    """Rules that select the case rows to be saved, their columns and their precision.
 
     Attributes
     ----------
     rules : tuple of str
-        Some of "all", "failed", "violating", "worst" and "every".
+        One or several of "all", "failed", "violating" (a requirement), "worst" and "every"; a row
+        is saved if any of them selects it.
     worst : int
-        Number of worst rows of each requirement.
+        For the rule "worst": number of worst cases that are saved for each requirement.
     every : int
-        Rows of case numbers that are a multiple of this.
+        For the rule "every": cases are saved whose number is a multiple of this.
     patterns : tuple of str
-        Patterns of column names; all columns if empty.
+        Patterns with * and ? for the names of the columns to be saved; all columns if empty.
     single : bool
-        Store numbers in single precision.
+        True: numbers are stored in single precision.
     """
 
     rules: tuple[str, ...]
@@ -45,7 +47,8 @@ class KeepRules:
 
     @property
     def text(self) -> str:
-        """Text of the rules as a manifest stores it."""
+        """The rules as text, as a manifest stores it and `of_text` reads it: such as
+        ``failed,worst:20; columns in_*; float32``."""
         counts = {WORST: f":{self.worst}", EVERY: f":{self.every}"}
         text = ",".join(rule + counts.get(rule, "") for rule in self.rules)
         text += f"; columns {','.join(self.patterns)}" if self.patterns else ""
@@ -53,14 +56,15 @@ class KeepRules:
 
     @classmethod
     def of_text(cls, text: str) -> "KeepRules":
-        """Rules from their `text`, as a manifest stores it. Raises InputError if it is not
+        """Read rules from their `text`, as a manifest stores it. Raises InputError if it is not
         valid."""
         rules, *more = text.split("; ")
         columns = [x.removeprefix("columns ") for x in more if x.startswith("columns ")]
         return _read(rules, tuple(columns[0].split(",")) if columns else (), "float32" in more)
 
     def columns(self, known: Sequence[Column]) -> list[Column]:
-        """Those of the columns ``known`` of a case table that are saved."""
+        """Those columns, of all columns ``known`` of a case table, that are saved: those that match
+        a pattern, and always case number, status and reason."""
         return [
             column
             for column in known
@@ -77,19 +81,20 @@ def parse_keep_rules(
     requirements: Sequence[Requirement],
     columns: Sequence[Column],
 ) -> KeepRules:
-    """Parse and check the rules of the command line.
+    """Read and check the rules for saved rows that a user gives.
 
     Parameters
     ----------
     rules : str
-        As ``failed,worst:20``.
+        Rules separated by commas, such as ``failed,worst:20``.
     patterns : str, optional
-        Patterns of column names, with commas.
+        Patterns of column names, separated by commas.
     single : bool
-        Single precision.
+        True for single precision.
     requirements : sequence of Requirement
+        Requirements of the campaign.
     columns : sequence of Column
-        Of the case table.
+        Columns of the case table.
 
     Returns
     -------
@@ -98,8 +103,8 @@ def parse_keep_rules(
     Raises
     ------
     InputError
-        If a rule is unknown or needs a requirement that there is not, or a pattern matches no
-        column.
+        If a rule is unknown, if a rule needs a requirement and the campaign has none, or if a
+        pattern matches no column.
     """
     names_kept = tuple(x.strip() for x in patterns.split(",")) if patterns else ()
     keep = _read(rules, names_kept, single)
@@ -115,7 +120,8 @@ def parse_keep_rules(
 
 
 def _read(rules: str, patterns: tuple[str, ...], single: bool) -> KeepRules:
-    """Rules from the text of their names, such as ``failed,worst:20``. Raises InputError."""
+    """Read rules from text such as ``failed,worst:20``; ``patterns`` and ``single`` are taken as
+    they are. Raises InputError if a rule is unknown."""
     counts, names = {WORST: 0, EVERY: 0}, []
     for text in (rule.strip() for rule in rules.split(",")):
         match = _RULE.fullmatch(text)
@@ -131,21 +137,24 @@ def _read(rules: str, patterns: tuple[str, ...], single: bool) -> KeepRules:
 
 
 def _with_bounds(requirements: Sequence[Requirement]) -> list[Requirement]:
-    """Requirements with a bound on an outcome, not those on a status or other requirements."""
+    """Those of the requirements that have a bound (``at_least`` or ``at_most``), so that cases have
+    a margin and one is the worst."""
     return [item for item in requirements if not (item.at_least is None and item.at_most is None)]
 
 
 @dataclass
 class RowSelection:
-    """Selection of rows from case tables that are seen one after the other, each once.
+    """Selection of the rows to be saved from successive case tables, each passed to `choose` once.
 
     Attributes
     ----------
     keep : KeepRules
+        Rules that select rows.
     requirements : sequence of Requirement
-        Of the campaign.
+        Requirements of the campaign.
     worst : dict of str to (ndarray, ndarray)
-        By requirement: margins and case numbers of the worst cases so far, worst first.
+        By name of the requirement: margins (k,) and case numbers (k,) of the worst cases of all
+        tables so far, the smallest margin first.
     """
 
     keep: KeepRules
@@ -153,20 +162,20 @@ class RowSelection:
     worst: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     def choose(self, rows: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        """Select rows of the next case table, and update the worst cases so far.
+        """Select rows of the next case table; its cases are also added to the worst cases so far.
 
         Parameters
         ----------
         rows : mapping of str to array
-            Case table by column.
+            Case table: values (n,) by column.
 
         Returns
         -------
         positions : ndarray, shape (k,)
-            Indices of the selected rows of this table. Cases of later tables can replace the
-            worst; see `final_reasons`.
+            Indices, in this table, of the selected rows. Later tables can have worse cases than
+            those selected as the worst here; see `final_reasons`.
         reasons : ndarray of str, shape (k,)
-            Reasons for which each row is selected, separated by "; ".
+            For each selected row, the rules that selected it, separated by "; ".
         """
         numbers, ok = np.asarray(rows["case"]), np.asarray(rows["status"]) == Status.OK.label
         reasons = np.full(len(numbers), ALL if ALL in self.keep.rules else "", dtype=object)
@@ -192,7 +201,7 @@ class RowSelection:
         return positions, reasons[positions]
 
     def take(self, others: "RowSelection") -> None:
-        """Merge the worst cases of another selection."""
+        """Add the worst cases of another selection, of other cases, to those of this one."""
         for name, (margin, numbers) in others.worst.items():
             self._add(name, margin, numbers)
 
@@ -205,13 +214,14 @@ class RowSelection:
         self.worst[name] = margins_so_far[order], numbers_so_far[order]
 
     def state(self) -> list[np.ndarray]:
-        """Margins and numbers of the worst cases, for `restore`."""
+        """Arrays of the worst cases so far, for `restore`: for each requirement with a bound its
+        margins, then its case numbers; empty without the rule "worst"."""
         none = np.empty(0)
         pairs = (self.worst.get(item.name, (none, none)) for item in self._with_worst)
         return [array.astype(float) for pair in pairs for array in pair]
 
     def restore(self, arrays: Iterator[np.ndarray]) -> None:
-        """Load arrays of `state`."""
+        """Take the arrays of `state` from an iterator, and set the worst cases to them."""
         for requirement in self._with_worst:
             self.worst[requirement.name] = next(arrays), next(arrays).astype(np.int64)
 
@@ -220,20 +230,20 @@ class RowSelection:
         return _with_bounds(self.requirements) if WORST in self.keep.rules else ()
 
     def final_reasons(self, numbers: np.ndarray, reasons: np.ndarray) -> np.ndarray:
-        """Final reasons for which each row was saved, once all cases are known.
+        """Reasons for which each saved row is still selected when all cases are known.
 
         Parameters
         ----------
         numbers : ndarray, shape (n,)
             Case numbers.
         reasons : ndarray of str, shape (n,)
-            Reasons that `choose` gave.
+            Reasons that `choose` returned for these cases.
 
         Returns
         -------
         ndarray of str, shape (n,)
-            Reasons that still hold; empty for a row that was selected only as one of the worst and
-            is no longer among them.
+            Reasons that still apply; empty for a row that was selected only as one of the worst
+            and is not one of the worst of all cases.
         """
         worst_cases = {name: set(worst.tolist()) for name, (_, worst) in self.worst.items()}
         texts = []
@@ -247,7 +257,7 @@ class RowSelection:
 
 
 def _add_reason(reasons: np.ndarray, mask: np.ndarray, word: str) -> None:
-    """Append a reason, ``word``, to the reasons (n,) of the rows where ``mask`` (n,) is true, in
-    place."""
+    """Append a reason, ``word``, to the texts ``reasons`` (n,) where ``mask`` (n,) is True, in
+    place, after "; " if there is a reason already."""
     for position in np.flatnonzero(mask):
         reasons[position] = f"{reasons[position]}; {word}" if reasons[position] else word

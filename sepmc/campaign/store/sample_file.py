@@ -1,4 +1,4 @@
-"""Sample tables in CSV or Parquet: inputs of the cases of a campaign."""
+"""Sample tables (``run.samples``): CSV or Parquet files with inputs of the cases of a campaign."""
 
 import re
 import stat
@@ -25,19 +25,19 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
 def read_input_table(path: Path, problems: Problems) -> InputTable | None:
-    """Read a sample table.
+    """Read a sample table from a file.
 
     Parameters
     ----------
     path : Path
         CSV or Parquet file with a row per case.
     problems : Problems
-        Receives faults.
+        Receives a line of text if the table is not valid.
 
     Returns
     -------
     InputTable or None
-        Case numbers and columns, sorted by case; None if there are faults.
+        Case numbers and columns, sorted by case number; None if the table is not valid.
     """
     fault, table = _file_fault(path), None
     if not fault:
@@ -79,11 +79,12 @@ class _UnreadableError(Exception):
 
 
 class _TooLarge(Exception):
-    """The table needs too much memory; the argument is the reason."""
+    """The table has too many numbers; the argument is the reason."""
 
 
 def _file_fault(path: Path) -> str:
-    """Reason why a path is no readable sample table; empty if it is one."""
+    """Reason why the file at a path cannot be a sample table, from its name, kind and size; empty
+    if it can."""
     try:
         state = path.stat()
     except FileNotFoundError:
@@ -93,15 +94,17 @@ def _file_fault(path: Path) -> str:
     if path.suffix.lower() not in _ENDINGS:
         return f"must end in {', '.join(_ENDINGS)}"
     if not stat.S_ISREG(state.st_mode):
-        return "is no file"
+        return "is no regular file"
     if state.st_size > PLAN_BYTES:
         return f"has {state.st_size:,} bytes: must be at most {PLAN_BYTES:,}"
     return ""
 
 
 def _csv(path: Path) -> pa.Table:
-    """Arrow table of a text file: comment lines before its header are skipped; the header has
-    semicolons, tabs or commas between its names.
+    """Read a text file as an Arrow table.
+
+    Comment lines before the header are skipped. The delimiter is the semicolon if the header has
+    one, else the tab if it has one, else the comma.
 
     Raises
     ------
@@ -134,8 +137,8 @@ def _csv(path: Path) -> pa.Table:
 
 
 def _parquet(path: Path) -> pa.Table:
-    """Arrow table of a Parquet file; text stays dictionary-encoded, as a small file can repeat a
-    text often. Raises _TooLarge."""
+    """Read a Parquet file as an Arrow table. Text stays dictionary-encoded, as a small file can
+    repeat a text often. Raises _TooLarge if the table has too many numbers."""
     with pq.ParquetFile(readable(path)) as file:
         metadata = file.metadata
         rows = max(
@@ -158,7 +161,7 @@ def _check_size(rows: int, columns: int) -> None:
 
 
 def _table_fault(table: pa.Table, names: list[str]) -> str:
-    """Fault in the size or the column names of a table; empty if there is none."""
+    """Fault in the size or the column ``names`` of a table, as text; empty if there is none."""
     try:
         _check_size(table.num_rows, table.num_columns)
     except _TooLarge as error:
@@ -174,8 +177,11 @@ def _table_fault(table: pa.Table, names: list[str]) -> str:
 
 
 def _case_numbers(column: pa.ChunkedArray | None, rows: int, problems: Problems) -> Any:
-    """Case numbers (n,), the row numbers without a column; None, with the problem noted, if
-    invalid."""
+    """Case numbers (n,) of the rows of a table, from its ``column`` of case numbers.
+
+    Without that column (None) they are 0 to ``rows`` - 1. If a number is invalid, a problem is
+    added to ``problems``, and None is returned.
+    """
     column_key, reason = (
         f"{_KEY}, column {CASE}",
         f"must contain whole numbers from 0 to {CASES - 1}",
@@ -206,13 +212,13 @@ def _is_text(kind: pa.DataType) -> bool:
 
 
 def _floats(column: pa.ChunkedArray) -> np.ndarray:
-    """Values (n,) of a column; NaN where empty."""
+    """Values (n,) of a numeric column as floats; NaN where a cell is empty."""
     return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
 
 
 def _first(column: pa.ChunkedArray) -> str:
-    """Text of the first value of a column that is no number, or else of its first value; empty if
-    it has none."""
+    """Text of the first value of a column that cannot be read as a number; if there is none, of its
+    first value; empty if the column is empty."""
     valid = (_text_of(x) for x in column if x.is_valid)
     text = first_text = next(valid, "")
     while _reads_as_number(text):

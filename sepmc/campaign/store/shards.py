@@ -1,5 +1,5 @@
-"""Shards of a run folder in Parquet, and its statistics. The only user of pyarrow besides sample
-tables."""
+"""Shards, the Parquet files of a run folder: case rows, histories, selected rows and accumulators
+(arrays that statistics are computed from). Only this module and sample tables use pyarrow."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -27,8 +27,11 @@ from sepmc.wording import another_place, flying_again
 def arrow_table(
     columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None
 ) -> pa.Table:
-    """Arrow table of the ``data`` (arrays by column name), with unit and meaning of each column in
-    the metadata of its field, and ``about`` in the metadata of the table."""
+    """Create an Arrow table of some ``columns`` from ``data``, arrays by column name.
+
+    Unit and meaning of each column are in the metadata of its field, ``about`` in those of the
+    table.
+    """
     fields, arrays = [], []
     for column in columns:
         array = _array(data[column.name])
@@ -42,7 +45,7 @@ def arrow_table(
 
 
 def _array(values: Any) -> pa.Array | pa.ChunkedArray:
-    """Arrow array of a column; text is dictionary-encoded."""
+    """Arrow array of the values of a column; text is dictionary-encoded."""
     if isinstance(values, pd.Categorical):
         used = values.remove_unused_categories()
         return pa.DictionaryArray.from_arrays(
@@ -59,7 +62,7 @@ def _array(values: Any) -> pa.Array | pa.ChunkedArray:
 def write_parquet(
     path: Path, columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None
 ) -> bytes:
-    """Write a Parquet file atomically.
+    """Write a Parquet file atomically; its folder is created if needed.
 
     Only text is dictionary-encoded: floats take 7 times longer with it. Snappy takes 60 % of the
     time of zstd, for files 4 to 10 % larger: dispersed numbers do not compress.
@@ -82,7 +85,7 @@ def write_parquet(
     Raises
     ------
     StoreError
-        If it cannot be written, such as on a full disk.
+        If the file cannot be written, such as on a full disk.
     """
     written, content = arrow_table(columns, data, about), pa.BufferOutputStream()
     text = [field.name for field in written.schema if pa.types.is_dictionary(field.type)]
@@ -105,15 +108,20 @@ def write_shard(
     data: dict[str, Any],
     about: dict[str, str],
 ) -> ledger.Entry:
-    """Write the shard of a ``kind`` (data folder), of ``cases`` cases from case ``first`` on;
-    returns its ledger entry. It belongs to the run only when the entry is in the ledger."""
+    """Write a shard of ``cases`` cases, the first of which is ``first``, and return its ledger
+    entry; the shard belongs to the run only when the caller has added the entry to the ledger.
+
+    ``kind`` is the name of the data folder; ``columns``, ``data`` and ``about`` are as for
+    `write_parquet`.
+    """
     path = shard_path(folder, kind, first)
     content = write_parquet(path, columns, data, about)
     return ledger.make_entry(f"{kind}/{path.name}", content, first, cases)
 
 
 def record_shards(folder: Path, written: Iterable[ledger.Entry]) -> None:
-    """Append the entries of shards to the ledger of a run, in this order. Raises StoreError."""
+    """Append the entries of shards to the ledger of a run, in this order, by which the shards
+    become part of the run. Raises StoreError if the ledger cannot be written."""
     try:
         ledger.add(folder, *written)
     except OSError as error:
@@ -121,8 +129,8 @@ def record_shards(folder: Path, written: Iterable[ledger.Entry]) -> None:
 
 
 def replace_shards(folder: Path, kind: str, written: Iterable[ledger.Entry]) -> None:
-    """Replace all shards of a kind by those of the entries ``written``, in the ledger and in the
-    folder; the new ones are in the folder already."""
+    """Make the shards of the entries ``written``, which are in the folder already, the only ones of
+    a ``kind`` (data folder): all others are removed from the ledger and deleted."""
     new = {entry.file: entry for entry in written}
     others = [
         entry for entry in ledger.read(folder).values() if not entry.file.startswith(f"{kind}/")
@@ -136,10 +144,11 @@ def replace_shards(folder: Path, kind: str, written: Iterable[ledger.Entry]) -> 
 def write_accumulators(
     folder: Path, cases: int, arrays: Sequence[np.ndarray], about: dict[str, str]
 ) -> None:
-    """Write the accumulators of the first ``cases`` cases of a run, replacing earlier ones."""
+    """Write the accumulators of the first ``cases`` cases of a run: one-dimensional ``arrays`` that
+    statistics are computed from. They are recorded in the ledger, and earlier ones are deleted."""
     lengths = json.dumps([len(entry) for entry in arrays])
     path = shard_path(folder, folders.ACCUMULATORS, cases)
-    column = Column("value", "", "what is counted, an array after the other")
+    column = Column("value", "", "accumulators of the statistics, one array after the other")
     content = write_parquet(
         path, [column], {"value": np.concatenate(arrays)}, about | {"lengths": lengths}
     )
@@ -151,8 +160,8 @@ def write_accumulators(
 
 
 def accumulator_entry(folder: Path) -> ledger.Entry | None:
-    """Ledger entry of the accumulators of a run, whose ``first`` is the number of cases in them;
-    None if there are none, or they are damaged."""
+    """Ledger entry of the accumulators of a run; its ``first`` is the number of cases in them. None
+    if there are no accumulators, or if they are damaged."""
     stored = [
         o for o in ledger.read(folder).values() if o.file.startswith(f"{folders.ACCUMULATORS}/")
     ]
@@ -162,7 +171,7 @@ def accumulator_entry(folder: Path) -> ledger.Entry | None:
 def read_accumulators(
     folder: Path, entry: ledger.Entry
 ) -> tuple[list[np.ndarray], dict[bytes, bytes]]:
-    """Read the accumulators of a run, and their metadata.
+    """Read the accumulators of a run (arrays that statistics are computed from) and their metadata.
 
     Parameters
     ----------
@@ -175,7 +184,7 @@ def read_accumulators(
     arrays : list of ndarray
         One-dimensional arrays, as given to `write_accumulators`.
     about : dict of bytes to bytes
-        Metadata of the file.
+        Metadata of the file by key.
 
     Raises
     ------
@@ -188,19 +197,20 @@ def read_accumulators(
     try:
         lengths = msgspec.json.decode(reason[b"lengths"], type=list[int])
         if min(lengths) < 0 or sum(lengths) != len(values):
-            raise ValueError("its arrays have other lengths")
+            raise ValueError("the lengths of its arrays do not match its number of values")
     except (KeyError, ValueError, msgspec.MsgspecError) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
     return np.split(values, np.cumsum(lengths)[:-1]), reason
 
 
 def shard_path(folder: Path, kind: str, first: int) -> Path:
-    """Path of the shard that begins with case ``first``."""
+    """Path of the shard of a ``kind`` (data folder) that begins with case ``first``."""
     return folder / kind / f"part-{first:010d}.parquet"
 
 
 def entries(folder: Path, kind: str) -> list[ledger.Entry]:
-    """Ledger entries of the shards of a kind that have cases, sorted by first case."""
+    """Ledger entries of the shards of a ``kind`` (data folder) that have cases, sorted by their
+    first case; the files are not checked."""
     stored = [entry for entry in ledger.read(folder).values() if entry.file.startswith(f"{kind}/")]
     return sorted((entry for entry in stored if entry.cases), key=lambda entry: entry.first)
 
@@ -209,8 +219,8 @@ _verified: set[tuple[str, int, int, str]] = set()  # of files that were verified
 
 
 def find_fault(folder: Path, entry: ledger.Entry) -> str:
-    """Fault of a file in words, as compared with its ledger entry; empty if it is intact. An
-    unchanged file is verified only once in a process."""
+    """Compare a file with its ledger entry: return the fault in words, such as "is gone", or an
+    empty text if the file is intact. An unchanged file is read only once in a process."""
     path = folder / entry.file
     try:
         state = path.stat()
@@ -226,7 +236,8 @@ def find_fault(folder: Path, entry: ledger.Entry) -> str:
 
 
 def _verified_path(folder: Path, entry: ledger.Entry) -> Path:
-    """Path of an intact file. Raises StoreError with its cases and the remedy if it is not."""
+    """Path of the shard of a ledger entry, after checking that it is intact. Raises StoreError,
+    with its cases and what to do, if it is not."""
     if problem := find_fault(folder, entry):
         raise StoreError(
             f"{folder / entry.file}: {problem}; it contained {entry.cases_text}. To run these "
@@ -238,8 +249,11 @@ def _verified_path(folder: Path, entry: ledger.Entry) -> Path:
 def _read_entry(
     folder: Path, entry: ledger.Entry, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """Columns of a shard, all if None. Raises StoreError if it is damaged.
-    `pyarrow.parquet.read_table` would import the data set module (30 ms)."""
+    """Read some columns, or all if None, of the shard of a ledger entry as an Arrow table. Raises
+    StoreError if it is damaged.
+
+    `pyarrow.parquet.read_table` is not used: it would import the data set module (30 ms).
+    """
     path = _verified_path(folder, entry)
     of_cases = entry.file.startswith(f"{folders.CASES}/")
     return read_table(path, columns, *((entry.cases, entry.first) if of_cases else ()))
@@ -252,17 +266,17 @@ def read_table(
     first: int | None = None,
     content: bytes | None = None,
 ) -> pa.Table:
-    """Read a Parquet file of a run.
+    """Read a Parquet file of a run as an Arrow table, if a run can have written its contents.
 
     Parameters
     ----------
     path : Path
     columns : sequence of str, optional
-        All columns if None.
+        Names of the columns to read; all columns if None.
     rows, first : int, optional
-        Expected number of rows and first case; not checked if None.
+        Expected number of rows, and expected number of the first case; not checked if None.
     content : bytes, optional
-        Content of the file, if read already.
+        Content of the file, if it was read already.
 
     Returns
     -------
@@ -271,7 +285,7 @@ def read_table(
     Raises
     ------
     StoreError
-        If it cannot be read, lacks a column, or no run writes such a file.
+        If the file cannot be read, lacks a column, or has contents that no run writes.
     """
     try:
         with pq.ParquetFile(
@@ -293,8 +307,8 @@ def read_table(
 
 
 def read_metadata(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
-    """Schema of a shard, and the metadata of its table. Raises StoreError if it cannot be read, or
-    no run writes such a file."""
+    """Read the Arrow schema (columns) of a shard, and the metadata of its table by key. Raises
+    StoreError if the file cannot be read or has contents that no run writes."""
     try:
         with pq.ParquetFile(readable(path)) as file:
             if fault := file_fault(file, path.stat().st_size):
@@ -305,8 +319,8 @@ def read_metadata(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
 
 
 def read_shard(folder: Path, entry: ledger.Entry) -> dict[str, np.ndarray]:
-    """All columns of a shard: values (n,) by column name, text as objects. Raises StoreError if it
-    is damaged."""
+    """Read all columns of the shard of a ledger entry: values (n,) by column name, texts as Python
+    strings in object arrays. Raises StoreError if it is damaged."""
     frame = _read_entry(folder, entry).to_pandas()
     text = [name for name in frame if frame[name].dtype == "category"]
     objects = frame.astype(dict.fromkeys(text, object))
@@ -314,13 +328,16 @@ def read_shard(folder: Path, entry: ledger.Entry) -> dict[str, np.ndarray]:
 
 
 def drop_damaged(folder: Path, with_histories: bool) -> int:
-    """Keep, in a folder and its ledger, only intact shards of cases, ``with_histories`` only if
-    their shard of histories is intact too; remove all other shards, selected rows included.
+    """Delete damaged shards of cases from a folder and its ledger, so that their cases can be run
+    again.
+
+    With ``with_histories`` (True), a shard of cases whose shard of histories is missing or damaged
+    is deleted too. All selected rows, and all shards that are not in the ledger, are also deleted.
 
     Returns
     -------
     int
-        Number of cases removed.
+        Number of cases whose rows were deleted.
     """
     stored = ledger.read(folder)
     intact = {entry.file: entry for entry in stored.values() if not find_fault(folder, entry)}
@@ -337,12 +354,13 @@ def drop_damaged(folder: Path, with_histories: bool) -> int:
 
 
 def drop_selected(folder: Path, first: int | None) -> int | None:
-    """Remove selected rows of case ``first`` and later ones, and shards that are not in the ledger.
+    """Delete the shards of selected rows (saved beside statistics) that begin at case ``first`` or
+    later (none if that is None), and all shards that are not in the ledger.
 
     Returns
     -------
     int or None
-        Number of selected rows that remain; None if a shard of them is damaged.
+        Number of selected rows that remain; None if a remaining shard of them is damaged.
     """
     stored = ledger.read(folder)
     selected = entries(folder, folders.SELECTED)
@@ -358,7 +376,7 @@ def drop_selected(folder: Path, first: int | None) -> int | None:
 
 
 def _remove_unrecorded(folder: Path) -> None:
-    """Remove shards that are not in the ledger."""
+    """Delete the shards in the data folders of a run that are not in its ledger."""
     stored = ledger.read(folder)
     for kind in folders.DATA_FOLDERS:
         for path in (folder / kind).glob("part-*.parquet*"):
@@ -367,8 +385,12 @@ def _remove_unrecorded(folder: Path) -> None:
 
 
 def campaign_text(file: CampaignFile, **run: Any) -> str:
-    """TOML of the resolved campaign of a folder, with other values of its ``run`` table; without
-    measurements, whose files lie elsewhere."""
+    """TOML text of a campaign for a run folder, with the values ``run`` in place of those of its
+    ``[run]`` table.
+
+    A sample table is that of the run folder. Measurements are left out, as their files are
+    elsewhere.
+    """
     settings = run | ({"samples": folders.SAMPLES} if file.input_table else {})
     tree = {key: value for key, value in file.tree.items() if key != "measurement"}
     if settings:
@@ -377,8 +399,12 @@ def campaign_text(file: CampaignFile, **run: Any) -> str:
 
 
 def write_input_table(folder: Path, table: InputTable, inputs: list[Column]) -> None:
-    """Write the sample table of a campaign into a run folder, whose files are then sufficient for
-    replay and resuming; ``inputs`` are the columns with units of those that give inputs."""
+    """Write the sample table of a campaign into a run folder, and record it in the ledger, so that
+    the folder alone is sufficient for replay and resuming.
+
+    ``inputs`` are the columns of the dispersed inputs; columns of the table with one of their names
+    get the unit and meaning from there.
+    """
     known = {column.name: column for column in inputs}
     columns = [Column(CASE, "1", "number of the case")]
     columns += [known.get(name, Column(name, "", "")) for name in table.columns]
@@ -389,7 +415,7 @@ def write_input_table(folder: Path, table: InputTable, inputs: list[Column]) -> 
 
 
 def stored_cases(folder: Path) -> np.ndarray:
-    """Numbers (n,) of the stored cases, sorted."""
+    """Numbers (n,) of the cases whose rows are stored in a run folder, sorted, by its ledger."""
     stored = [
         np.arange(entry.first, entry.first + entry.cases)
         for entry in entries(folder, folders.CASES)
@@ -398,14 +424,15 @@ def stored_cases(folder: Path) -> np.ndarray:
 
 
 def case_after(folder: Path, count: int) -> int | None:
-    """Number of the case after the first ``count`` stored ones; None if there is none."""
+    """Number of the stored case that follows the first ``count`` stored cases; None if there are no
+    more than these."""
     done = stored_cases(folder)
     return int(done[count]) if len(done) > count else None
 
 
 def read_summaries(folder: Path) -> Iterator[str]:
-    """JSON texts of the batch summaries of all shards of cases, from their metadata. Raises
-    StoreError if a shard is damaged or has none."""
+    """Yield, for each shard of cases of a run, the JSON text of the batch summary in its metadata.
+    Raises StoreError if a shard is damaged or has no summary."""
     for entry in entries(folder, folders.CASES):
         _, reason = read_metadata(_verified_path(folder, entry))
         if b"summary" not in reason:
@@ -417,17 +444,18 @@ def read_summaries(folder: Path) -> Iterator[str]:
 
 
 class MissingColumnError(StoreError, KeyError):
-    """The cases of a run have no such column."""
+    """The case table of a run has no column of the requested name."""
 
     __str__ = Exception.__str__
 
 
 class CaseColumns(Mapping[str, np.ndarray]):
-    """Mapping of column name to the values (n,) of a run folder's case table, sorted by case; text
-    as objects.
+    """Case table of a run folder, as a mapping of column names to values (n,), sorted by case;
+    texts are Python strings in object arrays.
 
-    Columns are read on demand: a table of up to `MAX_IN_MEMORY` cases is read once, a longer one
-    column by column. Raises StoreError if the folder has no cases, or a shard is damaged.
+    Values are read when a column is asked for: a table of up to `MAX_IN_MEMORY` cases is read once
+    as a whole and kept, of a longer one only that column is read, each time. Raises StoreError if
+    the folder has no cases or a shard is damaged, MissingColumnError for an unknown column.
     """
 
     MAX_IN_MEMORY = 65536
@@ -468,20 +496,21 @@ class CaseColumns(Mapping[str, np.ndarray]):
     def batches(
         self, names: Sequence[str]
     ) -> Iterator[tuple[np.ndarray, pd.Categorical, np.ndarray]]:
-        """Read shard by shard.
+        """Read some columns shard by shard, so that a long table need not fit into memory.
 
         Parameters
         ----------
         names : sequence of str
-            Numeric columns.
+            Names of numeric columns.
 
         Yields
         ------
         numbers : ndarray, shape (n,)
-            Case numbers of the shard.
+            Case numbers of the n cases of a shard.
         statuses : Categorical, shape (n,)
+            Status labels of the cases.
         columns : ndarray, shape (len(names), n)
-            Values in the units of the columns.
+            Values of the columns, in their units.
         """
         for part in self._entries:
             read = _read_entry(self.folder, part, ["case", "status", *names])
@@ -494,8 +523,9 @@ class CaseColumns(Mapping[str, np.ndarray]):
 def read_cases(
     folder: Path, below: int | None = None, columns: list[str] | None = None
 ) -> pd.DataFrame:
-    """Case rows of a run, sorted by case: only cases below the number ``below`` and only some
-    ``columns``, if given. Raises StoreError if there are none."""
+    """Read case rows of a run as a table, sorted by case; if given, only those with case numbers
+    below ``below``, and only some ``columns``, which must include ``case``. Raises StoreError if no
+    rows are stored."""
     stored = entries(folder, folders.CASES)
     if not stored:
         raise StoreError(f"{folder}: contains no {folders.CASES}; give the folder of a run")
@@ -503,8 +533,8 @@ def read_cases(
 
 
 def read_row(folder: Path, number: int) -> dict[str, Any]:
-    """Row of the case ``number`` of a run, values by column. Raises StoreError if it is not
-    stored."""
+    """Read the row of the case with this ``number`` in a run: values by column. Raises StoreError
+    if the case is not stored."""
     for part in entries(folder, folders.CASES):
         if part.first <= number < part.first + part.cases:
             frame = _read_entry(folder, part).to_pandas(ignore_metadata=True)
@@ -516,16 +546,16 @@ def read_row(folder: Path, number: int) -> dict[str, Any]:
 def read_histories(
     folder: Path, below: int | None = None, stored: Sequence[ledger.Entry] | None = None
 ) -> pd.DataFrame | None:
-    """Stored histories of a run in long form: a row per case and time, with columns case, time_s
-    and the separations.
+    """Read stored histories of a run as a table in long form: a row per case and time, with columns
+    case, time_s and the separations.
 
     Parameters
     ----------
     folder : Path
     below : int, optional
-        Only cases below this number.
+        Only cases with smaller numbers are read; all if None.
     stored : sequence of Entry, optional
-        Shards to read; all if None.
+        Ledger entries of the shards to read; all shards of histories if None.
 
     Returns
     -------
@@ -559,8 +589,8 @@ def _read_rows(
 
 
 def units(folder: Path, kind: str = folders.CASES) -> dict[str, str]:
-    """Unit of each column by name, from the metadata of the first shard of a kind; empty without
-    shards."""
+    """Unit of each column by name, from the first shard of a ``kind`` (data folder); empty if there
+    is no such shard."""
     part = next(iter(entries(folder, kind)), None)
     if part is None:
         return {}

@@ -1,8 +1,9 @@
-"""Checks of run folders and Parquet shards from untrusted sources, before they are read.
+"""Checks of run folders and their Parquet files (shards) from untrusted sources, before they are
+read.
 
 A folder may contain regular files and folders only: a link would be followed, a pipe would block.
-The size of a file is checked before it is read. A checksum does not help: an author of a shard can
-write its checksum too.
+The size of a file is checked before it is read. A checksum does not help: the author of a harmful
+shard can write its checksum too.
 """
 
 import os
@@ -28,7 +29,8 @@ _TEXT_COLUMNS = ("status", "phase", "kept_as")
 
 
 class StoreError(Exception):
-    """A run folder that cannot be used as requested; the argument is the message to show."""
+    """A run folder, or a file of it, cannot be used as requested; the argument is the message for
+    the user."""
 
 
 def check_entries(folder: Path) -> None:
@@ -55,8 +57,11 @@ def check_entries(folder: Path) -> None:
 
 
 def _check_entry(entry: "os.DirEntry[str]", is_rewritten: bool) -> None:
-    """Check one entry of a folder; raises StoreError. With ``is_rewritten`` its files may be
-    written in place, so that hard links are refused, too."""
+    """Raise StoreError if an entry of a folder is a link, or neither a regular file nor a folder.
+
+    With ``is_rewritten`` (True) files in that folder may be written in place, so a file with
+    another name elsewhere (hard link) is refused, too.
+    """
     if entry.is_symlink():
         raise StoreError(
             f"{entry.path}: is a link, but a run folder contains its own files only: replace it by "
@@ -75,12 +80,14 @@ def _check_entry(entry: "os.DirEntry[str]", is_rewritten: bool) -> None:
 
 
 def is_file_name(file: str) -> bool:
-    """Return True if ``file`` is a valid path of a run file, relative to the run folder."""
+    """Return True if ``file`` is a path that a file of a run can have, relative to the run folder:
+    a plain name, also in one of the data folders."""
     return _FILE_NAME.fullmatch(file) is not None
 
 
 def read_bounded(path: Path, max_bytes: int) -> bytes:
-    """Read a file of at most ``max_bytes``. Raises StoreError if it is larger or unreadable."""
+    """Content of a file of at most ``max_bytes``. Raises StoreError if it is larger or
+    unreadable."""
     try:
         return limits.read_limited(path, max_bytes)
     except OSError as error:
@@ -90,20 +97,21 @@ def read_bounded(path: Path, max_bytes: int) -> bytes:
 
 
 def file_fault(file: "pq.ParquetFile", size: int, rows: int | None = None) -> str:
-    """Check the header of a Parquet file before its rows are read.
+    """Check the header of a Parquet file (numbers of rows, names and types of columns) before its
+    rows are read.
 
     Parameters
     ----------
     file : ParquetFile
     size : int
-        Bytes of the file.
+        Size of the file, bytes.
     rows : int, optional
-        Expected number of rows.
+        Expected number of rows; not checked if None.
 
     Returns
     -------
     str
-        Why no run writes such a file; empty if it is valid.
+        Reason why no run can have written the file; empty if one can.
     """
     metadata, schema = file.metadata, file.schema_arrow
     count = sum(metadata.row_group(k).num_rows for k in range(metadata.num_row_groups))
@@ -114,22 +122,24 @@ def file_fault(file: "pq.ParquetFile", size: int, rows: int | None = None) -> st
         return f"has {count:,} rows of {len(schema):,} columns, more than its bytes can contain"
     names = schema.names
     if bad := next((name for name in names if not _COLUMN_NAME.fullmatch(name)), None):
-        return f"has a column of another name than runs have: {bad[:60]!r}"
+        return f"has a column with a name that no run writes: {bad[:60]!r}"
     if len(set(names)) < len(names):
         return "has a column twice"
     for field in schema:
         if not (_is_text(field.type) if field.name in _TEXT_COLUMNS else _is_number(field.type)):
-            return f"has a column {field.name} of another type: {field.type}"
+            return f"has column {field.name} of another type than runs write: {field.type}"
     return ""
 
 
 def table_fault(table: "pa.Table", first: int | None = None) -> str:
-    """Check columns that were read from a shard, whose case numbers start at ``first``.
+    """Check the values of columns that were read from a shard: case numbers, statuses, texts.
+
+    Case numbers must be ``first``, ``first`` + 1, ...; they are not checked if that is None.
 
     Returns
     -------
     str
-        Why no run writes such columns; empty if they are valid.
+        Reason why no run can have written these values; empty if one can.
     """
     for name in ("case", *_TEXT_COLUMNS):
         if name in table.column_names and table[name].null_count:
