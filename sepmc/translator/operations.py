@@ -1,7 +1,9 @@
 """Operations of translated code: arithmetic, comparisons, functions of numbers, views of arrays.
 
-Every floating-point operation may be contracted to a fused multiply-add, nothing else: NaN and
-infinities must survive to be reported.
+Every function here adds instructions to ``f``, a `sepmc.translator.functions.Function` in
+translation, and returns the result as a value; most add none if the result is known already.
+LLVM may contract floating-point operations to fused multiply-adds, but not change them otherwise:
+NaN and infinities must survive to be reported.
 """
 
 import ast
@@ -54,21 +56,21 @@ _PYTHON_TESTS: dict[type, Any] = {
 
 
 def truth(f: Any, value: Any) -> Number:
-    """Truth value of a number."""
+    """Return a number as a truth value: true unless it equals 0."""
     if value.kind == BOOL:
         return value
     return comparison(f, ast.NotEq(), value, constant(0))
 
 
 def negation(f: Any, value: Number) -> Number:
-    """Opposite of a truth value."""
+    """Return the opposite (`not`) of a truth value."""
     if value.constant is not None:
         return constant(not value.constant)
     return f.emit(BOOL, f"xor i1 {value.text}, true")
 
 
 def minus(f: Any, value: Number) -> Number:
-    """Negative of a number."""
+    """Return a number with the opposite sign; an integer for a truth value."""
     if value.constant is not None:
         return constant(-value.constant)
     if value.kind == FLOAT:
@@ -77,23 +79,27 @@ def minus(f: Any, value: Number) -> Number:
 
 
 def add_int(f: Any, a: Number, b: Number) -> Number:
-    """Sum of two whole numbers."""
+    """Return the sum of two integers."""
     return arithmetic(f, ast.Add(), a, b)
 
 
 def multiply_int(f: Any, a: Number, b: Number) -> Number:
-    """Product of two whole numbers."""
+    """Return the product of two integers."""
     return arithmetic(f, ast.Mult(), a, b)
 
 
 def arithmetic(f: Any, op: ast.operator, left: Number, right: Number) -> Number:
-    """Result of an operation on two numbers."""
+    """Return the result of a binary operation of Python, given by its AST class, on two numbers.
+    Raises TypeError for an operation or types that cannot be translated."""
     special = _SPECIAL.get(type(op))
     if special is not None:
         result: Number = special(f, left, right)
         return result
     if type(op) not in _PYTHON:
-        raise TypeError(f"no operation {type(op).__name__}")
+        raise TypeError(
+            f"no operation {type(op).__name__}: must be one of + - * / // % ** and, for truth "
+            "values, & |"
+        )
     kind = FLOAT if isinstance(op, ast.Div) else _numeric_kind(left, right)
     a, b = f.converted(left, kind), f.converted(right, kind)
     known = a.constant is not None and b.constant is not None
@@ -107,7 +113,8 @@ def arithmetic(f: Any, op: ast.operator, left: Number, right: Number) -> Number:
 
 
 def _numeric_kind(a: Number, b: Number) -> str:
-    """Type of the result of arithmetic with two numbers."""
+    """Return the type, INT or FLOAT, of the result of arithmetic with two numbers. Raises TypeError
+    for two truth values."""
     kind = common_kind(a, b)
     if kind == BOOL:
         raise TypeError("no arithmetic with truth values")
@@ -115,14 +122,16 @@ def _numeric_kind(a: Number, b: Number) -> str:
 
 
 def _bits(name: str, f: Any, left: Number, right: Number) -> Number:
-    """Truth value from two that are both evaluated."""
+    """Return `a | b` (``name`` "or") or `a & b` ("and") of two truth values. Raises TypeError for
+    other numbers."""
     if left.kind != BOOL or right.kind != BOOL:
-        raise TypeError(f"bitwise {name} is for truth values")
+        raise TypeError(f"bitwise {name} is for truth values, not for numbers")
     return f.emit(BOOL, f"{name} i1 {left.text}, {right.text}")
 
 
 def _power(f: Any, base: Number, exponent: Number) -> Number:
-    """Power of a number: products for a known whole exponent."""
+    """Return a power: by repeated multiplication if the exponent is a known integer above 0, else
+    by LLVM's ``pow``."""
     if base.constant is not None and exponent.constant is not None:
         return constant(base.constant**exponent.constant)
     if exponent.kind == INT and exponent.constant is not None and exponent.constant > 0:
@@ -139,7 +148,7 @@ def _power(f: Any, base: Number, exponent: Number) -> Number:
 
 
 def _remainder(f: Any, a: Number, b: Number) -> Number:
-    """Remainder with the sign of the divisor, as Python's."""
+    """Return `a % b` as Python does: the remainder has the sign of the divisor."""
     kind = _numeric_kind(a, b)
     a, b = f.converted(a, kind), f.converted(b, kind)
     zero = constant(0 if kind == INT else 0.0)
@@ -155,18 +164,22 @@ def _remainder(f: Any, a: Number, b: Number) -> Number:
 
 
 def _quotient(f: Any, a: Number, b: Number) -> Number:
-    """Whole quotient, rounded down."""
+    """Return `a // b` of two integers, rounded down as in Python."""
     if _numeric_kind(a, b) != INT:
-        raise TypeError("// is for whole numbers")
+        raise TypeError("// is for whole numbers, not for floats")
     a, b = f.converted(a, INT), f.converted(b, INT)
     rest = _remainder(f, a, b)
     return f.emit(INT, f"sdiv i64 {arithmetic(f, ast.Sub(), a, rest).text}, {b.text}")
 
 
 def comparison(f: Any, op: ast.cmpop, left: Number, right: Number) -> Number:
-    """Truth value of a comparison of two numbers."""
+    """Return the truth value of a comparison of two numbers, given by its AST class. Raises
+    TypeError for a comparison that cannot be translated, such as ``is``."""
     if type(op) not in _PYTHON_TESTS:
-        raise TypeError(f"no comparison {type(op).__name__}")
+        raise TypeError(
+            f"no comparison {type(op).__name__}: must be one of < <= > >= == != and, for items of "
+            "a tuple, in"
+        )
     if left.constant is not None and right.constant is not None:
         return constant(_PYTHON_TESTS[type(op)](left.constant, right.constant))
     kind = common_kind(left, right)
@@ -179,13 +192,14 @@ def comparison(f: Any, op: ast.cmpop, left: Number, right: Number) -> Number:
 
 
 def is_in(f: Any, value: Number, items: tuple[Number, ...]) -> Number:
-    """Truth value of equality with any item."""
+    """Return the truth value of ``value in items``, for a tuple of numbers."""
     tests = [comparison(f, ast.Eq(), value, item) for item in items]
     return reduce(lambda a, b: connected(f, a, b, False), tests)
 
 
 def connected(f: Any, a: Number, b: Number, both: bool) -> Number:
-    """Conjunction (``both``) or disjunction of two truth values."""
+    """Return `a and b` if ``both`` is true, else `a or b`, of two truth values that have both been
+    evaluated."""
     if a.constant is not None:
         return b if a.constant == both else a
     if b.constant is not None and b.constant == both:
@@ -195,7 +209,8 @@ def connected(f: Any, a: Number, b: Number, both: bool) -> Number:
 
 
 def select(f: Any, test: Number, yes: Number, no: Number) -> Number:
-    """One of two numbers of the same type."""
+    """Return ``yes`` if the truth value ``test`` is true, else ``no``: two numbers of the same
+    type, both evaluated."""
     if yes.text == no.text:
         return yes
     text = f"select i1 {test.text}, {yes.kind} {yes.text}, {no.kind} {no.text}"
@@ -206,7 +221,7 @@ def select(f: Any, test: Number, yes: Number, no: Number) -> Number:
 
 
 def _intrinsic(f: Any, name: str, *numbers: Number) -> Number:
-    """Call of a function of floats that LLVM knows."""
+    """Return the result of LLVM's function ``llvm.NAME.f64`` of numbers converted to floats."""
     operands = ", ".join(f"double {f.converted(number, FLOAT).text}" for number in numbers)
     f.module.declare(f"declare double @llvm.{name}.f64({', '.join(['double'] * len(numbers))})")
     return f.emit(FLOAT, f"call {_FLAG} double @llvm.{name}.f64({operands})")
@@ -228,10 +243,11 @@ def _abs(f: Any, x: Number) -> Number:
 
 
 def _extreme(op: ast.cmpop, f: Any, *numbers: Number) -> Number:
-    """Largest or smallest number, as Python's: the first of those that no other exceeds."""
+    """Return the largest number if ``op`` is ``ast.Gt``, the smallest if it is ``ast.Lt``. As in
+    Python, the first of equal numbers is returned, and a NaN replaces no number before it."""
 
     if len(numbers) < 2:
-        raise TypeError("min and max are of two or more numbers")
+        raise TypeError("min and max take two or more numbers, not one number or a tuple")
 
     def better(best: Number, other: Number) -> Number:
         kind = common_kind(best, other)
@@ -254,7 +270,8 @@ def _int(f: Any, x: Number) -> Number:
 
 
 def _rounded(name: str, f: Any, x: Number) -> Number:
-    """Whole number from `math.floor` or `math.ceil`."""
+    """Return the integer of LLVM's function ``name`` ("floor" or "ceil") of a number, as
+    `math.floor` and `math.ceil` do."""
     return _int(f, _intrinsic(f, name, x))
 
 
@@ -268,7 +285,7 @@ def _isfinite(f: Any, x: Number) -> Number:
 
 
 def _power_of_two(f: Any, k: Number) -> Number:
-    """The bits of the exponent, shifted into position."""
+    """Return 2 to the power of ``k``, a whole number as a float, by the bits of its exponent."""
     shifted = f.emit(FLOAT, f"fadd double {k.text}, {constant(1023.0).text}")
     bits = f.emit(INT, f"shl i64 {_int(f, shifted).text}, 52")
     return f.emit(FLOAT, f"bitcast i64 {bits.text} to double")
@@ -284,7 +301,8 @@ def _noinline(f: Any) -> tuple[()]:
 
 
 def _field(f: Any, a: Array, k: Number, n: int) -> Number:
-    """Number ``n`` of the four of array ``k`` of the arguments of a kernel."""
+    """Return one of the four integers that describe array ``k`` among the arguments ``a`` of a
+    kernel: its address (``n`` = 0) or the size of its axis ``n`` - 1."""
     position = add_int(f, multiply_int(f, constant(4), k), constant(n))
     pointer = f.emit(POINTER, f"getelementptr i64, ptr {a.data.text}, i64 {position.text}")
     return f.emit(INT, f"load i64, ptr {pointer.text}")
@@ -295,7 +313,8 @@ def _data(f: Any, a: Array, k: Number) -> Number:
 
 
 def _view(element: str, axes: int, f: Any, a: Array, k: Number) -> Array:
-    """Array ``k`` of the arguments of a kernel."""
+    """Return the view of array ``k`` among the arguments ``a`` of a kernel, with ``axes`` axes and
+    elements of the type ``element``."""
     shape = tuple(_field(f, a, k, 1 + axis) for axis in range(axes))
     return Array(element, _data(f, a, k), shape)
 
