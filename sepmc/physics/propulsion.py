@@ -80,7 +80,7 @@ def building_up(thrust, rate, since):
 
 @formula
 def tail_off(since, time_constant):
-    """Fraction exp(-t / tau) of the thrust at burn-out.
+    """Thrust during the tail-off as a fraction of the thrust at burn-out: exp(-t / tau).
 
     Parameters
     ----------
