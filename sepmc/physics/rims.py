@@ -2,8 +2,9 @@
 shell, all in one frame and in metres.
 
 A rim is the tuple (centre, normal, radius); a shell is the tuple (start, axis, length, r0, r1) of
-`outlines`. In a view along the axis of the shell the rim is an ellipse. With z along the axis, y along the common line of rim plane and
-cross section, and phi the angle on the rim from its largest z,
+`outlines`. In a view along the axis of the shell the rim is an ellipse. With z along the axis, y
+along the common line of rim plane and cross section, and phi the angle on the rim from its largest
+z,
 
     x = x0 + a cos phi,  y = y0 + r sin phi,  z = z0 + b cos phi,  a^2 + b^2 = r^2
 
