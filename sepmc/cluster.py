@@ -147,7 +147,10 @@ class DaskExecutor:
         comes back, or if the workers were those of this machine.
         """
         if self.address is None:
-            raise ClusterError(f"the workers of this machine are gone: {error}") from error
+            raise ClusterError(
+                f"the workers of this machine are gone: {error}; finished cases are stored, and "
+                "the run can be resumed"
+            ) from error
         with suppress(Exception):
             self.client.close(timeout=1)
         deadline = time.monotonic() + _TIMEOUT_S

@@ -416,8 +416,8 @@ def check_history_step(step_s: float, scene: Scene, name: str = "step_s") -> Non
         raise InputError(f"{name} = {shorten(step_s)}: must be a number of seconds")
     if not (step_s > 0.0 and scene.run.end_time / step_s <= limit):
         raise InputError(
-            f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / limit:g} so that there "
-            f"are at most {limit} rows"
+            f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / limit:g} so that the "
+            f"history has at most {limit} rows"
         )
 
 

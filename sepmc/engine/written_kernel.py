@@ -51,7 +51,7 @@ class Kernel:
 
 def table(addresses: list[int]) -> np.ndarray:
     """Return the addresses of compile units in the order in which they are stored just before a
-    workspace: zeros that fill the first cache line, then the addresses from the last unit to the
-    first. Unit k is thus k + 1 places before the workspace."""
+    workspace: the addresses from the last unit to the first, so that unit k is k + 1 places before
+    the workspace. Zeros in front make the length a multiple of a cache line (8 numbers)."""
     padding = -len(addresses) % _ALIGNMENT
     return np.array([*padding * [0], *reversed(addresses)], dtype=np.int64)

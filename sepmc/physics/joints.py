@@ -6,9 +6,9 @@ d = r_B - r_A, e and b fixed in A, a fixed in B; all vectors, omega too, in grou
     rotation     C = a . b,  n = a x b
     rod          C = |d| - L,  e = d / |d|
 
-Paper eqs (16), (17), differentiated with every term kept. Checked against finite differences of C
-in `tests/kernel/test_joints.py`. Vectors are tuples of 3 float: positions and arms in m, velocities
-in m/s, angular rates in rad/s.
+These are eqs (16), (17) of the paper that README cites, differentiated with every term kept.
+Checked against finite differences of C in `tests/kernel/test_joints.py`. Vectors are tuples of 3
+float: positions and arms in m, velocities in m/s, angular rates in rad/s.
 """
 
 import math

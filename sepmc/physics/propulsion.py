@@ -1,4 +1,4 @@
-"""Thrust of a motor and its line of action; paper section 1.3. Checked in
+"""Thrust of a motor and its line of action; section 1.3 of the paper that README cites. Checked in
 `tests/acceptance/test_conventions.py`."""
 
 from sepmc.jit import formula

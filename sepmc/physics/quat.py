@@ -81,7 +81,7 @@ def angles(m):
     """Pitch, yaw and roll, rad, of an attitude matrix (9-tuple by rows); singular at yaw = +-90
     deg.
 
-    Eq (7) of the paper gives their rates.
+    Eq (7) of the paper that README cites gives their rates.
     """
     return pitch(m), yaw(m), roll(m)
 

@@ -322,11 +322,11 @@ def eliminate(w, source, n, scratch, out):
     source : int
         Position of the matrix by rows, then of the right-hand side, LANES apart.
     n : int
-        Size of the system.
+        Size of the system: n rows of n entries.
     scratch : int
         Position of n^2 + n scratch numbers.
     out : int
-        Position of the solution, LANES apart; NaN if there is none.
+        Position of the solution, LANES apart, which is written; NaN if there is none.
 
     Returns
     -------

@@ -412,8 +412,8 @@ class Function(Writer):
         return self.operate(node.op, self.value(node.left), self.value(node.right))
 
     def operate(self, op: ast.operator, left: Any, right: Any) -> Any:
-        """Return the result of an arithmetic operation on two numbers, or the concatenation
-        (``op`` is ``ast.Add``) of two tuples."""
+        """Translate an arithmetic operation on two numbers, given by its node of the syntax tree,
+        or the concatenation (``op`` is ``ast.Add()``) of two tuples; return the result."""
         if isinstance(left, tuple) and isinstance(op, ast.Add):
             return left + right
         return operations.arithmetic(self, op, left, right)

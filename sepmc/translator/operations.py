@@ -56,21 +56,22 @@ _PYTHON_TESTS: dict[type, Any] = {
 
 
 def truth(f: Any, value: Any) -> Number:
-    """Return a number as a truth value: true unless it equals 0."""
+    """Add to ``f`` the code that makes a number a truth value: true unless it equals 0. Returns
+    the truth value."""
     if value.kind == BOOL:
         return value
     return comparison(f, ast.NotEq(), value, constant(0))
 
 
 def negation(f: Any, value: Number) -> Number:
-    """Return the opposite (`not`) of a truth value."""
+    """Add to ``f`` the code of `not value`, of a truth value; return the result."""
     if value.constant is not None:
         return constant(not value.constant)
     return f.emit(BOOL, f"xor i1 {value.text}, true")
 
 
 def minus(f: Any, value: Number) -> Number:
-    """Return a number with the opposite sign; an integer for a truth value."""
+    """Add to ``f`` the code of `-value`; return the result, an integer for a truth value."""
     if value.constant is not None:
         return constant(-value.constant)
     if value.kind == FLOAT:
@@ -79,18 +80,19 @@ def minus(f: Any, value: Number) -> Number:
 
 
 def add_int(f: Any, a: Number, b: Number) -> Number:
-    """Return the sum of two integers."""
+    """Add to ``f`` the code of `a + b`, of two integers; return the result."""
     return arithmetic(f, ast.Add(), a, b)
 
 
 def multiply_int(f: Any, a: Number, b: Number) -> Number:
-    """Return the product of two integers."""
+    """Add to ``f`` the code of `a * b`, of two integers; return the result."""
     return arithmetic(f, ast.Mult(), a, b)
 
 
 def arithmetic(f: Any, op: ast.operator, left: Number, right: Number) -> Number:
-    """Return the result of a binary operation of Python, given by its AST class, on two numbers.
-    Raises TypeError for an operation or types that cannot be translated."""
+    """Add to ``f`` the code of a binary operation of Python on two numbers, given by its node of
+    the syntax tree (``ast.Add()``); return the result. Raises TypeError for an operation or types
+    that cannot be translated."""
     special = _SPECIAL.get(type(op))
     if special is not None:
         result: Number = special(f, left, right)
@@ -122,16 +124,16 @@ def _numeric_kind(a: Number, b: Number) -> str:
 
 
 def _bits(name: str, f: Any, left: Number, right: Number) -> Number:
-    """Return `a | b` (``name`` "or") or `a & b` ("and") of two truth values. Raises TypeError for
-    other numbers."""
+    """Add to ``f`` the code of `left | right` (``name`` "or") or `left & right` ("and"), of two
+    truth values; return the result. Raises TypeError for other numbers."""
     if left.kind != BOOL or right.kind != BOOL:
         raise TypeError(f"bitwise {name} is for truth values, not for numbers")
     return f.emit(BOOL, f"{name} i1 {left.text}, {right.text}")
 
 
 def _power(f: Any, base: Number, exponent: Number) -> Number:
-    """Return a power: by repeated multiplication if the exponent is a known integer above 0, else
-    by LLVM's ``pow``."""
+    """Add to ``f`` the code of `base**exponent`: multiplications if the exponent is a known integer
+    above 0, else a call of LLVM's ``pow``. Returns the result."""
     if base.constant is not None and exponent.constant is not None:
         return constant(base.constant**exponent.constant)
     if exponent.kind == INT and exponent.constant is not None and exponent.constant > 0:
@@ -148,7 +150,8 @@ def _power(f: Any, base: Number, exponent: Number) -> Number:
 
 
 def _remainder(f: Any, a: Number, b: Number) -> Number:
-    """Return `a % b` as Python does: the remainder has the sign of the divisor."""
+    """Add to ``f`` the code of `a % b`; return the result, which has the sign of the divisor, as in
+    Python."""
     kind = _numeric_kind(a, b)
     a, b = f.converted(a, kind), f.converted(b, kind)
     zero = constant(0 if kind == INT else 0.0)
@@ -164,7 +167,8 @@ def _remainder(f: Any, a: Number, b: Number) -> Number:
 
 
 def _quotient(f: Any, a: Number, b: Number) -> Number:
-    """Return `a // b` of two integers, rounded down as in Python."""
+    """Add to ``f`` the code of `a // b`, of two integers; return the result, rounded down as in
+    Python."""
     if _numeric_kind(a, b) != INT:
         raise TypeError("// is for whole numbers, not for floats")
     a, b = f.converted(a, INT), f.converted(b, INT)
@@ -173,8 +177,9 @@ def _quotient(f: Any, a: Number, b: Number) -> Number:
 
 
 def comparison(f: Any, op: ast.cmpop, left: Number, right: Number) -> Number:
-    """Return the truth value of a comparison of two numbers, given by its AST class. Raises
-    TypeError for a comparison that cannot be translated, such as ``is``."""
+    """Add to ``f`` the code of a comparison of two numbers, given by its node of the syntax tree
+    (``ast.Lt()``); return the truth value. Raises TypeError for a comparison that cannot be
+    translated, such as ``is``."""
     if type(op) not in _PYTHON_TESTS:
         raise TypeError(
             f"no comparison {type(op).__name__}: must be one of < <= > >= == != and, for items of "
@@ -192,14 +197,14 @@ def comparison(f: Any, op: ast.cmpop, left: Number, right: Number) -> Number:
 
 
 def is_in(f: Any, value: Number, items: tuple[Number, ...]) -> Number:
-    """Return the truth value of ``value in items``, for a tuple of numbers."""
+    """Add to ``f`` the code of `value in items`, of a tuple of numbers; return the truth value."""
     tests = [comparison(f, ast.Eq(), value, item) for item in items]
     return reduce(lambda a, b: connected(f, a, b, False), tests)
 
 
 def connected(f: Any, a: Number, b: Number, both: bool) -> Number:
-    """Return `a and b` if ``both`` is true, else `a or b`, of two truth values that have both been
-    evaluated."""
+    """Add to ``f`` the code of `a and b` if ``both`` is true, else of `a or b`, of two truth values
+    that have both been evaluated; return the result."""
     if a.constant is not None:
         return b if a.constant == both else a
     if b.constant is not None and b.constant == both:
@@ -209,8 +214,8 @@ def connected(f: Any, a: Number, b: Number, both: bool) -> Number:
 
 
 def select(f: Any, test: Number, yes: Number, no: Number) -> Number:
-    """Return ``yes`` if the truth value ``test`` is true, else ``no``: two numbers of the same
-    type, both evaluated."""
+    """Add to ``f`` the code of `yes if test else no`, of two numbers of the same type that have
+    both been evaluated; return the result."""
     if yes.text == no.text:
         return yes
     text = f"select i1 {test.text}, {yes.kind} {yes.text}, {no.kind} {no.text}"
@@ -221,7 +226,8 @@ def select(f: Any, test: Number, yes: Number, no: Number) -> Number:
 
 
 def _intrinsic(f: Any, name: str, *numbers: Number) -> Number:
-    """Return the result of LLVM's function ``llvm.NAME.f64`` of numbers converted to floats."""
+    """Add to ``f`` a call of LLVM's function ``llvm.NAME.f64`` with numbers, converted to floats;
+    return the result."""
     operands = ", ".join(f"double {f.converted(number, FLOAT).text}" for number in numbers)
     f.module.declare(f"declare double @llvm.{name}.f64({', '.join(['double'] * len(numbers))})")
     return f.emit(FLOAT, f"call {_FLAG} double @llvm.{name}.f64({operands})")
@@ -243,8 +249,9 @@ def _abs(f: Any, x: Number) -> Number:
 
 
 def _extreme(op: ast.cmpop, f: Any, *numbers: Number) -> Number:
-    """Return the largest number if ``op`` is ``ast.Gt``, the smallest if it is ``ast.Lt``. As in
-    Python, the first of equal numbers is returned, and a NaN replaces no number before it."""
+    """Add to ``f`` the code of `max(...)` if ``op`` is ``ast.Gt()``, of `min(...)` if ``ast.Lt()``;
+    return the result. As in Python, it is the first of equal numbers, and a NaN replaces no number
+    before it."""
 
     if len(numbers) < 2:
         raise TypeError("min and max take two or more numbers, not one number or a tuple")
@@ -270,8 +277,8 @@ def _int(f: Any, x: Number) -> Number:
 
 
 def _rounded(name: str, f: Any, x: Number) -> Number:
-    """Return the integer of LLVM's function ``name`` ("floor" or "ceil") of a number, as
-    `math.floor` and `math.ceil` do."""
+    """Add to ``f`` the code of `math.floor(x)` or `math.ceil(x)` (``name`` "floor", "ceil"); return
+    the result, an integer."""
     return _int(f, _intrinsic(f, name, x))
 
 
@@ -285,7 +292,8 @@ def _isfinite(f: Any, x: Number) -> Number:
 
 
 def _power_of_two(f: Any, k: Number) -> Number:
-    """Return 2 to the power of ``k``, a whole number as a float, by the bits of its exponent."""
+    """Add to ``f`` the code of 2 to the power of ``k``, a whole number given as a float, which sets
+    the bits of the exponent; return the result."""
     shifted = f.emit(FLOAT, f"fadd double {k.text}, {constant(1023.0).text}")
     bits = f.emit(INT, f"shl i64 {_int(f, shifted).text}, 52")
     return f.emit(FLOAT, f"bitcast i64 {bits.text} to double")
@@ -301,8 +309,9 @@ def _noinline(f: Any) -> tuple[()]:
 
 
 def _field(f: Any, a: Array, k: Number, n: int) -> Number:
-    """Return one of the four integers that describe array ``k`` among the arguments ``a`` of a
-    kernel: its address (``n`` = 0) or the size of its axis ``n`` - 1."""
+    """Add to ``f`` the code that loads one of the four integers that describe array ``k`` among the
+    arguments ``a`` of a kernel; return it. It is the address of the array (``n`` = 0) or the size
+    of its axis ``n`` - 1."""
     position = add_int(f, multiply_int(f, constant(4), k), constant(n))
     pointer = f.emit(POINTER, f"getelementptr i64, ptr {a.data.text}, i64 {position.text}")
     return f.emit(INT, f"load i64, ptr {pointer.text}")
@@ -313,8 +322,8 @@ def _data(f: Any, a: Array, k: Number) -> Number:
 
 
 def _view(element: str, axes: int, f: Any, a: Array, k: Number) -> Array:
-    """Return the view of array ``k`` among the arguments ``a`` of a kernel, with ``axes`` axes and
-    elements of the type ``element``."""
+    """Add to ``f`` the code that loads the address and sizes of array ``k`` among the arguments
+    ``a`` of a kernel; return its view with ``axes`` axes and elements of the type ``element``."""
     shape = tuple(_field(f, a, k, 1 + axis) for axis in range(axes))
     return Array(element, _data(f, a, k), shape)
 
