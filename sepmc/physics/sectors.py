@@ -2,9 +2,9 @@
 
 A sector is the lateral surface of a cone frustum between two angles about its axis, without end
 faces: a thin wall with two sides, such as half of a fairing. It is the tuple (start, axis, length,
-r0, r1, x, y, width): a part (`outlines`); unit vectors from the axis towards its first straight
-edge and, at right angles, the way that the angle grows; and the angle between both edges, at most
-2 pi.
+r0, r1, x, y, width): a part (`outlines`); the unit vector x from the axis towards its first
+straight edge; the unit vector y at right angles to x, in the direction in which the angle grows;
+and the angle from the first edge to the second, at most 2 pi.
 
 The nearest points p of the sector and q of a solid that does not touch it are of one of four kinds:
 

@@ -129,9 +129,9 @@ class Model(NamedTuple):
     Attributes
     ----------
     scene : record of STRUCTURE
-        Counts of elements, and positions of the first of each kind. By the end of the name a
-        position refers to: ``_p`` parameters in w; ``_w`` interval data in w; ``_i`` the array
-        ``table``; ``_x`` the array ``numbers``.
+        Counts of elements, and positions of the data of the first element of each kind. The end of
+        a name says where these data are: ``_p`` parameters in w; ``_w`` interval data in w; ``_i``
+        the array ``table``; ``_x`` the array ``numbers``.
     table : array of int
         Integers of five tables, one after the other: profile (motors, 2), the position in
         ``numbers`` and the number of rows; aero_table (bodies,), the position in ``numbers`` or -1;

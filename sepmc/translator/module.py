@@ -63,8 +63,9 @@ class Module:
         return Array(_NUMPY[values.dtype], Number(POINTER, name), shape)
 
     def call(self, caller: Writer, source: Source, arguments: tuple[Any, ...]) -> Any:
-        """Add instructions to ``caller`` that call the function of ``source``, which is translated
-        into this module first unless that was done for such arguments; return its result."""
+        """Add instructions to ``caller`` that call the function of ``source``; return the value of
+        the call. If the module does not have the function yet for arguments of this structure and
+        these types, it is translated first."""
         key = (source, tuple(form(argument, not source.general) for argument in arguments))
         if key not in self.functions:
             self._translate(key, source, arguments)

@@ -144,8 +144,9 @@ def form(value: Any, constants: bool) -> Any:
 
 
 def require_alike(*values: Any) -> None:
-    """Raise TypeError unless all values have the same structure: nesting, number of axes and
-    element type of arrays, fields. The type of a number may differ: True, 1 and 1.0 are alike."""
+    """Raise TypeError unless all values have the same structure: nesting of tuples, names of
+    fields, element type and number of axes of arrays. The type of a number may differ: True, 1 and
+    1.0 are alike."""
     forms = {form(rebuilt(value, repeat(constant(0.0))), False) for value in values}
     if len(forms) > 1:
         raise TypeError(

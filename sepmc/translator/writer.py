@@ -66,10 +66,11 @@ class Writer:
         return Number(POINTER, name)
 
     def phi(self, ways: list[tuple[Number, str]]) -> Number:
-        """Return the number that belongs to the block from which control comes.
+        """Add an instruction, at the start of the current block, that chooses a number by the block
+        from which control came; return the chosen number.
 
         ``ways`` has a pair (number, label of the block) for each block that can jump to the current
-        one; all numbers have the same type.
+        one; all numbers have the same type. No instruction is added if all numbers are equal.
         """
         kind = ways[0][0].kind
         if len({number.text for number, _ in ways}) == 1:
